@@ -1,6 +1,6 @@
 //! Writes the known-answer files of the wire format: `cargo run -p veiloc-protocol --example known_answers`.
 //!
-//! They pin the format: run it after a deliberate change only, and change the version with it.
+//! They pin the format: run it only after a deliberate change, and change the version with it.
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;

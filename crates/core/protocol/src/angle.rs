@@ -4,11 +4,12 @@ use std::f64::consts::{PI, TAU};
 
 use crate::QueryError;
 
-/// How many bits an angle over the half circle has on the wire: 6 to 16. One over the whole circle, as in `dcl`, has one more.
+/// How many bits an angle over the half circle has on the wire: 6 to 16. An angle over the full circle, as in `dcl`,
+/// has one more.
 ///
-/// A code stands for the middle of its interval: `angle = (code + 1/2) · π / 2^bits`. Fewer bits put more pixels
-/// on the same line and cost accuracy of the pose; 12 bits are an error of at most 0.0004 rad, a fifth of a pixel
-/// at 500 pixels from the anchor.
+/// A code stands for the middle of its interval: `angle = (code + 1/2) · π / 2^bits`. Fewer bits map more pixels to the
+/// same line and reduce the accuracy of the pose; the error of 12 bits is at most 0.0004 rad, a fifth of a pixel at 500
+/// pixels from the anchor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct AngleBits(u8);
 
@@ -51,24 +52,24 @@ impl AngleBits {
         1 << self.0
     }
 
-    /// The code of an angle in `[0, π]`, radians; angles outside go to the nearest end.
+    /// The code of an angle in `[0, π]`, radians; angles outside of it are clamped.
     pub fn code_of(self, angle: f64) -> u16 {
         let levels = f64::from(self.levels());
         (angle / PI * levels).floor().clamp(0.0, levels - 1.0) as u16
     }
 
-    /// The number of codes of the whole circle.
+    /// The number of codes of the full circle.
     pub const fn levels_of_circle(self) -> u32 {
         2 << self.0
     }
 
-    /// The code over the whole circle of an angle, radians of any turn.
+    /// The code over the full circle of an angle, radians, any number of turns.
     pub fn code_on_circle(self, angle: f64) -> u32 {
         let levels = f64::from(self.levels_of_circle());
         (angle.rem_euclid(TAU) / TAU * levels).floor().clamp(0.0, levels - 1.0) as u32
     }
 
-    /// The angle in the middle of the interval of such a code, radians in `(0, 2π)`.
+    /// The angle in the middle of the interval of a full-circle code, radians in `(0, 2π)`.
     pub fn angle_on_circle(self, code: u32) -> f64 {
         (f64::from(code) + 0.5) * TAU / f64::from(self.levels_of_circle())
     }
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn other_numbers_of_bits_are_refused() {
+    fn invalid_bit_counts_are_rejected() {
         for bits in [0, 5, 17, 255] {
             assert!(AngleBits::new(bits).is_err());
         }

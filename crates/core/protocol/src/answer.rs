@@ -1,4 +1,4 @@
-//! What a server answers: the pose, how well it is known, whether to trust it.
+//! What a server answers: the pose, its uncertainty, and whether to trust it.
 //!
 //! [`Answer::encode`] and [`Answer::decode`] write and read it (`answer_wire.rs`).
 
@@ -6,17 +6,17 @@ use std::fmt;
 
 use veiloc_geometry::nalgebra::Matrix3;
 
-/// What an answer is worth. A query for which nothing was found gets no answer but a refusal.
+/// State of an answer. A query without a pose gets an error response instead of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum AnswerState {
     /// Nothing speaks against the pose.
     Trusted,
-    /// There is a pose, and something speaks against it.
+    /// There is a pose, and at least one [`AnswerDoubt`].
     Doubtful,
 }
 
 impl AnswerState {
-    /// As it is written in JSON.
+    /// The name in JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Trusted => "trusted",
@@ -31,20 +31,20 @@ impl fmt::Display for AnswerState {
     }
 }
 
-/// Where a sealed query was taken, as the server tells it.
+/// Where a sealed query was taken, according to the server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
-    /// The pose; `None` when it is doubtful and was asked to be withheld.
+    /// The pose; `None` when it is doubtful and the request excluded doubtful poses.
     pub pose: Option<AnswerPose>,
-    /// Whether nothing speaks against the pose.
+    /// Whether there are no doubts about the pose.
     pub trusted: bool,
-    /// What does.
+    /// Reasons not to trust the pose.
     pub doubts: Vec<AnswerDoubt>,
     /// Natural logarithm of the evidence against chance.
     pub log_evidence: f64,
     /// Log likelihood by which the pose beats the best other one; infinite when no other was found.
     pub margin: f64,
-    /// How well the query fits the pose; `None` from a service that does not tell.
+    /// How well the query fits the pose; `None` when the service does not report it.
     pub fit: Option<AnswerFit>,
     /// Rows of the query that agree with the pose.
     pub inliers: u32,
@@ -56,7 +56,7 @@ pub struct Answer {
     pub times: AnswerTimes,
 }
 
-/// A camera's pose in the map, and how well it is known.
+/// A camera's pose in the map, and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnswerPose {
     /// Hamilton unit quaternion `w x y z`: map coordinates to camera coordinates.
@@ -65,9 +65,9 @@ pub struct AnswerPose {
     pub translation: [f64; 3],
     /// Where the camera is in the map, map units: `−Rᵀ t`.
     pub center: [f64; 3],
-    /// Covariance, rows and columns, of a rotation vector `w` about the camera's axes (radians), then a vector `v` along
-    /// them (map units): the pose is `R' = exp(w) R`, `t' = exp(w) t + v` (the left tangent). Infinite on the diagonal
-    /// where the matches leave a direction free.
+    /// Covariance, rows and columns, of a rotation vector `w` about the camera's axes (radians), then a vector `v`
+    /// along them (map units): the pose is `R' = exp(w) R`, `t' = exp(w) t + v` (the left tangent). Infinite on the
+    /// diagonal where the matches leave a direction free.
     pub covariance: [[f64; 6]; 6],
     /// Covariance of `center` in the map's axes, map units squared.
     pub center_covariance: [[f64; 3]; 3],
@@ -85,26 +85,26 @@ impl AnswerPose {
     }
 }
 
-/// How well a query fits the pose it got.
+/// How well a query fits its pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnswerFit {
-    /// Standard deviation that the agreeing rows show, pixels of the query's camera.
+    /// Standard deviation of the residuals of the agreeing rows, pixels of the query's camera.
     pub noise_px: f64,
-    /// Estimated focal length over the one the query names; 1 when it was not estimated.
+    /// Estimated focal length divided by that of the query; 1 when it was not estimated.
     pub focal_scale: f64,
 }
 
 impl Answer {
-    /// An answer has a whole number of times so many bytes. A trusted one, one with every doubt there is, and one without
-    /// a pose have this length.
+    /// The length of an encoded answer is a multiple of this. Answers without doubts, with every kind of doubt, and
+    /// without a pose all have this length.
     pub const PADDED_BYTES: usize = 4096;
 
-    /// What it is worth.
+    /// Trusted or doubtful.
     pub const fn state(&self) -> AnswerState {
         if self.trusted { AnswerState::Trusted } else { AnswerState::Doubtful }
     }
 
-    /// The same without its pose when that is doubtful, for who asked for trusted poses only.
+    /// The answer without its pose when that is doubtful, for clients that request trusted poses only.
     #[must_use]
     pub fn trusted_only(mut self) -> Self {
         self.pose = self.pose.filter(|_| self.trusted);
@@ -125,36 +125,36 @@ pub struct AnswerTimes {
     pub pose_ms: f64,
 }
 
-/// One thing that speaks against a pose.
+/// One reason not to trust a pose.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AnswerDoubt {
-    /// For programs.
+    /// Machine-readable.
     pub kind: DoubtKind,
-    /// For people.
+    /// Human-readable.
     pub text: String,
 }
 
 /// What a doubt is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DoubtKind {
-    /// None of the others.
+    /// None of the other kinds.
     Other,
-    /// So many agreeing matches could be chance.
+    /// The number of agreeing matches could be chance.
     WeakEvidence,
     /// Another pose explains the matches nearly as well.
     Ambiguous,
     /// The agreeing matches leave a direction nearly free.
     LooselyHeld,
-    /// Nearly all agreeing lines run through one anchor.
+    /// Nearly all agreeing lines belong to one anchor.
     OneSided,
 }
 
 impl DoubtKind {
-    /// All of them, each at the index that is its code.
+    /// All of them; the index of each is its code.
     pub const ALL: [Self; 5] =
         [Self::Other, Self::WeakEvidence, Self::Ambiguous, Self::LooselyHeld, Self::OneSided];
 
-    /// As it is written in JSON.
+    /// The name in JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Other => "other",

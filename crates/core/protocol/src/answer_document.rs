@@ -1,4 +1,4 @@
-//! An answer as JSON, the form that people and other programs read: field by field what `docs/reference/http.md` lists.
+//! An answer as JSON, the form for people and other programs, with the fields that `docs/service.md` lists.
 
 use serde::Serialize;
 
@@ -8,20 +8,21 @@ use crate::{Answer, AnswerDoubt, AnswerPose, AnswerTimes};
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AnswerDocument {
-    /// 1.
+    /// Version of the document, 1.
     pub version: u32,
     /// The map that answered.
     pub map: String,
-    /// `trusted` or `doubtful`. A query for which nothing was found gets no such document.
+    /// `trusted` or `doubtful`. A query without a pose gets an error response instead of this document.
     pub state: &'static str,
-    /// Map to camera. This and what follows up to `position_sd` is absent when a doubtful pose was asked to be withheld.
+    /// Map to camera. This and the fields up to `position_sd` are absent when a doubtful pose was withheld on request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cam_from_world: Option<PoseDocument>,
-    /// Where the camera is in the map, map units.
+    /// The camera centre in the map, map units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub center: Option<[f64; 3]>,
     /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
-    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`. `null` on the diagonal where the matches leave a direction free.
+    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`. `null` on the diagonal where the matches leave a direction
+    /// free.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<Vec<Option<f64>>>>))]
     pub covariance: Option<[[f64; 6]; 6]>,
@@ -32,16 +33,16 @@ pub struct AnswerDocument {
     /// Standard deviation of `center` in its least certain direction, map units; `null` when a direction is free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_sd: Option<f64>,
-    /// Standard deviation that the agreeing rows show, pixels of the query's camera; absent from a service that does not
-    /// tell.
+    /// Standard deviation of the residuals of the agreeing rows, pixels of the query's camera; absent when the service
+    /// does not report it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_px: Option<f64>,
-    /// Estimated focal length over the one the query names, 1 when it was not estimated; absent as above.
+    /// Estimated focal length divided by that of the query, 1 when it was not estimated; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_scale: Option<f64>,
-    /// Whether nothing speaks against the pose. A pose that is not trusted should not be shown to a user.
+    /// Whether there are no doubts about the pose. A pose that is not trusted should not be shown to a user.
     pub trusted: bool,
-    /// What does.
+    /// Reasons not to trust the pose.
     pub doubts: Vec<DoubtDocument>,
     /// How strong the evidence is.
     pub confidence: ConfidenceDocument,
@@ -71,7 +72,7 @@ pub struct PoseDocument {
 pub struct DoubtDocument {
     /// `weak-evidence`, `ambiguous`, `loosely-held`, `one-sided` or `other`.
     pub kind: &'static str,
-    /// For people.
+    /// Human-readable.
     pub text: String,
 }
 

@@ -1,7 +1,7 @@
 //! Answers as bytes: the message `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`).
 //!
-//! It is filled up to a length that does not tell a trusted pose from a doubtful one. It has one form only: what
-//! [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte.
+//! It is padded to a length that does not reveal whether the pose is trusted. The encoding is canonical:
+//! [`Answer::encode`] reproduces byte for byte what [`Answer::decode`] accepts.
 
 use prost::Message;
 
@@ -11,7 +11,7 @@ use crate::{Answer, AnswerDoubt, AnswerTimes, DoubtKind, QueryError};
 
 const FORMAT: Format = Format {
     what: "answer",
-    // 59 numbers, some counts, room for a few doubts in words, and padding.
+    // 59 numbers, some counts, space for a few doubt texts, and padding.
     limit: 16 * 1024,
     version: Answer::VERSION,
     remedy: "update the app or the service, whichever is older",
@@ -19,7 +19,7 @@ const FORMAT: Format = Format {
 
 /// Bytes around the padding: its key and a length of two bytes.
 const PADDING_HEAD: usize = 3;
-/// Least bytes of padding, so that its length always takes two bytes.
+/// Minimum number of padding bytes, so that its length always takes two bytes.
 const LEAST_PADDING: usize = 128;
 
 /// How far from 1 the length of a quaternion may be.
@@ -84,7 +84,7 @@ impl Answer {
         message.encode_to_vec()
     }
 
-    /// All but the padding.
+    /// All fields except the padding.
     fn message(&self) -> AnswerMessage {
         let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = self.times;
         let doubt = |d: &AnswerDoubt| DoubtMessage { kind: Some(d.kind.code()), text: Some(d.text.clone()) };
@@ -111,10 +111,10 @@ impl Answer {
         }
     }
 
-    /// From bytes; whatever is accepted encodes to the same bytes again.
+    /// From bytes; an accepted message encodes to the same bytes again.
     ///
     /// # Errors
-    /// [`QueryError`] saying which field is wrong.
+    /// [`QueryError`] naming the wrong field.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let message: AnswerMessage = FORMAT.message(bytes)?;
         let trusted = match present("trusted", message.trusted)? {
@@ -174,7 +174,7 @@ fn pose(message: &AnswerMessage) -> Result<AnswerPose, QueryError> {
     })
 }
 
-/// Both numbers or none.
+/// Both numbers or neither.
 fn fit(noise_px: Option<f64>, focal_scale: Option<f64>) -> Result<Option<AnswerFit>, QueryError> {
     if noise_px.is_none() && focal_scale.is_none() {
         return Ok(None);
@@ -203,7 +203,7 @@ fn doubt(message: DoubtMessage) -> Result<AnswerDoubt, QueryError> {
     Ok(AnswerDoubt { kind, text: present("doubts.text", message.text)? })
 }
 
-/// Exactly `N` numbers, each as asked.
+/// Exactly `N` numbers that satisfy `allowed`.
 fn numbers<const N: usize>(
     field: &'static str,
     values: &[f64],

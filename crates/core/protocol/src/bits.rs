@@ -1,4 +1,4 @@
-//! Bit strings: fixed numbers of bits one after another, most significant bit first.
+//! Bit strings: fields of fixed width one after another, most significant bit first.
 
 /// Appends values of up to 32 bits to a byte string, most significant bit first.
 pub(crate) struct BitWriter {
@@ -25,7 +25,7 @@ impl BitWriter {
         self.pending &= (1 << self.pending_bits) - 1;
     }
 
-    /// The bytes; a last byte that is not full gets zero bits.
+    /// The bytes; the last byte is filled up with zero bits.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         if self.pending_bits > 0 {
             self.write(0, 8 - self.pending_bits);
@@ -34,7 +34,7 @@ impl BitWriter {
     }
 }
 
-/// Reads what [`BitWriter`] wrote; past the end there are zero bits.
+/// Reads what [`BitWriter`] wrote; zero bits past the end.
 pub(crate) struct BitReader<'a> {
     bytes: std::slice::Iter<'a, u8>,
     pending: u64,
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_bit_is_the_highest_of_the_first_byte() {
+    fn first_bit_is_most_significant() {
         let mut writer = BitWriter::with_capacity(2);
         writer.write(1, 1);
         writer.write(0b101, 3);
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read() {
+    fn values_round_trip() {
         let values: Vec<(u32, u32)> =
             (1..=32).flat_map(|bits| [(0, bits), (u32::MAX >> (32 - bits), bits), (1, bits)]).collect();
         let mut writer = BitWriter::with_capacity(0);

@@ -1,4 +1,4 @@
-//! The camera in which a sealed query tells positions: one of few, so that it names no individual lens (rule L6).
+//! The camera of a sealed query's positions: one of a short list, so that it does not identify a lens (rule L6).
 
 use veiloc_geometry::{Intrinsics, Pinhole, Pixel, PlanePoint};
 
@@ -7,13 +7,13 @@ use crate::QueryError;
 /// A pinhole camera from a short list: centred principal point, one focal length from the ladder `2^(k/4)`, width
 /// and height multiples of 32.
 ///
-/// Intrinsics are a fingerprint: calibrated to a hundredth of a pixel they tell devices of one model apart. So the
-/// device undoes its distortion, turns each keypoint into a ray and projects the ray into this camera. The ray is
-/// the same, nothing is lost by the rounding of the focal length; only the unit "pixel" changes, by at most 9 %.
+/// Intrinsics are a fingerprint: calibrated to a hundredth of a pixel, they distinguish devices of one model. So the
+/// device undoes its distortion, converts each keypoint into a ray and projects the ray into this camera. The ray is
+/// the same; rounding the focal length loses nothing and only changes the unit "pixel", by at most 9 %.
 ///
-/// Where the device's own image ends would be a fingerprint too: keypoints lie up to there, and so do the extreme angles of
-/// lines. So each side is rounded inwards, to a multiple of 16 pixels, and what lies beyond is dropped ([`Window`], rule
-/// L11).
+/// The border of the device's own image would be a fingerprint too: keypoints extend up to it, and so do the extreme
+/// angles of lines. So each side is rounded inwards to a multiple of 16 pixels, and keypoints beyond are dropped
+/// ([`Window`], rule L11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CanonicalCamera {
     /// `k`, quarter octaves.
@@ -29,14 +29,14 @@ impl CanonicalCamera {
     pub const BLOCK: u32 = 32;
     /// Widest and highest image: 8192 pixels.
     pub const MAX_BLOCKS: u16 = 256;
-    /// Steps of the ladder that are allowed: focal lengths of 16 to 32768 pixels.
+    /// Allowed steps of the focal length: 16 to 32768 pixels.
     pub const FOCAL_STEPS: std::ops::RangeInclusive<u8> = 16..=60;
 
-    /// The camera for images of a device: the nearest focal length, and the image that holds its [`Self::window`].
+    /// The camera for images of a device: the nearest focal length, and the image that contains its [`Self::window`].
     ///
     /// # Errors
-    /// [`QueryError::Focal`] and [`QueryError::ImageSize`] for cameras this list does not reach, which in practice
-    /// are wrong calibrations.
+    /// [`QueryError::Focal`] and [`QueryError::ImageSize`] for cameras outside of this list; in practice these are
+    /// wrong calibrations.
     pub fn for_intrinsics(device: &Intrinsics) -> Result<Self, QueryError> {
         let focal = device.pinhole().mean_focal();
         let step = (4.0 * focal.log2()).round();
@@ -57,7 +57,7 @@ impl CanonicalCamera {
         Ok(Self { focal_step, width_blocks: width as u16, height_blocks: height as u16 })
     }
 
-    /// Where in this camera's image keypoints of a device may be, for the device it was made for.
+    /// The part of this camera's image in which keypoints of a device may be, for the device it was made for.
     pub fn window(self, device: &Intrinsics) -> Window {
         let [left, right, top, bottom] = sides(device, self.focal()).map(|side| side * SIDE);
         let (u, v) = (f64::from(self.width()) / 2.0, f64::from(self.height()) / 2.0);
@@ -106,7 +106,7 @@ impl CanonicalCamera {
         self.height_blocks as u32 * Self::BLOCK
     }
 
-    /// The camera as the pose estimator wants it.
+    /// The camera as the pose estimator uses it.
     pub fn pinhole(self) -> Pinhole {
         Pinhole {
             width: self.width(),
@@ -117,7 +117,7 @@ impl CanonicalCamera {
     }
 }
 
-/// `2^(step/4)`, to the last bit the same on every machine.
+/// `2^(step/4)`, bit-identical on every machine.
 fn focal_of(step: u8) -> f64 {
     /// `2^(0/4)` to `2^(3/4)`.
     const QUARTERS: [f64; 4] = [1.0, 1.189_207_115_002_721, std::f64::consts::SQRT_2, 1.681_792_830_507_429];
@@ -141,13 +141,14 @@ impl Window {
 /// Steps of a side of a window, pixels.
 const SIDE: f64 = CanonicalCamera::BLOCK as f64 / 2.0;
 
-/// How far a rectangle reaches from the optical axis that the device shows all of, in whole steps at this focal length: left,
-/// right, up and down. Sampled over the image, because a border beyond the fold of a distortion has no ray.
+/// How far the rectangle that the device shows completely extends from the optical axis, in whole steps at this focal
+/// length: left, right, up and down. Sampled over the image, because a border beyond the fold of a distortion has no
+/// ray.
 fn sides(device: &Intrinsics, focal: f64) -> [f64; 4] {
     const SAMPLES: u32 = 32;
     let at = |i: u32, size: u32| f64::from(size) * f64::from(i) / f64::from(SAMPLES);
     let ray = |i: u32, j: u32| device.unproject(Pixel::new(at(i, device.width), at(j, device.height)));
-    // How far one line of samples reaches; of the lines whose ends are seen, that which reaches least.
+    // The extent of one line of samples; among the lines whose ends are visible, the smallest extent counts.
     let reach = |seen: &dyn Fn(u32, u32) -> Option<PlanePoint>, of: &dyn Fn(PlanePoint) -> f64| {
         let line = |j: u32| {
             let is_whole = seen(0, j).is_some() && seen(SAMPLES, j).is_some();
@@ -169,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn holds_what_the_image_shows_and_keeps_the_scale() {
+    fn canonical_camera_covers_the_image() {
         for (text, focal, width, height) in [
             ("SIMPLE_PINHOLE,640,480,525.5,320,240", 512.0, 608, 448),
             ("PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7", 1_448.154_687_870_049, 1600, 1088),
@@ -181,7 +182,7 @@ mod tests {
             assert_eq!((camera.width(), camera.height()), (width, height), "{text}");
             let (a, b, c) = camera.codes();
             assert_eq!(CanonicalCamera::from_codes(a, b, c).expect("own codes"), camera);
-            // The window lies in both images, and no more than a step and what distortion bends is lost.
+            // The window lies in both images, and loses no more than a step and the curvature of the distortion.
             let (pinhole, window) = (camera.pinhole(), camera.window(&device));
             for i in 0..=50 {
                 let t = f64::from(i) / 50.0;
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ladder_is_a_ladder() {
+    fn focal_lengths_are_quarter_octaves() {
         for step in CanonicalCamera::FOCAL_STEPS {
             let expected = 2_f64.powf(f64::from(step) / 4.0);
             assert!((focal_of(step) / expected - 1.0).abs() < 1e-14);
@@ -208,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn lenses_of_one_model_have_one_window() {
+    fn one_window_per_lens_model() {
         let window = |text: &str| {
             let device: Intrinsics = text.parse().expect("valid");
             let camera = CanonicalCamera::for_intrinsics(&device).expect("ordinary");
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_cameras_are_refused() {
+    fn invalid_cameras_are_rejected() {
         let of = |text: &str| CanonicalCamera::for_intrinsics(&text.parse().expect("valid"));
         assert!(matches!(of("SIMPLE_PINHOLE,640,480,1,320,240"), Err(QueryError::Focal { .. })));
         assert!(matches!(of("SIMPLE_PINHOLE,640,480,1e9,320,240"), Err(QueryError::Focal { .. })));

@@ -1,6 +1,6 @@
-//! Why a sealed query or a profile was refused, and what to do about it.
+//! Why a sealed query or a profile was rejected, and what to do about it.
 
-/// What is wrong with a sealed query, a profile, a scheme's text or a camera. Holds no query content.
+/// What is wrong with a sealed query, a profile, a scheme's text or a camera. Contains no query content.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
@@ -11,9 +11,9 @@ pub enum QueryError {
     TooLong {
         /// `sealed query` or `profile`.
         what: &'static str,
-        /// How many bytes there were.
+        /// Number of bytes.
         bytes: usize,
-        /// How many there may be.
+        /// Maximum number of bytes.
         limit: usize,
     },
     /// Not a protobuf message.
@@ -23,77 +23,80 @@ pub enum QueryError {
     Malformed {
         /// `sealed query` or `profile`.
         what: &'static str,
-        /// What the decoder met.
+        /// The message of the decoder.
         reason: String,
     },
-    /// A version this program does not read.
-    #[error("{what} of version {found}, but this program reads version {supported}; {remedy}")]
+    /// A version that this program does not read.
+    #[error("the {what} has version {found}, but this program reads version {supported}; {remedy}")]
     Version {
         /// `sealed query`, `profile` or `answer`.
         what: &'static str,
-        /// The version told.
+        /// The version of the message.
         found: u32,
-        /// The one read here.
+        /// The version that this program reads.
         supported: u32,
         /// What to do.
         remedy: &'static str,
     },
-    /// A field that must be there is not.
+    /// A required field is missing.
     #[error("field {field} is missing; the file may be truncated or of another kind: seal it anew")]
     Missing {
         /// Its name in the schema.
         field: &'static str,
     },
-    /// A number no such field can have.
+    /// A value that the field cannot have.
     #[error("{field} is {value}, but must be {allowed}")]
     Field {
         /// Its name in the schema.
         field: &'static str,
-        /// What it was.
+        /// The value.
         value: u32,
-        /// What it may be.
+        /// The allowed values.
         allowed: &'static str,
     },
-    /// Bytes of a length that does not follow from the other fields.
+    /// A byte field whose length does not follow from the other fields.
     #[error(
         "{field} holds {actual} bytes instead of {expected}; the message was damaged: send it again as sealed"
     )]
     Length {
         /// Its name in the schema.
         field: &'static str,
-        /// How many bytes the other fields ask for.
+        /// The length that follows from the other fields.
         expected: usize,
-        /// How many there were.
+        /// The actual length.
         actual: usize,
     },
-    /// A row that no keypoint of the image could have given.
+    /// A row that no keypoint of the image can produce.
     #[error("row {row} lies outside the image; the message was damaged or made by a faulty client")]
     Row {
         /// Its index.
         row: usize,
     },
-    /// Readable, but not written as it is written here: unknown fields, another order, trailing data.
-    #[error("the {what} is not in the one form that is allowed (unknown or repeated fields, or extra bytes)")]
+    /// Readable, but not canonical: unknown fields, another order, trailing data.
+    #[error(
+        "the {what} is not in canonical form (unknown or repeated fields, or extra bytes); send the bytes as they were \
+         written"
+    )]
     NotCanonical {
         /// `sealed query` or `profile`.
         what: &'static str,
     },
-    /// Global descriptor or vocabulary bytes were refused.
+    /// Invalid bytes of the global descriptor or vocabulary.
     #[error("the {what} is damaged: {reason}")]
     Descriptor {
         /// Which part, by its name in the schema.
         what: &'static str,
-        /// What the descriptor room said.
+        /// The message of the descriptor crate.
         reason: String,
     },
-    /// Parts that do not belong together were given to a constructor.
+    /// Parts that do not fit together were given to a constructor.
     #[error("{what}: {expected} expected, {actual} given")]
     Mismatch {
         /// Which part.
         what: &'static str,
-        /// What the profile or the other parts ask for.
+        /// The value that the profile or the other parts require.
         expected: String,
-        /// What was given.
+        /// The given value.
         actual: String,
     },
     /// The query was sealed for another map.
@@ -108,59 +111,59 @@ pub enum QueryError {
     },
     /// Unknown scheme name.
     #[error(
-        "{text:?} is no scheme; use points, random-lines, coordinate-permutation, or dcl, \
+        "{text:?} is not a scheme; use points, random-lines, coordinate-permutation, or dcl, \
          which may have `:horizontal`, `:angle=DEGREES` and `:s=NUMBER`, or a layout of sectors"
     )]
     SchemeSyntax {
-        /// What was given, at most 80 characters.
+        /// The given text, at most 80 characters.
         text: String,
     },
     /// Dividing line or anchor distance out of range.
     #[error("dividing line at {degrees}° with s = {s}: the angle must be in [0, 180), s from 0.1 to 20")]
     Layout {
-        /// Degrees given.
+        /// The given angle.
         degrees: f64,
-        /// `s` given.
+        /// The given `s`.
         s: f64,
     },
-    /// A layout of sectors that is none, or that the wire cannot tell.
+    /// An invalid layout of sectors, or one that the wire format cannot express.
     #[error(
-        "this is no layout of dcl; write axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y: COUNT a multiple of the number of anchors \
-         and at most 120, two to four anchors at most 20 image heights from the centre, or @DEGREES for one at infinity; \
+        "this is not a layout of dcl; write axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y: COUNT a multiple of the number of \
+         anchors and at most 120, two to four anchors at most 20 image heights from the centre, or @DEGREES for one at infinity; \
          shift=SHARE of a sector, from 0 to below 1, and across=DEGREES/COUNT/SHARE may be added"
     )]
     SectorLayout,
-    /// A direction of gravity that is none, or one known too badly to be told.
+    /// An invalid gravity direction, or one whose standard deviation is too large.
     #[error(
-        "gravity is X,Y,Z or X,Y,Z,SD_DEG: the direction in which things fall in the camera's axes, of any length but zero, \
-         and its standard deviation, above 0 and at most 16 degrees"
+        "gravity is X,Y,Z or X,Y,Z,SD_DEG: the direction in which things fall, in the camera's axes, of any length but \
+         zero, and its standard deviation, above 0 and at most 16 degrees"
     )]
     Gravity,
-    /// Where a camera is said to be, in numbers that are no place.
-    #[error("a place is X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0")]
+    /// A position hint with invalid numbers.
+    #[error("a position is X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0")]
     PositionHint,
-    /// A focal length beyond the ladder.
+    /// A focal length outside of the allowed range.
     #[error("a focal length of {focal} px is not between 16 and 32768; check the camera parameters")]
     Focal {
         /// Mean focal length of the device, pixels.
         focal: f64,
     },
-    /// An image too large once its distortion is undone.
+    /// The undistorted image is too large.
     #[error(
         "without distortion the image would be {width} × {height} px, at most 8192 × 8192 are possible; \
          check the camera parameters, or extract from a smaller image"
     )]
     ImageSize {
-        /// Width that would be needed, pixels.
+        /// Required width, pixels.
         width: f64,
-        /// Height that would be needed, pixels.
+        /// Required height, pixels.
         height: f64,
     },
 }
 
 impl QueryError {
-    /// The message without any value of the query or profile it is about: what a server may say to whoever sent it,
-    /// and may log (rules L8, L12). Names of fields, what they may be, and what to do.
+    /// The message without any value of the query or profile: a server may send it to the client and may log it (rules
+    /// L8, L12). It names fields, their allowed values, and the remedy.
     pub fn without_values(&self) -> String {
         let text = match self {
             Self::TooLong { what, limit, .. } => {
@@ -179,20 +182,20 @@ impl QueryError {
             Self::Field { field, allowed, .. } => return format!("{field} must be {allowed}"),
             Self::Length { field, .. } => {
                 return format!(
-                    "{field} has not the length that the other fields ask for: send it again as sealed"
+                    "the length of {field} does not match the other fields: send it again as sealed"
                 );
             }
             Self::Descriptor { what, .. } => return format!("the {what} is damaged"),
-            Self::Mismatch { what, .. } => return format!("{what}: not what the map asks for"),
-            // Names only.
+            Self::Mismatch { what, .. } => return format!("{what}: not what the map requires"),
+            // These contain only names.
             Self::Missing { .. } | Self::NotCanonical { .. } => return self.to_string(),
             Self::Row { .. } => {
                 "a row lies outside the image; the message was damaged or made by a faulty client"
             }
             Self::WrongProfile { .. } => {
-                "sealed with another profile than the map's; get the profile of this map and seal anew"
+                "sealed with another profile than the map's; fetch the profile of this map and seal again"
             }
-            Self::SchemeSyntax { .. } => "no such scheme",
+            Self::SchemeSyntax { .. } => "unknown scheme",
             Self::PositionHint | Self::Gravity | Self::SectorLayout => return self.to_string(),
             Self::Layout { .. } => "dividing line or anchor distance out of range",
             Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
@@ -208,7 +211,7 @@ mod tests {
     use crate::ProfileId;
 
     #[test]
-    fn no_value_is_told() {
+    fn messages_without_values_contain_none() {
         let number = 987_654;
         let text = || "SECRET".to_owned();
         let (query, map) = (ProfileId::from_bytes([0xAB; 16]), ProfileId::from_bytes([0xCD; 16]));
@@ -237,11 +240,11 @@ mod tests {
             QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
         ];
         for error in all {
-            let (told, full) = (error.without_values(), error.to_string());
+            let (redacted, full) = (error.without_values(), error.to_string());
             for value in ["987", "SECRET", "abab", "cdcd"] {
-                assert!(!told.contains(value), "{told}");
+                assert!(!redacted.contains(value), "{redacted}");
             }
-            assert!(told.len() > 10, "{full}: says nothing");
+            assert!(redacted.len() > 10, "{full}: says nothing");
         }
     }
 }

@@ -1,10 +1,11 @@
-//! Which way is down, as a device feels it: rounded, so that it tells the tilt of the device and not its sensor.
+//! The gravity direction measured by a device: rounded, so that it reveals the tilt of the device but does not identify
+//! its sensor.
 //!
 //! # The code
-//! A direction is projected on the octahedron `|x| + |y| + |z| = 1` and unfolded into the square `[−1, 1]²`; the square is
-//! cut into 256 × 256 cells, and a code stands for the middle of its cell. Every cell has one direction and every direction
-//! but those on the borders of cells one cell, so nothing can be said in two ways. Cells are 0.8° wide on average, and a
-//! direction is at most 1° from the middle of its cell.
+//! A direction is projected on the octahedron `|x| + |y| + |z| = 1` and unfolded into the square `[−1, 1]²`; the square
+//! is divided into 256 × 256 cells, and a code stands for the middle of its cell. Each cell has one direction, and each
+//! direction except those on cell borders has one cell, so the encoding is unique. Cells are 0.8° wide on average, and
+//! a direction is at most 1° from the middle of its cell.
 //!
 //! # Source
 //! Meyer et al., *On Floating-Point Normal Vectors*, EGSR 2010.
@@ -16,13 +17,13 @@ use crate::QueryError;
 
 /// Cells along each side of the square.
 const CELLS: u32 = 256;
-/// Deviations that can be told: `0.5° · 2^k`.
+/// Number of encodable standard deviations: `0.5° · 2^k`.
 const CLASSES: u32 = 6;
 /// The smallest of them, degrees.
 const LEAST_SD_DEG: f64 = 0.5;
 
-/// The direction in which things fall, in the camera's axes (`x` right, `y` down, `z` forward), rounded to about a degree,
-/// and how well it is known, in classes that double.
+/// The gravity direction in the camera's axes (`x` right, `y` down, `z` forward), rounded to about a degree, and its
+/// standard deviation, in classes that double.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct CoarseGravity {
     /// Cells along the square's axes.
@@ -32,19 +33,19 @@ pub struct CoarseGravity {
 }
 
 impl CoarseGravity {
-    /// Largest standard deviation that can be told, degrees. A direction known less well says next to nothing.
+    /// Largest standard deviation that can be encoded, degrees. A less certain direction holds almost no information.
     pub const MAX_SD_DEG: f64 = 16.0;
-    /// What a phone's accelerometer errs by when nobody says better, degrees.
+    /// Default for a phone's accelerometer, degrees.
     pub const PHONE_SD_DEG: f64 = 2.0;
 
-    /// What the rounding errs by about each axis across the direction, root mean square, degrees.
+    /// Rounding error about each axis across the direction, root mean square, degrees.
     pub const ROUNDING_SD_DEG: f64 = 0.26;
 
-    /// Rounds. `down`: any length but zero. `sd_deg`: standard deviation about each axis across it, degrees; told as the
-    /// next larger of 0.5, 1, 2, 4, 8 and 16.
+    /// Rounds a direction. `down`: any length but zero. `sd_deg`: standard deviation about each axis across it,
+    /// degrees; encoded as the next larger of 0.5, 1, 2, 4, 8 and 16.
     ///
     /// # Errors
-    /// [`QueryError::Gravity`] for a vector without direction, and for a deviation that is not above 0 and at most 16.
+    /// [`QueryError::Gravity`] for a vector without direction, and for a deviation outside of (0, 16].
     pub fn new(down: [f64; 3], sd_deg: f64) -> Result<Self, QueryError> {
         let largest = down.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
         let is_direction = down.iter().all(|c| c.is_finite()) && largest > 0.0;
@@ -52,7 +53,7 @@ impl CoarseGravity {
             return Err(QueryError::Gravity);
         }
         let class = (0..CLASSES).find(|k| sd_of(*k) >= sd_deg).unwrap_or(CLASSES - 1);
-        // Scaled first, so that no sum overflows and none of tiny numbers vanishes.
+        // Scaled first, so that sums neither overflow nor underflow.
         let [x, y, z] = down.map(|c| c / largest);
         let norm = x.abs() + y.abs() + z.abs();
         let (x, y) = (x / norm, y / norm);
@@ -71,12 +72,12 @@ impl CoarseGravity {
         [x / norm, y / norm, z / norm]
     }
 
-    /// Standard deviation about each axis across it, degrees; the rounding is small beside the smallest.
+    /// Standard deviation about each axis across it, degrees; the rounding error is small compared to the smallest.
     pub fn sd_deg(self) -> f64 {
         sd_of(self.class.into())
     }
 
-    /// As on the wire; 0 stands for none.
+    /// The code on the wire; 0 stands for none.
     pub(crate) fn code(gravity: Option<Self>) -> u32 {
         gravity.map_or(0, |Self { cell: [a, b], class }| {
             1 + (u32::from(class) * CELLS + u32::from(a)) * CELLS + u32::from(b)
@@ -98,12 +99,12 @@ fn sd_of(class: u32) -> f64 {
     LEAST_SD_DEG * f64::from(1_u32 << class)
 }
 
-/// The lower half of the octahedron, unfolded around the upper one, and back: its own inverse.
+/// Maps the lower half of the octahedron around the upper one, and back: its own inverse.
 fn fold([x, y]: [f64; 2]) -> [f64; 2] {
     [(1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)]
 }
 
-/// `X,Y,Z` or `X,Y,Z,SD_DEG`; without a deviation that of a phone is taken.
+/// `X,Y,Z` or `X,Y,Z,SD_DEG`; the default deviation is that of a phone.
 impl FromStr for CoarseGravity {
     type Err = QueryError;
 
@@ -117,7 +118,7 @@ impl FromStr for CoarseGravity {
     }
 }
 
-// How somebody held a device has no place in a log.
+// The tilt of a device must not appear in logs.
 impl fmt::Debug for CoarseGravity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("CoarseGravity")
@@ -135,13 +136,13 @@ mod tests {
     }
 
     #[test]
-    fn every_code_is_read_as_what_is_written_as_it() {
+    fn codes_round_trip() {
         assert_eq!(CoarseGravity::from_code(0), Ok(None));
         let mut seen = std::collections::BTreeSet::new();
         for code in 1..=CLASSES * CELLS * CELLS {
             let gravity = CoarseGravity::from_code(code).expect("a code").expect("a direction");
             assert_eq!(CoarseGravity::code(Some(gravity)), code);
-            // Its own direction and deviation are rounded to itself.
+            // Its own direction and deviation round to itself.
             let again = CoarseGravity::new(gravity.in_camera(), gravity.sd_deg()).expect("a direction");
             assert_eq!(CoarseGravity::code(Some(again)), code);
             if code <= CELLS * CELLS {
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_is_coarse_and_no_coarser_than_said() {
+    fn rounding_error_is_as_documented() {
         let (mut worst, mut sum, n) = (0.0_f64, 0.0, 200_000);
         for i in 0..n {
             // Evenly spread over the sphere.
@@ -176,14 +177,14 @@ mod tests {
     }
 
     #[test]
-    fn any_length_and_any_deviation_that_can_be_told() {
+    fn any_length_and_deviation_are_encoded() {
         for scale in [1e-300, 1e-3, 9.81, 1e300] {
-            let told =
+            let rounded =
                 CoarseGravity::new([0.1 * scale, 0.9 * scale, -0.2 * scale], 1.0).expect("a direction");
-            assert!(angle(told.in_camera(), [0.1, 0.9, -0.2]) < 1.0);
+            assert!(angle(rounded.in_camera(), [0.1, 0.9, -0.2]) < 1.0);
         }
-        for (sd, told) in [(0.001, 0.5), (0.5, 0.5), (0.6, 1.0), (2.0, 2.0), (5.0, 8.0), (16.0, 16.0)] {
-            assert_eq!(CoarseGravity::new([0.0, 1.0, 0.0], sd).map(CoarseGravity::sd_deg), Ok(told));
+        for (sd, rounded) in [(0.001, 0.5), (0.5, 0.5), (0.6, 1.0), (2.0, 2.0), (5.0, 8.0), (16.0, 16.0)] {
+            assert_eq!(CoarseGravity::new([0.0, 1.0, 0.0], sd).map(CoarseGravity::sd_deg), Ok(rounded));
         }
         for axis in [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-0.0, 1.0, -0.0]]
         {
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_direction_is_refused() {
+    fn invalid_directions_are_rejected() {
         for (down, sd) in [
             ([0.0; 3], 1.0),
             ([f64::NAN, 1.0, 0.0], 1.0),

@@ -1,31 +1,33 @@
-//! What a device may say beside its rows: how well its focal length is known, and which way is down.
+//! Optional information about the camera beside the rows: how well its focal length is known, and the gravity
+//! direction.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::{CoarseGravity, QueryError};
 
-/// What a device says of its camera beside the rows. The default says that it is calibrated, and nothing of gravity.
+/// What a query says about its camera beside the rows. By default the camera is calibrated, and there is no gravity
+/// direction.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Hints {
     /// How well the focal length is known.
     pub focal: FocalKnowledge,
-    /// Which way is down in the camera, roughly.
+    /// The gravity direction in the camera, rounded.
     pub gravity: Option<CoarseGravity>,
 }
 
-/// How well the focal length of the camera is known that the rows are told in.
+/// How well the focal length of the camera is known.
 ///
-/// One of three words, and no number: the focal length itself stays on the ladder of
+/// One of three values, not a number: the focal length itself is rounded to the list of
 /// [`CanonicalCamera`](crate::CanonicalCamera).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum FocalKnowledge {
     /// Measured for this camera.
     #[default]
     Calibrated,
-    /// Told by the image's metadata: mostly right to some per cent, wrong when the image was cropped.
+    /// From the image's EXIF data: usually correct to some per cent, wrong when the image was cropped.
     Exif,
-    /// A guess.
+    /// A default value.
     Unknown,
 }
 
@@ -33,7 +35,7 @@ impl FocalKnowledge {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Calibrated, Self::Exif, Self::Unknown];
 
-    /// As people write it.
+    /// The name in text form.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Calibrated => "calibrated",
@@ -65,7 +67,7 @@ impl fmt::Display for FocalKnowledge {
     }
 }
 
-/// A text named no knowledge of a focal length.
+/// The text is not a name of [`FocalKnowledge`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{text:?} is not calibrated, exif or unknown")]
 pub struct UnknownKnowledge {

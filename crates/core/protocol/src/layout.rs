@@ -1,4 +1,4 @@
-//! Where Dual Convergent Lines puts its anchors and what it joins to which, in numbers both sides read alike.
+//! The anchors and sectors of Dual Convergent Lines, as numbers that device and server read alike.
 
 use std::f64::consts::PI;
 
@@ -19,8 +19,8 @@ pub enum DclLayout {
 
 /// Dividing line and anchor distance of two halves.
 ///
-/// Stored as small whole numbers, hundredths of a degree and hundredths of half the image's height, so that
-/// device and server compute with exactly the same anchors.
+/// Stored as small integers, hundredths of a degree and hundredths of half the image's height, so that device and
+/// server compute with exactly the same anchors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct HalvesLayout {
     /// Direction of the dividing line from the `u` axis towards `v`, 1/100 degree, `0..18000`.
@@ -110,7 +110,7 @@ impl DclLayout {
         }
     }
 
-    /// Anchors and sectors in real numbers.
+    /// Anchors and sectors as real numbers.
     pub fn layout(self) -> Layout {
         match self {
             Self::Halves(halves) => {
@@ -120,8 +120,8 @@ impl DclLayout {
         }
     }
 
-    /// Its pencils in an image of this camera, whose principal point is taken to be the image's centre; `None` unless size and
-    /// focal length are positive.
+    /// Its pencils in an image of this camera, whose principal point is assumed to be the image's centre; `None` unless
+    /// size and focal length are positive.
     pub fn pencils(self, camera: &Pinhole, turn: LayoutTurn) -> Option<Pencils> {
         let size = [camera.width, camera.height];
         let turn: Rotation3<f64> = turn.cam_from_layout();
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_rounded_once_and_kept() {
+    fn layout_numbers_round_trip_after_rounding() {
         let DclLayout::Halves(layout) = DclLayout::halves(30.004, 2.0).expect("allowed") else {
             panic!("two halves")
         };

@@ -1,20 +1,20 @@
 //! The sealed query, the device profile, the answer, and their wire formats.
 //!
-//! This room is what both sides of the wire share: the device seals into it (`veiloc-obfuscation`), the server
-//! reads from it (`veiloc-localization`). It holds codes and turns codes into lines; nothing in it turns a keypoint
-//! into a code, and for the line schemes no type in it has a field that could hold a keypoint.
+//! Both sides of the wire share this crate: the device writes sealed queries (`veiloc-obfuscation`), the server reads
+//! them (`veiloc-localization`). It holds codes and converts codes into lines; nothing in it converts a keypoint into a
+//! code, and no type of the line schemes has a field that could hold a keypoint.
 //!
-//! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors;
-//!   [`LayoutTurn`]: how they are turned in a later frame of a session.
-//! - [`Profile`]: what a device needs to know before it can seal for a map. No map data, and no scheme.
-//! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
-//! - [`RigMessage`]: several of them with their relative poses.
-//! - [`Answer`]: what the server tells in return; [`AnswerDocument`]: the same as JSON.
-//! - [`Hints`]: what a device says of its camera beside the rows, if it wants to.
-//! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
+//! - [`Scheme`]: how keypoint positions are hidden; [`DclLayout`]: the anchors of Dual Convergent Lines;
+//!   [`LayoutTurn`]: their rotation in a later frame of a session.
+//! - [`Profile`]: what a device needs to seal for a map. It contains no map data and no scheme.
+//! - [`SealedQuery`]: what the device sends; [`Observations`]: what it reveals about positions.
+//! - [`RigMessage`]: several queries with their relative poses.
+//! - [`Answer`]: the server's answer; [`AnswerDocument`]: the same as JSON.
+//! - [`Hints`]: optional information about the camera beside the rows.
+//! - [`CanonicalCamera`]: the camera of all positions, which identifies no individual lens.
 //!
-//! Each message has one version; another one is refused with what to do about it ([`QueryError::Version`]).
-//! The bytes are described in `docs/reference/wire-format.md` and `proto/veiloc/`, the reasons in `docs/reference/privacy-rules.md`.
+//! Each message has one version; another version is rejected with the remedy ([`QueryError::Version`]).
+//! `docs/wire-format.md` and `proto/veiloc/` describe the bytes, `docs/privacy.md` the reasons.
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
@@ -28,7 +28,7 @@
 //! let published = Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?).encode();
 //! let profile = Profile::decode(&published)?;
 //!
-//! // The device puts rows together: `veiloc_obfuscation::seal` makes them of keypoints, here are some made up.
+//! // The device assembles rows: `veiloc_obfuscation::seal` makes them from keypoints; these are invented.
 //! let bits = AngleBits::default();
 //! let scheme: Scheme = "dcl:paper".parse()?;
 //! let row = |i: u32| AnchoredRow::new(bits, Anchor::BOTH[i as usize % 2], f64::from(i) / 100.0);
@@ -40,11 +40,11 @@
 //!     descriptors: Descriptors::new(kind, vec![30; 256 * 128])?,
 //!     image_global: None,
 //!     turn: LayoutTurn::default(), // fixed in the image
-//!     hints: Hints::default(), // calibrated, and nothing of gravity
+//!     hints: Hints::default(), // calibrated, no gravity direction
 //! };
 //! let bytes = SealedQuery::new(&profile, parts)?.encode();
 //!
-//! // The server reads it strictly, and sees whether it was sealed for its map.
+//! // The server decodes it strictly, and checks whether it was sealed for its map.
 //! let received = SealedQuery::decode(&bytes)?;
 //! profile.check(&received)?;
 //! assert_eq!((received.len(), received.scheme()), (256, scheme));
@@ -84,7 +84,7 @@ mod wire;
 pub use angle::AngleBits;
 pub use answer::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, DoubtKind};
 pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
-pub use balance::{LEAST_A_SIDE, Lopsided};
+pub use balance::{Lopsided, MIN_PER_SIDE};
 pub use camera::{CanonicalCamera, Window};
 pub use error::QueryError;
 pub use gravity::CoarseGravity;

@@ -1,4 +1,4 @@
-//! What a sealed query tells about where its keypoints are.
+//! What a sealed query reveals about the positions of its keypoints.
 
 use veiloc_geometry::{Anchor, Pencils, Pixel, PixelLine};
 
@@ -9,12 +9,12 @@ pub enum Observations {
     Points(Vec<Pixel>),
     /// A line through each: `random-lines`.
     Lines(Vec<PixelLine>),
-    /// Two lines, the horizontal and then the vertical one, of which one goes through the keypoint:
+    /// Two lines, first the horizontal and then the vertical one; one of them goes through the keypoint:
     /// `coordinate-permutation`.
     EitherLine(Vec<[PixelLine; 2]>),
     /// A half-plane about one of the anchors: `dcl`.
     Anchored {
-        /// Where the anchors are, and what is joined to which.
+        /// The anchors and sectors.
         pencils: Pencils,
         /// `[N]`
         lines: Vec<AnchoredLine>,
@@ -24,14 +24,14 @@ pub enum Observations {
 /// A line of Dual Convergent Lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnchoredLine {
-    /// Which pencil it is of.
+    /// The anchor of its pencil.
     pub anchor: Anchor,
     /// Its angle, as [`Pencils::angle_of`]: radians in `[0, 2π)`.
     pub angle: f64,
 }
 
 impl Observations {
-    /// How many keypoints are told about.
+    /// Number of keypoints.
     pub const fn len(&self) -> usize {
         match self {
             Self::Points(rows) => rows.len(),
@@ -41,13 +41,13 @@ impl Observations {
         }
     }
 
-    /// True when it is none.
+    /// True when there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-// What a query tells about positions must never reach a log (leak L8).
+// Positions must never reach a log (rule L8).
 impl std::fmt::Debug for Observations {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let name = match self {

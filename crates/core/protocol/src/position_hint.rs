@@ -1,13 +1,13 @@
-//! Where a camera roughly is, as a caller may say beside a query: from GPS, a beacon, the pose of a moment ago.
+//! Approximate position of a camera, given by the caller beside a query: from GPS, a beacon, or an earlier pose.
 //!
-//! It is no part of a sealed query: it goes along with one request, when the caller says so, and nowhere else.
+//! It is not part of a sealed query: it is sent with one request, and only when the caller gives it.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::QueryError;
 
-/// A place in the map and how far off it may be: a normal distribution.
+/// A position in the map and its uncertainty: a normal distribution.
 #[derive(Clone, Copy, PartialEq)]
 pub struct PositionHint {
     center: [f64; 3],
@@ -15,10 +15,10 @@ pub struct PositionHint {
 }
 
 impl PositionHint {
-    /// `center`: where, map units. `sd`: standard deviation along each axis of the map, map units.
+    /// `center`: the position, map units. `sd`: standard deviation along each axis of the map, map units.
     ///
     /// # Errors
-    /// [`QueryError::PositionHint`] for numbers that are not finite, and a deviation that is not above 0.
+    /// [`QueryError::PositionHint`] for numbers that are not finite, and for a deviation that is not above 0.
     pub fn new(center: [f64; 3], sd: f64) -> Result<Self, QueryError> {
         if center.iter().all(|c| c.is_finite()) && sd.is_finite() && sd > 0.0 {
             Ok(Self { center, sd })
@@ -27,7 +27,7 @@ impl PositionHint {
         }
     }
 
-    /// Where, map units.
+    /// The position, map units.
     pub const fn center(self) -> [f64; 3] {
         self.center
     }
@@ -51,13 +51,13 @@ impl FromStr for PositionHint {
     }
 }
 
-/// `X,Y,Z,SD` as it goes into a header: each number as long as the others, so that the length of a request does not tell
-/// how many digits a place has. Exact to the last bit.
+/// `X,Y,Z,SD` in the form of the header: all numbers have equal length, so that the length of a request does not reveal
+/// the number of digits. Exact to the last bit.
 impl fmt::Display for PositionHint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.center;
         let number = |value: f64| {
-            // 17 digits are every double; the exponent has two or three digits and a sign or none.
+            // 17 digits represent every double; the exponent has two or three digits and an optional sign.
             let text = format!("{value:+.16e}");
             let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
             let exponent: i32 = exponent.parse().unwrap_or_default();
@@ -67,7 +67,7 @@ impl fmt::Display for PositionHint {
     }
 }
 
-// Where somebody is has no place in a log.
+// A position must not appear in logs.
 impl fmt::Debug for PositionHint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("PositionHint")
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_and_has_one_length() {
+    fn text_round_trips_with_constant_length() {
         let length = PositionHint::new([0.0; 3], 1.0).expect("a place").to_string().len();
         for values in
             [[1.5, -2.0, 1e-300, 3.0], [123_456.789, 0.1, -1e300, 1e-9], [-0.0, 1.0 / 3.0, f64::MAX, 7e22]]
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_place_is_refused() {
+    fn invalid_positions_are_rejected() {
         for text in [
             "",
             "1,2,3",

@@ -1,4 +1,4 @@
-//! What a device needs to know before it can seal for a map: the profile. It contains no map data.
+//! The profile: what a device needs to seal for a map. It contains no map data.
 
 use std::fmt;
 
@@ -11,11 +11,11 @@ use crate::{ProfileId, QueryError};
 pub struct ExtractionLimits {
     /// Most keypoints, strongest first. From 256 to 4096.
     pub max_keypoints: u32,
-    /// Longest side of the image, pixels; larger images are made smaller first. From 64 to 8192.
+    /// Longest side of the image, pixels; larger images are scaled down first. From 64 to 8192.
     pub max_image_side: u32,
 }
 
-/// 2048 keypoints from at most 1600 pixels, which is what hloc and COLMAP users do for scenes of a building's size.
+/// 2048 keypoints from at most 1600 pixels, as hloc and COLMAP users choose for scenes of a building's size.
 impl Default for ExtractionLimits {
     fn default() -> Self {
         Self { max_keypoints: 2048, max_image_side: 1600 }
@@ -43,10 +43,10 @@ impl ExtractionLimits {
     }
 }
 
-/// What a device needs to seal for a map, and what a map was built with: which descriptors, which global descriptor,
-/// how many keypoints of how large an image.
+/// What a device needs to seal for a map, and what the map was built with: the descriptor kind, the global descriptor,
+/// and the limits of extraction.
 ///
-/// It says nothing of what is to happen to positions: that is the device's to decide.
+/// It does not say how positions are hidden: the device decides that.
 #[derive(Clone, PartialEq)]
 pub struct Profile {
     pub(crate) kind: DescriptorKind,
@@ -58,7 +58,7 @@ impl Profile {
     /// A profile with the default limits.
     ///
     /// # Errors
-    /// [`QueryError::Mismatch`] when the vocabulary is one of other descriptors.
+    /// [`QueryError::Mismatch`] when the vocabulary consists of other descriptors.
     pub fn new(kind: DescriptorKind, global: GlobalModel) -> Result<Self, QueryError> {
         match global.vocabulary() {
             Some(vocabulary) if vocabulary.kind() != kind => Err(QueryError::Mismatch {
@@ -76,7 +76,7 @@ impl Profile {
         Self { kind, limits, global: GlobalModel::Vlad(vocabulary) }
     }
 
-    /// The same with other limits.
+    /// This profile with other limits.
     ///
     /// # Errors
     /// [`QueryError::Field`] for limits out of range.
@@ -95,12 +95,12 @@ impl Profile {
         self.kind
     }
 
-    /// How the global descriptor is made.
+    /// How the global descriptor is computed.
     pub const fn global_model(&self) -> &GlobalModel {
         &self.global
     }
 
-    /// The vocabulary that makes the global descriptor, when one does.
+    /// The vocabulary of the global descriptor; `None` when it is not computed from a vocabulary.
     pub const fn vocabulary(&self) -> Option<&Vocabulary> {
         self.global.vocabulary()
     }

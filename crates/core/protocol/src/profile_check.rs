@@ -3,11 +3,11 @@
 use crate::{Profile, QueryError, SealedQuery};
 
 impl Profile {
-    /// Whether a query was sealed for a map with this profile: with the same descriptors, global model and limits.
-    /// Scheme and angle bits are the device's.
+    /// Whether a query was sealed for a map with this profile: with the same descriptors, global model and limits. The
+    /// device chooses scheme and angle bits.
     ///
     /// # Errors
-    /// [`QueryError::WrongProfile`] when it was not; [`QueryError::Mismatch`] when it bears the right name, but its
+    /// [`QueryError::WrongProfile`] when it was not; [`QueryError::Mismatch`] when it has the right id, but its
     /// descriptors are not those of the profile.
     pub fn check(&self, query: &SealedQuery) -> Result<(), QueryError> {
         let (query_id, map) = (query.profile_id(), self.id());

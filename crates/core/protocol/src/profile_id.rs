@@ -1,10 +1,10 @@
-//! The name of a profile.
+//! The id of a profile.
 
 use std::fmt;
 
 use sha2::{Digest, Sha256};
 
-/// The name of a profile: the first 16 bytes of the SHA-256 of its encoding. Printed as 32 hexadecimal digits.
+/// The id of a profile: the first 16 bytes of the SHA-256 of its encoding. Printed as 32 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ProfileId([u8; 16]);
 
@@ -19,7 +19,7 @@ impl ProfileId {
         &self.0
     }
 
-    /// Of an encoded profile.
+    /// The id of an encoded profile.
     pub(crate) fn of(encoded: &[u8]) -> Self {
         let mut id = [0; 16];
         id.copy_from_slice(&Sha256::digest(encoded)[..16]);

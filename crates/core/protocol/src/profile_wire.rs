@@ -1,4 +1,4 @@
-//! Profiles as bytes. Equal profiles have equal bytes, and nothing else is read.
+//! Profiles as bytes. The encoding is canonical: equal profiles have equal bytes, and no other bytes are accepted.
 
 use prost::Message;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalModel, NamedGlobal, Vocabulary};
@@ -11,7 +11,7 @@ const FORMAT: Format = Format {
     // The largest vocabulary and the fields around it.
     limit: GlobalModel::MAX_LEN + 4096,
     version: Profile::VERSION,
-    remedy: "fetch the profile again, and where it stays of that version update the app or the service, \
+    remedy: "fetch the profile again; if its version stays the same, update the app or the service, \
              whichever is older",
 };
 
@@ -38,10 +38,10 @@ impl Profile {
         message.encode_to_vec()
     }
 
-    /// From bytes; whatever is accepted encodes to the same bytes again.
+    /// From bytes; an accepted message encodes to the same bytes again.
     ///
     /// # Errors
-    /// [`QueryError`] saying which field is wrong.
+    /// [`QueryError`] naming the wrong field.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let profile = read(FORMAT.message(bytes)?)?;
         if profile.encode() != bytes {
@@ -66,7 +66,7 @@ fn read(message: ProfileMessage) -> Result<Profile, QueryError> {
     let global = if name == GlobalModel::VLAD {
         GlobalModel::Vlad(vocabulary(kind, words)?)
     } else {
-        // Words that belong to no vocabulary are found by writing the profile again.
+        // Surplus words are detected because encoding the profile again gives other bytes.
         GlobalModel::Named(NamedGlobal::new(&name, codes as usize).map_err(|e| refused("global_name", &e))?)
     };
     Profile::new(kind, global)?.with_limits(limits)

@@ -1,4 +1,4 @@
-//! The sealed queries of a session and where on the device each image was taken, as one body of bytes.
+//! The sealed queries of a session and the position of each image on the device, as one byte string.
 //!
 //! ```text
 //! "vqrig1\n"                          7 bytes
@@ -7,7 +7,7 @@
 //!   q: w x y z, t: x y z              seven numbers of 8 bytes: the rig seen from the camera, map units
 //!   rotation_sd_deg, translation_sd   two numbers of 8 bytes
 //!   length                            4 bytes
-//!   a sealed query                    so many bytes
+//!   a sealed query                    that many bytes
 //! ```
 //!
 //! Numbers are little-endian, those of 8 bytes IEEE 754. Nothing follows the last frame.
@@ -20,25 +20,25 @@ use crate::{QueryError, SealedQuery};
 
 const WHAT: &str = "session";
 const MAGIC: &[u8] = b"vqrig1\n";
-/// What messages of every version begin with; digits and a line's end follow.
+/// The beginning of messages of every version; digits and a line break follow.
 const ANY_VERSION: &[u8] = b"vqrig";
 const VERSION: u32 = 1;
 
-/// A sealed query and where on its rig, the device, the image was taken.
+/// A sealed query and the pose of its image on the rig (the device).
 #[derive(Clone)]
 pub struct SealedFrame {
-    /// What the device sealed.
+    /// The sealed query.
     pub query: SealedQuery,
     /// By the device's odometry, translation in map units.
     pub cam_from_rig: CameraFromRig,
     /// Standard deviation of that rotation about each axis, degrees; 0 or more. With 0 here and in
     /// [`Self::translation_sd`] the frame is fixed to the rig.
     pub rotation_sd_deg: f64,
-    /// Standard deviation of the camera's place along each axis, map units; 0 or more.
+    /// Standard deviation of the camera's position along each axis, map units; 0 or more.
     pub translation_sd: f64,
 }
 
-/// Rule L8: how a device moved is nobody's who reads a log.
+/// Rule L8: the motion of a device must not appear in logs.
 impl fmt::Debug for SealedFrame {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("SealedFrame").field("query", &self.query).finish_non_exhaustive()
@@ -53,18 +53,18 @@ pub struct RigMessage {
 }
 
 impl RigMessage {
-    /// Frames at most.
+    /// Maximum number of frames.
     pub const MOST_FRAMES: usize = 32;
 
     /// Bytes of a frame beside its sealed query.
     const FRAME_BYTES: usize = 9 * 8 + 4;
 
-    /// No message is longer whose sealed queries have at most so many bytes each.
+    /// Length of the longest message whose sealed queries have at most `query` bytes each.
     pub const fn longest(query: usize) -> usize {
         MAGIC.len() + 1 + Self::MOST_FRAMES * (Self::FRAME_BYTES + query)
     }
 
-    /// The bytes. Frames beyond [`Self::MOST_FRAMES`] make a message that [`Self::decode`] refuses.
+    /// Encodes the message. With more than [`Self::MOST_FRAMES`] frames, [`Self::decode`] rejects it.
     pub fn encode(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         bytes.push(u8::try_from(self.frames.len()).unwrap_or(u8::MAX));
@@ -81,11 +81,11 @@ impl RigMessage {
         bytes
     }
 
-    /// Reads the bytes; they must hold nothing else.
+    /// Decodes the bytes; they must hold nothing else.
     ///
     /// # Errors
-    /// [`QueryError`]: no such message, one of another version, one cut short, another number of frames, a pose or a deviation that is none, or what
-    /// [`SealedQuery::decode`] says of a frame.
+    /// [`QueryError`]: not such a message, another version, truncated, an invalid number of frames, an invalid pose or
+    /// deviation, or an error of [`SealedQuery::decode`] for a frame.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let malformed = |reason: String| QueryError::Malformed { what: WHAT, reason };
         let mut rest = bytes.strip_prefix(MAGIC).ok_or_else(|| match version_of(bytes) {
@@ -95,7 +95,7 @@ impl RigMessage {
                 supported: VERSION,
                 remedy: "update the app that sealed it or the program that reads it, whichever is older",
             },
-            None => malformed("another beginning".to_owned()),
+            None => malformed("another file type".to_owned()),
         })?;
         let count = take(&mut rest, 1).map_or(0, |byte| byte[0]);
         if !(1..=Self::MOST_FRAMES).contains(&usize::from(count)) {
@@ -124,7 +124,7 @@ impl RigMessage {
     }
 }
 
-/// The version that the first line names.
+/// The version in the first line.
 fn version_of(bytes: &[u8]) -> Option<u32> {
     let line = bytes.strip_prefix(ANY_VERSION)?.split(|byte| *byte == b'\n').next()?;
     std::str::from_utf8(line).ok()?.parse().ok()

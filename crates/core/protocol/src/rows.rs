@@ -1,7 +1,7 @@
-//! What one keypoint becomes on the wire, besides its descriptor: a few bits, and their meaning.
+//! The wire code of one keypoint beside its descriptor: a few bits, and their meaning.
 //!
-//! Lengths are whole quarters of a pixel from the centre of the image, plus 2^15, in 16 bits. Angles are codes of
-//! [`AngleBits`]. There is a row type per kind of scheme, and none for a line scheme has room for a position.
+//! Lengths are multiples of a quarter pixel from the centre of the image, plus 2^15, in 16 bits. Angles are codes of
+//! [`AngleBits`]. Each kind of scheme has its own row type, and none of a line scheme can hold a position.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -18,7 +18,7 @@ const ZERO_LENGTH: i32 = 1 << 15;
 /// Bits of a length.
 const LENGTH_BITS: u32 = 16;
 
-/// Row of `points` and `coordinate-permutation`: a position from the centre of the image, quarter pixels.
+/// Row of `points` and `coordinate-permutation`: a position relative to the centre of the image, quarter pixels.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct PositionRow {
     u: u16,
@@ -46,8 +46,8 @@ pub struct LineRow {
 impl LineRow {
     /// The row of the line with this angle code through a position relative to the centre of the image, pixels.
     ///
-    /// The angle comes first and owes nothing to the position (rule L9). `None` for an angle code too large or an
-    /// offset beyond ±8191 pixels.
+    /// The angle is chosen first and is independent of the position (rule L9). `None` for an angle code that is too
+    /// large or an offset beyond ±8191 pixels.
     pub fn through(bits: AngleBits, angle: u16, u: f64, v: f64) -> Option<Self> {
         let (sin, cos) = bits.angle_of(angle).sin_cos();
         let offset = length_code(cos * v - sin * u)?;
@@ -77,12 +77,12 @@ impl AnchoredRow {
     }
 }
 
-/// Bits of an angle over the whole circle.
+/// Bits of an angle over the full circle.
 const fn circle_bits(bits: AngleBits) -> u32 {
     bits.get() as u32 + 1
 }
 
-/// Bits that tell one of so many anchors.
+/// Bits that encode one of `anchors` anchors.
 const fn anchor_bits(anchors: usize) -> u32 {
     if anchors > 2 { 2 } else { 1 }
 }
@@ -128,7 +128,7 @@ impl Rows {
         self.len() == 0
     }
 
-    /// The first ones, so many or all.
+    /// The first `count` rows, or all if there are fewer.
     pub(crate) fn first(&self, count: usize) -> Self {
         let count = count.min(self.len());
         match self {
@@ -139,7 +139,7 @@ impl Rows {
         }
     }
 
-    /// Whether these are rows of that scheme.
+    /// Whether these are rows of this scheme.
     pub const fn belong_to(&self, scheme: Scheme) -> bool {
         matches!(
             (self, scheme),
@@ -150,9 +150,10 @@ impl Rows {
         )
     }
 
-    /// What the rows tell about an image of this camera. `None` when they are not of that scheme, or it is no camera.
+    /// The observations of the rows in an image of this camera. `None` when they are not of this scheme, or the camera
+    /// is invalid.
     ///
-    /// `turn`: how the layout of `dcl` is turned against the camera.
+    /// `turn`: rotation of the layout of `dcl` relative to the camera.
     pub fn observations(
         &self,
         scheme: Scheme,
@@ -198,8 +199,8 @@ impl Rows {
         }
     }
 
-    /// One after another, most significant bit first. The number of rows is a multiple of eight in every size
-    /// class, so no byte is left half full.
+    /// Packs the rows one after another, most significant bit first. The number of rows is a multiple of eight in every
+    /// size class, so the last byte is full.
     pub(crate) fn pack(&self, scheme: Scheme, bits: AngleBits) -> Vec<u8> {
         let angle_bits = u32::from(bits.get());
         let mut writer = BitWriter::with_capacity(self.len() * 4);
@@ -248,7 +249,7 @@ impl Rows {
             Scheme::Dcl(layout) => {
                 let mut row = || AnchoredRow {
                     anchor: Anchor::new(reader.read(anchor_bits(layout.anchors())) as usize)
-                        .expect("two bits tell four anchors"),
+                        .expect("two bits encode four anchors"),
                     angle: reader.read(circle_bits(bits)),
                 };
                 Self::Dcl((0..count).map(|_| row()).collect())
@@ -256,7 +257,7 @@ impl Rows {
         }
     }
 
-    /// Every code within what an image of this camera can give.
+    /// Checks that every code is possible for an image of this camera.
     pub(crate) fn check(
         &self,
         scheme: Scheme,
@@ -265,7 +266,7 @@ impl Rows {
         turn: LayoutTurn,
     ) -> Result<(), QueryError> {
         let (width, height) = (camera.width, camera.height);
-        // A dithered position lies up to half a pixel outside, and is rounded by an eighth.
+        // A dithered position can lie up to half a pixel outside; rounding adds an eighth.
         let limit = |size: f64| (size / 2.0 + 1.0) * STEPS_PER_PIXEL;
         let (wide, high) = (limit(f64::from(width)), limit(f64::from(height)));
         let within = |code: u16, limit: f64| f64::from((i32::from(code) - ZERO_LENGTH).abs()) <= limit;
@@ -317,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_random_line_passes_by_its_keypoint() {
+    fn random_line_passes_its_keypoint_within_rounding() {
         let (bits, size) = (AngleBits::default(), [640, 480]);
         for i in 0..4096_u16 {
             let (u, v) = (f64::from(i % 63) * 10.1 - 315.0, f64::from(i % 47) * 10.1 - 235.0);

@@ -1,4 +1,4 @@
-//! What happens to the positions of keypoints before they leave the device.
+//! How the positions of keypoints are hidden before they are sent.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,9 +14,9 @@ use crate::{DclLayout, HalvesLayout, QueryError, SectorLayout};
 /// | `coordinate-permutation` | a position with one of its two coordinates exchanged with another keypoint's | Pan et al., 2023 |
 /// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
 ///
-/// As text: the names above; `dcl` may be followed by a colon and a layout. That is `paper`; or, separated by colons or commas,
-/// `vertical`, `horizontal` or `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights); or a
-/// [`SectorLayout`].
+/// As text: the names above; `dcl` may be followed by a colon and a layout. The layout is `paper`; or, separated by
+/// colons or commas, `vertical`, `horizontal` or `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in
+/// half image heights); or a [`SectorLayout`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// Positions as they are.
@@ -44,7 +44,7 @@ impl Scheme {
         }
     }
 
-    /// What it is called in sentences and headings, without layout.
+    /// The name for sentences and headings, without layout.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Points => "Points",
@@ -54,7 +54,7 @@ impl Scheme {
         }
     }
 
-    /// What it does, in one sentence for people who know nothing of it.
+    /// One sentence of explanation for people without prior knowledge.
     pub const fn explanation(self) -> &'static str {
         match self {
             Self::Points => "Keypoint positions sent openly: no protection.",
@@ -64,7 +64,7 @@ impl Scheme {
         }
     }
 
-    /// Whether anything at all is hidden: false for `points`.
+    /// Whether positions are hidden: false for `points`.
     pub const fn hides_positions(self) -> bool {
         !matches!(self, Self::Points)
     }
@@ -91,7 +91,7 @@ impl Scheme {
         }
     }
 
-    /// The reverse: `layout` are the bytes of a layout of sectors, empty where there is none.
+    /// The inverse of [`Self::codes`]; `layout` are the bytes of a layout of sectors, empty where there is none.
     pub(crate) fn with_layout(
         scheme: u32,
         angle: u32,
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn other_text_is_refused() {
+    fn invalid_text_is_rejected() {
         for text in [
             "",
             "DCL",
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_round_trip_and_others_are_refused() {
+    fn codes_round_trip_and_invalid_ones_are_rejected() {
         for scheme in Scheme::ALL {
             let (a, b, c) = scheme.codes();
             assert_eq!(Scheme::from_codes(a, b, c).expect("own codes"), scheme);

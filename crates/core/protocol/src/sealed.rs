@@ -1,4 +1,4 @@
-//! The sealed query: the only thing about an image that leaves the device.
+//! The sealed query: all that a device sends about an image.
 
 use veiloc_descriptor::{DescriptorView, Descriptors, GlobalDescriptor};
 use veiloc_geometry::Pinhole;
@@ -10,13 +10,13 @@ use crate::{
 
 /// What a device sends to be localized.
 ///
-/// Per row: a few bits about the position, as the scheme says ([`Rows`]), and a descriptor. For the image: the
-/// scheme, one of few cameras and how well its focal length is known, a global descriptor, the name of the profile, and
-/// which way is down if the device says so. There is no field for a keypoint, a scale, an orientation, a strength, a time
-/// or a device.
+/// Per row: a few bits about the position, as the scheme defines ([`Rows`]), and a descriptor. Per image: the scheme,
+/// one of a few cameras and how well its focal length is known, a global descriptor, the id of the profile, and
+/// optionally the gravity direction. It has no field for a keypoint, a scale, an orientation, a strength, a time or a
+/// device.
 ///
-/// Built by `veiloc-obfuscation` on the device and by [`Self::decode`] on the server. What was decoded encodes to
-/// the same bytes again: a message has no second form in which something could hide.
+/// `veiloc-obfuscation` builds it on the device, [`Self::decode`] on the server. A decoded query encodes to the same
+/// bytes again: the encoding is canonical, so that nothing can be hidden in it.
 #[derive(Clone, PartialEq)]
 pub struct SealedQuery {
     pub(crate) scheme: Scheme,
@@ -30,12 +30,12 @@ pub struct SealedQuery {
     pub(crate) turn: LayoutTurn,
 }
 
-/// What a sealed query is put together from. Row `i` of `rows` and of `descriptors` are one keypoint's.
+/// The parts of a sealed query. Row `i` of `rows` and of `descriptors` belong to one keypoint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QueryParts {
-    /// The camera the rows are told in.
+    /// The camera of the rows.
     pub camera: CanonicalCamera,
-    /// The scheme the rows were made with: the device's choice.
+    /// The scheme of the rows: the device's choice.
     pub scheme: Scheme,
     /// Bits of an angle.
     pub angle_bits: AngleBits,
@@ -43,25 +43,26 @@ pub struct QueryParts {
     pub rows: Rows,
     /// `[N, dim]`
     pub descriptors: Descriptors,
-    /// The global descriptor where the map's comes from the image; `None` where it is summed up from the rows.
+    /// The global descriptor where the map's is computed from the image; `None` where it is computed from the rows.
     pub image_global: Option<GlobalDescriptor>,
-    /// What the device says of its camera.
+    /// What the query says about its camera.
     pub hints: Hints,
-    /// How the layout is turned against the camera.
+    /// Rotation of the layout relative to the camera.
     pub turn: LayoutTurn,
 }
 
 impl SealedQuery {
-    /// Puts a query together from obfuscated rows.
+    /// Assembles a query from obfuscated rows.
     ///
-    /// The order of the rows and the making of the codes are the caller's duty (rules L2, L3, L9); clients use
-    /// `veiloc_obfuscation::seal`. With a vocabulary the global descriptor is made here, from the descriptors that are
-    /// sent and nothing else, so that it tells nothing that they do not.
+    /// The caller is responsible for the order of the rows and the choice of the codes (rules L2, L3, L9); clients use
+    /// `veiloc_obfuscation::seal`. With a vocabulary, the global descriptor is computed here from the descriptors that
+    /// are sent, so that it reveals nothing beyond them.
     ///
     /// # Errors
     /// [`QueryError::Mismatch`] when rows are not of the scheme, when descriptors or global descriptor are not the
-    /// profile's, when there are not as many descriptors as rows, or when that number is no [`SizeClass`];
-    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Field`] for a turn under another scheme than `dcl`.
+    /// profile's, when there are not as many descriptors as rows, or when that number is not a [`SizeClass`];
+    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Field`] for a turn under another scheme than
+    /// `dcl`.
     pub fn new(profile: &Profile, parts: QueryParts) -> Result<Self, QueryError> {
         let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints, turn } = parts;
         let mismatch =
@@ -80,20 +81,20 @@ impl SealedQuery {
             return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
         }
         turn.check(scheme)?;
-        // The global descriptor is made of what is sent, to the bit.
+        // The global descriptor is computed from exactly what is sent.
         let descriptors = descriptors.settled();
         rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
-        let told = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));
+        let given = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));
         let global = match (model.of_rows(descriptors.view()), image_global) {
             (Some(of_rows), None) => of_rows,
             (None, Some(of_image)) if of_image.len() == model.global_len() => of_image,
             (Some(_), Some(_)) => {
-                return Err(mismatch("global descriptor of the image", "none".to_owned(), told));
+                return Err(mismatch("global descriptor of the image", "none".to_owned(), given));
             }
             (None, _) => {
                 let expected = format!("{} codes of {}", model.global_len(), model.name());
-                return Err(mismatch("global descriptor of the image", expected, told));
+                return Err(mismatch("global descriptor of the image", expected, given));
             }
         };
         let profile_id = profile.id();
@@ -110,12 +111,12 @@ impl SealedQuery {
         self.angle_bits
     }
 
-    /// The camera the positions are told in.
+    /// The camera of the positions.
     pub fn camera(&self) -> Pinhole {
         self.camera.pinhole()
     }
 
-    /// The same as its place in the list of cameras.
+    /// The same as an entry of the list of cameras.
     pub const fn canonical_camera(&self) -> CanonicalCamera {
         self.camera
     }
@@ -140,35 +141,36 @@ impl SealedQuery {
         self.hints.focal
     }
 
-    /// Which way is down in the camera, if the device said so.
+    /// The gravity direction in the camera, if the query has one.
     pub const fn gravity(&self) -> Option<CoarseGravity> {
         self.hints.gravity
     }
 
-    /// How the layout of `dcl` is turned against the camera; not at all but in later frames of a session.
+    /// Rotation of the layout of `dcl` relative to the camera; identity except in later frames of a session.
     pub const fn turn(&self) -> LayoutTurn {
         self.turn
     }
 
-    /// For retrieval; made as the profile's [`GlobalModel`](veiloc_descriptor::GlobalModel) says.
+    /// The global descriptor for retrieval, as defined by the profile's
+    /// [`GlobalModel`](veiloc_descriptor::GlobalModel).
     pub const fn global(&self) -> &GlobalDescriptor {
         &self.global
     }
 
-    /// What it was sealed with. [`Profile::check`] tells whether that fits a map.
+    /// The profile it was sealed with. [`Profile::check`] tests whether it belongs to a map.
     pub const fn profile_id(&self) -> ProfileId {
         self.profile_id
     }
 
-    /// What is known of each row's position.
+    /// The observation of each row's position.
     pub fn observations(&self) -> Observations {
         self.rows
             .observations(self.scheme, self.angle_bits, &self.camera.pinhole(), self.turn)
-            .expect("the constructors refuse rows of another scheme")
+            .expect("the constructors reject rows of another scheme")
     }
 }
 
-// Counts only: whatever is logged of a query must be harmless (rule L8).
+// Counts only: everything that is logged about a query must be harmless (rule L8).
 impl std::fmt::Debug for SealedQuery {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "SealedQuery({}, {} rows)", self.scheme.name(), self.rows.len())

@@ -11,7 +11,7 @@ use crate::{
 
 const FORMAT: Format = Format {
     what: "sealed query",
-    // 4096 rows, the longest global descriptor, the fields around them.
+    // 4096 rows, the longest global descriptor, the remaining fields.
     limit: 4096 * (4 + DescriptorKind::MAX_DIM) + GlobalModel::MAX_LEN + 4096,
     version: SealedQuery::VERSION,
     remedy: "update the app that sealed it or the program that reads it, whichever is older, and seal again",
@@ -21,8 +21,8 @@ impl SealedQuery {
     /// The version of the message.
     pub const VERSION: u32 = 1;
 
-    /// As bytes: one `veiloc.v1.SealedQuery` message. Its length depends on scheme and layout, angle bits, number of rows,
-    /// descriptor kind and global model only.
+    /// As bytes: one `veiloc.v1.SealedQuery` message. Its length depends only on scheme and layout, angle bits, number
+    /// of rows, descriptor kind and global model.
     pub fn encode(&self) -> Vec<u8> {
         let KindFields { name, dim, encoding, norm } = KindFields::of(self.descriptors.kind());
         let global = self.global.as_codes().iter().map(|code| code.cast_unsigned()).collect();
@@ -57,11 +57,11 @@ impl SealedQuery {
         message.encode_to_vec()
     }
 
-    /// From bytes. Strict: only what [`Self::encode`] writes is read, so whatever is accepted encodes to the very same
+    /// From bytes. Strict: only what [`Self::encode`] writes is accepted, so every accepted message encodes to the same
     /// bytes.
     ///
     /// # Errors
-    /// [`QueryError`] naming the field that is wrong; never a panic, and memory in proportion to the bytes given.
+    /// [`QueryError`] naming the wrong field; never a panic, and memory in proportion to the given bytes.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let query = read(FORMAT.message(bytes)?)?;
         if query.encode() != bytes {
@@ -118,7 +118,7 @@ fn read(message: SealedQueryMessage) -> Result<SealedQuery, QueryError> {
         return Err(length("descriptors", count * kind.packed_len(), &descriptors));
     }
     let descriptors = Descriptors::from_packed(kind, &descriptors).map_err(|e| refused("descriptors", &e))?;
-    // Whether it is as long as the map's is for [`Profile::check`](crate::Profile::check) to say.
+    // [`Profile::check`](crate::Profile::check) compares its length with the map's.
     if global.is_empty() || global.len() > GlobalModel::MAX_LEN {
         return Err(length("global", global.len().clamp(1, GlobalModel::MAX_LEN), &global));
     }

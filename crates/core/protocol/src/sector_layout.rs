@@ -1,4 +1,5 @@
-//! Layouts of sectors as small whole numbers: two to four anchors anywhere, and which stripes of the image are joined to which.
+//! Layouts of sectors as small integers: two to four anchors at any position, and which stripe of the image belongs to
+//! which.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,14 +10,15 @@ use crate::QueryError;
 
 /// Sectors and anchors of Dual Convergent Lines.
 ///
-/// Places of anchors are thousandths of the image's height from its centre, or a direction in hundredths of a degree for an
-/// anchor at infinity; sectors have their axis in hundredths of a degree and begin at a hundredth of a sector.
+/// Anchor positions are thousandths of the image's height from its centre, or, for an anchor at infinity, a direction
+/// in hundredths of a degree; sectors have their axis in hundredths of a degree and begin at a hundredth of a sector.
 ///
-/// As text: `axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y` (or with commas) with `X/Y` heights right and down of the centre, or `@DEGREES` for an
-/// anchor at infinity; `shift=SHARE` moves the sectors, `across=DEGREES/COUNT/SHARE` adds a second family.
+/// As text: `axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y` (or with commas) with `X/Y` heights right and down of the
+/// centre, or `@DEGREES` for an anchor at infinity; `shift=SHARE` moves the sectors, `across=DEGREES/COUNT/SHARE` adds
+/// a second family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SectorLayout {
-    anchors: [PlaceCode; Anchor::MOST],
+    anchors: [AnchorCode; Anchor::MOST],
     count: u8,
     sectors: SectorCode,
     across: Option<SectorCode>,
@@ -24,7 +26,7 @@ pub struct SectorLayout {
 
 /// Where an anchor is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-enum PlaceCode {
+enum AnchorCode {
     /// Right and down, 1/1000 image height.
     At(i16, i16),
     /// At infinity, 1/100 degree.
@@ -41,7 +43,7 @@ struct SectorCode {
     shift: u8,
 }
 
-/// Codes of a half turn, of a height, of a sector.
+/// Codes of a half turn, of the image height, of a sector.
 const HALF_TURN: u16 = 18_000;
 const HEIGHT: f64 = 1_000.0;
 const SECTOR: u8 = 100;
@@ -50,7 +52,7 @@ const FARTHEST: i16 = 20_000;
 /// Stands for the first number of an anchor at infinity.
 const AT_INFINITY: i16 = i16::MIN;
 /// Most sectors in the whole circle: three degrees each.
-const MOST_SECTORS: u8 = 120;
+const MAX_SECTORS: u8 = 120;
 
 const FIELD: &str = "layout";
 
@@ -58,33 +60,33 @@ impl SectorLayout {
     /// Bytes of a layout on the wire.
     pub(crate) const BYTES: usize = 2 + 4 * Anchor::MOST + 2 * 4;
 
-    /// Rounds a layout to what can be told.
+    /// Rounds a layout to what the wire can express.
     ///
     /// # Errors
-    /// [`QueryError::SectorLayout`] for one that cannot: anchors beyond 20 heights, more than 120 sectors, counts that are not
-    /// a multiple of the number of anchors.
+    /// [`QueryError::SectorLayout`] when it cannot: anchors beyond 20 heights, more than 120 sectors, counts that are
+    /// not a multiple of the number of anchors.
     pub fn new(layout: &Layout) -> Result<Self, QueryError> {
         let refuse = || QueryError::SectorLayout;
         let degrees = |radians: f64| {
             let code = (radians.to_degrees().rem_euclid(180.0) * 100.0).round();
             code as u16 % HALF_TURN
         };
-        let place = |place: &AnchorPlace| match *place {
+        let anchor = |anchor: &AnchorPlace| match *anchor {
             AnchorPlace::At(at) => {
                 let [x, y] = at.map(|x| (x * HEIGHT).round());
                 let fits = |x: f64| x.abs() <= f64::from(FARTHEST);
-                (fits(x) && fits(y)).then_some(PlaceCode::At(x as i16, y as i16))
+                (fits(x) && fits(y)).then_some(AnchorCode::At(x as i16, y as i16))
             }
-            AnchorPlace::Toward(angle) => Some(PlaceCode::Toward(degrees(angle))),
+            AnchorPlace::Toward(angle) => Some(AnchorCode::Toward(degrees(angle))),
         };
         let sectors = |s: &Sectors| {
-            let count = u8::try_from(s.count).ok().filter(|c| *c <= MOST_SECTORS)?;
+            let count = u8::try_from(s.count).ok().filter(|c| *c <= MAX_SECTORS)?;
             let shift = (s.shift * f64::from(SECTOR)).round() as u8 % SECTOR;
             Some(SectorCode { axis: degrees(s.axis), count, shift })
         };
-        let mut anchors = [PlaceCode::At(0, 0); Anchor::MOST];
+        let mut anchors = [AnchorCode::At(0, 0); Anchor::MOST];
         for (to, from) in anchors.iter_mut().zip(layout.anchors()) {
-            *to = place(from).ok_or_else(refuse)?;
+            *to = anchor(from).ok_or_else(refuse)?;
         }
         let across = layout.across().map(|s| sectors(s).ok_or_else(refuse)).transpose()?;
         let count = layout.anchors().len() as u8;
@@ -97,30 +99,30 @@ impl SectorLayout {
         self.count as usize
     }
 
-    /// In real numbers.
+    /// As real numbers.
     pub fn layout(&self) -> Layout {
         let radians = |code: u16| f64::from(code) * (std::f64::consts::PI / f64::from(HALF_TURN));
-        let place = |place: &PlaceCode| match *place {
-            PlaceCode::At(x, y) => AnchorPlace::At([f64::from(x) / HEIGHT, f64::from(y) / HEIGHT]),
-            PlaceCode::Toward(angle) => AnchorPlace::Toward(radians(angle)),
+        let anchor = |anchor: &AnchorCode| match *anchor {
+            AnchorCode::At(x, y) => AnchorPlace::At([f64::from(x) / HEIGHT, f64::from(y) / HEIGHT]),
+            AnchorCode::Toward(angle) => AnchorPlace::Toward(radians(angle)),
         };
         let sectors = |s: &SectorCode| Sectors {
             axis: radians(s.axis),
             count: s.count.into(),
             shift: f64::from(s.shift) / f64::from(SECTOR),
         };
-        let anchors: Vec<AnchorPlace> = self.anchors[..self.anchors()].iter().map(place).collect();
+        let anchors: Vec<AnchorPlace> = self.anchors[..self.anchors()].iter().map(anchor).collect();
         Layout::new(&anchors, sectors(&self.sectors), self.across.as_ref().map(sectors))
-            .expect("the constructors refuse what does not close")
+            .expect("the constructors reject layouts that do not close")
     }
 
     /// As on the wire.
     pub(crate) fn pack(&self) -> Vec<u8> {
         let mut bytes = vec![self.count, u8::from(self.across.is_some())];
-        for place in &self.anchors {
-            let (x, y) = match *place {
-                PlaceCode::At(x, y) => (x, y),
-                PlaceCode::Toward(angle) => (AT_INFINITY, angle.cast_signed()),
+        for anchor in &self.anchors {
+            let (x, y) = match *anchor {
+                AnchorCode::At(x, y) => (x, y),
+                AnchorCode::Toward(angle) => (AT_INFINITY, angle.cast_signed()),
             };
             bytes.extend(x.to_le_bytes());
             bytes.extend(y.to_le_bytes());
@@ -133,11 +135,11 @@ impl SectorLayout {
         bytes
     }
 
-    /// The reverse. Numbers of anchors and sectors that are not there are not looked at: writing the layout again shows
-    /// whether they were zero.
+    /// The inverse of [`Self::pack`]. Unused numbers of anchors and sectors are not checked here: encoding the layout
+    /// again shows whether they were zero.
     ///
     /// # Errors
-    /// [`QueryError::Length`] for other bytes, [`QueryError::SectorLayout`] for a layout that is none.
+    /// [`QueryError::Length`] for another length, [`QueryError::SectorLayout`] for an invalid layout.
     pub(crate) fn unpack(bytes: &[u8]) -> Result<Self, QueryError> {
         let refuse = || QueryError::SectorLayout;
         let bytes: &[u8; Self::BYTES] = bytes.try_into().map_err(|_| QueryError::Length {
@@ -147,14 +149,14 @@ impl SectorLayout {
         })?;
         let word = |at: usize| [bytes[at], bytes[at + 1]];
         let [count, has_across] = [bytes[0], bytes[1]];
-        let mut anchors = [PlaceCode::At(0, 0); Anchor::MOST];
-        for (k, place) in anchors.iter_mut().enumerate().take(usize::from(count)) {
+        let mut anchors = [AnchorCode::At(0, 0); Anchor::MOST];
+        for (k, anchor) in anchors.iter_mut().enumerate().take(usize::from(count)) {
             let (x, y) = (i16::from_le_bytes(word(2 + 4 * k)), i16::from_le_bytes(word(4 + 4 * k)));
             let within = |x: i16| x.unsigned_abs() <= FARTHEST.unsigned_abs();
-            *place = if x == AT_INFINITY {
-                PlaceCode::Toward(u16::try_from(y).ok().filter(|a| *a < HALF_TURN).ok_or_else(refuse)?)
+            *anchor = if x == AT_INFINITY {
+                AnchorCode::Toward(u16::try_from(y).ok().filter(|a| *a < HALF_TURN).ok_or_else(refuse)?)
             } else if within(x) && within(y) {
-                PlaceCode::At(x, y)
+                AnchorCode::At(x, y)
             } else {
                 return Err(refuse());
             };
@@ -164,7 +166,7 @@ impl SectorLayout {
                 SectorCode { axis: u16::from_le_bytes(word(at)), count: bytes[at + 2], shift: bytes[at + 3] };
             let closes = count > 0 && code.count.is_multiple_of(count);
             let fits =
-                code.axis < HALF_TURN && code.shift < SECTOR && (1..=MOST_SECTORS).contains(&code.count);
+                code.axis < HALF_TURN && code.shift < SECTOR && (1..=MAX_SECTORS).contains(&code.count);
             (fits && closes).then_some(code).ok_or_else(refuse)
         };
         if !(2..=Anchor::MOST).contains(&usize::from(count)) || has_across > 1 {
@@ -188,13 +190,13 @@ impl fmt::Display for SectorLayout {
             write!(f, ":across={}/{}/{}", degrees(across.axis), across.count, share(across.shift))?;
         }
         f.write_str(":anchors=")?;
-        for (k, place) in self.anchors[..self.anchors()].iter().enumerate() {
+        for (k, anchor) in self.anchors[..self.anchors()].iter().enumerate() {
             if k > 0 {
                 f.write_str("+")?;
             }
-            match *place {
-                PlaceCode::At(x, y) => write!(f, "{}/{}", f64::from(x) / HEIGHT, f64::from(y) / HEIGHT)?,
-                PlaceCode::Toward(angle) => write!(f, "@{}", degrees(angle))?,
+            match *anchor {
+                AnchorCode::At(x, y) => write!(f, "{}/{}", f64::from(x) / HEIGHT, f64::from(y) / HEIGHT)?,
+                AnchorCode::Toward(angle) => write!(f, "@{}", degrees(angle))?,
             }
         }
         Ok(())
@@ -222,15 +224,16 @@ impl FromStr for SectorLayout {
                     across.replace(Sectors { axis, count: whole(count)?, shift: number(shift)? }).is_some()
                 }
                 "anchors" => {
-                    let place = |text: &str| {
+                    let anchor = |text: &str| {
                         if let Some(angle) = text.strip_prefix('@') {
                             return Ok(AnchorPlace::Toward(number(angle)?.to_radians()));
                         }
                         let (x, y) = text.split_once('/').ok_or_else(refuse)?;
                         Ok(AnchorPlace::At([number(x)?, number(y)?]))
                     };
-                    let places: Result<Vec<AnchorPlace>, QueryError> = value.split('+').map(place).collect();
-                    anchors.replace(places?).is_some()
+                    let positions: Result<Vec<AnchorPlace>, QueryError> =
+                        value.split('+').map(anchor).collect();
+                    anchors.replace(positions?).is_some()
                 }
                 _ => true,
             };
@@ -274,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_layout_is_refused() {
+    fn invalid_layouts_are_rejected() {
         for text in [
             "",
             "axis=67",

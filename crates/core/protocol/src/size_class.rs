@@ -1,12 +1,12 @@
-//! How many rows a sealed query has: one of five numbers (rule L5).
+//! The number of rows of a sealed query: one of five (rule L5).
 
 use crate::QueryError;
 
-/// The number of rows of a sealed query. The number of keypoints of an image tells something about it; one of
-/// five numbers tells much less, and makes all messages of a class equally long.
+/// The number of rows of a sealed query. The number of keypoints reveals information about an image; one of five
+/// numbers reveals much less, and gives all messages of a class equal length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SizeClass {
-    /// 256 rows; also what an image with fewer keypoints is filled up to.
+    /// 256 rows; decoys fill up images with fewer keypoints.
     Rows256,
     /// 512 rows.
     Rows512,
@@ -21,7 +21,7 @@ pub enum SizeClass {
 impl SizeClass {
     /// All classes, smallest first.
     pub const ALL: [Self; 5] = [Self::Rows256, Self::Rows512, Self::Rows1024, Self::Rows2048, Self::Rows4096];
-    /// The class that fewer keypoints are filled up to.
+    /// The class that images with fewer keypoints are filled up to.
     pub const SMALLEST: Self = Self::Rows256;
 
     /// Number of rows.
@@ -40,8 +40,8 @@ impl SizeClass {
         Self::ALL.into_iter().find(|class| class.rows() == rows)
     }
 
-    /// The class an image with this many usable keypoints gets: the largest not above the count, or the smallest
-    /// class when there are fewer (the rest is then filled with decoys).
+    /// The class of an image with this many usable keypoints: the largest not above the count, or the smallest class
+    /// when there are fewer (decoys fill up the rest).
     pub fn for_count(count: usize) -> Self {
         Self::ALL.into_iter().rev().find(|class| class.rows() <= count).unwrap_or(Self::SMALLEST)
     }

@@ -1,36 +1,36 @@
-//! A sealed query sent in steps, a few rows at first: progressive queries (decision 0020).
+//! Progressive queries: a sealed query sent in steps, a few rows first (decision 0020).
 //!
-//! Every step is the beginning of one sealed query. Its rows were shuffled when it was sealed, so the first ones are a
-//! random part of all; and a row is the very same in each step that holds it, so that a server that got them all knows
-//! what the whole query would have told it, and nothing more (rule L7).
+//! Every step is a prefix of one sealed query. Its rows were shuffled when it was sealed, so a prefix is a random
+//! subset; and a row is identical in all steps that contain it, so that all steps together reveal exactly what the
+//! whole query reveals (rule L7).
 
 use crate::{Profile, QueryError, SealedQuery, SizeClass};
 
-/// When a progressive query has its answer.
+/// When a progressive query ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Enough {
     accuracy: Option<f64>,
 }
 
 impl Enough {
-    /// With the first trusted pose, however exact.
+    /// With the first trusted pose, regardless of its accuracy.
     pub const TRUSTED: Self = Self { accuracy: None };
 
-    /// With the first trusted pose whose position has at most this standard deviation in its least certain direction, map
-    /// units. `None` for a number that is not above 0.
+    /// With the first trusted pose whose position has at most this standard deviation in its least certain direction,
+    /// map units. `None` for a number that is not above 0.
     pub fn accurate_to(position_sd: f64) -> Option<Self> {
         (position_sd.is_finite() && position_sd > 0.0).then_some(Self { accuracy: Some(position_sd) })
     }
 
-    /// Whether a pose is one to stop at. A deviation that is not a number is not.
+    /// Whether the query ends with this pose. A deviation that is NaN does not end it.
     pub fn is_met(&self, trusted: bool, position_sd: f64) -> bool {
         trusted && self.accuracy.is_none_or(|most| position_sd <= most)
     }
 }
 
 impl SealedQuery {
-    /// The query of its first rows, as many as the class has; everything said of the image stays as it is, and the global
-    /// descriptor is made of these rows alone where it is made of rows.
+    /// The query of its first rows, as many as the class has. All fields of the image stay the same; a global
+    /// descriptor that is computed from rows is computed from these rows alone.
     ///
     /// # Errors
     /// [`QueryError::WrongProfile`] and [`QueryError::Mismatch`] when it was not sealed with this profile, or has fewer
@@ -43,13 +43,13 @@ impl SealedQuery {
             return Err(QueryError::Mismatch { what: "rows", expected, actual });
         }
         let descriptors = self.descriptors.select(0..rows);
-        // One that is made of the image is the image's, however many rows are sent.
+        // A global descriptor of the image does not depend on the number of rows that are sent.
         let global =
             profile.global_model().of_rows(descriptors.view()).unwrap_or_else(|| self.global.clone());
         Ok(Self { rows: self.rows.first(rows), descriptors, global, ..self.clone() })
     }
 
-    /// The sizes in which it is sent step by step: all up to its own.
+    /// The sizes of its steps: all classes up to its own.
     pub fn step_sizes(&self) -> impl Iterator<Item = SizeClass> + use<> {
         let rows = self.len();
         SizeClass::ALL.into_iter().filter(move |class| class.rows() <= rows)
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pose_that_is_not_trusted_or_not_exact_is_not_enough() {
+    fn untrusted_or_inexact_poses_do_not_stop_the_query() {
         let close = Enough::accurate_to(0.02).expect("a deviation");
         for (trusted, sd, first, exact) in [
             (true, 0.01, true, true),

@@ -1,4 +1,4 @@
-//! How the layout of a session is turned against the camera of one of its frames.
+//! Rotation of a session's layout relative to the camera of a frame.
 
 use std::fmt;
 
@@ -11,17 +11,18 @@ const PER_RADIAN: f64 = 1e6;
 /// The largest code: half a turn.
 const LARGEST: i32 = 3_141_593;
 
-/// The rotation from the frame of a layout to that of the camera, as a rotation vector in millionths of a radian: device and
-/// server compute with exactly the same one. Zero where the layout is fixed in the image.
+/// The rotation from the layout's frame to the camera's frame, as a rotation vector in millionths of a radian, so that
+/// device and server compute with exactly the same rotation. Zero where the layout is fixed in the image.
 ///
-/// Between the frames of a session it tells how the camera turned, which the server finds anyway.
+/// Between the frames of a session it reveals how the camera turned, which the server also estimates from the poses.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct LayoutTurn([i32; 3]);
 
 impl LayoutTurn {
     /// Rounds a rotation `cam_from_layout`; `None` when it is not finite.
     pub fn new(cam_from_layout: &Rotation3<f64>) -> Option<Self> {
-        // By a quaternion: the angle of a matrix is the arc cosine of its trace, which rounding takes beyond 1 where nothing turned.
+        // Via a quaternion: the angle of a matrix is the arc cosine of its trace, which rounding can take beyond 1 for
+        // the identity.
         let vector = UnitQuaternion::from_rotation_matrix(cam_from_layout).scaled_axis();
         let is_finite = cam_from_layout.matrix().iter().chain(&vector).all(|x| x.is_finite());
         is_finite.then(|| {
@@ -41,7 +42,7 @@ impl LayoutTurn {
         Rotation3::from_scaled_axis(Vector3::new(x, y, z))
     }
 
-    /// Only `dcl` has something to turn.
+    /// Only `dcl` has a layout to turn.
     pub(crate) fn check(self, scheme: Scheme) -> Result<(), QueryError> {
         match (scheme, self.codes().into_iter().find(|code| *code != 0)) {
             (Scheme::Dcl(_), _) | (_, None) => Ok(()),
@@ -69,7 +70,7 @@ impl LayoutTurn {
     }
 }
 
-// How somebody held a device has no place in a log.
+// The motion of a device must not appear in logs.
 impl fmt::Debug for LayoutTurn {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("LayoutTurn")
@@ -81,18 +82,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_are_rounded_once_and_kept() {
+    fn turns_round_trip_after_rounding() {
         for [x, y, z] in [[0.0; 3], [0.1, -0.2, 0.3], [3.0, 0.4, -0.2], [0.0, 3.0, 0.0]] {
             let turn = Rotation3::from_scaled_axis(Vector3::new(x, y, z));
-            let told = LayoutTurn::new(&turn).expect("finite");
-            assert!(told.cam_from_layout().angle_to(&turn) < 2e-6);
-            assert_eq!(LayoutTurn::from_codes(told.codes()).expect("own codes"), told);
-            assert_eq!(told.is_none(), [x, y, z] == [0.0; 3]);
+            let rounded = LayoutTurn::new(&turn).expect("finite");
+            assert!(rounded.cam_from_layout().angle_to(&turn) < 2e-6);
+            assert_eq!(LayoutTurn::from_codes(rounded.codes()).expect("own codes"), rounded);
+            assert_eq!(rounded.is_none(), [x, y, z] == [0.0; 3]);
         }
-        // A rotation by nothing whose diagonal is rounded upwards.
+        // The identity with its diagonal rounded upwards.
         let nothing = veiloc_geometry::nalgebra::Matrix3::from_diagonal_element(1.0 + 1e-15);
-        let told = LayoutTurn::new(&Rotation3::from_matrix_unchecked(nothing)).expect("finite");
-        assert!(told.is_none());
+        let rounded = LayoutTurn::new(&Rotation3::from_matrix_unchecked(nothing)).expect("finite");
+        assert!(rounded.is_none());
         assert!(LayoutTurn::from_codes([0, 3_141_594, 0]).is_err());
         assert!(LayoutTurn::from_codes([i32::MIN.cast_unsigned(), 0, 0]).is_err());
         let bad = Rotation3::from_matrix_unchecked(veiloc_geometry::nalgebra::Matrix3::repeat(f64::NAN));

@@ -1,4 +1,4 @@
-//! The messages, field by field as in `proto/veiloc/` (a test holds the two together).
+//! The messages, field by field as in `proto/veiloc/` (a test compares them).
 
 use prost::Message;
 
@@ -6,7 +6,7 @@ use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
 use crate::QueryError;
 
-/// What all messages begin with.
+/// The beginning of all messages.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct VersionMessage {
     #[prost(fixed32, optional, tag = "1")]
@@ -89,7 +89,7 @@ pub(crate) struct ProfileMessage {
     pub vocabulary: Option<Vec<u8>>,
 }
 
-/// A descriptor kind as the messages tell it.
+/// A descriptor kind in the form of the messages.
 pub(crate) struct KindFields {
     pub(crate) name: String,
     pub(crate) dim: u32,
@@ -129,12 +129,12 @@ impl KindFields {
     }
 }
 
-/// What the descriptor room says of a part of a message.
+/// Converts an error of the descriptor crate about a part of a message.
 pub(crate) fn refused(what: &'static str, error: &DescriptorError) -> QueryError {
     QueryError::Descriptor { what, reason: error.to_string() }
 }
 
-/// What a kind of message is called, how long it may be, and which version of it is read here.
+/// Name of a message type, its maximum length, and the version that is read here.
 #[derive(Clone, Copy)]
 pub(crate) struct Format {
     pub(crate) what: &'static str,
@@ -146,9 +146,9 @@ pub(crate) struct Format {
 }
 
 impl Format {
-    /// The first step of strict reading: bounded size, a protobuf message, the version that is read here.
+    /// The first step of strict decoding: bounded size, a protobuf message, the supported version.
     ///
-    /// The version is read alone first: a message of another one may have other types in its fields.
+    /// The version is read first and alone: fields of a message of another version may have other types.
     pub(crate) fn message<M: Message + Default>(&self, bytes: &[u8]) -> Result<M, QueryError> {
         let &Self { what, limit, version, remedy } = self;
         if bytes.len() > limit {
@@ -162,12 +162,12 @@ impl Format {
     }
 }
 
-/// Bytes as a protobuf message.
+/// Decodes a protobuf message.
 fn message<M: Message + Default>(what: &'static str, bytes: &[u8]) -> Result<M, QueryError> {
     M::decode(bytes).map_err(|e| QueryError::Malformed { what, reason: e.to_string() })
 }
 
-/// A field every message has.
+/// A required field.
 pub(crate) fn present<T>(field: &'static str, value: Option<T>) -> Result<T, QueryError> {
     value.ok_or(QueryError::Missing { field })
 }

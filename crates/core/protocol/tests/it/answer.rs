@@ -1,4 +1,4 @@
-//! The answer message: what the schema says, pinned, and strict towards any bytes.
+//! The answer message: as the schema defines it, pinned, and strict for arbitrary bytes.
 
 use super::common;
 
@@ -9,7 +9,7 @@ use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use veiloc_protocol::{Answer, AnswerFit, AnswerPose, AnswerState, QueryError};
 
 #[test]
-fn answers_are_what_the_schema_says() {
+fn answers_match_the_schema() {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../proto");
     let set = protox::compile(["veiloc/v1/answer.proto"], [proto]).expect("the schema compiles");
     let pool = DescriptorPool::from_file_descriptor_set(set).expect("complete");
@@ -37,8 +37,8 @@ fn answers_are_what_the_schema_says() {
         assert_eq!(value("milliseconds"), list(&[0.25, 0.5, 12.0, 3.75]));
         assert_eq!(value("trusted"), Value::U32(u32::from(doubts == 0)));
         assert_eq!((value("inliers"), value("matches")), (Value::U32(311), Value::U32(912)));
-        let told = value("doubts").as_list().expect("a list").len();
-        assert_eq!(told, doubts);
+        let count = value("doubts").as_list().expect("a list").len();
+        assert_eq!(count, doubts);
         if let Some(fit) = ours.fit {
             assert_eq!(
                 (value("noise_px"), value("focal_scale")),
@@ -49,21 +49,21 @@ fn answers_are_what_the_schema_says() {
     }
 }
 
-/// L12: the length of an answer does not tell how many doubts are in it, nor how long their words are.
+/// L12: the length of an answer reveals neither the number of doubts nor the length of their texts.
 #[test]
 fn answers_have_one_length() {
     for doubts in 0..12 {
         for words in [0, 1, 100, 200] {
             let mut answer = answer(7, doubts);
             answer.doubts.iter_mut().for_each(|doubt| doubt.text = "w".repeat(words));
-            // So has one that knows how well it fits, and one whose pose is withheld.
+            // The same holds for an answer that reports its fit, and for one whose pose is withheld.
             let full = Answer { fit: answer_with_fit(7, 0).fit, ..answer.clone() };
             for answer in [answer, full.clone(), full.trusted_only()] {
                 assert_eq!(answer.encode().len(), Answer::PADDED_BYTES, "{doubts}, {words}");
             }
         }
     }
-    // Longer ones, which our server does not make, take the next whole number; around each step too.
+    // Longer answers, which our server does not make, take the next multiple; tested around each step too.
     for words in 0..12_000 {
         let mut answer = answer(7, 1);
         answer.doubts[0].text = "w".repeat(words);
@@ -75,30 +75,30 @@ fn answers_have_one_length() {
 
 /// Pinned byte for byte.
 #[test]
-fn known_answers_are_read_and_written_unchanged() {
+fn known_answers_round_trip() {
     for (file, expected) in known_replies() {
         let path = format!("{}/tests/data/{file}.answer", env!("CARGO_MANIFEST_DIR"));
         let bytes = std::fs::read(path).expect("the known answer");
         let read = Answer::decode(&bytes).expect("an answer");
         assert_eq!(read, expected);
-        assert!(read.encode() == bytes, "{file} is written otherwise now");
+        assert!(read.encode() == bytes, "{file} is now encoded differently");
     }
 }
 
-/// Only a doubtful pose is withheld.
+/// Only doubtful poses can be withheld.
 #[test]
-fn a_doubtful_pose_can_be_withheld() {
+fn only_doubtful_poses_can_be_withheld() {
     let trusted = answer_with_fit(1, 0);
     assert_eq!(trusted.clone().trusted_only(), trusted);
     let withheld = answer_with_fit(1, 2).trusted_only();
     assert_eq!((withheld.pose, withheld.doubts.len(), withheld.state()), (None, 2, AnswerState::Doubtful));
     assert_eq!(Answer::decode(&withheld.encode()), Ok(withheld.clone()));
-    // An answer that is trusted and has no pose, or has a part of one, is none.
+    // A trusted answer without a pose, or with an incomplete pose, is invalid.
     let lying = Answer { trusted: true, doubts: Vec::new(), ..withheld };
     let refused = Answer::decode(&lying.encode());
     assert!(matches!(refused, Err(QueryError::Length { field: "rotation", .. })), "{refused:?}");
     let whole = answer_with_fit(1, 2).encode();
-    let rotation = 2 + 4 * 8; // key, length, four numbers, behind the version
+    let rotation = 2 + 4 * 8; // key, length, four numbers, after the version
     let part = [&whole[..5], &whole[5 + rotation..]].concat();
     assert!(matches!(Answer::decode(&part), Err(QueryError::NotCanonical { .. })));
     let wrong = |noise_px, focal_scale| {
@@ -118,9 +118,9 @@ fn a_doubtful_pose_can_be_withheld() {
 }
 
 #[test]
-fn the_position_sd_is_that_of_the_least_certain_direction() {
+fn position_sd_is_the_largest_standard_deviation() {
     let mut pose = answer(1, 0).pose.expect("a pose");
-    // Turned about the third axis by 30 degrees: variances 4, 1 and 0.25 along the turned axes.
+    // Rotated about the third axis by 30 degrees: variances 4, 1 and 0.25 along the rotated axes.
     let (s, c) = (0.5, 0.75_f64.sqrt());
     pose.center_covariance =
         [[4.0 * c * c + s * s, 3.0 * s * c, 0.0], [3.0 * s * c, 4.0 * s * s + c * c, 0.0], [0.0, 0.0, 0.25]];
@@ -130,7 +130,7 @@ fn the_position_sd_is_that_of_the_least_certain_direction() {
 }
 
 #[test]
-fn wrong_answers_are_named() {
+fn error_names_the_invalid_field() {
     type Change = fn(&mut Answer);
     let refused = |change: Change| {
         let mut wrong = answer(1, 1);
@@ -165,7 +165,7 @@ fn wrong_answers_are_named() {
 }
 
 #[test]
-fn another_version_says_what_to_do() {
+fn version_error_states_the_remedy() {
     for unknown in [0, 2, 3] {
         let bytes = [&[0x0D, unknown, 0, 0, 0], &answer(1, 1).encode()[5..]].concat();
         let refused = Answer::decode(&bytes).expect_err("refused");
@@ -182,14 +182,14 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_bytes_are_refused_or_read_unchanged(bytes in prop::collection::vec(any::<u8>(), 0..700)) {
+    fn any_bytes_are_rejected_or_round_trip(bytes in prop::collection::vec(any::<u8>(), 0..700)) {
         if let Ok(answer) = Answer::decode(&bytes) {
             prop_assert_eq!(answer.encode(), bytes);
         }
     }
 
     #[test]
-    fn damaged_answers_are_refused_or_read_unchanged(
+    fn damaged_answers_are_rejected_or_round_trip(
         doubts in 0..4_usize,
         withheld: bool,
         with_fit: bool,

@@ -1,11 +1,11 @@
-//! An answer as JSON: the fields of `docs/reference/http.md`, and what JSON cannot say.
+//! An answer as JSON: the fields of `docs/service.md`, and values that JSON cannot express.
 
 use super::common;
 
 use veiloc_protocol::{Answer, AnswerDocument};
 
 #[test]
-fn a_document_tells_what_the_answer_tells() {
+fn document_has_all_fields_of_the_answer() {
     let answer: Answer = common::answer_with_fit(5, 2);
     let pose = answer.pose.expect("a pose");
     let document = serde_json::to_value(AnswerDocument::new("lobby", &answer)).expect("JSON");
@@ -35,9 +35,9 @@ fn a_document_tells_what_the_answer_tells() {
     assert!(document["covariance"][5][5].is_null() && document["confidence"]["margin"].is_null());
 }
 
-/// A pose that is withheld is not there at all; everything else is.
+/// A withheld pose is absent; everything else is present.
 #[test]
-fn a_withheld_pose_is_absent() {
+fn withheld_pose_is_absent() {
     let answer = common::answer_with_fit(5, 1);
     let fields = |answer: &Answer| -> Vec<String> {
         let document = serde_json::to_value(AnswerDocument::new("lobby", answer)).expect("JSON");

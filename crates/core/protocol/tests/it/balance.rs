@@ -1,9 +1,9 @@
-//! The check a device makes before it sends.
+//! The check that a device makes before it sends.
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_protocol::{
-    AnchoredRow, AngleBits, CanonicalCamera, Hints, LEAST_A_SIDE, LayoutTurn, LineRow, Lopsided, Profile,
+    AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, LineRow, Lopsided, MIN_PER_SIDE, Profile,
     QueryParts, Rows, SealedQuery,
 };
 
@@ -26,7 +26,7 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
     SealedQuery::new(&Profile::vlad(words), parts).expect("parts fit")
 }
 
-/// So many rows of the second anchor, the others of the first.
+/// A query with `second` rows of the second anchor, the others of the first.
 fn dcl(second: usize) -> SealedQuery {
     let bits = AngleBits::default();
     let row = |i| AnchoredRow::new(bits, if i < second { Anchor::SECOND } else { Anchor::FIRST }, 1.0);
@@ -34,17 +34,17 @@ fn dcl(second: usize) -> SealedQuery {
 }
 
 #[test]
-fn both_sides_are_counted() {
-    for second in [0, 1, LEAST_A_SIDE - 1, LEAST_A_SIDE, 128, 256 - LEAST_A_SIDE, 256 - LEAST_A_SIDE + 1, 256]
+fn rows_per_side_are_counted() {
+    for second in [0, 1, MIN_PER_SIDE - 1, MIN_PER_SIDE, 128, 256 - MIN_PER_SIDE, 256 - MIN_PER_SIDE + 1, 256]
     {
         let query = dcl(second);
         assert_eq!(query.sides(), Some(vec![256 - second, second]));
         let few = second.min(256 - second);
-        let expected = if few < LEAST_A_SIDE { Err(Lopsided { few, all: 256 }) } else { Ok(()) };
+        let expected = if few < MIN_PER_SIDE { Err(Lopsided { few, all: 256 }) } else { Ok(()) };
         assert_eq!(query.check_sides(), expected, "{second}");
     }
-    let told = dcl(3).check_sides().expect_err("lopsided").to_string();
-    assert!(told.contains("3 of 256") && told.contains("turn the camera"), "{told}");
+    let error = dcl(3).check_sides().expect_err("lopsided").to_string();
+    assert!(error.contains("3 of 256") && error.contains("turn the camera"), "{error}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Bytes from negatives: refused with a reason, or read and written again unchanged. Never a panic.
+//! Arbitrary bytes: rejected with a reason, or decoded and encoded again unchanged. Never a panic.
 
 use super::common;
 
@@ -32,7 +32,7 @@ fn layouts() -> [SealedQuery; 2] {
         .map(|(scheme, turn)| common::query_turned(turn, &common::profile(), scheme, 3))
 }
 
-/// Layouts and turns are read as written; numbers that no layout has are named.
+/// Layouts and turns are read as written; invalid numbers are named in the error.
 #[test]
 fn layouts_and_turns() {
     let [stripes, session] = layouts();
@@ -42,7 +42,7 @@ fn layouts_and_turns() {
         assert_eq!(read.observations(), query.observations());
         assert!(!format!("{read:?} {:?}", read.turn()).contains('.'), "L8");
     }
-    // The message ends with the layout (2 + 1 + 26 bytes behind gravity) and three turns of 2 + 4 bytes.
+    // The message ends with the layout (2 + 1 + 26 bytes after gravity) and three turns of 2 + 4 bytes.
     let (bytes, layout) = (stripes.encode(), stripes.encode().len() - 18 - 26);
     let with = |at: usize, value: u8| {
         let mut bytes = bytes.clone();
@@ -55,13 +55,13 @@ fn layouts_and_turns() {
     // An unused anchor that is not zero.
     assert!(matches!(with(layout + 14, 1), Err(QueryError::NotCanonical { .. })));
     assert!(matches!(with(bytes.len() - 1, 0x7F), Err(QueryError::Field { field: "turn", .. })));
-    // A row of an anchor that this layout of three has not.
+    // A row of an anchor that this layout of three does not have.
     let mut found = 0;
     for at in 0..stripes.encode().len() {
         found += usize::from(matches!(with(at, 0xFF), Err(QueryError::Row { .. })));
     }
     assert!(found > 100, "{found}");
-    // Only dcl has a layout, and something to turn.
+    // Only dcl has a layout and a turn.
     let points = common::query(Scheme::Points, AngleBits::default(), 256, 3).encode();
     let turned = [&points[..points.len() - 1], &[1][..]].concat();
     assert!(matches!(SealedQuery::decode(&turned), Err(QueryError::Field { field: "turn", .. })));
@@ -84,7 +84,7 @@ fn layouts_and_turns() {
 }
 
 #[test]
-fn what_is_written_is_read() {
+fn messages_round_trip() {
     for scheme in Scheme::ALL {
         for bits in (AngleBits::MIN..=AngleBits::MAX).map(|b| AngleBits::new(b).expect("allowed")) {
             for profile in common::profiles() {
@@ -103,7 +103,7 @@ fn what_is_written_is_read() {
     }
 }
 
-/// L5: the number of bytes follows from scheme and layout, angle bits, class, descriptor kind and global model.
+/// L5: the number of bytes depends only on scheme and layout, angle bits, class, descriptor kind and global model.
 #[test]
 fn all_messages_of_a_class_are_equally_long() {
     let bits = AngleBits::default();
@@ -111,17 +111,17 @@ fn all_messages_of_a_class_are_equally_long() {
         for profile in common::profiles() {
             for class in SizeClass::ALL {
                 let length = |hints, seed| {
-                    let query = common::query_saying(hints, &profile, scheme, bits, class.rows(), seed);
+                    let query = common::query_with_hints(hints, &profile, scheme, bits, class.rows(), seed);
                     query.encode().len()
                 };
-                // Whether gravity is told, and which, and how well the focal length is known, shows in no length.
+                // The length depends neither on gravity nor on how well the focal length is known.
                 let lengths: Vec<usize> =
                     hints().into_iter().zip(1..).map(|(h, seed)| length(h, seed)).collect();
                 assert!(lengths.iter().all(|l| *l == lengths[0]), "{scheme} {class:?} {lengths:?}");
             }
         }
     }
-    // Nor does how the layout is turned in a later frame of a session.
+    // Nor on the rotation of the layout in a later frame of a session.
     let turns = [[0.0; 3], [0.1, -0.4, 0.0], [-3.0, 0.2, 0.5]];
     for scheme in ["dcl:paper", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0"] {
         let length = |[x, y, z]: [f64; 3]| {
@@ -134,7 +134,7 @@ fn all_messages_of_a_class_are_equally_long() {
     }
 }
 
-/// Everything that may be said of a camera, with the extremes of gravity.
+/// All camera hints, with the extremes of gravity.
 fn hints() -> Vec<Hints> {
     let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
     let all = [
@@ -146,21 +146,21 @@ fn hints() -> Vec<Hints> {
     FocalKnowledge::ALL.into_iter().flat_map(|focal| all.map(|gravity| Hints { focal, gravity })).collect()
 }
 
-/// What is said of a camera is read as it was written, and its numbers are checked.
+/// Camera hints are read as written, and their numbers are checked.
 #[test]
-fn what_a_device_says_of_its_camera() {
+fn camera_hints_round_trip_and_are_checked() {
     let seal = |hints| {
-        common::query_saying(hints, &common::profile(), Scheme::default(), AngleBits::default(), 256, 3)
+        common::query_with_hints(hints, &common::profile(), Scheme::default(), AngleBits::default(), 256, 3)
     };
     let mut forms = std::collections::BTreeSet::new();
-    for said in hints() {
-        let query = seal(said);
+    for hint in hints() {
+        let query = seal(hint);
         let read = SealedQuery::decode(&query.encode()).expect("own bytes");
-        assert_eq!((read.focal_known(), read.gravity()), (said.focal, said.gravity));
-        assert!(forms.insert(query.encode()), "two of them have one form");
+        assert_eq!((read.focal_known(), read.gravity()), (hint.focal, hint.gravity));
+        assert!(forms.insert(query.encode()), "two of them have the same encoding");
     }
-    // The two numbers are twelve bytes, a key of two bytes and a number, twice; behind them are an empty layout (3 bytes)
-    // and three turns (6 each).
+    // The two hints are twelve bytes, twice a key of two bytes and a number; an empty layout (3 bytes) and three turns
+    // (6 each) follow.
     let bytes = seal(Hints::default()).encode();
     let tail = bytes.len() - 21 - 12;
     assert_eq!(bytes[tail..tail + 12], [0x95, 0x01, 1, 0, 0, 0, 0x9D, 0x01, 0, 0, 0, 0]);
@@ -180,9 +180,9 @@ fn what_a_device_says_of_its_camera() {
         assert!(matches!(refused, Err(QueryError::Field { field, .. }) if field == name), "{name} = {value}");
     }
     for (at, value) in [(2, 3), (8, 1), (8, 393_216)] {
-        with(at, value).expect("the ends of what may be said");
+        with(at, value).expect("the limits of the allowed range");
     }
-    // Without them, or without one.
+    // Without both hints, or without one.
     let without = |cut: std::ops::Range<usize>| {
         SealedQuery::decode(&[&bytes[..tail + cut.start], &bytes[tail + cut.end..]].concat())
     };
@@ -190,12 +190,12 @@ fn what_a_device_says_of_its_camera() {
         let refused = without(cut);
         assert!(matches!(refused, Err(QueryError::Missing { field }) if field == name), "{refused:?}");
     }
-    let told = format!("{:?} {:?}", seal(hints()[5]), hints());
-    assert!(!told.contains('.'), "L8: {told}");
+    let printed = format!("{:?} {:?}", seal(hints()[5]), hints());
+    assert!(!printed.contains('.'), "L8: {printed}");
 }
 
 #[test]
-fn every_truncation_and_every_extension_is_refused() {
+fn truncated_and_extended_messages_are_rejected() {
     for (scheme, bytes) in
         Scheme::ALL.into_iter().flat_map(|s| sealed_in_all(s).into_iter().map(move |bytes| (s, bytes)))
     {
@@ -216,9 +216,9 @@ fn every_truncation_and_every_extension_is_refused() {
     }
 }
 
-/// Field numbers and types are right, but the same thing is said in another way.
+/// Field numbers and types are right, but the encoding is not canonical.
 #[test]
-fn there_is_one_form_only() {
+fn encoding_is_canonical() {
     for bytes in sealed_in_all(Scheme::default()) {
         let repeated = [&bytes[..5], &bytes[..]].concat();
         assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
@@ -227,7 +227,7 @@ fn there_is_one_form_only() {
         let unknown = [&bytes[..], &[0xF5, 0x01, 1, 2, 3, 4]].concat();
         assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
     }
-    // A whole message behind another one.
+    // A complete message after another one.
     let [sift, own, ..] = common::profiles();
     let [sift, own] =
         [sift, own].map(|p| common::query_with(&p, Scheme::default(), AngleBits::default(), 256, 3).encode());
@@ -235,9 +235,9 @@ fn there_is_one_form_only() {
     assert!(SealedQuery::decode(&[&own[..], &sift[..]].concat()).is_err());
 }
 
-/// What is said of kinds and global models may be said in one way, and must agree with the other fields.
+/// Descriptor kinds and global models have one encoding, and must agree with the other fields.
 #[test]
-fn what_is_said_of_kinds_is_checked() {
+fn descriptor_kinds_and_global_models_are_checked() {
     let query = sealed_in_all(Scheme::default());
     for (field, value, name) in [
         (12, 0, "descriptor_dim"),
@@ -251,7 +251,7 @@ fn what_is_said_of_kinds_is_checked() {
         let error = SealedQuery::decode(&with_field(&query[1], field, value));
         assert!(matches!(error, Err(QueryError::Field { field, .. }) if field == name), "{error:?}");
     }
-    // Another length of a descriptor asks for another number of bytes; the name "sift" stands for one kind only.
+    // Another descriptor length requires another number of bytes; the name "sift" stands for one kind only.
     let longer = SealedQuery::decode(&with_field(&query[1], 12, 49));
     assert!(matches!(longer, Err(QueryError::Length { field: "descriptors", .. })), "{longer:?}");
     let taken = SealedQuery::decode(&with_field(&query[0], 12, 64));
@@ -265,22 +265,22 @@ fn what_is_said_of_kinds_is_checked() {
     }
     let codes = Profile::decode(&with_field(&profiles[0], 9, 511));
     assert!(matches!(codes, Err(QueryError::NotCanonical { .. })), "not those of the vocabulary: {codes:?}");
-    // Words behind a model that has none.
+    // Vocabulary words for a model that has none.
     let mut words = profiles[1].clone();
     assert_eq!(words.pop(), Some(0), "an empty vocabulary");
     words.extend([1, 7]);
     assert!(matches!(Profile::decode(&words), Err(QueryError::NotCanonical { .. })));
 }
 
-/// The right name of the profile, and descriptors of another kind or a global descriptor of another length.
+/// The id of the right profile, but descriptors of another kind or a global descriptor of another length.
 #[test]
-fn a_query_that_lies_about_its_profile_is_refused() {
+fn query_with_wrong_profile_id_is_rejected() {
     let profile = common::own_profile();
     let query = common::query_with(&profile, Scheme::default(), AngleBits::default(), 256, 1);
     let bytes = query.encode();
     let norm = SealedQuery::decode(&with_field(&bytes, 14, 301)).expect("a query");
     assert!(matches!(profile.check(&norm), Err(QueryError::Mismatch { what: "descriptor kind", .. })));
-    // Behind the global descriptor are hints, an empty layout and turns.
+    // Hints, an empty layout and turns follow the global descriptor.
     let end = bytes.len() - 12 - 21;
     let at = end - 40 - 1;
     assert_eq!(bytes[at], 40, "length of the global descriptor");
@@ -305,7 +305,7 @@ fn with_field(bytes: &[u8], field: u8, value: u32) -> Vec<u8> {
 }
 
 #[test]
-fn wrong_numbers_are_named() {
+fn error_names_the_invalid_field() {
     for (field, value, name) in [
         (3, 0, "scheme"),
         (3, 9, "scheme"),
@@ -325,7 +325,7 @@ fn wrong_numbers_are_named() {
             "{name} = {value}: {error:?}"
         );
     }
-    // Another number of angle bits asks for another number of bytes.
+    // Another number of angle bits requires another number of bytes.
     let longer = with_field(&sealed(Scheme::default()), 6, 13);
     assert!(matches!(SealedQuery::decode(&longer), Err(QueryError::Length { field: "positions", .. })));
     let more = with_field(&sealed(Scheme::default()), 10, 512);
@@ -344,9 +344,9 @@ fn wrong_numbers_are_named() {
     }
 }
 
-/// What to do is said of each kind of message, whatever else is in one of another version.
+/// The error for another version states the remedy for each message type, whatever else the message contains.
 #[test]
-fn another_version_says_what_to_do() {
+fn version_error_states_the_remedy() {
     for found in [0, 2, 5, u32::MAX] {
         let query = with_field(&sealed(Scheme::default()), 1, found);
         let profile = with_field(&common::profile().encode(), 1, found);
@@ -368,7 +368,7 @@ fn another_version_says_what_to_do() {
 }
 
 #[test]
-fn a_session_of_another_version_says_what_to_do() {
+fn session_version_error_states_the_remedy() {
     use veiloc_protocol::RigMessage;
     let refused = RigMessage::decode(b"vqrig2\nwhatever").expect_err("refused");
     assert!(
@@ -382,9 +382,9 @@ fn a_session_of_another_version_says_what_to_do() {
     }
 }
 
-/// A length of nearly 2^64 bytes in front of a few: refused before anything is reserved.
+/// A length prefix of nearly 2^64 before a few bytes: rejected before memory is reserved.
 #[test]
-fn a_lying_length_costs_nothing() {
+fn huge_length_prefix_allocates_nothing() {
     for field in [2_u8, 11, 15] {
         let mut bytes = vec![0x0D, 1, 0, 0, 0, field << 3 | 2];
         bytes.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x01]);
@@ -397,7 +397,7 @@ fn a_lying_length_costs_nothing() {
 }
 
 #[test]
-fn a_query_for_another_map_is_told_apart() {
+fn query_for_another_map_is_rejected() {
     let profile = common::profile();
     let query = common::query(Scheme::default(), AngleBits::default(), 256, 1);
     profile.check(&query).expect("sealed with it");
@@ -412,7 +412,7 @@ fn a_query_for_another_map_is_told_apart() {
 }
 
 #[test]
-fn parts_that_do_not_fit_are_refused() {
+fn mismatched_parts_are_rejected() {
     let bits = AngleBits::default();
     let profile = common::profile();
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
@@ -446,7 +446,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_bytes_are_refused_or_read_unchanged(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+    fn any_bytes_are_rejected_or_round_trip(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         if let Ok(query) = SealedQuery::decode(&bytes) {
             prop_assert_eq!(query.encode(), bytes.clone());
         }
@@ -456,7 +456,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_messages_are_refused_or_read_unchanged(
+    fn damaged_messages_are_rejected_or_round_trip(
         scheme in 0..4_usize,
         form in 0..5_usize,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
@@ -474,7 +474,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_profiles_are_refused_or_read_unchanged(
+    fn damaged_profiles_are_rejected_or_round_trip(
         index in any::<prop::sample::Index>(),
         value in any::<u8>(),
         form in 0..3_usize,

@@ -1,7 +1,7 @@
-//! The wire format, pinned: these files must be read, and written back byte for byte.
+//! The wire format, pinned: these files must be decoded, and encoded again to the same bytes.
 //!
-//! The files were made by `cargo run -p veiloc-protocol --example known_answers`. The hashes and the meaning of the rows
-//! below come from `proto/read_sealed_query.py`, a reader written from `docs/reference/wire-format.md` alone.
+//! `cargo run -p veiloc-protocol --example known_answers` made the files. The hashes and the meaning of the rows come
+//! from `proto/read_sealed_query.py`, a reader written from `docs/wire-format.md` alone.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,8 +9,8 @@ use std::path::PathBuf;
 use sha2::{Digest, Sha256};
 use veiloc_protocol::{FocalKnowledge, Observations, Profile, SealedQuery};
 
-/// File, SHA-256 of its bytes, profile it was sealed with, and the numbers the Python reader prints for rows
-/// 0, 1 and 255: a position, a line `(a, b, c)`, or for dcl the unit normal of the half-plane and the direction that leads
+/// File, SHA-256 of its bytes, profile it was sealed with, and the numbers that the Python reader prints for rows 0, 1
+/// and 255: a position, a line `(a, b, c)`, or for dcl the unit normal of the half-plane and the direction that leads
 /// into it from the anchor.
 struct KnownAnswer {
     file: &'static str,
@@ -136,15 +136,15 @@ const KNOWN_ANSWERS: [KnownAnswer; 12] = [
     },
 ];
 
-/// What queries say of their camera: file, how well the focal length is known, and, as the Python reader prints it, which
-/// way is down and the deviation.
+/// Camera hints of the queries: file, how well the focal length is known, and the gravity direction with its deviation
+/// as the Python reader prints them.
 const HINTS: [(&str, FocalKnowledge, Option<[f64; 4]>); 3] = [
     ("dcl", FocalKnowledge::Calibrated, None),
     ("exif-gravity", FocalKnowledge::Exif, Some([0.033_122_946, 0.979_492_831, -0.198_737_676, 1.0])),
     ("unknown-gravity", FocalKnowledge::Unknown, Some([-0.911_477_019, 0.104_957_96, -0.397_735_427, 8.0])),
 ];
 
-/// Profiles and the SHA-256 of their bytes, which they are named after.
+/// Profiles and the SHA-256 of their bytes, whose beginning is their id.
 const PROFILES: [(&str, &str); 2] = [
     ("sift.profile", "e2a612103bb7f7345063407a684dd970810c3b1b5199e99ea48e0ebdd439d63d"),
     ("own-kind.profile", "5145c8de454f2f3bae2941e0ccde1cf5d132c070ef5647dd11c924a2d33a9c30"),
@@ -160,46 +160,46 @@ fn hex(bytes: impl AsRef<[u8]>) -> String {
 }
 
 #[test]
-fn queries_are_read_and_written_unchanged() {
+fn known_queries_round_trip() {
     for known in &KNOWN_ANSWERS {
         let bytes = read(&format!("{}.vquery", known.file));
         assert_eq!(hex(Sha256::digest(&bytes)), known.sha256, "{} was changed", known.file);
         let query = SealedQuery::decode(&bytes).unwrap_or_else(|e| panic!("{}: {e}", known.file));
-        assert!(query.encode() == bytes, "{} is written otherwise now", known.file);
+        assert!(query.encode() == bytes, "{} is now encoded differently", known.file);
         assert_eq!(query.profile_id().to_string(), known.profile_id, "{}", known.file);
         let camera = query.camera();
         assert_eq!((camera.width, camera.height, camera.focal), (640, 480, [512.0; 2]));
         let observations = query.observations();
         for (row, expected) in ROWS.into_iter().zip(known.rows) {
-            let told = meaning(&observations, row);
-            assert_eq!(told.len(), expected.len(), "{} row {row}", known.file);
-            for (a, b) in told.iter().zip(expected) {
-                assert!((a - b).abs() < 1e-8, "{} row {row}: {told:?}", known.file);
+            let meaning_of_row = meaning(&observations, row);
+            assert_eq!(meaning_of_row.len(), expected.len(), "{} row {row}", known.file);
+            for (a, b) in meaning_of_row.iter().zip(expected) {
+                assert!((a - b).abs() < 1e-8, "{} row {row}: {meaning_of_row:?}", known.file);
             }
         }
     }
 }
 
 #[test]
-fn what_is_said_of_a_camera_is_read() {
+fn camera_hints_are_read() {
     for (file, focal, down) in HINTS {
         let query = SealedQuery::decode(&read(&format!("{file}.vquery"))).expect("known");
         assert_eq!(query.focal_known(), focal, "{file}");
-        let told = query.gravity().map(|g| (g.in_camera(), g.sd_deg()));
-        assert_eq!(told.is_some(), down.is_some(), "{file}");
-        if let (Some((told, sd)), Some([x, y, z, expected])) = (told, down) {
-            assert!(told.iter().zip([x, y, z]).all(|(a, b)| (a - b).abs() < 1e-8), "{file}: {told:?}");
+        let gravity = query.gravity().map(|g| (g.in_camera(), g.sd_deg()));
+        assert_eq!(gravity.is_some(), down.is_some(), "{file}");
+        if let (Some((gravity, sd)), Some([x, y, z, expected])) = (gravity, down) {
+            assert!(gravity.iter().zip([x, y, z]).all(|(a, b)| (a - b).abs() < 1e-8), "{file}: {gravity:?}");
             assert!((sd - expected).abs() < 1e-12, "{file}: {sd}");
         }
     }
 }
 
 #[test]
-fn profiles_are_read_and_named_alike() {
+fn known_profiles_round_trip() {
     for (file, sha256) in PROFILES {
         let bytes = read(file);
         let profile = Profile::decode(&bytes).unwrap_or_else(|e| panic!("{file}: {e}"));
-        assert!(profile.encode() == bytes, "{file} is written otherwise now");
+        assert!(profile.encode() == bytes, "{file} is now encoded differently");
         assert_eq!(hex(Sha256::digest(&bytes)), sha256, "{file} was changed");
         assert_eq!(profile.id().to_string(), sha256[..32]);
     }

@@ -1,4 +1,4 @@
-//! The schema in `proto/` and the code say the same: what one writes the other reads, to the same bytes.
+//! The schema in `proto/` and the code agree: each reads what the other writes, to the same bytes.
 
 use super::common;
 
@@ -16,7 +16,7 @@ fn pool() -> DescriptorPool {
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
 }
 
-/// Decodes with the schema, checks that every field of the schema is there and no other, and encodes again.
+/// Decodes with the schema, checks that exactly the fields of the schema are present, and encodes again.
 fn reread(name: &str, bytes: &[u8]) -> DynamicMessage {
     let descriptor = pool().get_message_by_name(name).expect("in the schema");
     let message = DynamicMessage::decode(descriptor.clone(), bytes).expect("our bytes are such a message");
@@ -33,7 +33,7 @@ fn number(message: &DynamicMessage, field: &str) -> u32 {
 }
 
 #[test]
-fn sealed_queries_are_what_the_schema_says() {
+fn sealed_queries_match_the_schema() {
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl:horizontal,s=2"] {
         let scheme: Scheme = scheme.parse().expect("a scheme");
         for bits in [6, 12, 16].map(|b| AngleBits::new(b).expect("allowed")) {
@@ -70,7 +70,7 @@ fn text(message: &DynamicMessage, field: &str) -> String {
 }
 
 #[test]
-fn kinds_and_hints_are_what_the_schema_says() {
+fn kinds_and_hints_match_the_schema() {
     for (profile, name, dim, encoding, norm, global, codes) in [
         (common::profile(), "sift", 128, 1, 512, "vlad", 512),
         (common::own_profile(), "own-kind", 48, 2, 300, "own-global", 40),
@@ -97,7 +97,7 @@ fn kinds_and_hints_are_what_the_schema_says() {
         let scheme: Scheme = "dcl:horizontal,s=2".parse().expect("a scheme");
         let gravity = CoarseGravity::new([0.0, 1.0, 0.25], 4.0).expect("a direction");
         let hints = Hints { focal: FocalKnowledge::Exif, gravity: Some(gravity) };
-        let query = common::query_saying(hints, &profile, scheme, AngleBits::default(), 512, 5);
+        let query = common::query_with_hints(hints, &profile, scheme, AngleBits::default(), 512, 5);
         let message = reread("veiloc.v1.SealedQuery", &query.encode());
         // (0, 0.8, 0.2) on the octahedron: cells 128 and 230; class 3, as 4 degrees are half a degree times 2^3.
         assert_eq!(number(&message, "focal_known"), 2);
@@ -126,7 +126,7 @@ fn kinds_and_hints_are_what_the_schema_says() {
 }
 
 #[test]
-fn layouts_and_turns_are_what_the_schema_says() {
+fn layouts_and_turns_match_the_schema() {
     let turn = LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.5, -0.25, 0.0))).expect("finite");
     for (scheme, turn, distance, layout, code) in [
         ("dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default(), 0, 26, 0),
@@ -145,9 +145,9 @@ fn layouts_and_turns_are_what_the_schema_says() {
     }
 }
 
-/// L4 and L6, said of the schema: a field for any of these would be a leak, so their absence is pinned.
+/// L4 and L6 as properties of the schema: a field for any of these would be a leak, so their absence is pinned.
 #[test]
-fn the_schema_has_these_fields_and_no_more() {
+fn schema_has_exactly_these_fields() {
     let names = |message: &str| -> Vec<String> {
         let descriptor = pool().get_message_by_name(message).expect("in the schema");
         descriptor.fields().map(|field| field.name().to_owned()).collect()
@@ -180,7 +180,7 @@ fn the_schema_has_these_fields_and_no_more() {
             "turn_z",
         ]
     );
-    // No scheme and no angle bits: an operator has no field to wish for less protection in.
+    // No scheme and no angle bits: an operator has no field to request less protection.
     assert_eq!(
         names("veiloc.v1.Profile"),
         [

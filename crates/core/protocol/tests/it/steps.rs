@@ -1,4 +1,4 @@
-//! Queries in steps: every step is the beginning of one seal, and says nothing that the whole query does not.
+//! Progressive queries: every step is a prefix of one sealed query, and reveals nothing beyond the whole query.
 
 use super::common;
 
@@ -11,8 +11,8 @@ fn query(profile: &Profile, scheme: &str, rows: usize) -> SealedQuery {
     query_with(profile, scheme.parse().expect("a scheme"), AngleBits::default(), rows, 5)
 }
 
-/// Whether the rows told by `first` are the first ones told by `all`.
-fn begins(all: &Observations, first: &Observations) -> bool {
+/// Whether the rows of `first` are the first rows of `all`.
+fn is_prefix(all: &Observations, first: &Observations) -> bool {
     match (all, first) {
         (Observations::Points(all), Observations::Points(first)) => all.starts_with(first),
         (Observations::Lines(all), Observations::Lines(first)) => all.starts_with(first),
@@ -24,9 +24,9 @@ fn begins(all: &Observations, first: &Observations) -> bool {
     }
 }
 
-/// L7: second lines through its keypoints are what an image must not have; a step that was sealed anew would have them.
+/// L7: an image must not get second lines through its keypoints; a step that was sealed again would have them.
 #[test]
-fn l7_steps_are_beginnings_of_one_seal() {
+fn l7_steps_are_prefixes_of_one_sealed_query() {
     for scheme in SCHEMES {
         let scheme_of: Scheme = scheme.parse().expect("a scheme");
         for profile in profiles() {
@@ -35,17 +35,20 @@ fn l7_steps_are_beginnings_of_one_seal() {
             assert_eq!(sizes, [256, 512, 1024, 2048]);
             for class in whole.step_sizes() {
                 let step = whole.first_rows(class, &profile).expect("it has as many");
-                assert!(begins(&whole.observations(), &step.observations()), "{scheme}: {}", step.len());
+                assert!(is_prefix(&whole.observations(), &step.observations()), "{scheme}: {}", step.len());
                 let bytes = whole.descriptors().rows(0..class.rows()).to_owned();
                 assert!(step.descriptors().to_owned() == bytes, "{scheme}");
-                // To the server it is a query like any other: strict reading, its own map, the length of its class.
+                // To the server it is an ordinary query: strict decoding, its own map, the length of its class.
                 assert!(SealedQuery::decode(&step.encode()).expect("well formed") == step);
                 profile.check(&step).expect("of this profile");
                 let alike = query(&profile, scheme, class.rows()).encode().len();
                 assert_eq!(step.encode().len(), alike, "{scheme}: a length of its own");
-                // The leak: another seal of the same image has other rows.
-                let anew = query_with(&profile, scheme_of, AngleBits::default(), class.rows(), 6);
-                assert!(!begins(&whole.observations(), &anew.observations()), "the measure does not see it");
+                // The leak: a second sealing of the same image has other rows.
+                let resealed = query_with(&profile, scheme_of, AngleBits::default(), class.rows(), 6);
+                assert!(
+                    !is_prefix(&whole.observations(), &resealed.observations()),
+                    "the measure does not see the leak"
+                );
             }
             let last = whole.first_rows(SizeClass::Rows2048, &profile).expect("all");
             assert!(last == whole, "{scheme}: the last step is the query");
@@ -53,23 +56,23 @@ fn l7_steps_are_beginnings_of_one_seal() {
     }
 }
 
-/// The global descriptor of all rows would tell of those that are not sent.
+/// A global descriptor of all rows would reveal information about rows that are not sent.
 #[test]
-fn the_global_descriptor_knows_the_sent_rows_alone() {
+fn global_descriptor_depends_only_on_sent_rows() {
     let profile = profile();
     let whole = query(&profile, "dcl", 1024);
     let step = whole.first_rows(SizeClass::Rows256, &profile).expect("it has as many");
     let of_rows = profile.global_model().of_rows(step.descriptors()).expect("a vocabulary");
     assert!(*step.global() == of_rows);
-    assert!(of_rows != *whole.global(), "the leak would be seen");
-    // One that is made of the image has no rows to be made of.
+    assert!(of_rows != *whole.global(), "the two differ, so a leak would be visible");
+    // A global descriptor of the image does not depend on rows.
     let own = own_profile();
     let image = query(&own, "dcl", 1024);
     assert!(image.first_rows(SizeClass::Rows256, &own).expect("as many").global() == image.global());
 }
 
 #[test]
-fn what_is_no_step_is_refused() {
+fn invalid_steps_are_rejected() {
     let whole = query(&profile(), "dcl", 512);
     let refused = whole.first_rows(SizeClass::Rows1024, &profile()).expect_err("too few");
     assert!(matches!(refused, QueryError::Mismatch { what: "rows", .. }), "{refused}");

@@ -3,7 +3,7 @@
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{Anchor, Intrinsics};
-use veiloc_protocol::{CanonicalCamera, LEAST_A_SIDE, LayoutTurn, Scheme};
+use veiloc_protocol::{CanonicalCamera, MIN_PER_SIDE, LayoutTurn, Scheme};
 
 use super::align::{estimate_rotation, refine_rotation};
 use super::memory::LandmarkMatches;
@@ -161,5 +161,5 @@ fn is_one_sided(
     let all: usize = counts.iter().sum();
     let others = all - counts.iter().copied().max().unwrap_or(0);
     // Only the strongest are sent, possibly fewer than these.
-    others < LEAST_A_SIDE.max(all / 16)
+    others < MIN_PER_SIDE.max(all / 16)
 }

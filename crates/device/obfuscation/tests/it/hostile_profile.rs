@@ -22,7 +22,7 @@ fn error_text<T: std::fmt::Debug>(refused: Result<T, SealError>) -> String {
     refused.expect_err("refused").to_string()
 }
 
-/// A profile has no field for these (`the_schema_has_these_fields_and_no_more`): a device with default options sends
+/// A profile has no field for these (`schema_has_exactly_these_fields`): a device with default options sends
 /// `dcl` with 12 bits.
 #[test]
 fn profile_cannot_choose_scheme_or_angle_bits() {

@@ -345,7 +345,7 @@ fn l7_one_keypoint_has_one_line() {
     let named = positions
         .iter()
         .zip(first.iter().zip(&second))
-        .filter(|(index, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(index) < 3.0));
+        .filter(|(pixel, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(pixel) < 3.0));
     assert!(named.count() > 200, "the measure does not see the leak");
     // A retry sends the same bytes.
     let query = seal(features_at(&positions, 7), &camera(), &profile(), &options("dcl"), &mut rng(7))

@@ -1,4 +1,4 @@
-//! Sealed queries made of random codes, for the tests of this room and for the known-answer files.
+//! Sealed queries with random codes, for the tests of this crate and for the known-answer files.
 #![allow(dead_code)] // each test binary uses its own part
 
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +14,7 @@ use veiloc_protocol::{
     Rows, Scheme, SealedQuery,
 };
 
-/// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
+/// Numbers directly from the generator, so that the known answers do not depend on how a library draws ranges.
 pub(crate) struct Draw(ChaCha8Rng);
 
 impl Draw {
@@ -43,7 +43,7 @@ pub(crate) fn profile() -> Profile {
     Profile::vlad(vocabulary(&mut Draw::new(7)))
 }
 
-/// Signed descriptors of 48 numbers, and a global descriptor of 40 numbers that comes from the image.
+/// Signed descriptors of 48 numbers, and a global descriptor of 40 numbers that is computed from the image.
 pub(crate) fn own_profile() -> Profile {
     let kind = DescriptorKind::new("own-kind", 48, Encoding::Signed, 300).expect("a kind");
     let global = NamedGlobal::new("own-global", 40).expect("a model");
@@ -75,15 +75,15 @@ pub(crate) fn query_with(
     count: usize,
     seed: u64,
 ) -> SealedQuery {
-    query_saying(Hints::default(), profile, scheme, bits, count, seed)
+    query_with_hints(Hints::default(), profile, scheme, bits, count, seed)
 }
 
-/// A later frame of a session: the layout is turned against its camera.
+/// A later frame of a session: the layout is rotated relative to its camera.
 pub(crate) fn query_turned(turn: LayoutTurn, profile: &Profile, scheme: Scheme, seed: u64) -> SealedQuery {
-    query_made((Hints::default(), turn), profile, scheme, AngleBits::default(), 256, seed)
+    make_query((Hints::default(), turn), profile, scheme, AngleBits::default(), 256, seed)
 }
 
-pub(crate) fn query_saying(
+pub(crate) fn query_with_hints(
     hints: Hints,
     profile: &Profile,
     scheme: Scheme,
@@ -91,10 +91,10 @@ pub(crate) fn query_saying(
     count: usize,
     seed: u64,
 ) -> SealedQuery {
-    query_made((hints, LayoutTurn::default()), profile, scheme, bits, count, seed)
+    make_query((hints, LayoutTurn::default()), profile, scheme, bits, count, seed)
 }
 
-fn query_made(
+fn make_query(
     (hints, turn): (Hints, LayoutTurn),
     profile: &Profile,
     scheme: Scheme,
@@ -142,7 +142,7 @@ fn query_made(
     SealedQuery::new(profile, parts).expect("parts fit")
 }
 
-/// The known-answer files without their endings, and what is in them.
+/// The known-answer files without their extensions, and their content.
 pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     let schemes = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"];
     let of = |name: &str| {
@@ -152,7 +152,7 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     };
     let mut all: Vec<_> = schemes.into_iter().map(of).collect();
     let dcl = |profile: &Profile, hints| {
-        query_saying(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
+        query_with_hints(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
     };
     all.push(("own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
     let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
@@ -180,12 +180,12 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     all
 }
 
-/// The profiles they were sealed with.
+/// The profiles of these queries.
 pub(crate) fn known_profiles() -> [(&'static str, Profile); 2] {
     [("sift", profile()), ("own-kind", own_profile())]
 }
 
-/// An answer of numbers that are exact in binary, so that nothing depends on rounding.
+/// An answer with numbers that are exact in binary, so that nothing depends on rounding.
 pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
     let mut draw = Draw::new(seed);
     let mut eighth = || f64::from(draw.below(1 << 12)) / 8.0 - 256.0;
@@ -216,12 +216,12 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
     }
 }
 
-/// The same with how well the query fits.
+/// The same answer with its fit.
 pub(crate) fn answer_with_fit(seed: u64, doubts: usize) -> Answer {
     Answer { fit: Some(AnswerFit { noise_px: 0.75, focal_scale: 1.03125 }), ..answer(seed, doubts) }
 }
 
-/// The known answers without their endings: of a service that does not tell how well a query fits, of one that does, and
+/// The known answers without their file extensions: of a service that does not report the fit, of one that does, and
 /// one whose pose is withheld.
 pub(crate) fn known_replies() -> [(&'static str, Answer); 3] {
     let doubtful = answer_with_fit(1, 2);
