@@ -1,36 +1,36 @@
-//! A service, and who asks it.
+//! A client of a positioning service.
 
 use std::fmt;
 
 use veiloc_protocol::{Answer, Profile, RigMessage, SealedQuery};
 
 use crate::address::{Address, token};
-use crate::profile_cache::{ProfileCache, hash, keep};
+use crate::profile_cache::{ProfileCache, hash, store};
 use crate::refusal::{Refusal, printable};
 use crate::transport::{Reply, Transport};
 use crate::{ClientError, ClientOptions, LocalizeRequest};
 
-/// Most bytes of a profile that are read.
+/// Maximum number of bytes of a profile.
 const MAX_PROFILE: u64 = 2 << 20;
-/// Most bytes of an answer or a refusal.
+/// Maximum number of bytes of an answer or an error response.
 const MAX_ANSWER: u64 = 64 << 10;
-/// What a sealed query is sent as and an answer wanted in, and what the queries of a session are.
+/// Content types of a sealed query and its answer, and of the queries of a session.
 const PROTOBUF: &str = "application/x-protobuf";
 const SESSION: &str = "application/octet-stream";
 
-/// A service, and who asks it. Calls block; one client may be used by several threads.
+/// A client of a positioning service. Calls block; several threads may share one client.
 pub struct Client {
     transport: Transport,
     cache: ProfileCache,
 }
 
 impl Client {
-    /// A client of the service at `server`, for example `https://places.example:8443`, which identifies with `token`.
-    /// Nothing is sent yet.
+    /// A client of the service at `server`, for example `https://places.example:8443`, which authenticates with
+    /// `token`. This sends nothing.
     ///
     /// # Errors
-    /// [`ClientError::Address`], [`ClientError::PlainHttp`], [`ClientError::Token`], [`ClientError::Certificates`] when
-    /// what was given cannot be used.
+    /// [`ClientError::Address`], [`ClientError::PlainHttp`], [`ClientError::Token`], [`ClientError::Certificates`] for
+    /// arguments that cannot be used.
     pub fn new(server: &str, token: Option<&str>, options: ClientOptions) -> Result<Self, ClientError> {
         let address = Address::new(server, options.insecure_http)?;
         let cache = ProfileCache::new(options.cache.as_deref());
@@ -38,25 +38,25 @@ impl Client {
         Ok(Self { transport, cache })
     }
 
-    /// The current profile of a map: the kept one when the service says that it still is.
+    /// The current profile of a map: the cached one when the service confirms it.
     ///
     /// # Errors
-    /// [`ClientError`]: the map's name, a refusal, the network, or bytes that are no profile.
+    /// [`ClientError`]: the map's name, an error response, the network, or an invalid profile.
     pub fn profile(&self, map: &str) -> Result<Profile, ClientError> {
         let url = self.transport.address().of_map(map, "profile")?;
         let file = self.cache.file(&self.transport.address().base, map);
-        // A kept file that cannot be read, or is damaged, is as good as none.
-        let kept = file.as_ref().and_then(|file| std::fs::read(file).ok());
-        let kept = kept.and_then(|bytes| Some((hash(&bytes), Profile::decode(&bytes).ok()?)));
-        let tag = kept.as_ref().map(|(hash, _)| format!("\"{hash}\""));
+        // A cached file that is damaged or cannot be read is treated as absent.
+        let cached = file.as_ref().and_then(|file| std::fs::read(file).ok());
+        let cached = cached.and_then(|bytes| Some((hash(&bytes), Profile::decode(&bytes).ok()?)));
+        let tag = cached.as_ref().map(|(hash, _)| format!("\"{hash}\""));
         let reply = self.transport.get(&url, tag.as_deref(), MAX_PROFILE)?;
-        match (reply.status, kept) {
+        match (reply.status, cached) {
             (200, _) => {
                 let bad = |reason| ClientError::BadAnswer { what: "the profile", reason };
                 check_type(&reply).map_err(bad)?;
                 let profile = Profile::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
                 if let Some(file) = file {
-                    keep(&file, &reply.body, self.transport.options());
+                    store(&file, &reply.body, self.transport.options());
                 }
                 Ok(profile)
             }
@@ -65,16 +65,16 @@ impl Client {
         }
     }
 
-    /// The pose of a sealed query. Whenever it is sent again, by this call or by the next one with the same query, the
-    /// same bytes are sent (rule L7).
+    /// The pose of a sealed query. Every retry, by this call or by a later one with the same query, sends the same
+    /// bytes (rule L7).
     ///
     /// # Errors
-    /// [`ClientError`]; [`ClientError::may_send_again`] says whether the same query may be tried again later.
+    /// [`ClientError`]; [`ClientError::is_retryable`] says whether the same query may be sent again later.
     pub fn localize(&self, map: &str, query: &SealedQuery) -> Result<Answer, ClientError> {
         self.localize_with(map, query, &LocalizeRequest::default())
     }
 
-    /// As [`Self::localize`], with what the caller has to say beside the query.
+    /// As [`Self::localize`], with options of the request.
     ///
     /// # Errors
     /// As [`Self::localize`].
@@ -86,18 +86,18 @@ impl Client {
     ) -> Result<Answer, ClientError> {
         let url = self.transport.address().of_map(map, "localize")?;
         query.check_sides()?;
-        self.ask(&url, PROTOBUF, &query.encode(), request)
+        self.post_query(&url, PROTOBUF, &query.encode(), request)
     }
 
-    /// The pose of a device that took several images and measured how it moved between them: the answer's pose is that of
-    /// the rig that the message's frames hang on. The queries are sent as they were sealed, and the same bytes whenever
-    /// they are sent again (rule L7). What a session tells beside its queries: `docs/reference/privacy-rules.md`.
+    /// The pose of a device that took several images and measured its motion between them: the answer's pose is that of
+    /// the rig to which the frames belong. The queries are sent as they were sealed, and every retry sends the same
+    /// bytes (rule L7). `docs/privacy.md` says what a session reveals beyond its queries.
     ///
-    /// An image that cannot fix a pose is welcome beside one that can.
+    /// Frames that cannot determine a pose alone are allowed beside one that can.
     ///
     /// # Errors
-    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::Lopsided`] when no query could fix a pose alone;
-    /// else as [`Self::localize`].
+    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::Lopsided`] when no query could determine a pose
+    /// alone; otherwise as [`Self::localize`].
     pub fn localize_rig(
         &self,
         map: &str,
@@ -112,10 +112,10 @@ impl Client {
         if let (Some(Err(lopsided)), false) = (sides.first(), sides.iter().any(Result::is_ok)) {
             return Err((*lopsided).into());
         }
-        self.ask(&url, SESSION, &rig.encode(), request)
+        self.post_query(&url, SESSION, &rig.encode(), request)
     }
 
-    fn ask(
+    fn post_query(
         &self,
         url: &str,
         content_type: &str,
@@ -134,7 +134,7 @@ impl Client {
         for doubt in &mut answer.doubts {
             doubt.text = printable(&doubt.text);
         }
-        // A service that knows nothing of the wish tells the pose: then it is withheld here.
+        // A service that does not know the option returns doubtful poses too; then this client withholds them.
         Ok(if request.trusted_only { answer.trusted_only() } else { answer })
     }
 }
@@ -145,7 +145,7 @@ impl fmt::Debug for Client {
     }
 }
 
-/// Whether a reply says of itself that it is protobuf: a page of a hotel's network does not.
+/// Whether a reply declares itself as protobuf: the login page of a captive portal does not.
 fn check_type(reply: &Reply) -> Result<(), String> {
     let name = reply.content_type.split(';').next().unwrap_or_default().trim();
     if name.eq_ignore_ascii_case(PROTOBUF) {

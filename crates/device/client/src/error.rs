@@ -1,4 +1,4 @@
-//! Why an image was not sealed, or there is no pose, by what an app does about it.
+//! Why an image was not sealed, or there is no pose, grouped by what an app does about it.
 
 use std::io;
 use std::path::PathBuf;
@@ -16,70 +16,70 @@ pub enum ClientError {
     /// The address of the service cannot be used.
     #[error("{address}: {reason}")]
     Address {
-        /// What was given.
+        /// The given address.
         address: String,
         /// What is wrong with it, and the remedy.
         reason: &'static str,
     },
-    /// Plain HTTP beyond this machine.
-    #[error("{address}: plain HTTP could be read and changed on the way")]
+    /// Plain HTTP to another machine.
+    #[error("{address}: plain HTTP could be read and changed in transit; use https://")]
     PlainHttp {
-        /// What was given.
+        /// The given address.
         address: String,
     },
-    /// The token holds characters that no token has. It is not repeated.
-    #[error("the token holds characters that no token has")]
+    /// The token contains invalid characters. The token is not repeated in the message.
+    #[error("the token contains characters that are not allowed in a token")]
     Token,
-    /// Nothing in the certificates can be used.
-    #[error(
-        "there is no certificate in what was given; PEM is needed, which begins with -----BEGIN CERTIFICATE-----"
-    )]
+    /// The PEM text contains no usable certificate.
+    #[error("no certificate was found; give a PEM file, which begins with -----BEGIN CERTIFICATE-----")]
     Certificates,
-    /// A name that no map has.
-    #[error("{name:?} names no map; names of maps are letters, digits, `-`, `_` and `.`, at most 64")]
+    /// Not a valid map name.
+    #[error(
+        "{name:?} is not a map name; map names have at most 64 characters: letters, digits, `-`, `_` and `.`"
+    )]
     MapName {
-        /// What was given.
+        /// The given name.
         name: String,
     },
-    /// Too few rows on one side of the dividing line: not sent, so another image may be taken.
+    /// Too few rows on one side of the dividing line. The query was not sent, so another image may be taken.
     #[error(transparent)]
     Lopsided(#[from] Lopsided),
-    /// A session of no image, or of more than a service takes: not sent.
-    #[error("a session of {frames} images; it has 1 to {}", RigMessage::MOST_FRAMES)]
+    /// A session without images, or with more than a service accepts. Nothing was sent.
+    #[error("a session of {frames} images; it must have 1 to {}", RigMessage::MOST_FRAMES)]
     Frames {
-        /// How many there were.
+        /// Number of images.
         frames: usize,
     },
-    /// A progressive query that was not sealed with the profile that was given: not sent.
+    /// A progressive query that was not sealed with the given profile. Nothing was sent.
     #[error("{0}")]
-    NotOfProfile(QueryError),
-    /// The service was not reached, or broke off, as often as it was tried. The same query may be sent again.
+    ProfileMismatch(QueryError),
+    /// The service could not be reached, or closed the connection, in every attempt. The same query may be sent again.
     #[error("{server}: {reason}")]
     Network {
         /// Its address.
         server: String,
-        /// What the system or the transport said.
+        /// The message of the system or the transport.
         reason: String,
     },
-    /// The service is busy, or the token's allowance is used (408, 429, 503, 504). The same query may be sent again.
+    /// The service is busy, or the token's quota is used up (408, 429, 503, 504). The same query may be sent again.
     #[error("{refusal}")]
     Busy {
-        /// What it said.
+        /// The error response.
         refusal: Refusal,
-        /// How long it asks to wait.
+        /// How long the service asks to wait.
         retry_after: Option<Duration>,
     },
-    /// The query is good, but no pose is supported by it (422).
+    /// The query is valid, but no pose was found (422).
     #[error("{0}")]
     NotLocalized(Refusal),
-    /// The query was sealed with the profile of another map, or of an older state of this one (409 `wrong-profile`).
+    /// The query was sealed with the profile of another map, or of an older version of this one (409 `wrong-profile`).
     /// Fetch the profile; this image must not be sealed a second time.
     #[error("{0}")]
     WrongProfile(Refusal),
-    /// Any other refusal: of the token, the map, the query.
+    /// Any other error response: about the token, the map or the query.
     #[error("{0}")]
     Refused(Refusal),
-    /// What the service answered is not what was asked for. Nothing of it was used.
+    /// The response is not of the expected type. Nothing of it was used.
     #[error("{what} of the service cannot be used: {reason}")]
     BadAnswer {
         /// `the answer` or `the profile`.
@@ -87,41 +87,47 @@ pub enum ClientError {
         /// What is wrong with it.
         reason: String,
     },
-    /// Nothing could be extracted from an image.
+    /// The features of an image could not be extracted.
     #[error(transparent)]
     Extract(#[from] SealError),
-    /// What was extracted from an image could not be sealed.
+    /// The features of an image could not be sealed.
     #[error("{}: {source}", path.display())]
     Seal {
         /// The image.
         path: PathBuf,
-        /// What is wrong.
+        /// The cause.
         source: SealError,
     },
-    /// The file of a session cannot be read or written, so no frame of it may be sent.
+    /// The session file cannot be read or written, so no frame of the session may be sent.
     #[error("{}: {source}", path.display())]
     SessionIo {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The message of the system.
         source: io::Error,
     },
-    /// Another program has the file of the session open.
-    #[error("{}: another program seals with this session; its frames must know of each other", path.display())]
+    /// Another program has the session file open.
+    #[error(
+        "{}: another program uses this session; close it first, because the frames of a session must be sealed in order",
+        path.display()
+    )]
     SessionBusy {
         /// The file.
         path: PathBuf,
     },
-    /// The file is no session, or damaged, or of another version.
+    /// The file is not a session, or damaged, or of another version.
     #[error("{}: {source}", path.display())]
     SessionBytes {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The cause.
         source: SealError,
     },
-    /// The session was begun with other options.
-    #[error("{}: the session was begun with other options (anchors, band or cells)", path.display())]
+    /// The session has other options.
+    #[error(
+        "{}: the session has other options (anchors, band or cells); use its options, or delete the file to begin anew",
+        path.display()
+    )]
     SessionOptions {
         /// The file.
         path: PathBuf,
@@ -129,8 +135,8 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Whether the same query may be sent again later, as it is: nothing was wrong with it.
-    pub const fn may_send_again(&self) -> bool {
+    /// Whether the same query may be sent again later without changes: the query is not the cause.
+    pub const fn is_retryable(&self) -> bool {
         matches!(self, Self::Network { .. } | Self::Busy { .. })
     }
 }

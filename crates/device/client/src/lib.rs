@@ -1,24 +1,25 @@
-//! The device's road to a positioning service: seal an image, send the sealed query, get the pose.
+//! The client of a positioning service: seal an image, send the sealed query, get the pose.
 //!
-//! This is the library for whoever writes an app. Nothing in it talks to a terminal; calls block, so run them on a thread
-//! of their own. It never sends an image or a keypoint: a [`Client`] takes [`SealedQuery`] and nothing else.
+//! This is the library for app developers. It does not use the terminal; calls block, so run them on a separate thread.
+//! It never sends an image or a keypoint: a [`Client`] only accepts a [`SealedQuery`].
 //!
-//! - [`Client`]: a service, and who asks it. [`Client::profile`] fetches what is needed to seal for a map (and keeps it on
-//!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks, [`Client::localize_rig`] for several images
-//!   of one device at once, [`Client::localize_progressive`] sends no more rows than a trusted pose takes.
-//! - [`seal_image`]: from a file and its camera to the sealed query; [`seal_masked`] without what a [`Mask`] hides.
-//! - [`SessionFile`]: several images of one place, sealed so that their lines do not cross in what they show.
-//! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
-//!   a refusal, the network.
-//! - [`ClientOptions`] and [`RetryPolicy`]: limits, and [`Notice`] for what happens meanwhile.
+//! - [`Client`]: a client of a service. [`Client::profile`] fetches what is needed to seal for a map (and stores it in
+//!   [`ClientOptions::cache`]), [`Client::localize`] sends a query, [`Client::localize_rig`] sends several images of
+//!   one device, [`Client::localize_progressive`] sends rows only until the pose is trusted.
+//! - [`seal_image`]: from an image file and its camera to the sealed query; [`seal_masked`] without the pixels that a
+//!   [`Mask`] hides.
+//! - [`SessionFile`]: several images of one scene, sealed so that their lines do not cross in the keypoints.
+//! - [`ClientError`]: errors grouped by what an app does about them: busy, not localized, a map that was replaced, an
+//!   error response, the network.
+//! - [`ClientOptions`] and [`RetryPolicy`]: limits, and a [`Notice`] for each event during a call.
 //!
-//! # What is never done
-//! An image is sealed once (rule L7 of `docs/reference/privacy-rules.md`): when the service is busy or the network fails, the same bytes
-//! are sent again, never a new query. Plain HTTP is spoken with this machine only, unless
-//! [`ClientOptions::insecure_http`] says that the way is safe. Nothing a service answers is believed: lengths, types and
-//! forms are checked, and its words are made fit for a screen ([`printable`]).
+//! # What the client never does
+//! It never seals an image twice (rule L7 of `docs/privacy.md`): when the service is busy or the network fails, it
+//! sends the same bytes again. It uses plain HTTP only to this machine, unless [`ClientOptions::insecure_http`]
+//! declares the network safe. It does not trust responses: it checks lengths, types and formats, and removes control
+//! characters from texts ([`printable`]).
 //!
-//! # The whole road
+//! # The whole pipeline
 //! ```no_run
 //! use veiloc_client::{Answer, Client, ClientError, ClientOptions, SealOptions, seal_image};
 //!
@@ -26,7 +27,7 @@
 //! let client = Client::new("https://places.example:8443", Some("token"), ClientOptions::default())?;
 //! let profile = client.profile("lobby")?;
 //! let camera = "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034".parse()?;
-//! // How positions are hidden is the device's choice, whatever a profile says; `dcl` unless it says otherwise.
+//! // The device chooses how positions are hidden, independent of the profile; the default is `dcl`.
 //! let sealed = seal_image("photo.jpg".as_ref(), &camera, &profile, &SealOptions::default())?;
 //! match client.localize("lobby", &sealed.query) {
 //!     Ok(Answer { trusted: true, pose: Some(pose), .. }) => {
@@ -41,7 +42,7 @@
 //! ```
 //!
 //! # Errors have types
-//! A service that does not know the map; here a thread plays it:
+//! A service that does not know the map; here a thread simulates it:
 //! ```
 //! use std::io::{Read, Write};
 //! use veiloc_client::{Client, ClientError, ClientOptions};
@@ -60,7 +61,7 @@
 //! let Err(ClientError::Refused(refusal)) = client.profile("atlantis") else { panic!("there is no such map") };
 //! assert_eq!((refusal.status, refusal.name.as_str()), (404, "unknown-map"));
 //!
-//! // Tokens and queries do not travel in the open.
+//! // Tokens and queries are not sent unencrypted.
 //! let plain = Client::new("http://places.example", None, ClientOptions::default());
 //! assert!(matches!(plain, Err(ClientError::PlainHttp { .. })));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -68,13 +69,13 @@
 #![forbid(unsafe_code)]
 
 mod address;
+mod atomic_file;
 mod client;
 mod error;
 mod options;
 mod profile_cache;
 mod progressive;
 mod refusal;
-mod replace;
 mod request;
 mod seal;
 mod session_file;

@@ -1,4 +1,4 @@
-//! How a client behaves: limits, retries, and whom it tells what happens meanwhile.
+//! Options of a client: limits, retries, and the listener for events.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,13 +8,13 @@ use std::time::Duration;
 /// When the same bytes are sent again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RetryPolicy {
-    /// How often at most, after the first time. Default 4.
+    /// Maximum number of retries after the first attempt. Default 4.
     pub retries: u32,
-    /// Pause before the first retry where the service names none; before the second twice as long, and so on. Default
-    /// half a second.
+    /// Pause before the first retry when the service gives none; doubled before each further retry. Default half a
+    /// second.
     pub pause: Duration,
-    /// A service that asks for a longer pause than this is not waited for. Default 20 s: a device would rather tell its
-    /// user.
+    /// If the service asks for a longer pause than this, the call fails instead of waiting. Default 20 s: a user should
+    /// be informed before.
     pub longest_pause: Duration,
 }
 
@@ -24,29 +24,29 @@ impl Default for RetryPolicy {
     }
 }
 
-/// What happens while a call is under way.
+/// An event during a call.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Notice {
     /// The same bytes are about to be sent again.
     Again {
-        /// Why: what the service or the system said, fit for a screen.
+        /// The message of the service or the system, without control characters.
         reason: String,
-        /// After how long.
+        /// The pause before the retry.
         pause: Duration,
     },
-    /// A profile could not be kept on disk; it is fetched again next time.
+    /// A profile could not be stored on disk; it is fetched again next time.
     NotKept {
-        /// The file it was to be in.
+        /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// The message of the system.
         reason: String,
     },
 }
 
-/// Who is told of what happens.
+/// A function that receives events.
 pub type NoticeListener = dyn Fn(&Notice) + Send + Sync;
 
-/// Returns after so long.
+/// A function that returns after the given duration.
 pub type Sleep = dyn Fn(Duration) + Send + Sync;
 
 /// How a [`crate::Client`] behaves.
@@ -55,19 +55,19 @@ pub type Sleep = dyn Fn(Duration) + Send + Sync;
 pub struct ClientOptions {
     /// Certificates to trust instead of the public ones, PEM: for a service with a certificate of its own.
     pub certificates: Option<Vec<u8>>,
-    /// Speak plain HTTP beyond this machine, where everybody on the way can read token and query.
+    /// Allow plain HTTP to other machines; everyone on the network path can read token and query.
     pub insecure_http: bool,
     /// When the same bytes are sent again.
     pub retry: RetryPolicy,
-    /// Makes the pauses between retries, on the thread of the call. Default: [`std::thread::sleep`].
+    /// Waits between retries, on the thread of the call. Default: [`std::thread::sleep`].
     pub sleep: Arc<Sleep>,
-    /// To reach the service. Default 10 s.
+    /// Time limit for the connection. Default 10 s.
     pub connect_timeout: Duration,
-    /// From connecting to the last byte of the answer, for each attempt. Default 60 s.
+    /// Time limit from connecting to the last byte of the answer, for each attempt. Default 60 s.
     pub timeout: Duration,
-    /// Folder to keep profiles in, made when needed. Without one they are fetched each time.
+    /// Folder for cached profiles, created when needed. Without one, profiles are fetched each time.
     pub cache: Option<PathBuf>,
-    /// Is told what happens while a call is under way, on the thread of the call.
+    /// Receives the events of a call, on the thread of the call.
     pub notice: Option<Arc<NoticeListener>>,
 }
 
@@ -87,7 +87,7 @@ impl Default for ClientOptions {
 }
 
 impl ClientOptions {
-    pub(crate) fn tell(&self, notice: &Notice) {
+    pub(crate) fn notify(&self, notice: &Notice) {
         if let Some(listener) = &self.notice {
             listener(notice);
         }

@@ -1,13 +1,14 @@
-//! Profiles kept on disk: one file a map of a service. The hash of its bytes is its version, as the service names it.
+//! Profiles cached on disk: one file per map of a service. The hash of its bytes is its version, as in the service's
+//! ETag.
 
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
-use crate::replace::replace;
+use crate::atomic_file::write_atomic;
 use crate::{ClientOptions, Notice};
 
-/// The folder, if there is one.
+/// The cache folder; `None` disables the cache.
 pub(crate) struct ProfileCache {
     folder: Option<PathBuf>,
 }
@@ -17,18 +18,18 @@ impl ProfileCache {
         Self { folder: folder.map(|folder| folder.join("profiles")) }
     }
 
-    /// Where the profile of a map is kept. Names of services and maps may hold anything, the name of a file may not.
+    /// The file of a map's profile. Names of services and maps may contain any character, so the file name is a hash.
     pub(crate) fn file(&self, server: &str, map: &str) -> Option<PathBuf> {
         let digits = hash(format!("{server}\n{map}").as_bytes());
         self.folder.as_ref().map(|folder| folder.join(format!("{}.vprofile", &digits[..32])))
     }
 }
 
-/// A profile that cannot be kept is fetched again next time: no reason to give up.
-pub(crate) fn keep(file: &Path, bytes: &[u8], options: &ClientOptions) {
+/// Stores a profile. A failure is only reported: the profile is fetched again next time.
+pub(crate) fn store(file: &Path, bytes: &[u8], options: &ClientOptions) {
     let folder = file.parent().unwrap_or(Path::new("."));
-    if let Err(reason) = std::fs::create_dir_all(folder).and_then(|()| replace(file, bytes)) {
-        options.tell(&Notice::NotKept { file: file.to_owned(), reason: reason.to_string() });
+    if let Err(reason) = std::fs::create_dir_all(folder).and_then(|()| write_atomic(file, bytes)) {
+        options.notify(&Notice::NotKept { file: file.to_owned(), reason: reason.to_string() });
     }
 }
 

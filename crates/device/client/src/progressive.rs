@@ -1,34 +1,34 @@
-//! Progressive queries: a few rows first, more only while the service does not trust the pose (decision 0020).
+//! Progressive queries: a few rows first, more only until the service trusts the pose (decision 0020).
 
 use veiloc_protocol::{Answer, Enough, Profile, SealedQuery};
 
 use crate::{Client, ClientError, LocalizeRequest};
 
-/// One step of a progressive query, as it was sent.
+/// One step of a progressive query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Step {
-    /// Rows of the message, those of the steps before included.
+    /// Rows of the message, including those of earlier steps.
     pub rows: usize,
     /// Bytes of the message.
     pub bytes: usize,
-    /// What became of it.
+    /// The result of the step.
     pub outcome: StepOutcome,
 }
 
-/// What became of a step.
+/// The result of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StepOutcome {
     /// A trusted pose.
     Trusted,
-    /// A doubtful one.
+    /// A doubtful pose.
     Doubtful,
     /// No pose.
     NotLocalized,
 }
 
 impl StepOutcome {
-    /// As it is written.
+    /// The name in text form.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Trusted => "trusted",
@@ -38,43 +38,42 @@ impl StepOutcome {
     }
 }
 
-/// The answer to a progressive query, and what it took.
+/// The answer to a progressive query, with its steps.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ProgressiveAnswer {
     /// The answer to the last step.
     pub answer: Answer,
-    /// What was sent, in order.
+    /// The steps that were sent, in order.
     pub steps: Vec<Step>,
 }
 
 impl ProgressiveAnswer {
-    /// Rows that the service has seen: those of the last step, which hold all others.
+    /// Rows that the service has received: those of the last step, which contains all others.
     pub fn rows(&self) -> usize {
         self.steps.last().map_or(0, |step| step.rows)
     }
 
-    /// Bytes of all messages together.
+    /// Total bytes of all messages.
     pub fn bytes(&self) -> usize {
         self.steps.iter().map(|step| step.bytes).sum()
     }
 }
 
 impl Client {
-    /// The pose of a sealed query, of which no more is sent than that takes: its first 256 rows, then twice as many, and so
-    /// on, until a pose is `enough` or all rows are sent. Rows stand in a random order, and what a step sends is the
-    /// beginning of the one sealed query, with the rows of the steps before: the service need keep nothing, and all steps
-    /// together tell it what the whole query would have told (rule L7). After an error the call may be made again with the
-    /// same query.
+    /// The pose of a sealed query, sending only as many rows as needed: the first 256 rows, then twice as many, and so
+    /// on, until a pose is `enough` or all rows are sent. Rows are in random order, and a step sends a prefix of the
+    /// one sealed query, including the rows of earlier steps: the service needs no state, and all steps together reveal
+    /// what the whole query would reveal (rule L7). After an error the call may be repeated with the same query.
     ///
-    /// A step with too few rows on one side of the dividing line is left out. `profile` is the one it was sealed with. The
-    /// answer is that of the last step, also where one before it was trusted and not exact enough.
+    /// A step with too few rows on one side of the dividing line is skipped. `profile` is the one the query was sealed
+    /// with. The answer is that of the last step, also if an earlier step was trusted but not accurate enough.
     ///
-    /// It shows a service that wants it no less than the whole query does: one that trusts no pose gets all rows.
+    /// This does not protect against a malicious service: one that trusts no pose receives all rows.
     ///
     /// # Errors
-    /// As [`Self::localize_with`], of the last step; [`ClientError::NotOfProfile`] when the query was not sealed with the
-    /// profile, and nothing was sent.
+    /// As [`Self::localize_with`], of the last step; [`ClientError::ProfileMismatch`] when the query was not sealed
+    /// with the profile; then nothing is sent.
     pub fn localize_progressive(
         &self,
         map: &str,
@@ -83,13 +82,13 @@ impl Client {
         enough: Enough,
         request: &LocalizeRequest,
     ) -> Result<ProgressiveAnswer, ClientError> {
-        // What could not fix a pose when it is whole is not begun.
+        // A query that cannot determine a pose as a whole is not sent at all.
         query.check_sides()?;
-        profile.check(query).map_err(ClientError::NotOfProfile)?;
+        profile.check(query).map_err(ClientError::ProfileMismatch)?;
         let mut steps = Vec::new();
         let mut last = None;
         for class in query.step_sizes() {
-            let part = query.first_rows(class, profile).map_err(ClientError::NotOfProfile)?;
+            let part = query.first_rows(class, profile).map_err(ClientError::ProfileMismatch)?;
             if part.check_sides().is_err() {
                 continue;
             }

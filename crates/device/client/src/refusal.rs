@@ -1,24 +1,24 @@
-//! What a service says when it refuses (RFC 9457), made fit for a screen.
+//! Error responses of a service (RFC 9457), without control characters.
 
 use std::fmt;
 
 use serde_json::Value;
 
-/// A refusal. All of its words are [`printable`].
+/// An error response. All of its texts are [`printable`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// The HTTP status.
     pub status: u16,
-    /// The problem's name, as `docs/reference/http.md` lists them; empty when the service gave none.
+    /// The problem type, as listed in `docs/service.md`; empty when the service gave none.
     pub name: String,
-    /// The name in words; empty when the service gave none.
+    /// The short text of the problem type; empty when the service gave none.
     pub title: String,
-    /// What is wrong this time, and what to do; empty when the service gave none.
+    /// The cause in this case, and the remedy; empty when the service gave none.
     pub detail: String,
 }
 
 impl Refusal {
-    /// From a response's status and body, whatever that holds.
+    /// From a response's status and body; any body is accepted.
     pub(crate) fn new(status: u16, body: &[u8]) -> Self {
         let document: Value = serde_json::from_slice(body).unwrap_or_default();
         let text = |field: &str| document[field].as_str().map(printable).unwrap_or_default();
@@ -38,8 +38,8 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// Words of the other side, fit for a screen: at most 500 characters, none of which moves a cursor, starts a new line, or
-/// turns the direction of writing.
+/// Text of the other side, safe for a terminal: at most 500 characters, without control characters, line breaks and
+/// characters that change the writing direction.
 pub fn printable(text: &str) -> String {
     let turns = |c: char| matches!(c, '\u{061C}' | '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2060}'..='\u{206F}' | '\u{FEFF}');
     text.chars().filter(|c| !c.is_control() && !turns(*c)).take(500).collect()
@@ -50,14 +50,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_of_the_other_side_cannot_move_the_cursor() {
+    fn printable_removes_control_characters() {
         assert_eq!(printable("a\u{1b}[2Jb\r\nc\u{9b}d\u{202e}e"), "a[2Jbcde");
         assert_eq!(printable(&"x".repeat(9000)).len(), 500);
     }
 
     #[test]
-    fn any_body_is_a_refusal() {
-        for (body, told) in [
+    fn any_body_gives_an_error_response() {
+        for (body, expected) in [
             (&b""[..], "the service answered with status 500"),
             (b"<html>", "the service answered with status 500"),
             (b"[1, 2]", "the service answered with status 500"),
@@ -65,7 +65,7 @@ mod tests {
             (b"{\"title\": \"A\", \"detail\": \"b\\u001b[2J\", \"type\": \"x\"}", "A (500): b[2J"),
         ] {
             let refusal = Refusal::new(500, body);
-            assert_eq!((refusal.to_string().as_str(), refusal.name.as_str()), (told, ""));
+            assert_eq!((refusal.to_string().as_str(), refusal.name.as_str()), (expected, ""));
         }
         let body = b"{\"type\": \"urn:veiloc:problem:queue-full\"}";
         assert_eq!(Refusal::new(503, body).name, "queue-full");

@@ -1,20 +1,21 @@
-//! What a caller may say beside a sealed query.
+//! Options of a request beside its sealed query.
 
 use veiloc_protocol::PositionHint;
 
-/// What a caller may say beside a sealed query. The default says nothing.
+/// Options of a request beside its sealed query. By default none is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct LocalizeRequest {
-    /// A doubtful pose is withheld: the answer has its doubts and no pose. It holds of services too that know nothing of
-    /// it.
+    /// Withhold doubtful poses: the answer then has its doubts and no pose. The client enforces this also for services
+    /// that do not know the option.
     pub trusted_only: bool,
-    /// Where the camera roughly is. It tells the service that much even when no pose is found (`docs/reference/privacy-rules.md`).
+    /// Approximate position of the camera. It reveals that position to the service even when no pose is found
+    /// (`docs/privacy.md`).
     pub near: Option<PositionHint>,
 }
 
 impl LocalizeRequest {
-    /// As headers of a request. Without wishes there are none.
+    /// As headers of a request; empty by default.
     pub(crate) fn headers(&self) -> Vec<(&'static str, String)> {
         let trusted_only = self.trusted_only.then(|| ("veiloc-trusted-only", "true".to_owned()));
         let near = self.near.map(|near| ("veiloc-near", near.to_string()));
@@ -26,14 +27,14 @@ impl LocalizeRequest {
 mod tests {
     use super::*;
 
-    /// Nothing leaves the device that the caller does not say.
+    /// The device sends no option that the caller did not set.
     #[test]
-    fn the_default_says_nothing() {
+    fn default_request_has_no_option_headers() {
         assert!(LocalizeRequest::default().headers().is_empty());
         let near = Some("1,2,3,0.5".parse().expect("a place"));
-        let told = LocalizeRequest { trusted_only: true, near }.headers();
-        let names: Vec<&str> = told.iter().map(|(name, _)| *name).collect();
+        let headers = LocalizeRequest { trusted_only: true, near }.headers();
+        let names: Vec<&str> = headers.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, ["veiloc-trusted-only", "veiloc-near"]);
-        assert_eq!(told[1].1.parse().ok(), near);
+        assert_eq!(headers[1].1.parse().ok(), near);
     }
 }

@@ -1,4 +1,4 @@
-//! From an image's file to the sealed query: the one place of this crate that seals.
+//! From an image file to the sealed query: the only module of this crate that seals.
 
 use std::path::Path;
 
@@ -12,25 +12,25 @@ use crate::ClientError;
 /// An image, sealed.
 #[derive(Debug)]
 pub struct SealedImage {
-    /// What may be sent.
+    /// The query to send.
     pub query: SealedQuery,
-    /// Keypoints found in the image; the query may hold fewer.
+    /// Number of keypoints found in the image; the query may hold fewer.
     pub keypoints: usize,
 }
 
 /// Seals an image, JPEG or PNG, for the map of a profile, with random numbers of the operating system.
 ///
 /// - `camera`: of the image as it is in the file.
-/// - `options`: how keypoints are hidden and how many are sent, the device's choice whatever the profile says;
-///   `SealOptions::default()` is `dcl`.
+/// - `options`: how positions are hidden and how many keypoints are sent: the device's choice, independent of the
+///   profile. `SealOptions::default()` is `dcl`.
 ///
-/// Seal an image once and keep the query until it is answered; two queries of one image give its keypoints away (rule L7).
-/// Where a second image of one place may be needed, seal all of them in one [`crate::SessionFile`] or
-/// [`Session`](veiloc_obfuscation::Session): anchors of two images sealed here cross in what both show (rule L10).
+/// Seal an image once and keep the query until it is answered: two queries of one image reveal its keypoints (rule L7).
+/// If further images of one scene may be needed, seal all of them in one [`crate::SessionFile`] or
+/// [`Session`](veiloc_obfuscation::Session): otherwise lines of two images cross in common keypoints (rule L10).
 ///
 /// # Errors
-/// [`ClientError`]: a file that is no image, a camera that is not this image's, too little texture, a profile that asks for
-/// more than the device gives.
+/// [`ClientError`]: a file that is not an image, the camera of another image, too little texture, a profile that
+/// requests more than the device allows.
 pub fn seal_image(
     image: &Path,
     camera: &Intrinsics,
@@ -40,11 +40,12 @@ pub fn seal_image(
     seal_extracted(image, extract(image, camera, profile, options)?, profile, options)
 }
 
-/// As [`seal_image`], without what a mask hides: nothing there is looked at, and two images that differ there only give the same
-/// query (rule L13). The mask is of the image as it is in the file; [`load_mask`](veiloc_features::load_mask) reads one.
+/// As [`seal_image`], without the pixels that a mask hides: they are never read, and two images that differ only there
+/// give the same query (rule L13). The mask has the size of the image file; [`load_mask`](veiloc_features::load_mask)
+/// reads one.
 ///
 /// # Errors
-/// As [`seal_image`]; a mask of another size.
+/// As [`seal_image`]; [`ClientError`] for a mask of another size.
 pub fn seal_masked(
     image: &Path,
     mask: &Mask,

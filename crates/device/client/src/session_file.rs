@@ -1,4 +1,4 @@
-//! A session that outlives the program: its file on the device, which nobody else can read.
+//! A session stored in a file on the device, which only its owner can read.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _};
@@ -11,31 +11,32 @@ use veiloc_obfuscation::{
 };
 use veiloc_protocol::Profile;
 
-use crate::replace::replace;
+use crate::atomic_file::write_atomic;
 use crate::{ClientError, SealedImage};
 
-/// Most bytes of a session file: those of the most that is remembered, of the longest descriptors.
+/// Maximum size of a session file, bytes: the maximum number of landmarks with the longest descriptors.
 const MOST_BYTES: u64 = 8 << 20;
 
 /// A session and its file.
 ///
-/// The file is replaced **before** a query is handed out, written beside the old one and synced: a query that was sent is always
-/// remembered, also when the program is stopped. Only its owner may read it (mode 0600 where there are modes); it holds where
-/// keypoints were, and belongs in no backup and no report. While it is open nobody else may open it, by a lock on the file
-/// `.NAME.lock` beside it.
+/// The file is replaced **before** a query is returned, written beside the old one and synced: a query that was sent is
+/// always recorded, even if the program is stopped. Only its owner may read it (mode 0600 where the file system has
+/// modes). It contains directions of keypoints and belongs in no backup and no report. A lock on the file `.NAME.lock`
+/// beside it prevents a second program from opening it.
 ///
-/// Delete the file to end the session; going elsewhere is no reason to.
+/// Delete the file to end the session; a change of scene does not require it.
 #[derive(Debug)]
 pub struct SessionFile {
     path: PathBuf,
     session: Session,
-    /// Held, not read: closing it ends the lock.
+    /// Held, not read: closing the file releases the lock.
     _lock: File,
 }
 
 impl SessionFile {
-    /// Opens a session, or begins one where there is no file. `options`: how it is begun; one that is there must have been begun so,
-    /// `None` takes it as it is, and begins one as [`SessionOptions::default`].
+    /// Opens a session, or begins one if the file does not exist. `options`: those of a new session; an existing
+    /// session must have the same options. `None` accepts any, and begins a new session with
+    /// [`SessionOptions::default`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -67,12 +68,12 @@ impl SessionFile {
         &self.session
     }
 
-    /// Seals the next frame, an image, and keeps the session: [`crate::seal_image`] and [`Session::seal`] in one.
+    /// Seals the next frame, an image, and stores the session: [`crate::seal_image`] and [`Session::seal`] in one.
     ///
-    /// `held`: how the device held the camera when it took the image.
+    /// `held`: orientation of the camera when it took the image.
     ///
     /// # Errors
-    /// [`ClientError`]; nothing of the session changes then, here and in the file.
+    /// [`ClientError`]; then the session and its file do not change.
     pub fn seal_image(
         &mut self,
         image: &Path,
@@ -84,10 +85,11 @@ impl SessionFile {
         self.seal_extracted(image, extract(image, camera, profile, options)?, profile, options, held)
     }
 
-    /// As [`Self::seal_image`], without what a mask hides: see [`crate::seal_masked`]. The session remembers nothing of it either.
+    /// As [`Self::seal_image`], without the pixels that a mask hides: see [`crate::seal_masked`]. The session does not
+    /// store them either.
     ///
     /// # Errors
-    /// As [`Self::seal_image`]; a mask of another size.
+    /// As [`Self::seal_image`]; [`ClientError`] for a mask of another size.
     pub fn seal_masked(
         &mut self,
         image: &Path,
@@ -114,7 +116,7 @@ impl SessionFile {
         let mut rng = device_rng().map_err(refused)?;
         let mut next = self.session.clone();
         let query = next.seal(features, &camera, profile, options, held, &mut rng).map_err(refused)?;
-        replace(&self.path, &next.to_bytes())
+        write_atomic(&self.path, &next.to_bytes())
             .map_err(|source| ClientError::SessionIo { path: self.path.clone(), source })?;
         self.session = next;
         Ok(SealedImage { query, keypoints })
@@ -130,7 +132,7 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The lock file stays: whoever removed it could let two programs lock two files of one name.
+/// The lock file is never removed: otherwise two programs could lock two different files of the same name.
 fn lock(path: &Path) -> io::Result<Option<File>> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
     let mut lock = std::ffi::OsString::from(".");

@@ -1,4 +1,4 @@
-//! One request, and sending it again: the same bytes, until the service answers or refuses for good (rule L7).
+//! One request with its retries: the same bytes are sent until the service answers or rejects them for good (rule L7).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::address::Address;
 use crate::refusal::{Refusal, printable};
 use crate::{ClientError, ClientOptions, Notice};
 
-/// What a request got, read whole.
+/// A complete response.
 pub(crate) struct Reply {
     pub(crate) status: u16,
     pub(crate) content_type: String,
@@ -19,7 +19,7 @@ pub(crate) struct Reply {
     pub(crate) body: Vec<u8>,
 }
 
-/// Sends requests, each until it is answered.
+/// Sends requests with retries.
 pub(crate) struct Transport {
     agent: Agent,
     address: Address,
@@ -27,12 +27,12 @@ pub(crate) struct Transport {
     options: ClientOptions,
 }
 
-/// Why an attempt brought no reply.
-enum Failed {
-    /// Another attempt may bring one.
-    ForNow(String),
-    /// None will.
-    ForGood(ClientError),
+/// Why an attempt gave no response.
+enum AttemptError {
+    /// A retry may succeed.
+    Transient(String),
+    /// No retry can succeed.
+    Permanent(ClientError),
 }
 
 impl Transport {
@@ -47,14 +47,15 @@ impl Transport {
         }
         let mut agent = Agent::config_builder()
             .tls_config(tls.build())
-            // Statuses are told apart here, and a service that redirects is not the one that was meant.
+            // This crate handles statuses itself, and does not follow redirects: another service is not the intended
+            // one.
             .http_status_as_error(false)
             .max_redirects(0)
             .timeout_connect(Some(options.connect_timeout))
             .timeout_global(Some(options.timeout))
             .user_agent("veiloc");
         if address.is_local {
-            // Plain HTTP was allowed because nobody is on the way: no proxy either.
+            // Plain HTTP to this machine is allowed because the network is not involved; a proxy would change that.
             agent = agent.proxy(None);
         }
         let agent = agent.build().new_agent();
@@ -70,9 +71,9 @@ impl Transport {
         &self.options
     }
 
-    /// Fetches; `known` goes into `If-None-Match`.
+    /// Sends a GET request; `known` goes into `If-None-Match`.
     pub(crate) fn get(&self, url: &str, known: Option<&str>, limit: u64) -> Result<Reply, ClientError> {
-        self.until_answered(limit, || {
+        self.send_with_retries(limit, || {
             let mut request = self.agent.get(url);
             if let Some(authorization) = &self.authorization {
                 request = request.header("authorization", authorization);
@@ -84,7 +85,7 @@ impl Transport {
         })
     }
 
-    /// Sends bytes; whenever they are sent again, they are the same bytes.
+    /// Sends bytes; every retry sends the same bytes.
     pub(crate) fn post(
         &self,
         url: &str,
@@ -93,7 +94,7 @@ impl Transport {
         body: &[u8],
         limit: u64,
     ) -> Result<Reply, ClientError> {
-        self.until_answered(limit, || {
+        self.send_with_retries(limit, || {
             let mut request = self.agent.post(url);
             if let Some(authorization) = &self.authorization {
                 request = request.header("authorization", authorization);
@@ -105,7 +106,7 @@ impl Transport {
         })
     }
 
-    fn until_answered(
+    fn send_with_retries(
         &self,
         limit: u64,
         send: impl Fn() -> Result<Response<Body>, ureq::Error>,
@@ -113,27 +114,28 @@ impl Transport {
         let policy = self.options.retry;
         let mut retries = 0;
         loop {
-            let (reason, asked, error) = match self.attempt(limit, &send) {
+            let (reason, requested_pause, error) = match self.attempt(limit, &send) {
                 Ok(reply) if matches!(reply.status, 408 | 429 | 503 | 504) => {
                     let refusal = Refusal::new(reply.status, &reply.body);
                     let retry_after = reply.retry_after;
                     (refusal.to_string(), retry_after, ClientError::Busy { refusal, retry_after })
                 }
                 Ok(reply) => return Ok(reply),
-                Err(Failed::ForNow(reason)) => {
+                Err(AttemptError::Transient(reason)) => {
                     let server = self.address.base.clone();
                     (reason.clone(), None, ClientError::Network { server, reason })
                 }
-                Err(Failed::ForGood(error)) => return Err(error),
+                Err(AttemptError::Permanent(error)) => return Err(error),
             };
-            // Asking earlier than a busy service wants would only make it busier.
-            if retries == policy.retries || asked.is_some_and(|asked| asked > policy.longest_pause) {
+            // An earlier retry than a busy service requests would increase its load.
+            if retries == policy.retries || requested_pause.is_some_and(|pause| pause > policy.longest_pause)
+            {
                 return Err(error);
             }
             retries += 1;
-            let pause =
-                asked.unwrap_or_else(|| policy.pause.saturating_mul(retries).min(policy.longest_pause));
-            self.options.tell(&Notice::Again { reason, pause });
+            let pause = requested_pause
+                .unwrap_or_else(|| policy.pause.saturating_mul(retries).min(policy.longest_pause));
+            self.options.notify(&Notice::Again { reason, pause });
             (self.options.sleep)(pause);
         }
     }
@@ -142,7 +144,7 @@ impl Transport {
         &self,
         limit: u64,
         send: impl Fn() -> Result<Response<Body>, ureq::Error>,
-    ) -> Result<Reply, Failed> {
+    ) -> Result<Reply, AttemptError> {
         let mut response = send().map_err(|error| self.failed(&error))?;
         let header = |name: &str| response.headers().get(name).and_then(|value| value.to_str().ok());
         let content_type = header("content-type").unwrap_or_default().to_owned();
@@ -153,18 +155,20 @@ impl Transport {
         Ok(Reply { status, content_type, retry_after, body })
     }
 
-    fn failed(&self, error: &ureq::Error) -> Failed {
+    fn failed(&self, error: &ureq::Error) -> AttemptError {
         use std::io::ErrorKind::{InvalidData, InvalidInput};
         let reason = printable(&error.to_string());
         match error {
-            // A certificate nobody vouches for, or bytes that are no TLS: as wrong the next time.
-            ureq::Error::Io(e) if !matches!(e.kind(), InvalidData | InvalidInput) => Failed::ForNow(reason),
-            ureq::Error::Timeout(_) | ureq::Error::ConnectionFailed => Failed::ForNow(reason),
-            ureq::Error::BodyExceedsLimit(limit) => Failed::ForGood(ClientError::BadAnswer {
-                what: "what came",
+            // An untrusted certificate, or bytes that are not TLS: a retry cannot help.
+            ureq::Error::Io(e) if !matches!(e.kind(), InvalidData | InvalidInput) => {
+                AttemptError::Transient(reason)
+            }
+            ureq::Error::Timeout(_) | ureq::Error::ConnectionFailed => AttemptError::Transient(reason),
+            ureq::Error::BodyExceedsLimit(limit) => AttemptError::Permanent(ClientError::BadAnswer {
+                what: "the response",
                 reason: format!("it is longer than {limit} bytes"),
             }),
-            _ => Failed::ForGood(ClientError::Network { server: self.address.base.clone(), reason }),
+            _ => AttemptError::Permanent(ClientError::Network { server: self.address.base.clone(), reason }),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Nothing a service answers is believed: too much, of the wrong type, with words that are no words.
+//! Responses are not trusted: too long, of the wrong type, with control characters.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
 
 fn bad_answer(replies: Vec<Vec<u8>>) -> String {
-    let service = Service::saying(replies);
+    let service = Service::replying(replies);
     match service.client().localize("place", &query()) {
         Err(error @ ClientError::BadAnswer { .. }) => error.to_string(),
         other => panic!("{other:?}"),
@@ -16,7 +16,7 @@ fn bad_answer(replies: Vec<Vec<u8>>) -> String {
 }
 
 #[test]
-fn answers_that_are_none_are_refused() {
+fn invalid_answers_are_rejected() {
     let good = known("without-fit.answer");
     let html = reply("200 OK", &[("content-type", "text/html\u{1b}[2J")], b"<h1>Welcome to the hotel</h1>");
     assert!(
@@ -25,12 +25,12 @@ fn answers_that_are_none_are_refused() {
     );
     assert!(bad_answer(vec![reply("200 OK", &[], &good)]).contains("not protobuf"), "no type at all");
     assert!(
-        !format!("{:?}", Service::saying(vec![html]).client().localize("p", &query())).contains('\u{1b}')
+        !format!("{:?}", Service::replying(vec![html]).client().localize("p", &query())).contains('\u{1b}')
     );
     for body in [&b""[..], &good[..good.len() - 1], &[good.clone(), vec![0]].concat(), &[0xA5; 300]] {
         bad_answer(vec![protobuf(body)]);
     }
-    // A billion bytes, announced and begun, or without an end: given up at once.
+    // A billion bytes, announced or endless: the client stops at its limit.
     let announced =
         b"HTTP/1.1 200 OK\r\ncontent-type: application/x-protobuf\r\ncontent-length: 1000000000\r\n\r\n";
     assert!(bad_answer(vec![[&announced[..], &vec![0; 200_000]].concat()]).contains("longer than"));
@@ -41,13 +41,13 @@ fn answers_that_are_none_are_refused() {
 }
 
 #[test]
-fn heads_that_are_none_are_refused() {
+fn invalid_headers_are_rejected() {
     for head in [
         b"\x16\x03\x01\x02\x00\x01\x00".to_vec(),
         b"HTTP/9.9 1000 What\r\n\r\n".to_vec(),
         [&b"HTTP/1.1 200 OK\r\nx: "[..], &vec![b'y'; 1_000_000], b"\r\n\r\n"].concat(),
     ] {
-        let service = Service::saying(vec![head]);
+        let service = Service::replying(vec![head]);
         let mut options = quick();
         options.retry.retries = 0;
         let client = Client::new(&service.url, None, options).expect("a client");
@@ -56,31 +56,31 @@ fn heads_that_are_none_are_refused() {
     }
 }
 
-/// Whatever stands in a refusal or in a doubt may be shown.
+/// Texts of an error response or a doubt are safe for a terminal.
 #[test]
-fn words_of_the_service_are_fit_for_a_screen() {
+fn service_texts_are_printable() {
     let body = "{\"title\":\"\\u001b[2J\\u001b]0;owned\\u0007\",\"detail\":\"line\\r\\nline\\u202eend\",\"type\":\"\\u001b\"}";
-    let service = Service::saying(vec![reply("403 No", &[], body.as_bytes())]);
+    let service = Service::replying(vec![reply("403 No", &[], body.as_bytes())]);
     let error = service.client().localize("place", &query()).expect_err("refused");
     let ClientError::Refused(refusal) = &error else { panic!("{error:?}") };
     assert_eq!((refusal.title.as_str(), refusal.detail.as_str()), ("[2J]0;owned", "linelineend"));
     let wordy = format!("{{\"title\":\"t\",\"detail\":\"{}\"}}", "x".repeat(60_000));
-    let service = Service::saying(vec![reply("403 No", &[], wordy.as_bytes())]);
+    let service = Service::replying(vec![reply("403 No", &[], wordy.as_bytes())]);
     let error = service.client().localize("place", &query()).expect_err("refused");
     assert!(error.to_string().len() < 600, "{} characters", error.to_string().len());
 
     let mut answer = Answer::decode(&known("without-fit.answer")).expect("a known answer");
     answer.doubts[0].text = "\u{1b}[31mno\u{9b}2J\u{2066}doubt\n".to_owned();
-    let service = Service::saying(vec![protobuf(&answer.encode())]);
-    let told = service.client().localize("place", &query()).expect("an answer");
-    assert_eq!(told.doubts[0].text, "[31mno2Jdoubt");
+    let service = Service::replying(vec![protobuf(&answer.encode())]);
+    let answer = service.client().localize("place", &query()).expect("an answer");
+    assert_eq!(answer.doubts[0].text, "[31mno2Jdoubt");
 }
 
 #[test]
-fn a_retry_after_that_is_nonsense_is_no_reason_to_wait() {
+fn invalid_retry_after_is_ignored() {
     for nonsense in ["-1", "soon", "1e9", "99999999999999999999999999"] {
         let busy = problem("503 Busy", "queue-full", &[("retry-after", nonsense)]);
-        let service = Service::saying(vec![busy, protobuf(&known("without-fit.answer"))]);
+        let service = Service::replying(vec![busy, protobuf(&known("without-fit.answer"))]);
         let (options, pauses) = recording();
         let client = Client::new(&service.url, None, options).expect("a client");
         client.localize("place", &query()).expect("after a short pause");
@@ -89,7 +89,7 @@ fn a_retry_after_that_is_nonsense_is_no_reason_to_wait() {
 }
 
 #[test]
-fn profiles_are_kept_and_confirmed_and_never_believed() {
+fn profiles_are_cached_revalidated_and_checked() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let good = known("sift.profile");
     let profile = Profile::decode(&good).expect("a known answer");
@@ -97,7 +97,7 @@ fn profiles_are_kept_and_confirmed_and_never_believed() {
     options.cache = Some(folder.path().to_owned());
     options.retry.retries = 0;
     let not_modified = reply("304 Not Modified", &[], b"");
-    let service = Service::saying(vec![
+    let service = Service::replying(vec![
         not_modified.clone(),
         protobuf(b"no profile"),
         reply("200 OK", &[("content-type", "text/html")], &good),
@@ -107,32 +107,35 @@ fn profiles_are_kept_and_confirmed_and_never_believed() {
     ]);
     let client = Client::new(&service.url, None, options.clone()).expect("a client");
     let ask = || client.profile("place");
-    assert!(matches!(ask(), Err(ClientError::Refused(r)) if r.status == 304), "nothing was asked about");
+    assert!(
+        matches!(ask(), Err(ClientError::Refused(r)) if r.status == 304),
+        "the request was not conditional"
+    );
     assert!(matches!(ask(), Err(ClientError::BadAnswer { .. })));
     assert!(matches!(ask(), Err(ClientError::BadAnswer { .. })));
-    assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 0, "nothing of that was kept");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 0, "nothing was cached");
     assert_eq!(ask().expect("fetched"), profile);
     assert_eq!(ask().expect("confirmed"), profile);
-    let kept = std::fs::read_dir(folder.path().join("profiles")).expect("there").next().expect("a file");
-    let kept = kept.expect("an entry").path();
-    assert!(std::fs::read(&kept).expect("kept") == good);
-    std::fs::write(&kept, b"damaged").expect("written");
+    let cached = std::fs::read_dir(folder.path().join("profiles")).expect("there").next().expect("a file");
+    let cached = cached.expect("an entry").path();
+    assert!(std::fs::read(&cached).expect("kept") == good);
+    std::fs::write(&cached, b"damaged").expect("written");
     assert_eq!(ask().expect("fetched again"), profile);
-    let tagged: Vec<bool> = service.asked().iter().map(|a| a.head.contains("if-none-match")).collect();
+    let tagged: Vec<bool> = service.requests().iter().map(|a| a.head.contains("if-none-match")).collect();
     assert_eq!(tagged, [false, false, false, false, true, false]);
-    assert!(std::fs::read(&kept).expect("kept") == good, "whole again");
-    // Names that would leave the folder or the address never reach either.
+    assert!(std::fs::read(&cached).expect("kept") == good, "whole again");
+    // Names with path separators reach neither the folder nor the address.
     for name in ["..", "../x", "a/b", "a?b", ""] {
         assert!(matches!(client.profile(name), Err(ClientError::MapName { .. })), "{name}");
     }
 }
 
-/// What the caller says goes along, again with every retry; what a service tells beyond what was wanted is not passed on.
+/// Request options are sent, also with every retry; the client removes what it did not request.
 #[test]
-fn wishes_go_along_and_are_kept_here_too() {
+fn request_options_are_sent_and_enforced() {
     let busy = problem("503 Busy", "queue-full", &[("retry-after", "0")]);
-    // A pose that was not wished, as a service gives it that knows nothing of the wish.
-    let service = Service::saying(vec![
+    // A pose although it was not requested, as from a service that does not know the option.
+    let service = Service::replying(vec![
         busy,
         protobuf(&known("without-fit.answer")),
         protobuf(&known("withheld.answer")),
@@ -142,19 +145,19 @@ fn wishes_go_along_and_are_kept_here_too() {
     request.trusted_only = true;
     request.near = Some("1,2,-3,0.5".parse().expect("a place"));
     for _ in 0..2 {
-        let told = client.localize_with("place", &query(), &request).expect("an answer");
-        assert_eq!((told.pose, told.state(), told.doubts.len()), (None, AnswerState::Doubtful, 2));
+        let answer = client.localize_with("place", &query(), &request).expect("an answer");
+        assert_eq!((answer.pose, answer.state(), answer.doubts.len()), (None, AnswerState::Doubtful, 2));
     }
-    let asked = service.asked();
-    for asked in &asked {
-        let of = |name: &str| asked.head.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+    let requests = service.requests();
+    for sent in &requests {
+        let of = |name: &str| sent.head.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
         assert_eq!(of("veiloc-trusted-only:"), Some("true"));
         assert_eq!(of("veiloc-near:").and_then(|text| text.parse().ok()), request.near);
     }
-    assert_eq!((asked.len(), asked[0].body == asked[2].body), (3, true));
+    assert_eq!((requests.len(), requests[0].body == requests[2].body), (3, true));
 
-    let service = Service::saying(vec![protobuf(&known("doubtful.answer"))]);
-    let told = service.client().localize("place", &query()).expect("an answer");
-    assert!(told.pose.is_some() && told.fit.is_some());
-    assert!(!service.asked()[0].head.contains("veiloc-"), "nothing is said that nobody said");
+    let service = Service::replying(vec![protobuf(&known("doubtful.answer"))]);
+    let answer = service.client().localize("place", &query()).expect("an answer");
+    assert!(answer.pose.is_some() && answer.fit.is_some());
+    assert!(!service.requests()[0].head.contains("veiloc-"), "no option is sent by default");
 }

@@ -1,4 +1,4 @@
-//! Progressive queries: what is sent, in which order, and when it ends.
+//! Progressive queries: the steps, their order, and when they end.
 
 use super::common;
 
@@ -16,7 +16,7 @@ fn profile(word: u8) -> Profile {
     Profile::vlad(words.and_then(Vocabulary::new).expect("one word"))
 }
 
-/// 1024 rows, each with a descriptor of its own. Of the first `blank` ones all have one anchor.
+/// 1024 rows, each with a distinct descriptor. The first `blank` rows belong to one anchor.
 fn query(blank: usize) -> SealedQuery {
     let bits = AngleBits::default();
     let row = |i: usize| {
@@ -37,7 +37,7 @@ fn query(blank: usize) -> SealedQuery {
     SealedQuery::new(&profile(7), parts).expect("parts fit")
 }
 
-/// An answer with a pose of this deviation along each axis.
+/// An answer with a pose of this standard deviation along each axis.
 fn answer(trusted: bool, sd: f64) -> Vec<u8> {
     let mut answer = Answer::decode(&known("without-fit.answer")).expect("a known answer");
     answer.trusted = trusted;
@@ -57,7 +57,7 @@ fn outcomes(found: &ProgressiveAnswer) -> Vec<(usize, StepOutcome)> {
 }
 
 #[test]
-fn no_more_is_sent_than_a_trusted_pose_takes() {
+fn progressive_query_stops_at_a_trusted_pose() {
     use StepOutcome::{Doubtful, NotLocalized, Trusted};
     let missing = || problem("422 No", "not-localized", &[]);
     let close = Enough::accurate_to(0.01).expect("a deviation");
@@ -70,25 +70,27 @@ fn no_more_is_sent_than_a_trusted_pose_takes() {
             vec![(256, Doubtful), (512, NotLocalized), (1024, Trusted)],
         ),
         (vec![answer(true, 0.02), answer(true, 0.009)], close, vec![(256, Trusted), (512, Trusted)]),
-        // All rows are sent, and the pose is what it is.
+        // All rows are sent without reaching the accuracy.
         (vec![answer(true, 0.02); 3], close, vec![(256, Trusted), (512, Trusted), (1024, Trusted)]),
     ] {
-        let service = Service::saying(replies);
+        let service = Service::replying(replies);
         let found = ask(&service.client(), &query(0), enough).expect("an answer");
         assert_eq!(outcomes(&found), expected);
-        let asked = service.asked();
-        assert_eq!(asked.len(), expected.len());
-        assert_eq!(found.bytes(), asked.iter().map(|request| request.body.len()).sum::<usize>());
+        let requests = service.requests();
+        assert_eq!(requests.len(), expected.len());
+        assert_eq!(found.bytes(), requests.iter().map(|request| request.body.len()).sum::<usize>());
         assert_eq!(found.rows(), expected.last().expect("steps").0);
-        // L7: one seal, of which each step is the beginning.
+        // L7: one sealed query, of which each step is a prefix.
         let whole = query(0);
-        for (request, (rows, _)) in asked.iter().zip(&expected) {
+        for (request, (rows, _)) in requests.iter().zip(&expected) {
             let sent = SealedQuery::decode(&request.body).expect("a query");
             assert_eq!(sent.len(), *rows);
             assert!(sent.descriptors().to_owned() == whole.descriptors().rows(0..*rows).to_owned());
             assert!(
                 request.head
-                    == asked[0].head.replace(&content_length(&asked[0].body), &content_length(&request.body))
+                    == requests[0]
+                        .head
+                        .write_atomic(&content_length(&requests[0].body), &content_length(&request.body))
             );
         }
     }
@@ -99,37 +101,38 @@ fn content_length(body: &[u8]) -> String {
 }
 
 #[test]
-fn what_ends_a_query_ends_a_progressive_one() {
+fn errors_end_a_progressive_query() {
     // No pose with all rows.
-    let service = Service::saying(vec![problem("422 No", "not-localized", &[]); 3]);
+    let service = Service::replying(vec![problem("422 No", "not-localized", &[]); 3]);
     let error = ask(&service.client(), &query(0), Enough::TRUSTED).expect_err("no pose");
-    assert!(matches!(error, ClientError::NotLocalized(_)) && service.asked().len() == 3, "{error:?}");
-    // A refusal that more rows do not change.
-    let service = Service::saying(vec![problem("409 No", "wrong-profile", &[]), answer(true, 0.01)]);
+    assert!(matches!(error, ClientError::NotLocalized(_)) && service.requests().len() == 3, "{error:?}");
+    // An error response that more rows cannot change.
+    let service = Service::replying(vec![problem("409 No", "wrong-profile", &[]), answer(true, 0.01)]);
     let error = ask(&service.client(), &query(0), Enough::TRUSTED).expect_err("refused");
-    assert!(matches!(error, ClientError::WrongProfile(_)) && service.asked().len() == 1, "{error:?}");
-    // Busy: the same bytes, and the same again when the app asks once more.
-    let service = Service::saying(vec![reply("503 Busy", &[("retry-after", "0")], b""), answer(true, 0.01)]);
+    assert!(matches!(error, ClientError::WrongProfile(_)) && service.requests().len() == 1, "{error:?}");
+    // Busy: the same bytes are sent again, also in a later call.
+    let service =
+        Service::replying(vec![reply("503 Busy", &[("retry-after", "0")], b""), answer(true, 0.01)]);
     ask(&service.client(), &query(0), Enough::TRUSTED).expect("at last");
-    let asked = service.asked();
-    assert!(asked.len() == 2 && asked[0] == asked[1]);
-    let later = Service::saying(vec![answer(true, 0.01)]);
+    let requests = service.requests();
+    assert!(requests.len() == 2 && requests[0] == requests[1]);
+    let later = Service::replying(vec![answer(true, 0.01)]);
     ask(&later.client(), &query(0), Enough::TRUSTED).expect("an answer");
-    assert!(later.asked()[0].body == asked[0].body);
+    assert!(later.requests()[0].body == requests[0].body);
 }
 
 #[test]
-fn what_cannot_fix_a_pose_is_not_sent() {
-    // The first 256 rows are of one side: the first step is left out.
-    let service = Service::saying(vec![answer(true, 0.01)]);
+fn one_sided_steps_are_not_sent() {
+    // The first 256 rows belong to one side: the first step is skipped.
+    let service = Service::replying(vec![answer(true, 0.01)]);
     let found = ask(&service.client(), &query(256), Enough::TRUSTED).expect("an answer");
     assert_eq!(outcomes(&found), [(512, StepOutcome::Trusted)]);
-    // All of them are, or the query is of another map: nothing is sent.
-    let service = Service::saying(Vec::new());
+    // All rows belong to one side, or the query was sealed for another map: nothing is sent.
+    let service = Service::replying(Vec::new());
     let error = ask(&service.client(), &query(1024), Enough::TRUSTED).expect_err("lopsided");
     assert!(matches!(error, ClientError::Lopsided(_)), "{error:?}");
     let (client, request) = (service.client(), LocalizeRequest::default());
     let other = client.localize_progressive("place", &query(0), &profile(8), Enough::TRUSTED, &request);
-    assert!(matches!(other, Err(ClientError::NotOfProfile(_))), "{other:?}");
-    assert!(service.asked().is_empty());
+    assert!(matches!(other, Err(ClientError::ProfileMismatch(_))), "{other:?}");
+    assert!(service.requests().is_empty());
 }

@@ -1,4 +1,4 @@
-//! L7: what is sent again is what was sent before, and only when that may help.
+//! L7: a retry sends the same bytes, and only when it can help.
 
 use super::common;
 
@@ -9,37 +9,37 @@ use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{CameraFromRig, Client, ClientError, LocalizeRequest, Notice, RigMessage, SealedFrame};
 
 #[test]
-fn a_retry_sends_the_same_bytes() {
-    let service = Service::saying(vec![
+fn retry_sends_the_same_bytes() {
+    let service = Service::replying(vec![
         problem("503 Busy", "queue-full", &[("retry-after", "0")]),
         Vec::new(),
         problem("429 Slow down", "rate-limited", &[("retry-after", "0")]),
         reply("504 Late", &[], b""),
-        // Breaks off in the middle of its answer.
+        // The connection closes in the middle of the answer.
         protobuf(&known("without-fit.answer"))[..3000].to_vec(),
         protobuf(&known("without-fit.answer")),
     ]);
     let notices = Arc::new(Mutex::new(Vec::new()));
-    let kept = notices.clone();
+    let recorded = notices.clone();
     let mut options = quick();
     options.retry.retries = 5;
     options.notice = Some(Arc::new(move |notice: &Notice| {
-        kept.lock().expect("not poisoned").push(notice.clone());
+        recorded.lock().expect("not poisoned").push(notice.clone());
     }));
     let client = Client::new(&service.url, Some("the-token"), options).expect("a client");
     let answer = client.localize("place", &query()).expect("at last");
     assert_eq!(answer.inliers, 311);
-    let asked = service.asked();
-    assert_eq!(asked.len(), 6);
-    assert!(asked.iter().all(|request| *request == asked[0]), "the same in head and body");
-    assert!(asked[0].body == known("dcl.vquery"), "the query as it was sealed");
+    let requests = service.requests();
+    assert_eq!(requests.len(), 6);
+    assert!(requests.iter().all(|request| *request == requests[0]), "equal head and body");
+    assert!(requests[0].body == known("dcl.vquery"), "the query as it was sealed");
     for part in [
         "post /v1/maps/place/localize http/1.1\r\n",
         "content-type: application/x-protobuf\r\n",
         "authorization: bearer the-token\r\n",
         "accept: application/x-protobuf\r\n",
     ] {
-        assert!(asked[0].head.contains(part), "{part} is not in {}", asked[0].head);
+        assert!(requests[0].head.contains(part), "{part} is not in {}", requests[0].head);
     }
     let reasons: Vec<String> = notices
         .lock()
@@ -54,15 +54,15 @@ fn a_retry_sends_the_same_bytes() {
     assert_eq!(reasons[0], "Title of queue-full (503): why");
     assert!(reasons[3].contains("504"), "{reasons:?}");
 
-    // A second call with the same query sends the same bytes, too.
-    let later = Service::saying(vec![protobuf(&known("without-fit.answer"))]);
+    // A later call with the same query also sends the same bytes.
+    let later = Service::replying(vec![protobuf(&known("without-fit.answer"))]);
     let query = query();
     assert_eq!(later.client().localize("place", &query).expect("an answer"), answer);
-    assert!(later.asked()[0].body == asked[0].body);
+    assert!(later.requests()[0].body == requests[0].body);
 }
 
 #[test]
-fn what_will_not_change_is_not_sent_again() {
+fn permanent_errors_are_not_retried() {
     for (status, name) in [
         ("400 Bad", "malformed-query"),
         ("401 No", "unauthenticated"),
@@ -72,54 +72,54 @@ fn what_will_not_change_is_not_sent_again() {
         ("413 No", "too-large"),
         ("422 No", "not-localized"),
         ("500 No", "broken"),
-        ("307 Elsewhere", ""),
+        ("307 Redirect", ""),
     ] {
-        let elsewhere = Service::saying(vec![protobuf(&known("without-fit.answer"))]);
-        let service = Service::saying(vec![
-            problem(status, name, &[("location", &elsewhere.url), ("retry-after", "0")]),
+        let redirect_target = Service::replying(vec![protobuf(&known("without-fit.answer"))]);
+        let service = Service::replying(vec![
+            problem(status, name, &[("location", &redirect_target.url), ("retry-after", "0")]),
             protobuf(&known("without-fit.answer")),
         ]);
         let error = service.client().localize("place", &query()).expect_err(name);
-        assert_eq!(service.asked().len(), 1, "{status} {name}");
-        assert!(elsewhere.asked().is_empty(), "a redirect is not followed");
-        assert!(!error.may_send_again(), "{error}");
-        let told = match (name, error) {
+        assert_eq!(service.requests().len(), 1, "{status} {name}");
+        assert!(redirect_target.requests().is_empty(), "a redirect is not followed");
+        assert!(!error.is_retryable(), "{error}");
+        let refusal = match (name, error) {
             ("wrong-profile", ClientError::WrongProfile(refusal))
             | ("not-localized", ClientError::NotLocalized(refusal)) => refusal,
             ("wrong-profile" | "not-localized", error) => panic!("{name}: {error:?}"),
             (_, ClientError::Refused(refusal)) => refusal,
             (_, error) => panic!("{name}: {error:?}"),
         };
-        assert_eq!(told.name, name);
-        assert!(status.starts_with(&told.status.to_string()));
+        assert_eq!(refusal.name, name);
+        assert!(status.starts_with(&refusal.status.to_string()));
     }
 }
 
 #[test]
-fn a_busy_service_is_left_alone_for_as_long_as_it_asks() {
-    // Asks for more than a device waits: told at once, with the time.
-    let service = Service::saying(vec![problem("503 Busy", "queue-full", &[("retry-after", "3600")])]);
+fn retry_after_is_respected() {
+    // The service asks for a longer pause than the limit: the call fails at once and reports the pause.
+    let service = Service::replying(vec![problem("503 Busy", "queue-full", &[("retry-after", "3600")])]);
     let error = service.client().localize("place", &query()).expect_err("busy");
-    assert!(error.may_send_again());
+    assert!(error.is_retryable());
     let ClientError::Busy { refusal, retry_after } = error else { panic!("{error:?}") };
     assert_eq!((refusal.status, retry_after), (503, Some(Duration::from_secs(3600))));
-    // Busy as often as it was asked.
+    // Busy in every attempt.
     let busy = |after: &str| problem("429 Slow down", "rate-limited", &[("retry-after", after)]);
-    let service = Service::saying(vec![busy(""), busy("7"), busy("0"), busy("20"), busy("")]);
+    let service = Service::replying(vec![busy(""), busy("7"), busy("0"), busy("20"), busy("")]);
     let (options, pauses) = recording();
     let client = Client::new(&service.url, None, options).expect("a client");
     let error = client.localize("place", &query()).expect_err("busy");
     assert!(matches!(error, ClientError::Busy { retry_after: None, .. }), "{error:?}");
-    assert_eq!(service.asked().len(), 5);
+    assert_eq!(service.requests().len(), 5);
     let pauses: Vec<f64> = pauses.lock().expect("not poisoned").iter().map(Duration::as_secs_f64).collect();
-    assert_eq!(pauses, [0.5, 7.0, 0.0, 20.0], "its own pause where it is told none");
-    assert!(!service.asked()[0].head.contains("authorization"), "without a token none is sent");
+    assert_eq!(pauses, [0.5, 7.0, 0.0, 20.0], "the client's own pause where the service gives none");
+    assert!(!service.requests()[0].head.contains("authorization"), "no token is sent without one");
 }
 
-/// Where the service names no pause, each is longer than the one before, up to the longest.
+/// Without a pause from the service, each pause is longer than the previous one, up to the limit.
 #[test]
-fn pauses_grow_up_to_the_longest() {
-    let service = Service::saying(vec![Vec::new(); 8]);
+fn pauses_double_up_to_the_limit() {
+    let service = Service::replying(vec![Vec::new(); 8]);
     let (mut options, pauses) = recording();
     options.retry.retries = 7;
     options.retry.longest_pause = Duration::from_millis(2200);
@@ -130,19 +130,19 @@ fn pauses_grow_up_to_the_longest() {
 }
 
 #[test]
-fn a_service_that_is_not_there_is_a_matter_of_the_network() {
-    // A port that is given to nobody.
-    let nobody = "127.0.0.1:1";
+fn unreachable_service_is_a_network_error() {
+    // A port without a listener.
+    let unused_port = "127.0.0.1:1";
     let mut options = quick();
     options.retry.retries = 1;
-    let client = Client::new(&format!("http://{nobody}"), Some("the-token"), options).expect("a client");
-    let error = client.localize("place", &query()).expect_err("nobody there");
-    assert!(error.may_send_again() && matches!(error, ClientError::Network { .. }), "{error:?}");
+    let client = Client::new(&format!("http://{unused_port}"), Some("the-token"), options).expect("a client");
+    let error = client.localize("place", &query()).expect_err("no listener");
+    assert!(error.is_retryable() && matches!(error, ClientError::Network { .. }), "{error:?}");
     assert!(!format!("{client:?} {error:?} {error}").contains("the-token"));
 }
 
 #[test]
-fn a_session_is_sent_as_it_was_sealed_and_again_as_it_was_sent() {
+fn session_retry_sends_the_same_bytes() {
     let frame = |k: i32| SealedFrame {
         query: query(),
         cam_from_rig: CameraFromRig::from_quaternion([1.0, 0.0, 0.0, 0.0], [f64::from(k), 0.0, 0.0])
@@ -151,26 +151,30 @@ fn a_session_is_sent_as_it_was_sealed_and_again_as_it_was_sent() {
         translation_sd: 0.01,
     };
     let session = |frames: i32| RigMessage { frames: (0..frames).map(frame).collect() };
-    let service = Service::saying(vec![
+    let service = Service::replying(vec![
         problem("429 Slow down", "rate-limited", &[("retry-after", "0")]),
         protobuf(&known("without-fit.answer")),
     ]);
     let request = LocalizeRequest::default();
     let answer = service.client().localize_rig("place", &session(3), &request).expect("at last");
     assert_eq!(answer.inliers, 311);
-    let asked = service.asked();
-    assert!(asked.len() == 2 && asked[0] == asked[1], "the same in head and body");
-    assert!(asked[0].head.contains("post /v1/maps/place/localize-rig http/1.1\r\n"), "{}", asked[0].head);
-    assert!(asked[0].head.contains("content-type: application/octet-stream\r\n"), "{}", asked[0].head);
-    let sent = RigMessage::decode(&asked[0].body).expect("a session");
+    let requests = service.requests();
+    assert!(requests.len() == 2 && requests[0] == requests[1], "equal head and body");
+    assert!(
+        requests[0].head.contains("post /v1/maps/place/localize-rig http/1.1\r\n"),
+        "{}",
+        requests[0].head
+    );
+    assert!(requests[0].head.contains("content-type: application/octet-stream\r\n"), "{}", requests[0].head);
+    let sent = RigMessage::decode(&requests[0].body).expect("a session");
     assert_eq!(sent.frames.len(), 3);
     assert!(sent.frames.iter().all(|frame| frame.query.encode() == query().encode()));
-    // None and too many are not sent.
-    let none = Service::saying(Vec::new());
+    // Sessions with no frames or too many are not sent.
+    let none = Service::replying(Vec::new());
     for frames in [0, 33] {
         let refused = none.client().localize_rig("place", &session(frames), &request).expect_err("refused");
-        assert!(matches!(refused, ClientError::Frames { .. }) && !refused.may_send_again(), "{refused:?}");
+        assert!(matches!(refused, ClientError::Frames { .. }) && !refused.is_retryable(), "{refused:?}");
         assert!(refused.to_string().contains("1 to 32"), "{refused}");
     }
-    assert!(none.asked().is_empty());
+    assert!(none.requests().is_empty());
 }

@@ -1,4 +1,4 @@
-//! A service that says what a test wants it to, and remembers what it was asked.
+//! A service with scripted responses, which records its requests.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -8,26 +8,26 @@ use std::time::Duration;
 
 use veiloc_client::{Client, ClientOptions, SealedQuery};
 
-/// A request as it came.
+/// A recorded request.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Asked {
+pub struct RecordedRequest {
     /// First line and headers, lower case.
     pub head: String,
     pub body: Vec<u8>,
 }
 
-/// Answers one connection after another with the next of its lines; an empty one breaks the connection off.
+/// Answers one connection after another with the next response; an empty one closes the connection.
 pub struct Service {
     pub url: String,
-    asked: Arc<Mutex<Vec<Asked>>>,
+    requests: Arc<Mutex<Vec<RecordedRequest>>>,
 }
 
 impl Service {
-    pub fn saying(replies: Vec<Vec<u8>>) -> Self {
+    pub fn replying(replies: Vec<Vec<u8>>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let url = format!("http://{}", listener.local_addr().expect("an address"));
-        let asked = Arc::new(Mutex::new(Vec::new()));
-        let kept = asked.clone();
+        let requests = Arc::new(Mutex::new(Vec::new()));
+        let recorded = requests.clone();
         std::thread::spawn(move || {
             for reply in replies {
                 let (mut stream, _) = listener.accept().expect("a client");
@@ -43,17 +43,17 @@ impl Service {
                 }
                 let mut body = vec![0; length];
                 reader.read_exact(&mut body).expect("a body");
-                kept.lock().expect("not poisoned").push(Asked { head, body });
-                // A client that has read enough closes: what counts is what it makes of it.
+                recorded.lock().expect("not poisoned").push(RecordedRequest { head, body });
+                // A client that has read enough may close the connection; this is not an error.
                 let _ = stream.write_all(&reply);
             }
         });
-        Self { url, asked }
+        Self { url, requests }
     }
 
     /// All requests so far.
-    pub fn asked(&self) -> Vec<Asked> {
-        self.asked.lock().expect("not poisoned").clone()
+    pub fn requests(&self) -> Vec<RecordedRequest> {
+        self.requests.lock().expect("not poisoned").clone()
     }
 
     pub fn client(&self) -> Client {
@@ -61,7 +61,7 @@ impl Service {
     }
 }
 
-/// Pauses between retries take no time, and no limit is reached by chance.
+/// Options without pauses between retries and with generous limits.
 pub fn quick() -> ClientOptions {
     let mut options = ClientOptions::default();
     options.sleep = Arc::new(|_| ());
@@ -70,12 +70,12 @@ pub fn quick() -> ClientOptions {
     options
 }
 
-/// The same, and the pauses that are made.
+/// The same options, with the list of requested pauses.
 pub fn recording() -> (ClientOptions, Arc<Mutex<Vec<Duration>>>) {
     let mut options = quick();
     let pauses = Arc::new(Mutex::new(Vec::new()));
-    let kept = pauses.clone();
-    options.sleep = Arc::new(move |pause| kept.lock().expect("not poisoned").push(pause));
+    let recorded = pauses.clone();
+    options.sleep = Arc::new(move |pause| recorded.lock().expect("not poisoned").push(pause));
     (options, pauses)
 }
 
@@ -92,7 +92,7 @@ pub fn protobuf(body: &[u8]) -> Vec<u8> {
     reply("200 OK", &[("content-type", "application/x-protobuf")], body)
 }
 
-/// A refusal as the service makes it.
+/// An error response in the service's format.
 pub fn problem(status: &str, name: &str, headers: &[(&str, &str)]) -> Vec<u8> {
     let number = status.split(' ').next().unwrap_or_default();
     let body = format!(
@@ -101,7 +101,7 @@ pub fn problem(status: &str, name: &str, headers: &[(&str, &str)]) -> Vec<u8> {
     reply(status, headers, (body + &" ".repeat(500)).as_bytes())
 }
 
-/// A file of known answers of the wire format.
+/// A known-answer file of the wire format.
 pub fn known(name: &str) -> Vec<u8> {
     let path = format!("{}/../../core/protocol/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
     std::fs::read(path).expect("the known answer")

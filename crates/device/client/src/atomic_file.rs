@@ -1,11 +1,11 @@
-//! A file replaced as a whole.
+//! Atomic replacement of a file.
 
 use std::io::{self, Write as _};
 use std::path::Path;
 
-/// Writes beside the old file, synced, then takes its place: two programs at once, or an interruption, leave a whole one.
-/// Temporary files are readable by their owner alone, and stay so.
-pub(crate) fn replace(file: &Path, bytes: &[u8]) -> io::Result<()> {
+/// Writes a temporary file beside the old one, syncs it, and renames it: concurrent programs or an interruption leave a
+/// complete file. Only the owner can read the new file.
+pub(crate) fn write_atomic(file: &Path, bytes: &[u8]) -> io::Result<()> {
     let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut new = tempfile::NamedTempFile::new_in(folder)?;
     new.write_all(bytes)?;
