@@ -5,10 +5,11 @@
 //!     --threshold 0.05/5 --hypotheses 1000 --seeds 3
 //! ```
 //!
-//! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly that many; adaptive without), `--seeds N` runs per
-//! query, `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood`, a
-//! solver (`:p6lp`, `:radial-vote`) and `+prior`, or `:floor` (refinement from the true pose on the right matches), `--prior OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other
-//! coefficients than the built-in ones (`scripts/fit_prior.py` prints them), `--noise PX`, `--max-error PX`.
+//! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly N; adaptive without), `--seeds N` runs per query,
+//! `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood`, a solver (`:p6lp`,
+//! `:radial-vote`) and `+prior`, or `:floor` (refinement from the true pose on the right matches), `--prior
+//! OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other coefficients than the built-in ones (`scripts/fit_prior.py`
+//! prints them), `--noise PX`, `--max-error PX`.
 #![expect(clippy::print_stdout, reason = "the table is the product")]
 
 #[path = "../tests/it/support/problems.rs"]
@@ -46,11 +47,11 @@ fn main() -> Result<(), Failure> {
         .to_owned();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
-        let mut value = || arguments.next().ok_or(format!("{argument} wants a value"));
+        let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
         match argument.as_str() {
             "--threshold" => {
                 let text = value()?;
-                let (u, d) = text.split_once('/').ok_or("--threshold wants UNITS/DEGREES")?;
+                let (u, d) = text.split_once('/').ok_or("--threshold needs UNITS/DEGREES")?;
                 (units, degrees) = (u.parse()?, d.parse()?);
             }
             "--hypotheses" => options.fixed_hypotheses = Some(value()?.parse()?),
@@ -60,7 +61,7 @@ fn main() -> Result<(), Failure> {
             "--prior" => {
                 let c = value()?.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
                 let [offset, ratio, log_votes, log_track_length] = c[..] else {
-                    return Err("--prior wants four numbers".into());
+                    return Err("--prior needs four numbers".into());
                 };
                 prior = Some(PriorModel { offset, ratio, log_votes, log_track_length });
             }
@@ -153,7 +154,7 @@ fn evaluate(
     );
 }
 
-/// Matches whose keypoint lies within four pixels of where the true pose puts the point.
+/// Matches whose keypoint lies within four pixels of the point's projection under the true pose.
 fn right(query: &Query) -> Vec<bool> {
     let near = |(pixel, point): (&Pixel, &Point3<World>)| {
         let seen = PlanePoint::from_camera_point(&query.truth.transform(point));
@@ -162,7 +163,7 @@ fn right(query: &Query) -> Vec<bool> {
     query.pixels.iter().zip(&query.points).map(near).collect()
 }
 
-/// Less moved by one query than a median of two dozen is.
+/// A single query changes it less than the median of two dozen queries.
 fn geometric_mean(values: &[f64]) -> f64 {
     (values.iter().map(|v| v.max(1e-9).ln()).sum::<f64>() / values.len() as f64).exp()
 }

@@ -1,19 +1,20 @@
-//! Poses that were met on the way and explain the matches too: by how much the best of them is beaten.
+//! Ambiguity: the margin by which a pose beats the best other optimum of the search.
 
 use crate::likelihood::Symmetric6;
 use veiloc_geometry::Rigid3;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 
-/// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
-const ELSEWHERE: f64 = 400.0;
+/// Squared Mahalanobis distance beyond which another pose is a different answer, not the same optimum again.
+const DISTINCT_MAHALANOBIS_SQUARED: f64 = 400.0;
 
-/// By how much a pose that costs `own` beats the best of the optima that lies elsewhere, by its covariance in the chart of
-/// [`Rigid3::perturbed`]; infinite when none does.
+/// Difference between `own`, the cost of `pose`, and the cost of the best optimum at another pose, by the pose's
+/// covariance in the chart of [`Rigid3::perturbed`]; infinite when there is none.
 ///
-/// Optima were met in passing: their descent ended early, at the noise that was assumed. Matches that show a smaller one have
-/// a covariance by which a pose in the same valley lies far away and yet costs hardly more. So whatever comes closer than
-/// `least` is refined to its end first (`refined`), and is the same answer where that leads to the pose.
+/// The optima were recorded during the search: their descent ended early, at the assumed noise. If the matches have
+/// less noise, the covariance is small, and a pose in the same valley is far away by it although its cost is hardly
+/// higher. So every optimum whose margin is below `least` is first refined to convergence (`refined`); if it converges
+/// to the pose, it is the same answer.
 pub(crate) fn margin<Frame>(
     optima: &[(Rigid3<Frame, World>, f64)],
     pose: &Rigid3<Frame, World>,
@@ -27,15 +28,15 @@ pub(crate) fn margin<Frame>(
     else {
         return f64::INFINITY;
     };
-    let elsewhere = |other: &Rigid3<Frame, World>| {
+    let is_distinct = |other: &Rigid3<Frame, World>| {
         let step = Vector6::from(pose.step_to(other));
-        !(step.dot(&factor.solve(&step)) < ELSEWHERE)
+        !(step.dot(&factor.solve(&step)) < DISTINCT_MAHALANOBIS_SQUARED)
     };
     optima
         .iter()
-        .filter(|(other, _)| elsewhere(other))
+        .filter(|(other, _)| is_distinct(other))
         .map(|(other, cost)| (other, (cost - own).max(0.0)))
-        .filter(|(other, margin)| *margin >= least || elsewhere(&refined(other)))
+        .filter(|(other, margin)| *margin >= least || is_distinct(&refined(other)))
         .map(|(_, margin)| margin)
         .fold(f64::INFINITY, f64::min)
 }
@@ -51,7 +52,7 @@ mod tests {
         CameraFromWorld::new(Rotation3::identity(), Vector3::new(x, 0.0, 0.0))
     }
 
-    /// Standard deviations of a hundredth.
+    /// Standard deviations of 0.01.
     fn covariance() -> Symmetric6 {
         std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1e-4 } else { 0.0 }))
     }
@@ -63,15 +64,15 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_on_its_way_to_the_answer_is_no_rival() {
+    fn optimum_that_converges_to_the_pose_is_ignored() {
         let valley = [(0.3, -97.0), (0.5, -95.0), (3.0, -60.0)];
         assert_eq!(margin_of(&valley, |x| if x < 1.0 { 0.001 } else { x }), 40.0);
     }
 
     #[test]
-    fn a_pose_that_stays_elsewhere_is_one_however_near_it_lies() {
+    fn converged_distinct_optimum_limits_the_margin() {
         assert_eq!(margin_of(&[(0.3, -97.0), (3.0, -60.0)], |x| x), 3.0);
-        // One that is far behind is told as it was met.
+        // An optimum with a large margin keeps its recorded cost.
         assert_eq!(margin_of(&[(3.0, -60.0)], |_| 0.0), 40.0);
         assert_eq!(margin_of(&[(0.1, -99.0)], |x| x), f64::INFINITY);
     }

@@ -1,21 +1,21 @@
-//! Whether to trust a pose: its evidence against chance, its rivals, and how firmly it is held.
+//! Whether to trust a pose: its evidence against chance, other poses that explain the matches, and its uncertainty.
 //!
 //! # Evidence
-//! For one pose, the matches of a keypoint explain what was observed better than "all of them are wrong" by the factor
-//! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier its observation is when right than
-//! when wrong (`veiloc_pose::likelihood`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
-//! are one keypoint's. The product over keypoints, integrated over all poses that might have been (any orientation,
-//! anywhere in the mapped region) by Laplace's approximation, is the Bayes factor of "taken here" against "taken
-//! elsewhere":
+//! Under one pose, the matches of a keypoint explain the observation better than "all of them are wrong" by the factor
+//! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` the likelihood ratio of its observation between
+//! right and wrong (`veiloc_pose::likelihood`). At most one match of a keypoint is right;
+//! [`crate::PoseProblem::keypoints`] assigns matches to keypoints. The product over keypoints, integrated by Laplace's
+//! approximation over all possible poses (any orientation, anywhere in the mapped region), is the Bayes factor of
+//! "taken in this map" against "out of map":
 //!
 //! ```text
 //! log evidence = Σ log(1 − Σ γ + Σ γ ρ) + ½ log det(2π C) − log(8π² V)
 //! ```
 //!
-//! with the pose's covariance `C` and the volume `V` of the region. If wrong matches were as random as the model says,
-//! a pose of evidence `B` would come up by chance at most once in `B` queries, whatever the scene: the number of poses
-//! that were tried is paid for. Real wrong matches are not random (repeated structures agree with each other), so
-//! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/results/trust.md`.
+//! with the pose's covariance `C` and the volume `V` of the region. If wrong matches were as random as the model
+//! assumes, a pose of evidence `B` would occur by chance at most once in `B` queries in any scene: the evidence
+//! accounts for the number of poses that were tried. Real wrong matches are not random (repeated structures agree with
+//! each other), so [`Confidence::is_trusted`] requires more; `docs/trust.md` reports measured false positives.
 
 use std::fmt;
 
@@ -27,70 +27,69 @@ use veiloc_geometry::{Anchor, CameraFromWorld};
 use crate::likelihood::{Correspondences, Matches, Symmetric6};
 use crate::ransac::half_planes::direction;
 
-/// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
-/// images of elsewhere none reached more than 1, right poses began at 17 (`docs/results/trust.md`).
-const LEAST_LOG_EVIDENCE: f64 = 15.0;
+/// Minimum log evidence of a trusted pose from lines: once in three million by chance. Of 1,550 out-of-map images none
+/// reached more than 1; right poses began at 17 (`docs/trust.md`).
+const MIN_LOG_EVIDENCE: f64 = 15.0;
 
-/// The same from points. They tell so much that places which share an object have evidence of each other, by matches that
-/// are right; right poses began at 101.
-const LEAST_LOG_EVIDENCE_OF_POINTS: f64 = 60.0;
+/// Minimum log evidence of a trusted pose from points. Points hold so much information that scenes with a common object
+/// have evidence of each other, by matches that are right; right poses began at 101.
+const MIN_LOG_EVIDENCE_POINTS: f64 = 60.0;
 
-/// Log evidence below which a pose is no better than chance, and nothing was found.
+/// Log evidence below which a pose is no better than chance, and the query counts as not found.
 const CHANCE_LOG_EVIDENCE: f64 = 0.0;
 
-/// Least log likelihood by which a trusted pose beats the best other one.
-pub(crate) const LEAST_MARGIN: f64 = 8.0;
+/// Minimum log likelihood by which a trusted pose beats the best other one.
+pub(crate) const MIN_MARGIN: f64 = 8.0;
 
-/// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
-const LOOSEST: f64 = 0.05;
+/// Largest standard deviation of a trusted camera centre, relative to the distance of the observed points.
+const MAX_RELATIVE_SD: f64 = 0.05;
 
 /// Largest standard deviation of a trusted orientation, degrees: one that is 2° wrong is then two deviations off.
-const LOOSEST_ROTATION_DEG: f64 = 1.0;
+const MAX_ROTATION_SD_DEG: f64 = 1.0;
 
-/// Least log evidence that the other anchors' lines must give for where the camera is along the ray of the richest anchor.
-const LEAST_SIDE_EVIDENCE: f64 = 2.5;
+/// Minimum log evidence of the other anchors' lines for the camera's position along the ray of the richest anchor.
+const MIN_SIDE_EVIDENCE: f64 = 2.5;
 
-/// Fewest keypoints that must agree beside those of the richest anchor.
-const FEWEST_A_SIDE: usize = 4;
+/// Minimum number of agreeing keypoints beside those of the richest anchor.
+const MIN_KEYPOINTS_PER_SIDE: usize = 4;
 
-/// What speaks for and against an estimated pose.
+/// Measures for and against an estimated pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Confidence {
     /// Natural logarithm of the Bayes factor of "some pose in this map explains the matches" against "all are wrong".
     pub log_evidence: f64,
-    /// What that must be at least for a trusted pose: 15, and 60 from points.
+    /// Required log evidence of a trusted pose: 15, and 60 from points.
     pub least_log_evidence: f64,
-    /// Log likelihood by which the pose beats the best one found elsewhere; infinite when no other was found.
+    /// Log likelihood by which the pose beats the best other one; infinite when no other was found.
     pub margin: f64,
-    /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the largest
-    /// eigenvalue of the centre's covariance. What is printed and answered as the `±` of a position is this and nothing
-    /// else.
+    /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the
+    /// largest eigenvalue of the centre's covariance. The `±` of a printed or answered position is always this value.
     pub center_sd: f64,
-    /// The same as a share of [`Self::distance`].
+    /// [`Self::center_sd`] relative to [`Self::distance`].
     pub center_sd_relative: f64,
-    /// The same share by the matches alone: what was told of the camera beside them holds nothing that is trusted.
+    /// The same ratio from the matches alone; camera priors do not count for trust.
     pub held_relative: f64,
     /// Median distance of the agreeing points, map units.
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
-    /// The same by the matches alone and by the estimator's own covariance: a map's calibration, which stands for what all
-    /// queries share, does not enter.
+    /// The same from the matches alone and the estimator's own covariance; a map's calibration, which stands for errors
+    /// common to all queries, is not included.
     pub held_rotation_deg: f64,
-    /// A focal length over the given one that would explain the matches better, by too little to be believed; `None` where
-    /// nothing speaks against the given one, or another was estimated.
+    /// A focal length, relative to the given one, that explains the matches better, but not enough to replace the given
+    /// one; `None` when the given one is consistent or another was estimated.
     pub other_focal: Option<f64>,
-    /// Keypoints that agree of the anchor that has most of them, and of all others; `None` without anchors.
+    /// Agreeing keypoints of the anchor that has most of them, and of all other anchors; `None` without anchors.
     pub sides: Option<[usize; 2]>,
 }
 
-/// What an estimate is worth.
+/// State of an estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum State {
-    /// Nothing speaks against the pose.
+    /// There are no doubts about the pose.
     Trusted,
-    /// There is a pose, and a [`Doubt`].
+    /// There is a pose with at least one [`Doubt`].
     Doubtful,
     /// There is no pose, or none that explains the matches better than chance does.
     NotFound,
@@ -114,7 +113,7 @@ impl fmt::Display for State {
 /// A reason not to trust a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Doubt {
-    /// So many agreeing matches could be chance.
+    /// The agreement of this many matches could be chance.
     WeakEvidence {
         /// [`Confidence::log_evidence`].
         log_evidence: f64,
@@ -124,19 +123,19 @@ pub enum Doubt {
         /// [`Confidence::margin`].
         margin: f64,
     },
-    /// The agreeing matches leave a direction or a turn nearly free.
+    /// The agreeing matches hardly determine a direction of translation or rotation.
     LooselyHeld {
         /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
         center_sd_relative: f64,
         /// [`Confidence::held_rotation_deg`].
         rotation_sd_deg: f64,
     },
-    /// The matches would rather have another focal length.
+    /// Another focal length would explain the matches better.
     FocalLength {
         /// [`Confidence::other_focal`].
         scale: f64,
     },
-    /// Nearly all agreeing lines run through one anchor.
+    /// Nearly all agreeing lines belong to one anchor.
     OneSided {
         /// [`Confidence::sides`].
         sides: [usize; 2],
@@ -154,7 +153,8 @@ impl fmt::Display for Doubt {
             }
             Self::LooselyHeld { center_sd_relative, rotation_sd_deg } => write!(
                 f,
-                "the matches hold the camera only to {:.0} % of its distance from the scene and {rotation_sd_deg:.1}°",
+                "the matches determine the camera only to {:.0} % of its distance from the scene and \
+                 {rotation_sd_deg:.1}°",
                 100.0 * center_sd_relative
             ),
             Self::FocalLength { scale } => write!(
@@ -174,12 +174,12 @@ impl fmt::Display for Doubt {
 }
 
 impl Confidence {
-    /// Whether nothing speaks against the pose.
+    /// Whether there are no doubts about the pose.
     pub fn is_trusted(&self) -> bool {
         self.doubts().is_empty()
     }
 
-    /// What the pose is worth.
+    /// The state of the pose.
     pub fn state(&self) -> State {
         if !(self.log_evidence >= CHANCE_LOG_EVIDENCE) {
             State::NotFound
@@ -190,9 +190,9 @@ impl Confidence {
         }
     }
 
-    /// The same pose under another covariance, and another one by the matches alone, both in the chart of
-    /// [`CameraFromWorld::perturbed`]: how firmly it is held is told anew, the evidence and [`Self::held_rotation_deg`] stay,
-    /// and what nothing holds stays free.
+    /// These measures with another covariance, and another one from the matches alone, both in the chart of
+    /// [`CameraFromWorld::perturbed`]: the standard deviations are computed again; the evidence and
+    /// [`Self::held_rotation_deg`] do not change, and free directions stay free.
     #[must_use]
     pub fn with_covariances(self, covariance: &[[f64; 6]; 6], by_matches: &[[f64; 6]; 6]) -> Self {
         let is_held = self.center_sd.is_finite();
@@ -207,21 +207,21 @@ impl Confidence {
         }
     }
 
-    /// Everything that speaks against the pose.
+    /// All reasons not to trust the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         if !(self.log_evidence >= self.least_log_evidence) {
             doubts.push(Doubt::WeakEvidence { log_evidence: self.log_evidence });
         }
-        if !(self.margin >= LEAST_MARGIN) {
+        if !(self.margin >= MIN_MARGIN) {
             doubts.push(Doubt::Ambiguous { margin: self.margin });
         }
-        // A direction that is left free is said by the sides.
+        // The one-sided doubt already covers a free direction.
         let one_sided =
-            self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
+            self.sides.filter(|s| s[0].min(s[1]) < MIN_KEYPOINTS_PER_SIDE || self.center_sd == f64::INFINITY);
         let center_sd_relative = self.center_sd_relative.max(self.held_relative);
         let rotation_sd_deg = self.held_rotation_deg;
-        let is_firm = center_sd_relative <= LOOSEST && rotation_sd_deg <= LOOSEST_ROTATION_DEG;
+        let is_firm = center_sd_relative <= MAX_RELATIVE_SD && rotation_sd_deg <= MAX_ROTATION_SD_DEG;
         if one_sided.is_none() && !is_firm {
             doubts.push(Doubt::LooselyHeld { center_sd_relative, rotation_sd_deg });
         }
@@ -235,8 +235,8 @@ impl Confidence {
     }
 }
 
-/// Assesses a pose with the log likelihood ratios of all correspondences under it, its covariance, and what it beats the
-/// best other pose by.
+/// Computes the confidence of a pose from the log likelihood ratios of all correspondences under it, its covariance,
+/// and its margin over the best other pose.
 pub(crate) fn assess(
     matches: &Matches<'_>,
     pose: &CameraFromWorld,
@@ -262,17 +262,17 @@ pub(crate) fn assess(
     confidence.with_covariances(covariance, covariance)
 }
 
-/// Log evidence that a trusted pose from such observations has at least.
+/// Minimum log evidence of a trusted pose from such observations.
 pub(crate) const fn least_log_evidence(matches: &Matches<'_>) -> f64 {
     match matches.observations {
-        Correspondences::Points { .. } => LEAST_LOG_EVIDENCE_OF_POINTS,
-        Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LEAST_LOG_EVIDENCE,
+        Correspondences::Points { .. } => MIN_LOG_EVIDENCE_POINTS,
+        Correspondences::Lines { .. } | Correspondences::Anchored { .. } => MIN_LOG_EVIDENCE,
     }
 }
 
 impl Confidence {
-    /// The same for a pose that nothing holds in one direction.
-    pub(crate) const fn held_only_across(self) -> Self {
+    /// The same measures for a pose with one free direction of translation.
+    pub(crate) const fn with_free_direction(self) -> Self {
         Self {
             center_sd: f64::INFINITY,
             center_sd_relative: f64::INFINITY,
@@ -282,9 +282,9 @@ impl Confidence {
     }
 }
 
-/// The direction of translation that is left free, a unit vector of the camera frame, with the distance of what is seen:
-/// the ray of one anchor, when the other's lines give no evidence that they hold it. Lines of an anchor say nothing along
-/// its ray.
+/// The free direction of translation, a unit vector of the camera frame, with the distance of the observed points: the
+/// ray of one anchor, when the lines of the others give no evidence for the position along it. Lines of an anchor do
+/// not constrain the translation along its ray.
 pub(crate) fn free_direction(
     matches: &Matches<'_>,
     pose: &CameraFromWorld,
@@ -298,7 +298,7 @@ pub(crate) fn free_direction(
     let distance = typical_distance(matches, pose, inliers);
     let shift = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
     let sd = ray.dot(&(shift * ray)).max(0.0).sqrt();
-    // What the others say for this place along the ray, against all others within the distance of the scene.
+    // Evidence of the others for this position along the ray, against all positions within the distance of the scene.
     let mut gains = gains(matches, likelihoods);
     for (i, keypoint) in matches.keypoint.iter().enumerate() {
         if matches.anchor[i] == rich {
@@ -307,7 +307,7 @@ pub(crate) fn free_direction(
     }
     let places = (2.0 * distance / ((std::f64::consts::TAU).sqrt() * sd)).max(1.0);
     let evidence = gains.iter().sum::<f64>() - places.ln();
-    let is_held = others >= FEWEST_A_SIDE && evidence >= LEAST_SIDE_EVIDENCE;
+    let is_held = others >= MIN_KEYPOINTS_PER_SIDE && evidence >= MIN_SIDE_EVIDENCE;
     (!is_held).then_some((ray, distance))
 }
 
@@ -318,7 +318,8 @@ fn typical_distance(matches: &Matches<'_>, pose: &CameraFromWorld, inliers: &[us
     upper_median(&mut distances).unwrap_or(f64::NAN)
 }
 
-/// The anchor with most distinct keypoints among the inliers, the first of equals; how many it has, and how many all others.
+/// The anchor with most distinct keypoints among the inliers (the first of equals), its number of keypoints, and that
+/// of all others.
 fn richest(matches: &Matches<'_>, inliers: &[usize]) -> (Anchor, [usize; 2]) {
     let keypoints = |of_anchor: &dyn Fn(Anchor) -> bool| {
         matches.keypoints_among(inliers.iter().copied().filter(|&i| of_anchor(matches.anchor[i])))
@@ -337,18 +338,18 @@ fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6
     gained + 0.5 * log_volume - log_poses(matches.points.iter())
 }
 
-/// Logarithm of the volume of all poses that a camera that sees these points might have had: any orientation, anywhere in
-/// their region.
+/// Logarithm of the volume of all possible poses of a camera that sees these points: any orientation, anywhere in their
+/// region.
 pub(crate) fn log_poses<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64 {
     (8.0 * std::f64::consts::PI.powi(2)).ln() + log_region(points)
 }
 
-/// By how much each keypoint is likelier at the pose than if all its matches were wrong, natural logarithm.
+/// Log likelihood ratio of each keypoint between this pose and "all its matches are wrong", natural logarithm.
 pub(crate) fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
     // Σ γ and Σ γ ρ of each keypoint.
     let mut keypoints = vec![(0.0, 0.0); matches.keypoints];
     for (i, &llr) in likelihoods.iter().enumerate() {
-        let prior = matches.weight[i];
+        let prior = matches.inlier_prior[i];
         let (right, explained): &mut (f64, f64) = &mut keypoints[matches.keypoint[i]];
         *right += prior;
         *explained += (1.0 - prior) * (llr - matches.log_clutter_density[i]).exp();
@@ -356,7 +357,7 @@ pub(crate) fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
     keypoints
         .iter()
         .map(|(right, explained)| {
-            // More than one match cannot be right: their priors then share what certainty there is.
+            // At most one match can be right: the priors are scaled to a sum below 1.
             let share = (0.99 / right).min(1.0);
             (1.0 - share * right + share * explained).ln()
         })
@@ -369,7 +370,7 @@ pub(crate) fn log_det(m: &Matrix6<f64>) -> Option<f64> {
     Some(2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>())
 }
 
-/// Logarithm of the volume a camera might have been in: the box of the middle 90 % of the points, doubled.
+/// Logarithm of the volume of possible camera positions: the box of the middle 90 % of the points, doubled.
 fn log_region<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64 {
     let extents = [0, 1, 2].map(|axis| {
         let mut values: Vec<f64> = points.clone().map(|p| p[axis]).collect();
@@ -377,7 +378,7 @@ fn log_region<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64
         let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize];
         2.0 * (at(0.95) - at(0.05))
     });
-    // A flat scene is looked at from somewhere: no side shorter than half the longest.
+    // A camera sees a flat scene from outside of it: no side is shorter than half the longest.
     let longest = extents.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     extents.iter().map(|e| e.max(0.5 * longest).ln()).sum()
 }

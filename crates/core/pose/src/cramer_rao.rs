@@ -1,4 +1,4 @@
-//! How well correspondences determine a pose: Fisher information, whose inverse no estimator goes under.
+//! How well correspondences determine a pose: Fisher information, whose inverse bounds every covariance from below.
 
 use crate::likelihood::{Loss, Matches, PoseProblem, linearize};
 use veiloc_geometry::CameraFromWorld;
@@ -11,7 +11,7 @@ use crate::refine_inliers::active;
 ///
 /// `σ = noise_px` is the standard deviation of a keypoint along each axis (for lines: across the line). The inverse is
 /// the Cramér–Rao bound: no unbiased estimator has a smaller covariance, whatever it does about the other matches.
-/// Correspondences behind the camera bring nothing.
+/// Correspondences behind the camera contribute nothing.
 ///
 /// # Errors
 /// [`PoseError`] for a problem that [`crate::estimate_pose`] would refuse, a mask of another length, or a noise that is

@@ -1,10 +1,10 @@
-//! What can go wrong in robust estimation, with the facts and, where there is one, the remedy.
+//! Errors of robust estimation, with the facts and, where there is one, the remedy.
 
-/// Why no pose was estimated: what a problem is refused for, then what the search ended with.
+/// Why no pose was estimated: first invalid problems, then results of the search.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// Fewer correspondences than a minimal sample needs.
-    #[error("{actual} correspondences are too few for a pose, {required} are the least")]
+    #[error("{actual} correspondences are too few for a pose; at least {required} are needed")]
     TooFew {
         /// The size of a minimal sample.
         required: usize,
@@ -12,13 +12,13 @@ pub enum PoseError {
         actual: usize,
     },
     /// Arrays that belong together differ in length.
-    #[error("{what} has {actual} entries, {expected} were expected, one a correspondence")]
+    #[error("{what} has {actual} entries, but {expected} are required, one per correspondence")]
     LengthMismatch {
         /// Which array.
         what: &'static str,
         /// The number of observations.
         expected: usize,
-        /// Its own length.
+        /// The length of the array.
         actual: usize,
     },
     /// A number is NaN or infinite.
@@ -26,10 +26,10 @@ pub enum PoseError {
     NotFinite {
         /// Which array.
         what: &'static str,
-        /// Where in it.
+        /// The index.
         index: usize,
     },
-    /// A prior is no probability.
+    /// A prior is not a probability.
     #[error("the prior of correspondence {index} is {value}, not a probability between 0 and 1")]
     BadPrior {
         /// Which correspondence.
@@ -38,7 +38,7 @@ pub enum PoseError {
         value: f64,
     },
     /// The camera or an option has an impossible value.
-    #[error("{what} is {value}, which is not possible")]
+    #[error("{what} is {value}, which is not allowed")]
     BadValue {
         /// Which number.
         what: &'static str,
@@ -46,20 +46,20 @@ pub enum PoseError {
         value: f64,
     },
     /// A rig without frames.
-    #[error("a rig without frames has no pose; give it at least one")]
+    #[error("a rig without frames has no pose; give at least one frame")]
     NoFrames,
-    /// A frame of a rig that no pose can be estimated from, whatever the others are.
+    /// An invalid frame of a rig; the other frames cannot compensate for it.
     #[error("frame {frame}: {source}")]
     Frame {
-        /// Which, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
-        /// What is wrong with it.
+        /// The error of the frame.
         source: Box<PoseError>,
     },
     /// A relative pose with a number that is NaN or infinite.
     #[error("its pose on the rig is not finite")]
     OdometryNotFinite,
-    /// Frames may each be too poor for a pose, but not all of them.
+    /// Every frame has too few correspondences; at least one frame must have enough.
     #[error(
         "none of the {frames} frames has enough correspondences for a pose of its own (on both sides of the dividing \
          line, where there is one); one such frame is needed, which the others then help"
@@ -69,18 +69,18 @@ pub enum PoseError {
         frames: usize,
     },
     /// The score cannot weigh frames against each other.
-    #[error("the pose of a rig is estimated with the likelihood only; leave the score away")]
+    #[error("the pose of a rig is estimated with the likelihood only; do not set the score")]
     ScoreOfRig,
-    /// All lines pass through one anchor: the depth along that anchor's ray cannot be known.
+    /// All lines belong to one anchor: the position along that anchor's ray is undetermined.
     #[error(
-        "all {lines} lines run through the same anchor, which leaves the camera's depth along it free; \
+        "all {lines} lines run through the same anchor, so the camera's position along its ray is undetermined; \
          move or turn the camera so that keypoints lie on both sides of the dividing line"
     )]
     OneSided {
         /// How many lines there were.
         lines: usize,
     },
-    /// The best pose agrees with the correspondences no better than a pose that is wrong would.
+    /// The best pose agrees with the correspondences no better than a wrong pose would.
     #[error(
         "the best pose explains the correspondences no better than chance does (log evidence {log_evidence:.0})"
     )]
@@ -88,10 +88,10 @@ pub enum PoseError {
         /// [`crate::Confidence::log_evidence`].
         log_evidence: f64,
     },
-    /// It was given up: [`crate::PoseOptions::stop`].
+    /// The search was stopped by [`crate::PoseOptions::stop`].
     #[error("the search was stopped before its end")]
     Stopped,
-    /// No hypothesis was supported by enough keypoints.
+    /// No hypothesis has enough agreeing keypoints.
     #[error(
         "no pose is supported by the correspondences: the best of {hypotheses} hypotheses has {inliers} inliers, \
          {required} are the least"
@@ -99,7 +99,7 @@ pub enum PoseError {
     NoConsensus {
         /// Keypoints that agree with the best pose; 0 when no sample gave a pose.
         inliers: usize,
-        /// The least that is accepted.
+        /// Required number of keypoints.
         required: usize,
         /// Samples drawn.
         hypotheses: usize,

@@ -1,13 +1,13 @@
-//! The pose of a query: one door for points, lines and anchored lines.
+//! The pose of a query: one entry point for points, lines and anchored lines.
 
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::{assess, free_direction};
 use crate::error::PoseError;
-use crate::focal_search::{FocalRefinement, OfImage, over_focal_lengths};
+use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
-    Correspondences, FocalKnowledge, FocalVerdict, Matches, PosePriors, PoseProblem, Scale, Zoomed,
+    Correspondences, FocalKnowledge, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale,
     free_along, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
@@ -16,10 +16,10 @@ use crate::ransac::minimal::Minimal;
 use crate::ransac::search::Search;
 use crate::ransac::{Budget, Estimator, lo_ransac};
 
-/// Estimates where the camera was.
+/// Estimates the pose of a camera.
 ///
-/// LO-RANSAC with the solvers of the problem's kind, then a final refinement that is kept only when it does not make
-/// the score worse. Equal problems, options and generator states give equal estimates.
+/// LO-RANSAC with the solvers of the problem's kind, then a final refinement, which is accepted only when it does not
+/// make the score worse. Equal problems, options and generator states give equal estimates.
 ///
 /// # Errors
 /// [`PoseError`]: input that is inconsistent or not finite, too few correspondences, all lines of one anchor, or no
@@ -37,13 +37,14 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     }
     let best = over_focal_lengths(problem.focal, |factor| {
         let observations = &problem.observations;
-        search_at(&matches, problem, options, factor, rng).map(|estimate| OfImage { estimate, observations })
+        search_at(&matches, problem, options, factor, rng)
+            .map(|estimate| ImageEstimate { estimate, observations })
     });
-    // Between two focal lengths: the best of those that were tried is not what all of them would have given.
+    // The optimum lies between two tried focal lengths: the best of them may not be the best of all.
     if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
 }
 
-/// Searches with a focal length so many times as long as the given one.
+/// Searches with the given focal length multiplied by a factor.
 fn search_at<R: Rng + ?Sized>(
     matches: &Matches<'_>,
     problem: &PoseProblem,
@@ -56,8 +57,8 @@ fn search_at<R: Rng + ?Sized>(
     }
     let zoomed = matches.with_focal(factor);
     let mut search = search(&zoomed, problem, options);
-    // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
-    // that the matches explain as well.
+    // The search uses the camera priors, and is then repeated without them: a wrong prior would hide the pose, or other
+    // poses that the matches explain as well.
     let budget = match options.fixed_hypotheses {
         Some(samples) if !search.priors().is_empty() => Budget::fixed(samples.div_ceil(2)),
         _ => options.budget(1),
@@ -77,13 +78,13 @@ fn search_at<R: Rng + ?Sized>(
     if options.stop.is_set() {
         return Err(PoseError::Stopped);
     }
-    let start = found.model.map(|pose| Zoomed { pose, factor });
+    let start = found.model.map(|pose| PoseWithFocal { pose, factor });
     conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
         if has_one_side(problem) { PoseError::OneSided { lines: matches.len() } } else { error }
     })
 }
 
-/// Whether all lines run through one anchor.
+/// Whether all lines belong to one anchor.
 fn has_one_side(problem: &PoseProblem) -> bool {
     match &problem.observations {
         Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
@@ -91,13 +92,13 @@ fn has_one_side(problem: &PoseProblem) -> bool {
     }
 }
 
-/// Estimates where the camera was from a guess of it, such as the pose of the frame before.
+/// Estimates the pose of a camera from an initial pose, such as the pose of the previous frame.
 ///
-/// The guess is optimised and refined on the same objective as [`estimate_pose`]'s hypotheses, over all
-/// correspondences; nothing is sampled. From the true pose it gives the optimum that a search should find.
+/// The initial pose is optimised and refined with the objective of [`estimate_pose`], over all correspondences, without
+/// sampling. From the true pose it gives the optimum that a search should find.
 ///
 /// # Errors
-/// As [`estimate_pose`]; the guess must agree with enough correspondences after refinement.
+/// As [`estimate_pose`]; the refined pose must agree with enough correspondences.
 pub fn optimize_pose(
     problem: &PoseProblem,
     guess: &CameraFromWorld,
@@ -116,11 +117,11 @@ pub fn optimize_pose(
     } else {
         *guess
     };
-    let start = Some(Zoomed { pose: start, factor: 1.0 });
+    let start = Some(PoseWithFocal { pose: start, factor: 1.0 });
     conclude(search, &matches, start, 0, problem.focal, options)
 }
 
-/// How hypotheses for anchored lines are made.
+/// The solver for hypotheses from anchored lines.
 fn solver(options: &PoseOptions) -> AnchoredSolver {
     options.anchored_solver.unwrap_or(AnchoredSolver::default_for(options.score.unwrap_or_default()))
 }
@@ -144,16 +145,16 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
         ScoreKind::Msac => PosePriors::default(),
         ScoreKind::Likelihood => PosePriors::of(problem),
     };
-    Search::new(matches, scale, minimal, priors).until(&options.stop)
+    Search::new(matches, scale, minimal, priors).with_stop(&options.stop)
 }
 
-/// Final refinement of the best pose, and what is said of it.
+/// Final refinement of the best pose, and its confidence.
 ///
-/// `matches` are those of the focal length as given; the start names the one that it was found with.
+/// `matches` have the given focal length; `start` contains the focal length of the search.
 fn conclude<'a>(
     search: Search<'a>,
     matches: &Matches<'a>,
-    start: Option<Zoomed>,
+    start: Option<PoseWithFocal>,
     hypotheses: usize,
     focal: FocalKnowledge,
     options: &PoseOptions,
@@ -179,7 +180,7 @@ fn conclude<'a>(
     let uncertainty = |known: &PosePriors, free| {
         search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free)
     };
-    // Trust is told by the matches alone: what somebody says of the camera beside them never strengthens it.
+    // Only the matches decide about trust: camera priors never increase it.
     let nothing = PosePriors::default();
     let (noise_px, mut by_matches) = uncertainty(&nothing, None);
     let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &by_matches);
@@ -201,7 +202,7 @@ fn conclude<'a>(
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);
         by_matches = free_along(&by_matches, &direction);
-        confidence = confidence.held_only_across();
+        confidence = confidence.with_free_direction();
     }
     Ok(PoseEstimate {
         cam_from_world: polished.pose,
@@ -216,6 +217,6 @@ fn conclude<'a>(
         confidence,
         free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),
         inliers: mask,
-        refined: polished.kept,
+        refined: polished.accepted,
     })
 }

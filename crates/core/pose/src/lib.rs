@@ -1,6 +1,7 @@
-//! Robust estimation: LO-RANSAC, samplers, and what the result is worth.
+//! Robust pose estimation: LO-RANSAC, samplers, and the confidence of the result.
 //!
-//! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates, and what is drawn and scored in it.
+//! [`estimate_pose`] is the entry point. [`ransac`] holds the search loop, generic over the estimated model, with its
+//! samplers and scores.
 //!
 //! | observations | minimal samples | with gravity |
 //! |---|---|---|
@@ -8,17 +9,17 @@
 //! | lines of any direction | six lines, `p6lp` | four lines, `u4lp` |
 //! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), five and one (`p6lp_dual_radial`), or any six (`p6lp`) | four lines, `u4lp` |
 //!
-//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `veiloc_pose::likelihood` states it for
-//! all three, and so that schemes can be compared fairly it is one formula), optimised locally and refined on the same
-//! objective, at the noise that the inliers show. What each match is worth before geometry is asked comes from [`prior`].
-//! The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with the scene projected onto an
-//! anchor; the likelihood has not.
+//! Hypotheses are compared by the likelihood of the observations ([`ScoreKind::Likelihood`]; `veiloc_pose::likelihood`
+//! defines it by one formula for all three kinds, so that schemes can be compared fairly), optimised locally and
+//! refined with the same objective, at the noise that the inliers show. [`prior`] gives the probability of each match
+//! before geometry is considered. The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with
+//! the scene projected onto an anchor; the likelihood does not.
 //!
-//! An estimate comes with a covariance that covers what it claims and with a [`Confidence`] that says whether to trust
-//! it. Recall, errors and times: `docs/results/poses.md`.
+//! An estimate has a covariance that matches its real errors and a [`Confidence`] that says whether to trust it.
+//! Recall, errors and times: `docs/pose-engine.md`.
 //!
 //! # Example
-//! A camera at the origin, and sixty keypoints of which it told no more than a line each:
+//! A camera at the origin, and sixty keypoints of which the query contains one line each:
 //! ```
 //! use rand::SeedableRng;
 //! use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, Point3};
@@ -43,7 +44,7 @@
 //! # Ok::<(), veiloc_pose::PoseError>(())
 //! ```
 //!
-//! Results depend on the problem, the options and the generator handed in, on nothing else.
+//! Results depend only on the problem, the options and the given generator.
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 

@@ -1,4 +1,4 @@
-//! How to estimate: plain options, each with its unit and why the default.
+//! Options of the estimation, each with its unit and the reason for its default.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,7 +13,7 @@ pub enum ScoreKind {
     /// The paper's recipe: truncated squared pixel distance of the projection from the point or line. On anchored lines
     /// it has a false optimum, with the scene projected onto an anchor.
     Msac,
-    /// The log likelihood ratio of what was observed, which knows the anchors of Dual Convergent Lines.
+    /// The log likelihood ratio of the observations, which models the anchors of Dual Convergent Lines.
     #[default]
     Likelihood,
 }
@@ -27,9 +27,9 @@ impl fmt::Display for ScoreKind {
     }
 }
 
-/// A text named no score.
+/// The text is not the name of a score.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is no score; there are msac and likelihood")]
+#[error("{text:?} is not a score; use msac or likelihood")]
 pub struct UnknownScore {
     /// The text as given.
     pub text: String,
@@ -47,19 +47,19 @@ impl FromStr for ScoreKind {
     }
 }
 
-/// How hypotheses for anchored lines are made.
+/// The solver for hypotheses from anchored lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum AnchoredSolver {
     /// Six lines of both anchors: the paper's recipe.
     P6lp,
-    /// Five lines of one anchor, then all lines of the other vote for the depth along the anchor's ray.
+    /// Five lines of one anchor; then all lines of the others vote for the depth along the anchor's ray.
     RadialVote,
     /// Five lines of one anchor and one of the other.
     DualRadial,
 }
 
 impl AnchoredSolver {
-    /// The vote with the likelihood; `p6lp` with MSAC, which together are the paper's recipe.
+    /// The vote with the likelihood; `p6lp` with MSAC: MSAC and `p6lp` together are the paper's recipe.
     pub const fn default_for(score: ScoreKind) -> Self {
         match score {
             ScoreKind::Msac => Self::P6lp,
@@ -78,9 +78,9 @@ impl fmt::Display for AnchoredSolver {
     }
 }
 
-/// A text named no solver.
+/// The text is not the name of a solver.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is no solver for anchored lines; there are p6lp, dual-radial and radial-vote")]
+#[error("{text:?} is not a solver for anchored lines; use p6lp, dual-radial or radial-vote")]
 pub struct UnknownSolver {
     /// The text as given.
     pub text: String,
@@ -105,19 +105,19 @@ impl FromStr for AnchoredSolver {
 pub struct PoseOptions {
     /// How hypotheses are compared; `None` takes [`ScoreKind::default`].
     pub score: Option<ScoreKind>,
-    /// How hypotheses for anchored lines are made; `None` chooses by [`AnchoredSolver::default_for`].
+    /// The solver for hypotheses from anchored lines; `None` chooses by [`AnchoredSolver::default_for`].
     pub anchored_solver: Option<AnchoredSolver>,
-    /// MSAC's inlier threshold for points, pixels; lines use it divided by √2. 4 is the paper's for 7Scenes (640 × 480);
-    /// it takes 8 for Aachen and 18 for Cambridge.
+    /// MSAC's inlier threshold for points, pixels; lines use it divided by √2. 4 is the paper's for 7Scenes (640 ×
+    /// 480); it takes 8 for Aachen and 18 for Cambridge.
     pub max_error_px: f64,
-    /// Scale of a keypoint's noise across its line (for points: along each axis), pixels; the likelihood's only scale.
-    /// Detector noise, dither, angle quantization and the map's own error together. Better too large than too small: the
-    /// search finds more poses, and the final refinement uses the noise that the inliers show.
+    /// Noise scale of a keypoint across its line (for points: along each axis), pixels; the only scale of the
+    /// likelihood. It includes detector noise, dither, angle quantization and the map's own error. Too large is better
+    /// than too small: the search finds more poses, and the final refinement uses the noise that the inliers show.
     pub noise_px: f64,
-    /// Whether the final refinement estimates the noise from the inliers, starting at [`Self::noise_px`]; otherwise that
-    /// is taken as given.
+    /// Whether the final refinement estimates the noise from the inliers, starting at [`Self::noise_px`]; otherwise
+    /// that value is used.
     pub estimate_noise: bool,
-    /// Share of right correspondences assumed where the problem brings no prior. Only its logarithm counts.
+    /// Share of right correspondences that is assumed when the problem has no prior. Only its logarithm matters.
     pub expected_inlier_ratio: f64,
     /// Least number of minimal samples.
     pub min_hypotheses: usize,
@@ -127,7 +127,7 @@ pub struct PoseOptions {
     pub fixed_hypotheses: Option<usize>,
     /// Stop when the probability to have missed a better sample is below one minus this.
     pub confidence: f64,
-    /// Fewer agreeing keypoints than this are no consensus. Six lines always agree with some pose, so it must be well above six.
+    /// Minimum number of agreeing keypoints. Six lines always agree with some pose, so it must be well above six.
     pub min_inliers: usize,
     /// Ends the search without a result ([`PoseError::Stopped`]) once it is set.
     pub stop: Stop,
@@ -153,7 +153,7 @@ impl Default for PoseOptions {
 }
 
 impl PoseOptions {
-    /// How many samples a search of so many frames draws: when it has to draw many, as many as for each frame alone.
+    /// The sample budget for a search over several frames: the maximum is that of a single frame, multiplied.
     pub(crate) fn budget(&self, frames: usize) -> Budget {
         match self.fixed_hypotheses {
             Some(samples) => Budget::fixed(samples),
@@ -165,7 +165,7 @@ impl PoseOptions {
         }
     }
 
-    /// Refuses impossible values.
+    /// Rejects invalid values.
     pub(crate) fn check(&self) -> Result<(), PoseError> {
         for (what, value) in [("max_error_px", self.max_error_px), ("noise_px", self.noise_px)] {
             if !(value.is_finite() && value > 0.0) {

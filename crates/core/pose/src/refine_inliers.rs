@@ -1,4 +1,4 @@
-//! The pose of correspondences that are known to be right: least squares from a start, nothing robust about it.
+//! The pose of correspondences that are known to be right: non-robust least squares from a start.
 
 use veiloc_geometry::CameraFromWorld;
 
@@ -13,13 +13,13 @@ const STEPS: usize = 50;
 
 /// Refines a pose on correspondences that are known to be right.
 ///
-/// The squared pixel distance of the projections from points or lines is minimised over the chosen correspondences from
-/// `start`. From the true pose on the truly right matches this is the floor that no estimator should be expected to go
-/// under. The covariance is the residuals' variance times `(JᵀJ)⁻¹`.
+/// Minimises the squared pixel distance of the projections from points or lines over the chosen correspondences,
+/// starting at `start`. From the true pose on the right matches this is a lower bound for the error of any estimator.
+/// The covariance is the residuals' variance times `(JᵀJ)⁻¹`.
 ///
 /// # Errors
-/// [`PoseError`] for a problem that [`crate::estimate_pose`] would refuse, a mask of another length, or a minimal
-/// sample's worth of correspondences or fewer.
+/// [`PoseError`] for a problem that [`crate::estimate_pose`] would reject, a mask of another length, or not more
+/// correspondences than a minimal sample.
 pub fn refine_pose(
     problem: &PoseProblem,
     start: &CameraFromWorld,
@@ -58,7 +58,7 @@ pub fn refine_pose(
     })
 }
 
-/// Indices of a mask that must fit the problem.
+/// Indices of a mask, which must have the problem's length.
 pub(crate) fn active(problem: &PoseProblem, inliers: &[bool]) -> Result<Vec<usize>, PoseError> {
     let expected = problem.points.len();
     if inliers.len() != expected {

@@ -1,17 +1,17 @@
-//! How the correspondences are spread over the anchors.
+//! Numbers of correspondences per anchor.
 
 use veiloc_geometry::Anchor;
 
 use crate::likelihood::matches::Matches;
 
 impl Matches<'_> {
-    /// The anchor that has most correspondences, the first of equals.
+    /// The anchor with most correspondences, the first of equals.
     pub fn richest_anchor(&self) -> Anchor {
         let counts = self.count_by_anchor();
         Anchor::first(Anchor::MOST).rev().max_by_key(|a| counts[a.index()]).unwrap_or(Anchor::FIRST)
     }
 
-    /// How many anchors have any.
+    /// How many anchors have correspondences.
     pub fn anchors_seen(&self) -> usize {
         self.count_by_anchor().iter().filter(|count| **count > 0).count()
     }

@@ -1,23 +1,23 @@
-//! How firmly a pose is held: the covariance of an estimate, with all that takes part in its error.
+//! The covariance of an estimate, with all parts of its error.
 //!
-//! That of an M-estimator (Huber and Ronchetti, *Robust Statistics*, 2009, eq. 7.43): with `r` the probability that a
-//! match is right, `Ψ = r · 6 e / (ν σ² + e²)` its pull on the pose and `Ψ′` the derivative, in which a match that is
-//! pushed out loses its say,
+//! The sandwich covariance of an M-estimator (Huber and Ronchetti, *Robust Statistics*, 2009, eq. 7.43): with `r` the
+//! probability that a match is right, `Ψ = r · 6 e / (ν σ² + e²)` its score and `Ψ′` the derivative, in which a match
+//! with a large residual loses its weight,
 //!
 //! ```text
 //! V = K² · n/(n − p) · (Σ Ψ² / n) / (Σ Ψ′ / n)²      K = 1 + p/n · Var Ψ′ / (E Ψ′)²
 //! C = H⁻¹ (Σ r f JᵀJ / V + P) H⁻¹                    H = Σ r JᵀJ / V + P
 //! ```
 //!
-//! with `n = Σ r` and `p = 6` over the residuals of a match. It asks what the residuals are, not what the model says they
-//! should be: it stays right when they are not Student's. Further
+//! with `n = Σ r` and `p = 6` over the residuals of a match. It uses the observed residuals, not those that the model
+//! predicts, so it stays valid when they are not Student-distributed. Further:
 //!
-//! - **a keypoint counts once**, however many map points it was matched to, and so does a map point: their matches share
-//!   one error, so each has its share of `r`;
-//! - **the map's own error** takes part: `f` is a match's variance over the mean one, by the covariance of its map point
-//!   as it shows in the image;
-//! - `P` is what is known beside the matches ([`PosePriors`]);
-//! - a focal length that was estimated is a seventh number, and what it leaves open is in `C`.
+//! - **a keypoint counts once**, however many map points it was matched to, and so does a map point: their matches
+//!   share one error, so each gets a share of `r`;
+//! - **the map's own error** is included: `f` is a match's variance divided by the mean variance, from the covariance
+//!   of its map point projected into the image;
+//! - `P` is the information of the camera priors ([`PosePriors`]);
+//! - an estimated focal length is a seventh parameter, and its uncertainty is included in `C`.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
@@ -28,15 +28,15 @@ use crate::likelihood::pose_priors::PosePriors;
 
 type Matrix7 = SMatrix<f64, 7, 7>;
 
-/// The least a match's variance may be of the mean one: the map's covariances say where points are worse, not that one is
-/// perfect.
-const LEAST_SHARE: f64 = 0.2;
+/// Minimum of a match's variance relative to the mean: the map's covariances show which points are worse, not that a
+/// point is perfect.
+const MIN_VARIANCE_SHARE: f64 = 0.2;
 
-/// An estimate whose covariance is asked for.
-pub struct Estimated<'a> {
-    /// The correspondences, as the pose sees them.
+/// The inputs of a pose covariance.
+pub struct CovarianceInputs<'a> {
+    /// The correspondences that the pose can see.
     pub matches: &'a Matches<'a>,
-    /// What is known beside them.
+    /// The camera priors.
     pub priors: &'a PosePriors,
     /// The pose.
     pub pose: &'a CameraFromWorld,
@@ -44,53 +44,56 @@ pub struct Estimated<'a> {
     pub likelihoods: &'a [f64],
     /// Scale of the noise, pixels.
     pub noise: f64,
-    /// Standard deviation that the logarithm of the focal length had before; `None` when it was not estimated.
+    /// Prior standard deviation of the logarithm of the focal length; `None` when it was not estimated.
     pub focal_sd: Option<f64>,
-    /// A direction of translation that the matches leave free, a unit vector of the camera frame, and the standard deviation
-    /// that stands for knowing nothing, map units.
+    /// A free direction of translation, a unit vector of the camera frame, and the standard deviation that stands for
+    /// an unknown value, map units.
     pub free: Option<(Vector3<f64>, f64)>,
 }
 
-/// One match that has a say.
-struct Say {
+/// One match with its weight.
+struct WeightedResidual {
     residual: Residual,
     /// Probability that it is right, times its share of its keypoint and map point.
     right: f64,
-    /// Variance that the map point's own error brings, pixels squared, mean over its residuals.
+    /// Variance caused by the map point's own error, pixels squared, mean over its residuals.
     map_variance: f64,
 }
 
-impl Estimated<'_> {
-    /// Covariance of the pose; infinite on the diagonal when a direction is left free.
+impl CovarianceInputs<'_> {
+    /// Covariance of the pose; infinite on the diagonal when a direction is free.
     pub fn covariance(&self) -> Symmetric6 {
-        self.held_and_shaken().and_then(|(held, shaken)| sandwich(&held, &shaken)).unwrap_or_else(infinite)
+        self.sandwich_terms()
+            .and_then(|(hessian, score_covariance)| sandwich(&hessian, &score_covariance))
+            .unwrap_or_else(infinite)
     }
 
-    /// Its inverse; where a direction is left free, what is known about the others. 0 when the matches are too few to show
-    /// their noise.
+    /// Its inverse; where a direction is free, the information about the others. 0 when there are too few matches to
+    /// estimate their noise.
     pub fn information(&self) -> Matrix6<f64> {
-        let Some((held, shaken)) = self.held_and_shaken() else { return Matrix6::zeros() };
-        let covariance = sandwich(&held, &shaken).map(|c| Matrix6::from_fn(|i, j| c[i][j]));
+        let Some((hessian, score_covariance)) = self.sandwich_terms() else { return Matrix6::zeros() };
+        let covariance = sandwich(&hessian, &score_covariance).map(|c| Matrix6::from_fn(|i, j| c[i][j]));
         covariance
             .and_then(|c| c.try_inverse())
-            .unwrap_or_else(|| held.fixed_view::<6, 6>(0, 0).clone_owned())
+            .unwrap_or_else(|| hessian.fixed_view::<6, 6>(0, 0).clone_owned())
     }
 
-    /// `H` and what stands between its inverses; `None` when the matches are too few.
-    fn held_and_shaken(&self) -> Option<(Matrix7, Matrix7)> {
+    /// `H` and the matrix between its inverses; `None` when there are too few matches.
+    fn sandwich_terms(&self) -> Option<(Matrix7, Matrix7)> {
         let rows = self.matches.residuals();
-        let says = self.says();
-        let agreeing: f64 = says.iter().map(|say| say.right).sum();
-        let variance = self.variance(&says, agreeing)?;
-        let mean = says.iter().map(|say| say.right * say.map_variance).sum::<f64>() / agreeing;
-        let (mut held, mut shaken) = (Matrix7::zeros(), Matrix7::zeros());
-        for say in &says {
-            let factor = (1.0 + (say.map_variance - mean) / variance).max(LEAST_SHARE);
+        let weighted_residuals = self.weighted_residuals();
+        let agreeing: f64 = weighted_residuals.iter().map(|item| item.right).sum();
+        let variance = self.variance(&weighted_residuals, agreeing)?;
+        let mean =
+            weighted_residuals.iter().map(|item| item.right * item.map_variance).sum::<f64>() / agreeing;
+        let (mut hessian, mut score_covariance) = (Matrix7::zeros(), Matrix7::zeros());
+        for item in &weighted_residuals {
+            let factor = (1.0 + (item.map_variance - mean) / variance).max(MIN_VARIANCE_SHARE);
             for row in 0..rows {
-                let j = self.row(&say.residual, row);
-                let square = j * j.transpose() * (say.right / variance);
-                held += square;
-                shaken += square * factor;
+                let j = self.row(&item.residual, row);
+                let square = j * j.transpose() * (item.right / variance);
+                hessian += square;
+                score_covariance += square * factor;
             }
         }
         let mut known = Matrix7::zeros();
@@ -100,10 +103,10 @@ impl Estimated<'_> {
             shift += direction * direction.transpose() / (sd * sd);
         }
         known[(6, 6)] = self.focal_sd.map_or(1.0, |sd| sd.powi(-2));
-        Some((held + known, shaken + known))
+        Some((hessian + known, score_covariance + known))
     }
 
-    fn says(&self) -> Vec<Say> {
+    fn weighted_residuals(&self) -> Vec<WeightedResidual> {
         let probability = |llr: f64| if llr > NEGLIGIBLE { 1.0 / (1.0 + (-llr).exp()) } else { 0.0 };
         let right: Vec<f64> = self.likelihoods.iter().map(|llr| probability(*llr)).collect();
         let shares = self.matches.shares(&right);
@@ -122,24 +125,24 @@ impl Estimated<'_> {
                     };
                     (0..rows).map(across).sum::<f64>() / rows as f64
                 });
-                Some(Say { residual, right: right[i] * shares[i], map_variance })
+                Some(WeightedResidual { residual, right: right[i] * shares[i], map_variance })
             })
             .collect()
     }
 
-    /// `V`: variance of one residual as the pose feels it, pixels squared; `None` when there are too few.
-    fn variance(&self, says: &[Say], agreeing: f64) -> Option<f64> {
+    /// `V`: effective variance of one residual, pixels squared; `None` when there are too few.
+    fn variance(&self, weighted_residuals: &[WeightedResidual], agreeing: f64) -> Option<f64> {
         let scale = self.matches.freedom() * self.noise * self.noise;
         let rows = self.matches.residuals() as f64;
         let (mut pulls, mut slopes, mut squared_slopes) = (0.0, 0.0, 0.0);
-        for say in says {
-            let squared = say.residual.squared();
+        for item in weighted_residuals {
+            let squared = item.residual.squared();
             let denominator = (scale + squared).powi(2);
-            // Mean over the residuals of a match of the squared pull and of the slope.
+            // Mean over the residuals of a match of the squared score and of its slope.
             let pull = 36.0 * squared / (denominator * rows);
             let slope = 6.0 * (scale + (1.0 - 2.0 / rows) * squared) / denominator;
-            pulls += say.right * say.right * pull;
-            let slope = say.right * slope - say.right * (1.0 - say.right).max(0.0) * pull;
+            pulls += item.right * item.right * pull;
+            let slope = item.right * slope - item.right * (1.0 - item.right).max(0.0) * pull;
             slopes += slope;
             squared_slopes += slope * slope;
         }
@@ -159,27 +162,27 @@ impl Estimated<'_> {
     }
 }
 
-/// `H⁻¹ B H⁻¹`, the part of the pose; `None` when a direction is left free.
-fn sandwich(held: &Matrix7, shaken: &Matrix7) -> Option<Symmetric6> {
+/// `H⁻¹ B H⁻¹`, restricted to the pose; `None` when a direction is free.
+fn sandwich(hessian: &Matrix7, score_covariance: &Matrix7) -> Option<Symmetric6> {
     // Radians and map units differ in scale: compare directions only after giving each unit information.
-    let unit = held.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
+    let unit = hessian.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
     let scale = Matrix7::from_diagonal(&unit);
-    let inverse = scale * (scale * held * scale).cholesky()?.inverse() * scale;
-    let covariance = inverse * shaken * inverse;
+    let inverse = scale * (scale * hessian * scale).cholesky()?.inverse() * scale;
+    let covariance = inverse * score_covariance * inverse;
     (unit.min() > 0.0 && covariance.iter().all(|c| c.is_finite())).then(|| {
         std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)])))
     })
 }
 
-/// The covariance of a pose that may be off by so much beside its noise: the square of the shift is added.
+/// The covariance of a pose with an additional systematic shift: the outer product of the shift is added.
 pub fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + shift[i] * shift[j]))
 }
 
-/// The covariance with nothing known along one direction of translation, a unit vector of the camera frame: infinite on
-/// the diagonal wherever that direction has a part, and nothing said beside it.
+/// The covariance with one unknown direction of translation, a unit vector of the camera frame: infinite on the
+/// diagonal wherever that direction has a component, with zero correlations.
 pub fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {
-    /// Parts below this are rounding.
+    /// Components below this are rounding.
     const PART: f64 = 1e-9;
     let free = |k: usize| k >= 3 && direction[k - 3].abs() > PART;
     std::array::from_fn(|i| {

@@ -1,11 +1,11 @@
-//! Information about a pose and its inverse, a covariance, where a direction may be left free.
+//! Information about a pose and its inverse, a covariance, in which a direction may be free.
 
 use veiloc_geometry::nalgebra::{Matrix6, SMatrix};
 
-/// Matches with a log likelihood ratio below this, a natural logarithm, weigh nothing.
+/// Matches with a log likelihood ratio below this, a natural logarithm, have no weight.
 pub const NEGLIGIBLE: f64 = -14.0;
 
-/// A symmetric matrix over the six numbers of [`veiloc_geometry::CameraFromWorld::perturbed`]:
+/// A symmetric matrix over the six parameters of [`veiloc_geometry::CameraFromWorld::perturbed`]:
 /// radians, then map units.
 pub type Symmetric6 = [[f64; 6]; 6];
 
@@ -13,7 +13,7 @@ fn symmetric(m: &Matrix6<f64>) -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (m[(i, j)] + m[(j, i)])))
 }
 
-/// Inverse of an information matrix; infinite on the diagonal when a direction is left free.
+/// Inverse of an information matrix; infinite on the diagonal when a direction is free.
 pub fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
     // Radians and map units differ in scale: compare directions only after giving each unit information.
     let scale = information.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
@@ -28,7 +28,7 @@ pub fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
     }
 }
 
-/// The covariance of what nothing is known of.
+/// The covariance of an unknown pose.
 pub(crate) fn infinite() -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 }))
 }

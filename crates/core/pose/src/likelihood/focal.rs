@@ -1,9 +1,9 @@
-//! A focal length that is estimated with the pose: a seventh number.
+//! A focal length that is estimated with the pose: a seventh parameter.
 //!
-//! A wrong focal length shows: the projections of right matches miss by amounts that grow towards the image's border, and
-//! no pose takes that away unless the scene is flat. Whether it does is read off one linearized system: how much the log
-//! likelihood would rise if the focal length were free (a score test). Where it pays, pose and focal length are refined
-//! together.
+//! A wrong focal length can be detected: the projections of right matches miss by amounts that grow towards the image's
+//! border, and no pose compensates for this unless the scene is flat. A score test on one linearized system estimates
+//! how much the log likelihood would rise if the focal length were free. If the gain is large enough, pose and focal
+//! length are refined together.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{SMatrix, SVector};
@@ -17,115 +17,117 @@ use crate::likelihood::refine::System;
 type Matrix7 = SMatrix<f64, 7, 7>;
 type Vector7 = SVector<f64, 7>;
 
-/// What contradicts a calibrated focal length: so much gained in log likelihood ...
-const LEAST_GAIN: f64 = 3.5;
+/// A calibrated focal length is contradicted by at least this gain in log likelihood ...
+const MIN_GAIN: f64 = 3.5;
 
-/// ... by a change of so much in its logarithm.
-const LEAST_CHANGE: f64 = 0.002;
+/// ... and at least this change of its logarithm.
+const MIN_CHANGE: f64 = 0.002;
 
-/// A change below this is what lenses differ by whose distortion was left out, and what the map's own calibration may be
-/// wrong by: undoing it in the query alone tears the two apart. The pose stays as it is then, and its covariance says what
-/// the change would do to it.
-const LEAST_WRONG: f64 = 0.02;
+/// Smaller changes are caused by ignored lens distortion or by errors of the map's own calibration: correcting them in
+/// the query alone would make query and map inconsistent. The pose is then not changed, and its covariance includes the
+/// effect of the change.
+const MIN_WRONG_CHANGE: f64 = 0.02;
 
-/// What a focal length must change by before the pose is doubted for it: right ones of half-hidden images, whose matches say
-/// little of it, were suspected of up to 2.3 %.
-const LEAST_DOUBTED: f64 = 0.03;
+/// Relative change of the focal length above which the pose is doubted: right focal lengths of half-hidden images,
+/// whose matches determine it poorly, deviated by up to 2.3 %.
+const MIN_DOUBTED_CHANGE: f64 = 0.03;
 
-/// A focal length is called wrong, and estimated, when it gains so much more for each agreeing match; below that it is only
-/// suspicious. What a pipeline does with half a pixel also looks like a focal length, and grows with the matches: on the
-/// problems of `redkitchen_r08`, whose keypoints lie half a pixel left of where they should, it gained 0.15 to 0.2 a point.
-/// A line sees less of either: 3 % of focal length gain less than 0.15 a line of dcl.
-const GAIN_A_POINT: f64 = 0.2;
-const GAIN_A_LINE: f64 = 0.06;
+/// A focal length is called wrong, and estimated, when the gain per agreeing match exceeds this; below, it is only
+/// suspicious. A half-pixel convention error also resembles a focal length, and its gain grows with the number of
+/// matches: on the problems of `redkitchen_r08`, whose keypoints are half a pixel too far left, it gained 0.15 to 0.2
+/// per point. Lines are less sensitive to both: 3 % of focal length gain less than 0.15 per line of dcl.
+const GAIN_PER_POINT: f64 = 0.2;
+const GAIN_PER_LINE: f64 = 0.06;
 
-/// What is to be thought of a calibrated focal length.
+/// The verdict on a calibrated focal length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FocalVerdict {
-    /// Nothing speaks against it.
+    /// The matches are consistent with it.
     Fine,
-    /// Another, at another pose, would explain the matches better, by too little to change it.
-    Suspicious(Zoomed),
+    /// Another, at another pose, would explain the matches better, but not enough to replace it.
+    Suspicious(PoseWithFocal),
     /// It is wrong.
     Wrong,
 }
 
 impl FocalVerdict {
-    /// What another focal length must gain before the given one is called wrong, when so many matches agree.
+    /// Required gain of another focal length before the given one is called wrong, for this number of agreeing matches.
     pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
         Self::least_gain_of([(observations, agreeing)])
     }
 
-    /// The same when so many matches agree in each of several images.
+    /// The same for agreeing matches in several images.
     pub fn least_gain_of<'a>(images: impl IntoIterator<Item = (&'a Correspondences, usize)>) -> f64 {
         let of_a_match = |observations: &Correspondences| match observations {
-            Correspondences::Points { .. } => GAIN_A_POINT,
-            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_A_LINE,
+            Correspondences::Points { .. } => GAIN_PER_POINT,
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_PER_LINE,
         };
         let each =
             images.into_iter().map(|(observations, agreeing)| of_a_match(observations) * agreeing as f64);
-        LEAST_GAIN + each.sum::<f64>()
+        MIN_GAIN + each.sum::<f64>()
     }
 
-    /// Whether a linearized step of the logarithm of the focal length gains so much that it is worth looking there.
-    pub fn is_worth_a_look(gain: f64, log_step: f64) -> bool {
-        gain > LEAST_GAIN && log_step.abs() > LEAST_CHANGE
+    /// Whether a linearized step of the logarithm of the focal length gains enough to refine it.
+    pub fn warrants_refinement(gain: f64, log_step: f64) -> bool {
+        gain > MIN_GAIN && log_step.abs() > MIN_CHANGE
     }
 
-    /// Of what another focal length gains, and what it must gain to be estimated ([`Self::least_gain`]).
-    pub fn of(gain: f64, other: &Zoomed, least_gain: f64) -> Self {
+    /// From the gain of another focal length, and the required gain ([`Self::least_gain`]).
+    pub fn of(gain: f64, other: &PoseWithFocal, least_gain: f64) -> Self {
         let change = other.factor.ln().abs();
-        if gain > least_gain && change > LEAST_WRONG {
+        if gain > least_gain && change > MIN_WRONG_CHANGE {
             Self::Wrong
-        } else if gain > LEAST_GAIN && change > LEAST_CHANGE {
+        } else if gain > MIN_GAIN && change > MIN_CHANGE {
             Self::Suspicious(*other)
         } else {
             Self::Fine
         }
     }
 
-    /// Whether nothing is known that another focal length would change much.
+    /// Whether no focal length with a large change is suspected.
     pub fn is_near(&self) -> bool {
         *self != Self::Wrong && self.doubted().is_none()
     }
 
-    /// The focal length that a doubt is about, over the given one: one that differs by so much that the pose may be wrong.
+    /// The suspected focal length relative to the given one, if it differs so much that the pose may be wrong.
     pub fn doubted(&self) -> Option<f64> {
         match self {
-            Self::Suspicious(other) if other.factor.ln().abs() > LEAST_DOUBTED => Some(other.factor),
+            Self::Suspicious(other) if other.factor.ln().abs() > MIN_DOUBTED_CHANGE => Some(other.factor),
             Self::Suspicious(_) | Self::Fine | Self::Wrong => None,
         }
     }
 }
 
-/// The focal length stays within this factor of the one given, in the logarithm: 2.
-const LARGEST_CHANGE: f64 = std::f64::consts::LN_2;
+/// Maximum change of the focal length, in the logarithm: a factor of 2.
+const MAX_LOG_CHANGE: f64 = std::f64::consts::LN_2;
 
 impl FocalKnowledge {
-    /// Standard deviation of the logarithm of the true focal length over the given one, where it is estimated.
+    /// Prior standard deviation of the logarithm of the true focal length relative to the given one, where it is
+    /// estimated.
     pub const fn sd(self) -> f64 {
         match self {
-            // Estimated only when it is known to be wrong; then nothing is known.
+            // Estimated only when the calibration is wrong; then nothing is known about it.
             Self::Calibrated | Self::Unknown => 0.3,
             Self::Exif => 0.05,
         }
     }
 }
 
-/// A pose with a focal length over the given one.
+/// A pose with a focal length relative to the given one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Zoomed {
+pub struct PoseWithFocal {
     /// The pose.
     pub pose: CameraFromWorld,
-    /// The focal length over the given one.
+    /// The focal length relative to the given one.
     pub factor: f64,
 }
 
-/// What is minimised: the soft likelihood over chosen correspondences, what is known beside them, and of the focal length.
-pub struct ZoomObjective<'a> {
+/// The objective: the soft likelihood over chosen correspondences, the camera priors, and the prior of the focal
+/// length.
+pub struct FocalObjective<'a> {
     /// With the focal length as given.
     pub matches: &'a Matches<'a>,
-    /// What is known beside them.
+    /// The camera priors.
     pub priors: PosePriors,
     /// The correspondences that may be right.
     pub active: Vec<usize>,
@@ -135,9 +137,9 @@ pub struct ZoomObjective<'a> {
     pub sd: f64,
 }
 
-/// Gauss–Newton system `H δ = −g` over the six numbers of a pose and the logarithm of the focal length.
-pub struct ZoomSystem {
-    /// Correspondences that are likelier right than wrong.
+/// Gauss–Newton system `H δ = −g` over the six parameters of a pose and the logarithm of the focal length.
+pub struct FocalSystem {
+    /// Number of correspondences that are likelier right than wrong.
     pub agreeing: usize,
     /// The loss there.
     pub loss: f64,
@@ -147,16 +149,16 @@ pub struct ZoomSystem {
     pub hessian: SMatrix<f64, 7, 7>,
 }
 
-impl ZoomObjective<'_> {
-    /// What the likelihood says of the given focal length, at the optimum for it.
+impl FocalObjective<'_> {
+    /// The likelihood's verdict on the given focal length, at the optimum for it.
     ///
-    /// One linearized step tells whether to look; what is there is then refined, because the matches that a wrong focal
-    /// length lost come back only on the way.
+    /// One linearized step decides whether to refine. The refinement is necessary because matches that the wrong focal
+    /// length lost return only during it.
     pub fn verdict(&self, pose: &CameraFromWorld) -> FocalVerdict {
-        let given = Zoomed { pose: *pose, factor: 1.0 };
+        let given = PoseWithFocal { pose: *pose, factor: 1.0 };
         let system = self.linearize(&given);
         let Some(step) = solved(&system, 0.0) else { return FocalVerdict::Fine };
-        if !FocalVerdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
+        if !FocalVerdict::warrants_refinement(-0.5 * step.dot(&system.gradient), step[6]) {
             return FocalVerdict::Fine;
         }
         let other = self.descend(&given, Convergence { steps: 12, least_gain: 1e-6 });
@@ -164,23 +166,23 @@ impl ZoomObjective<'_> {
         FocalVerdict::of(gain, &other, FocalVerdict::least_gain(self.matches.observations, system.agreeing))
     }
 
-    /// Levenberg–Marquardt from a start; never a larger loss than the start's.
-    pub fn refine(&self, start: &Zoomed) -> Zoomed {
+    /// Levenberg–Marquardt from a start; never returns a larger loss than the start's.
+    pub fn refine(&self, start: &PoseWithFocal) -> PoseWithFocal {
         self.descend(start, Convergence::OF_FOCAL)
     }
 
-    fn descend(&self, start: &Zoomed, convergence: Convergence) -> Zoomed {
-        let step = |at: &Zoomed, here: &ZoomSystem, damping| {
+    fn descend(&self, start: &PoseWithFocal, convergence: Convergence) -> PoseWithFocal {
+        let step = |at: &PoseWithFocal, here: &FocalSystem, damping| {
             Some((moved(at, &solved(here, damping)?)?, f64::INFINITY))
         };
         levenberg_marquardt(*start, convergence, |at| self.linearize(at), |here| here.loss, step).at
     }
 
     /// Loss and derivatives at a pose and focal length.
-    pub fn linearize(&self, at: &Zoomed) -> ZoomSystem {
-        let (matches, camera) = (self.matches, self.matches.zoomed_camera(at.factor));
+    pub fn linearize(&self, at: &PoseWithFocal) -> FocalSystem {
+        let (matches, camera) = (self.matches, self.matches.camera_with_focal(at.factor));
         let mut system =
-            ZoomSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
+            FocalSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
         let scale = matches.freedom() * self.noise * self.noise;
         let noise_term = matches.noise_term(self.noise);
         for &i in &self.active {
@@ -216,7 +218,7 @@ impl ZoomObjective<'_> {
     }
 }
 
-fn solved(system: &ZoomSystem, damping: f64) -> Option<Vector7> {
+fn solved(system: &FocalSystem, damping: f64) -> Option<Vector7> {
     let mut h = system.hessian;
     for k in 0..7 {
         h[(k, k)] += damping * h[(k, k)].max(1e-12);
@@ -225,14 +227,14 @@ fn solved(system: &ZoomSystem, damping: f64) -> Option<Vector7> {
     step.iter().all(|s| s.is_finite()).then_some(step)
 }
 
-fn moved(at: &Zoomed, step: &Vector7) -> Option<Zoomed> {
+fn moved(at: &PoseWithFocal, step: &Vector7) -> Option<PoseWithFocal> {
     let pose = at.pose.perturbed(&[step[0], step[1], step[2], step[3], step[4], step[5]]);
-    stretched(at.factor, step[6]).map(|factor| Zoomed { pose, factor })
+    step_focal(at.factor, step[6]).map(|factor| PoseWithFocal { pose, factor })
 }
 
-/// A focal length over the given one after a step of its logarithm, of which no more than a fifth is taken at once; `None`
-/// where no focal length is looked for any more.
-pub fn stretched(factor: f64, log_step: f64) -> Option<f64> {
+/// The relative focal length after a step of its logarithm, limited to 0.2 per step; `None` outside of the allowed
+/// range.
+pub fn step_focal(factor: f64, log_step: f64) -> Option<f64> {
     let log = factor.ln() + log_step.clamp(-0.2, 0.2);
-    (log.abs() <= LARGEST_CHANGE).then(|| log.exp())
+    (log.abs() <= MAX_LOG_CHANGE).then(|| log.exp())
 }

@@ -1,8 +1,8 @@
-//! The score of a pose over all correspondences, fast: what a search spends its time in.
+//! Fast score of a pose over all correspondences: the largest part of a search's runtime.
 //!
-//! Correspondences are laid out for `veiloc-simd`: single precision, world points centred before they are rounded,
-//! pixels relative to the principal point; what is lost is far below a hundredth of a pixel. The readable twin is
-//! [`Matches::log_likelihood_ratio`], which the tests hold this against.
+//! Correspondences are laid out for `veiloc-simd`: single precision, world points centred before rounding, pixels
+//! relative to the principal point; the loss of accuracy is far below a hundredth of a pixel. The readable reference is
+//! [`Matches::log_likelihood_ratio`]; tests compare both.
 
 use veiloc_geometry::nalgebra::{Matrix6, RowVector3, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pencils, Pixel, PlacedSectors};
@@ -15,7 +15,7 @@ use crate::likelihood::matches::Matches;
 use crate::likelihood::problem::Correspondences;
 use crate::likelihood::refine::System;
 
-/// Local optimisation looks at so many correspondences; the search and the final refinement at all.
+/// Local optimisation uses this many correspondences; the search and the final refinement use all.
 const COARSE: usize = 1024;
 
 /// Which score, with its scale.
@@ -38,9 +38,9 @@ pub enum Scale {
 pub struct Kernel {
     scale: Scale,
     lanes: PoseLanes,
-    /// The most promising correspondences alone, when there are many: enough to descend on.
+    /// The most promising correspondences alone, when there are many: enough for local optimisation.
     coarse: Option<PoseLanes>,
-    /// Correspondence of each lane that is used, in the order of the lanes; `None` for the others.
+    /// Correspondence of each used lane, in the order of the lanes; `None` for the others.
     order: Vec<Option<usize>>,
     center: Vector3<f64>,
     focal: [f64; 2],
@@ -51,7 +51,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// Of these correspondences as they are; they may change afterwards without it.
+    /// A kernel of these correspondences; later changes to them have no effect on it.
     pub fn new(matches: &Matches<'_>, scale: Scale) -> Self {
         let camera = &matches.camera;
         let center = median_point(&matches.points);
@@ -70,7 +70,7 @@ impl Kernel {
             };
             Group::new(blocks(members), from_principal, anchor.index(), extra as f32)
         };
-        // Members of each group, the most promising first: then poor poses are dropped sooner.
+        // Members of each group, the most promising first: then poor poses are rejected sooner.
         let members = |anchor: Option<Anchor>| -> Vec<usize> {
             let of_group = |i: &usize| anchor.is_none_or(|a| matches.anchor[*i] == a);
             promising_first(matches, (0..matches.len()).filter(of_group))
@@ -129,7 +129,7 @@ impl Kernel {
     }
 
     /// Cost of a pose, lower is better: MSAC in units of whole outliers, between 0 and `N`, or minus the sum of the
-    /// positive log likelihood ratios. Any value not below `best` may be a value at which the sum was given up.
+    /// positive log likelihood ratios. A value not below `best` may be a partial sum.
     pub fn cost(&self, pose: &CameraFromWorld, best: f64) -> f64 {
         let rows = self.scaled_rows(pose);
         match self.scale {
@@ -145,14 +145,14 @@ impl Kernel {
         }
     }
 
-    /// Cost under the likelihood at another noise than the kernel's own, pixels.
+    /// Cost under the likelihood at a given noise, pixels.
     pub fn cost_at(&self, pose: &CameraFromWorld, noise: f64) -> f64 {
         let (k, shift) = self.at_noise(noise);
         let rows = self.scaled_rows(pose);
         -f64::from(self.lanes.likelihood(self.backend, &rows, k, shift, f32::NEG_INFINITY))
     }
 
-    /// Log likelihood ratio of each correspondence at this noise, `[N]`; `−∞` where nothing can have been seen.
+    /// Log likelihood ratio of each correspondence at this noise, `[N]`; `−∞` where the point cannot be visible.
     pub fn likelihoods(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
         let (k, shift) = self.at_noise(noise);
         let mut lanes = Vec::with_capacity(self.order.len());
@@ -166,12 +166,12 @@ impl Kernel {
         all
     }
 
-    /// The soft likelihood at this noise with its derivatives, and the noise that the correspondences show there.
+    /// The soft likelihood at this noise with its derivatives, and the noise that the correspondences show.
     pub fn linearize(&self, pose: &CameraFromWorld, noise: f64) -> (System, f64) {
         self.linearize_on(&self.lanes, pose, noise)
     }
 
-    /// The same on the most promising correspondences alone.
+    /// The same for the most promising correspondences alone.
     pub fn linearize_coarsely(&self, pose: &CameraFromWorld, noise: f64) -> System {
         self.linearize_on(self.coarse.as_ref().unwrap_or(&self.lanes), pose, noise).0
     }
@@ -191,7 +191,7 @@ impl Kernel {
         (system, if shown.is_finite() { shown } else { noise })
     }
 
-    /// `k` and `shift` of the likelihood at a noise: `worth` holds the part for unit noise.
+    /// `k` and `shift` of the likelihood at a noise: `score_offset` contains the part for unit noise.
     fn at_noise(&self, noise: f64) -> (f32, f32) {
         let base = match self.scale {
             Scale::Likelihood { noise } => noise,
@@ -216,8 +216,8 @@ impl Kernel {
     }
 }
 
-/// The members by what they are worth, most first. Equal ones come in an order that has nothing to do with theirs: any
-/// beginning of the list is a fair sample.
+/// The members by falling `log_likelihood_const`. Equal ones are in an order independent of their index, so that every
+/// prefix of the list is a fair sample.
 pub fn promising_first(matches: &Matches<'_>, members: impl Iterator<Item = usize>) -> Vec<usize> {
     let mixed = |i: usize| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23);
     let mut members: Vec<usize> = members.collect();
@@ -243,7 +243,7 @@ fn block(matches: &Matches<'_>, members: &[usize], center: &Vector3<f64>, scale:
             }
         };
         (block.a[l], block.b[l], block.c[l]) = (a as f32, b as f32, c as f32);
-        block.worth[l] = match scale {
+        block.score_offset[l] = match scale {
             Scale::Msac { .. } => 1.0,
             Scale::Likelihood { noise } => {
                 (matches.log_likelihood_const[i] + matches.noise_term(*noise)) as f32
@@ -278,7 +278,7 @@ fn partition(pencils: &Pencils, principal: [f64; 2], margin: f64) -> Partition {
     Partition { pencils: pencils.len() as f32, own: sectors(own), across: across.map(sectors) }
 }
 
-/// Median of each coordinate: a few wild map points do not move it.
+/// Median of each coordinate, which is robust to outlier map points.
 pub fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| {
         let mut values: Vec<f64> = points.iter().map(|p| p[k]).collect();
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_its_readable_twin() {
+    fn kernel_agrees_with_reference() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for kind in 0..3 {
             for n in [1, 15, 16, 17, 700] {
@@ -343,7 +343,7 @@ mod tests {
                         .map(|llr| -llr.max(0.0))
                         .sum();
                     let found = likelihood.cost(&pose, f64::INFINITY);
-                    // A projection exactly on a gate may fall on either side of it: worth one correspondence.
+                    // A projection exactly on a gate may fall on either side of it: a difference of one correspondence.
                     assert!(
                         (found - expected).abs() < 1e-3 * (1.0 + expected.abs()),
                         "{kind} {n}: {found} {expected}"
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn giving_up_early_never_drops_a_better_pose() {
+    fn early_exit_never_drops_a_better_pose() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for kind in 0..3 {
             let problem = problem(&mut rng, kind, 900);
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_are_not_finite_gain_nothing() {
+    fn non_finite_poses_gain_nothing() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for kind in 0..3 {
             let problem = problem(&mut rng, kind, 50);

@@ -1,9 +1,9 @@
-//! The correspondences as the estimators see them: residuals in pixels, their derivatives, and what each is worth.
+//! The correspondences as the estimators use them: residuals in pixels, their derivatives, and their likelihood.
 //!
 //! # The likelihood
-//! For each correspondence the logarithm of how much better "right, with noise" explains what was observed than "wrong,
-//! anything goes". With `γ` the probability that it is right, `e` the distance in pixels of the projection from the
-//! observation and `σ` the scale of the noise,
+//! For each correspondence the logarithm of the likelihood ratio between "right, with noise" and "wrong, random". With
+//! `γ` the probability that it is right, `e` the distance in pixels of the projection from the observation and `σ` the
+//! scale of the noise,
 //!
 //! | kind | observed | spread of wrong ones | log likelihood ratio |
 //! |---|---|---|---|
@@ -11,11 +11,13 @@
 //! | lines | offset, given the direction | its chord's share of the image, `L/(W H)` | `logit γ + log(c W H / (L σ)) − 3 log(1 + e²/(5σ²))` |
 //! | anchored | angle about the anchor | the arc in which the image is seen, `1/α` | `logit γ + log(c α r / σ) − 3 log(1 + e²/(5σ²))` |
 //!
-//! The noise is a Student t distribution of four (points, in the plane) or five (lines) degrees of freedom, with
-//! `c = 8 / (3 π √5)`: keypoints are a precise many and a coarse few, and a Gaussian lets the few pull. On keypoints of
-//! truly Gaussian noise it costs 2 % (`veiloc eval crb`). Further, `r` is by how many pixels the line moves at the projection per radian, which grows with the distance from the anchor:
-//! an angle seen from far is worth more than one seen from near, and the collapse of the scene into an anchor is worth nothing. It counts only when the point is in front
-//! of the camera, inside the image and, for anchored lines, in a sector of the anchor (each with a small margin).
+//! The noise is a Student t distribution with four (points, in the plane) or five (lines) degrees of freedom, with `c =
+//! 8 / (3 π √5)`: most keypoints are precise and a few are not, and under a Gaussian the few would dominate. On
+//! keypoints with Gaussian noise it costs 2 % (`veiloc eval crb`). Further, `r` is the movement of the line at the
+//! projection in pixels per radian, which grows with the distance from the anchor: an angle observed far from the
+//! anchor contributes more than one near it, and the collapse of the scene into an anchor contributes nothing. The
+//! ratio counts only when the point is in front of the camera, inside the image and, for anchored lines, in a sector of
+//! the anchor (each with a small margin).
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -33,21 +35,21 @@ const POINT_FREEDOM: f64 = 4.0;
 /// Degrees of freedom of the noise across a line. With the one dimension they make the exponent 3.
 const LINE_FREEDOM: f64 = 5.0;
 
-/// Priors are kept this far from certainty: no single match may decide.
+/// Priors are limited to this distance from 0 and 1: no single match may decide.
 const PRIOR_LIMIT: f64 = 1e-3;
 
-/// Worth of what cannot be seen: far below what any residual adds.
-const UNSEEN: f64 = 1e-30;
+/// Inlier prior of a match that cannot be seen: far below the effect of any residual.
+const UNSEEN_PRIOR: f64 = 1e-30;
 
 /// How far outside the image, or over the border of a sector, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
 
-/// The correspondences of one problem that has passed its check: what every score and every sampler reads.
+/// The correspondences of one problem that has passed its check: the input of all scores and samplers.
 #[derive(Debug, Clone)]
 pub struct Matches<'a> {
     /// The camera of the observations, without distortion.
     pub camera: Pinhole,
-    /// As they came: what kind of observation all of them are.
+    /// The observations of the problem, all of one kind.
     pub observations: &'a Correspondences,
     /// Keypoint of each, numbered from 0 in order of first appearance, `[N]`.
     pub keypoint: Vec<usize>,
@@ -55,22 +57,23 @@ pub struct Matches<'a> {
     pub keypoints: usize,
     /// From where each was seen when the map was made, `[N]`, if known.
     seen_from: Option<&'a [SeenFrom]>,
-    /// Map point of each, numbered from 0: those at one place are one.
-    place: Vec<usize>,
+    /// Map point of each, numbered from 0: points with equal coordinates are one.
+    point_index: Vec<usize>,
     /// Covariance of each map point, `[N]`, world frame, if known.
     point_covariances: Option<&'a [[[f64; 3]; 3]]>,
     /// Map points, world frame, map units, `[N]`.
     pub points: Vec<Vector3<f64>>,
     /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`. `[N]`.
     pub observed: Vec<Vector3<f64>>,
-    /// Anchor of each line, `[N]`; `First` for all where there are none.
+    /// Anchor of each line, `[N]`; `First` for all when there are no anchors.
     pub anchor: Vec<Anchor>,
-    /// Log likelihood ratio of each without `σ`, `e` and the distance from the anchor, `[N]`.
+    /// The part of each log likelihood ratio that does not depend on `σ`, `e` and the distance from the anchor, `[N]`.
     pub log_likelihood_const: Vec<f64>,
-    /// Probability that each is right before geometry is asked, `[N]`: how often it is drawn.
-    pub weight: Vec<f64>,
-    /// Logarithm of how crowded the query is where each was observed, 0 where its matches are spread evenly: what
-    /// [`Self::log_likelihood_const`] would be less by if wrong matches were as the query shows them. For the evidence alone.
+    /// Prior probability that each is right, `[N]`: the sampling weight.
+    pub inlier_prior: Vec<f64>,
+    /// Logarithm of the density of the query's observations at each observation relative to an even spread, `[N]`:
+    /// [`Self::log_likelihood_const`] would be smaller by this if wrong matches followed the query's observations. Used
+    /// for the evidence only.
     pub log_clutter_density: Vec<f64>,
 }
 
@@ -87,7 +90,7 @@ pub(crate) struct Residual {
     pub(crate) radius_jacobian: [f64; 6],
     /// Derivative of each error by the logarithm of the focal length.
     pub(crate) by_log_focal: [f64; 2],
-    /// The same of `log r`.
+    /// The same for `log r`.
     pub(crate) radius_by_log_focal: f64,
 }
 
@@ -98,8 +101,8 @@ impl Residual {
 }
 
 impl<'a> Matches<'a> {
-    /// The problem must have passed [`PoseProblem::check`]. Where it brings no prior, each correspondence is taken to be
-    /// right with probability `expected_inlier_ratio`.
+    /// The problem must have passed [`PoseProblem::check`]. Without a prior, each correspondence is right with
+    /// probability `expected_inlier_ratio`.
     pub fn new(problem: &'a PoseProblem, expected_inlier_ratio: f64) -> Self {
         let camera = problem.camera;
         let n = problem.points.len();
@@ -124,7 +127,8 @@ impl<'a> Matches<'a> {
                         .expect("lines that miss the image plane are refused")
                         .coefficients()
                 };
-                // The part of `r` that all projections on one line share; the other is their distance from the anchor.
+                // The part of `r` that is common to all projections on one line; the other part is their distance from
+                // the anchor.
                 let spread = |(a, angle): &(Anchor, f64)| {
                     arcs[a.index()] * peak * pencils.pixels_per_radian(*a, *angle)
                 };
@@ -136,7 +140,7 @@ impl<'a> Matches<'a> {
             p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
         };
         let (keypoint, keypoints) = numbered(&problem.keypoints);
-        let (place, _) =
+        let (point_index, _) =
             numbered(&problem.points.iter().map(|p| p.coords.map(f64::to_bits)).collect::<Vec<_>>());
         Self {
             camera,
@@ -144,7 +148,7 @@ impl<'a> Matches<'a> {
             keypoint,
             keypoints,
             seen_from: problem.seen_from.as_deref(),
-            place,
+            point_index,
             point_covariances: problem.point_covariances.as_deref(),
             points: problem.points.iter().map(|p| p.coords).collect(),
             observed,
@@ -152,32 +156,32 @@ impl<'a> Matches<'a> {
             log_likelihood_const: (0..n)
                 .map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln())
                 .collect(),
-            weight: (0..n).map(prior).collect(),
+            inlier_prior: (0..n).map(prior).collect(),
             log_clutter_density: outlier_density::log_density(&problem.observations, &camera),
         }
     }
 
-    /// The same correspondences as this pose could have seen them: those it could not are worth nothing.
+    /// These correspondences as this pose can see them: those that it cannot see get a negligible prior.
     pub fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
         let mut seen = self.clone();
         if self.seen_from.is_some() {
-            for (i, worth) in seen.log_likelihood_const.iter_mut().enumerate() {
-                *worth += self.visibility(i, pose).max(UNSEEN).ln();
+            for (i, score_offset) in seen.log_likelihood_const.iter_mut().enumerate() {
+                *score_offset += self.visibility(i, pose).max(UNSEEN_PRIOR).ln();
             }
         }
         seen
     }
 
-    /// Share of each correspondence, `[N]`, when they are right with these probabilities: the correspondences of one keypoint
-    /// or of one map point have one error between them, and count as one.
+    /// Share of each correspondence, `[N]`, when they are right with these probabilities: the correspondences of one
+    /// keypoint or of one map point have a common error and count as one.
     pub(crate) fn shares(&self, right: &[f64]) -> Vec<f64> {
         let sums = |of: &[usize]| {
             let mut sums = vec![0.0_f64; of.iter().max().map_or(0, |most| most + 1)];
             of.iter().zip(right).for_each(|(k, r)| sums[*k] += r);
             sums
         };
-        let (by_keypoint, by_place) = (sums(&self.keypoint), sums(&self.place));
-        let crowd = |i: usize| by_keypoint[self.keypoint[i]].max(by_place[self.place[i]]);
+        let (by_keypoint, by_point) = (sums(&self.keypoint), sums(&self.point_index));
+        let crowd = |i: usize| by_keypoint[self.keypoint[i]].max(by_point[self.point_index[i]]);
         (0..self.len()).map(|i| crowd(i).max(1.0).recip()).collect()
     }
 
@@ -186,17 +190,17 @@ impl<'a> Matches<'a> {
         self.point_covariances.map(|all| &all[i])
     }
 
-    /// The same correspondences seen by a camera with a focal length so many times as long.
+    /// These correspondences seen by a camera with the focal length multiplied by a factor.
     pub fn with_focal(&self, factor: f64) -> Self {
-        Self { camera: self.zoomed_camera(factor), ..self.clone() }
+        Self { camera: self.camera_with_focal(factor), ..self.clone() }
     }
 
-    /// The camera with a focal length so many times as long.
-    pub(crate) fn zoomed_camera(&self, factor: f64) -> Pinhole {
+    /// The camera with the focal length multiplied by a factor.
+    pub(crate) fn camera_with_focal(&self, factor: f64) -> Pinhole {
         Pinhole { focal: self.camera.focal.map(|f| f * factor), ..self.camera }
     }
 
-    /// How much of a correspondence's worth is left from where this pose sees it, 0 to 1.
+    /// Visibility factor of a correspondence from this pose, 0 to 1.
     pub fn visibility(&self, i: usize, pose: &CameraFromWorld) -> f64 {
         let Some(seen_from) = self.seen_from else { return 1.0 };
         let center = pose.rotation().inverse() * -pose.translation();
@@ -224,7 +228,7 @@ impl<'a> Matches<'a> {
         self.observations.residuals()
     }
 
-    /// What the squared residual is divided by in the likelihood, for unit noise.
+    /// Divisor of the squared residual in the likelihood, for unit noise.
     pub const fn freedom(&self) -> f64 {
         match self.observations {
             Correspondences::Points { .. } => POINT_FREEDOM,
@@ -232,7 +236,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// `−log σ` as often as the noise (pixels) enters, for [`Self::log_likelihood_const`].
+    /// The noise-dependent part of the log likelihood (noise in pixels), to add to [`Self::log_likelihood_const`].
     pub fn noise_term(&self, noise: f64) -> f64 {
         -(self.residuals() as f64) * noise.ln()
     }
@@ -242,7 +246,7 @@ impl<'a> Matches<'a> {
         MARGIN * f64::from(self.camera.width)
     }
 
-    /// Whether a projection may be what was seen: inside the image, in a sector of its anchor.
+    /// Whether the observation is possible at this projection: inside the image, in a sector of its anchor.
     fn admits(&self, i: usize, pixel: &Vector2<f64>) -> bool {
         let margin = self.margin();
         let pixel = Pixel::new(pixel.x, pixel.y);
@@ -253,12 +257,12 @@ impl<'a> Matches<'a> {
         is_own && self.camera.contains(pixel, margin)
     }
 
-    /// Residual with derivatives; `None` behind the camera or, when `gated`, where nothing can have been seen.
+    /// Residual with derivatives; `None` behind the camera or, when `gated`, where the point cannot be visible.
     pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
         self.residual_of(&self.camera, i, pose, gated)
     }
 
-    /// The same for a camera that differs in its focal length.
+    /// The same for a camera with another focal length.
     pub(crate) fn residual_of(
         &self,
         c: &Pinhole,
@@ -314,13 +318,13 @@ impl<'a> Matches<'a> {
         Some(residual)
     }
 
-    /// Squared distance of the projection from what was observed, pixels squared; `None` behind the camera.
+    /// Squared distance of the projection from the observation, pixels squared; `None` behind the camera.
     pub fn squared_error(&self, i: usize, pose: &CameraFromWorld) -> Option<f64> {
         let p = pose.rotation() * self.points[i] + pose.translation();
         pixel_of(&self.camera, &p).map(|pixel| self.squared_distance(i, &pixel))
     }
 
-    /// Squared distance of a pixel from what was observed.
+    /// Squared distance of a pixel from the observation.
     fn squared_distance(&self, i: usize, pixel: &Vector2<f64>) -> f64 {
         let o = &self.observed[i];
         match self.observations {
@@ -331,12 +335,12 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// The log likelihood ratio at this scale of the noise, pixels; `None` where nothing can have been seen.
+    /// The log likelihood ratio at this scale of the noise, pixels; `None` where the point cannot be visible.
     pub(crate) fn log_likelihood_ratio(&self, i: usize, pose: &CameraFromWorld, noise: f64) -> Option<f64> {
         self.log_likelihood_ratio_at(i, &(pose.rotation() * self.points[i] + pose.translation()), noise)
     }
 
-    /// That of all correspondences, `[N]`; `−∞` where nothing can have been seen.
+    /// The log likelihood ratios of all correspondences, `[N]`; `−∞` where the point cannot be visible.
     pub fn log_likelihood_ratios(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
         let of = |i| self.log_likelihood_ratio(i, pose, noise).unwrap_or(f64::NEG_INFINITY);
         (0..self.len()).map(of).collect()
@@ -360,15 +364,15 @@ impl<'a> Matches<'a> {
     }
 }
 
-/// Where a point of the camera frame projects; `None` when it is not in front.
+/// Projection of a point of the camera frame; `None` when it is not in front.
 fn pixel_of(c: &Pinhole, p: &Vector3<f64>) -> Option<Vector2<f64>> {
     (p.z > 0.0).then(|| {
         Vector2::new(c.focal[0] * p.x / p.z + c.principal[0], c.focal[1] * p.y / p.z + c.principal[1])
     })
 }
 
-/// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
-/// nothing, not even the order of sums.
+/// The keypoints numbered from 0 in order of first appearance, and their count: the original ids have no influence, not
+/// even on the order of sums.
 fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Vec<usize>, usize) {
     let mut known: HashMap<T, usize> = HashMap::with_capacity(keypoints.len());
     let numbered = keypoints
@@ -457,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn the_likelihood_of_a_true_anchored_match_is_the_formula() {
+    fn anchored_likelihood_matches_the_formula() {
         let problem = problem(2);
         let matches = Matches::new(&problem, 0.25);
         let pencils = Pencils::paper(640, 480);
@@ -466,7 +470,7 @@ mod tests {
                 veiloc_geometry::PlanePoint::from_camera_point(&Point3::from_vector(matches.points[i]))
                     .expect("front"),
             );
-            // How far the line moves there, by a small turn of it.
+            // How far the line moves there, by a small rotation of it.
             let anchor = pencils.anchor_of(pixel);
             let turned = pencils.line(anchor, pencils.angle_of(anchor, pixel) + 1e-6).expect("in sight");
             let r = turned.signed_distance(pixel).abs() / 1e-6;

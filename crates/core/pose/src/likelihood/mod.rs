@@ -1,14 +1,14 @@
-//! What a camera pose costs: correspondences, their likelihood and its derivatives, covariance.
+//! The cost of a camera pose: correspondences, their likelihood and its derivatives, covariance.
 //!
-//! This module looks at one pose at a time and searches for none; `veiloc-pose` does. A [`PoseProblem`] is what is known,
-//! [`Matches`] are its correspondences with what each is worth (the likelihood is stated there), [`Kernel`] is the fast sum
-//! over all of them, [`refine`] and [`descend`] go downhill from a start, [`ZoomObjective`] does so with the focal length as
-//! a seventh number, and [`Estimated`] says how firmly the end is held.
+//! This module evaluates and refines single poses; the search is in [`crate::ransac`]. A [`PoseProblem`] is the input,
+//! [`Matches`] are its correspondences with their likelihood (defined there), [`Kernel`] is the fast sum over all of
+//! them, [`refine`] and [`descend`] minimise from a start, [`FocalObjective`] includes the focal length as a seventh
+//! parameter, and [`CovarianceInputs`] gives the covariance of the result.
 //!
 //! Units: pixels in the image (COLMAP's convention), map units in the world; a step of a pose is that of
 //! [`veiloc_geometry::CameraFromWorld::perturbed`], radians before map units. A likelihood is a natural logarithm.
 //!
-//! Nothing is drawn at random here: equal input gives equal results.
+//! Nothing here is random: equal input gives equal results.
 #![forbid(unsafe_code)]
 
 mod by_anchor;
@@ -27,10 +27,10 @@ mod refine;
 mod test_data;
 mod visibility;
 
-pub use covariance::{Estimated, free_along, with_shift};
-pub use descent::{Convergence, Descended, levenberg_marquardt};
+pub use covariance::{CovarianceInputs, free_along, with_shift};
+pub use descent::{Convergence, DescentResult, levenberg_marquardt};
 pub use fisher::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
-pub use focal::{FocalVerdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
+pub use focal::{FocalObjective, FocalSystem, FocalVerdict, PoseWithFocal, step_focal};
 pub use kernel::{Kernel, Scale, log_farthest, median_point, promising_first};
 pub use matches::Matches;
 pub use pose_priors::PosePriors;

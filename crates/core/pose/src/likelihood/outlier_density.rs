@@ -1,8 +1,8 @@
-//! What a wrong match observes: whatever the query shows most.
+//! The distribution of wrong matches: that of the query's observations.
 //!
-//! A wrong match pairs a map point with a keypoint that has nothing to do with it, so what it observes is spread as the
-//! query's keypoints are. Where they crowd (foliage, fur, a printed page) many wrong matches fall near any projection, and
-//! agreement there is worth less than the same agreement in an empty part of the image. The spread is read off the
+//! A wrong match pairs a map point with an unrelated keypoint, so its observation is distributed as the query's
+//! keypoints are. Where they are dense (foliage, fur, a printed page), many wrong matches fall near any projection, and
+//! agreement there is weaker evidence than in a sparse part of the image. The distribution is estimated from the
 //! query's own matches, as a histogram that is smoothed and mixed with the even spread.
 
 use veiloc_geometry::nalgebra::Vector3;
@@ -10,10 +10,10 @@ use veiloc_geometry::{Arc, Pinhole};
 
 use crate::likelihood::problem::Correspondences;
 
-/// Share of wrong matches that are taken to be spread evenly: no place of the image counts as impossible.
-const EVEN: f64 = 0.15;
+/// Share of wrong matches that are assumed to be evenly spread: no part of the image counts as impossible.
+const EVEN_SHARE: f64 = 0.15;
 
-/// So many evenly spread matches more: few matches tell little of how they are spread.
+/// Pseudo-count of evenly spread matches: few matches determine their distribution poorly.
 const EVEN_MATCHES: f64 = 8.0;
 
 /// Bins of a half circle; smoothed over five of them, which is 7°.
@@ -22,7 +22,7 @@ const ANGLE_BINS: usize = 128;
 /// Bins along the longer side of the image; smoothed over five of them.
 const PIXEL_BINS: usize = 48;
 
-/// Bins of the direction of lines, each for itself: 12° wide.
+/// Bins of the direction of lines, not smoothed: 12° wide.
 const DIRECTION_BINS: usize = 15;
 
 /// Bins of a line's distance from the middle, over the image's diagonal; smoothed over five of them.
@@ -31,8 +31,8 @@ const OFFSET_BINS: usize = 48;
 /// Weights of a bin and its neighbours at distances 1 and 2: they sum to 1.
 const SMOOTHING: [f64; 3] = [0.30, 0.23, 0.12];
 
-/// Logarithm of how much likelier a wrong match is to observe what each correspondence did than if wrong matches were spread
-/// evenly, `[N]`.
+/// Logarithm of the likelihood of each correspondence's observation for a wrong match, relative to evenly spread wrong
+/// matches, `[N]`.
 pub(crate) fn log_density(observations: &Correspondences, camera: &Pinhole) -> Vec<f64> {
     let size = [f64::from(camera.width), f64::from(camera.height)];
     let density = match observations {
@@ -57,7 +57,7 @@ pub(crate) fn log_density(observations: &Correspondences, camera: &Pinhole) -> V
     density.into_iter().map(f64::ln).collect()
 }
 
-/// Density over the arc in which an image is seen at each of these angles, relative to the even one, `[N]`.
+/// Density over the arc of the image at each of these angles, relative to the even one, `[N]`.
 fn of_angles(angles: &[f64], arc: &Arc) -> Vec<f64> {
     let bins = ((arc.length / std::f64::consts::PI * ANGLE_BINS as f64).ceil() as usize).max(1);
     let bin = |angle: f64| ((arc.share(angle) * bins as f64) as usize).min(bins - 1);
@@ -91,7 +91,7 @@ fn of_pixels(pixels: &[[f64; 2]], size: [f64; 2]) -> Vec<f64> {
     pixels.iter().map(|pixel| density[bin(pixel)]).collect()
 }
 
-/// Density at each of these lines among those of about its direction, relative to that of lines through evenly spread
+/// Density at each of these lines among those of a similar direction, relative to that of lines through evenly spread
 /// pixels of an image of this size, `[N]`. A line is the unit normal and offset `(a, b, c)` of `a u + b v + c = 0`.
 fn of_lines(lines: &[Vector3<f64>], size: [f64; 2]) -> Vec<f64> {
     let diagonal = size[0].hypot(size[1]);
@@ -142,7 +142,7 @@ fn even_offsets(angle: f64, size: [f64; 2], diagonal: f64) -> Vec<f64> {
     (0..OFFSET_BINS).map(|bin| at(bin) / total).collect()
 }
 
-/// Counts spread over their neighbours; what would leave at an end is mirrored back, so that an even spread stays even.
+/// Counts smoothed over their neighbours; at the ends they are mirrored, so that an even spread stays even.
 fn smoothed(counts: &[f64]) -> Vec<f64> {
     let n = counts.len();
     let mut smooth = vec![0.0; n];
@@ -159,15 +159,16 @@ fn smoothed(counts: &[f64]) -> Vec<f64> {
     smooth
 }
 
-/// Smoothed counts to a density of which the even one is 1.
+/// Smoothed counts as a density relative to the even one.
 fn relative(counts: &[f64], all: usize) -> Vec<f64> {
     let even = all as f64 / counts.len() as f64;
     counts.iter().map(|&count| mixed(count, even, all as f64)).collect()
 }
 
-/// A count over the one expected of an even spread, mixed with the even spread as so many matches deserve.
+/// A count relative to the expected count of an even spread, mixed with the even spread according to the number of
+/// matches.
 fn mixed(count: f64, expected: f64, all: f64) -> f64 {
-    let even = (EVEN * all + EVEN_MATCHES) / (all + EVEN_MATCHES);
+    let even = (EVEN_SHARE * all + EVEN_MATCHES) / (all + EVEN_MATCHES);
     if expected > 0.0 { even + (1.0 - even) * count / expected } else { 1.0 }
 }
 
@@ -178,7 +179,7 @@ mod tests {
     const HALF: Arc = Arc { from: 0.0, length: std::f64::consts::PI };
 
     #[test]
-    fn an_even_spread_is_one_everywhere() {
+    fn even_spread_has_unit_density() {
         let angles: Vec<f64> =
             (0..4096).map(|i| (f64::from(i) + 0.5) / 4096.0 * std::f64::consts::PI).collect();
         assert!(of_angles(&angles, &HALF).iter().all(|d| (d - 1.0).abs() < 1e-6));
@@ -188,12 +189,12 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_is_dense_and_a_loner_is_not() {
+    fn clusters_have_high_density() {
         let mut angles = vec![1.0; 99];
         angles.push(2.5);
         let density = of_angles(&angles, &HALF);
         assert!(density[0] > 15.0, "{}", density[0]);
-        assert!(density[99] > EVEN && density[99] < 1.3, "{}", density[99]);
+        assert!(density[99] > EVEN_SHARE && density[99] < 1.3, "{}", density[99]);
         let mut pixels = vec![[100.0, 100.0]; 99];
         pixels.push([600.0, 479.9]);
         let density = of_pixels(&pixels, [640.0, 480.0]);
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_and_strange_values_stay_inside() {
+    fn borders_and_non_finite_values_stay_in_range() {
         assert!(of_angles(&[], &HALF).is_empty());
         for angle in [-1.0, 0.0, std::f64::consts::PI, 1e9, f64::NAN] {
             assert!(of_angles(&[angle], &HALF)[0].is_finite());

@@ -1,11 +1,11 @@
-//! What is known of the camera beside the matches: which way is down, and about where it is.
+//! Camera priors beside the matches: the gravity direction and an approximate position.
 //!
-//! Both take part in the objective as heavy-tailed distributions (Student's, of four degrees of freedom): within some
-//! deviations they pull as a normal distribution would, and what is grossly wrong (a phone that was shaken, a position
-//! between tall houses) loses its say instead of bending the pose.
+//! Both enter the objective as heavy-tailed distributions (Student's t with four degrees of freedom): within some
+//! deviations they act as normal distributions, and a gross error (a phone that was shaken, a GPS position between tall
+//! buildings) loses its influence instead of distorting the pose.
 //!
-//! Both are what the other side says. They choose and improve a pose; they never make it trusted: evidence, margin and how
-//! firmly a pose is held are told by the matches alone (`estimate.rs`), and what a pose makes of them counts against it.
+//! Both come from the client. They select and improve a pose, but never make it trusted: evidence, margin and
+//! uncertainty are computed from the matches alone (`estimate.rs`), and a pose that contradicts them costs more.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
@@ -16,7 +16,7 @@ use crate::likelihood::refine::System;
 /// Degrees of freedom of both distributions.
 const FREEDOM: f64 = 4.0;
 
-/// Everything known; an empty one changes nothing.
+/// All priors; an empty one changes nothing.
 #[derive(Debug, Clone, Default)]
 pub struct PosePriors {
     /// Unit vectors in the camera and in the world, standard deviation in radians.
@@ -25,7 +25,7 @@ pub struct PosePriors {
     position: Option<(Vector3<f64>, f64)>,
 }
 
-/// Three residuals in units of their deviation, their derivatives by the pose, and what the distribution makes of them.
+/// Three residuals in units of their deviation, with their derivatives by the pose.
 struct Term {
     residual: Vector3<f64>,
     jacobian: SMatrix<f64, 3, 6>,
@@ -45,7 +45,7 @@ impl Term {
 }
 
 impl PosePriors {
-    /// Of a problem that has passed its check.
+    /// The priors of a problem that has passed its check.
     pub fn of(problem: &PoseProblem) -> Self {
         Self {
             gravity: problem
@@ -55,7 +55,7 @@ impl PosePriors {
         }
     }
 
-    /// Whether nothing is known.
+    /// Whether there is no prior.
     pub const fn is_empty(&self) -> bool {
         self.gravity.is_none() && self.position.is_none()
     }
@@ -75,7 +75,7 @@ impl PosePriors {
         }
     }
 
-    /// What it tells about the six numbers of the pose.
+    /// Information about the six parameters of the pose.
     pub fn information(&self, pose: &CameraFromWorld) -> Matrix6<f64> {
         let mut system = System::empty();
         self.add_to(pose, &mut system);
@@ -85,7 +85,7 @@ impl PosePriors {
     fn terms(&self, pose: &CameraFromWorld) -> impl Iterator<Item = Term> {
         let down = self.gravity.map(|(in_camera, in_world, sd)| {
             let turned = pose.rotation() * in_world;
-            // The cross product has the length of the sine; beyond a right angle it must not fall again.
+            // The norm of the cross product is the sine; beyond a right angle it must not decrease again.
             let cross = turned.cross(&in_camera);
             let behind = turned.dot(&in_camera) < 0.0;
             let residual = if behind { cross.try_normalize(1e-12).unwrap_or_else(Vector3::x) } else { cross };
@@ -96,13 +96,13 @@ impl PosePriors {
             }
             Term { residual: residual / sd, jacobian, dimensions: 2.0 }
         });
-        let place = self.position.map(|(center, sd)| {
+        let position = self.position.map(|(center, sd)| {
             let back = pose.rotation().inverse();
             let mut jacobian = SMatrix::<f64, 3, 6>::zeros();
             jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-back.matrix() / sd));
             Term { residual: (back * -pose.translation() - center) / sd, jacobian, dimensions: 3.0 }
         });
-        down.into_iter().chain(place)
+        down.into_iter().chain(position)
     }
 }
 
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_changes_nothing_and_gross_errors_lose_their_say() {
+    fn empty_prior_is_neutral_and_gross_errors_are_downweighted() {
         let none = PosePriors::default();
         assert_eq!((none.loss(&pose()), none.information(&pose())), (0.0, Matrix6::zeros()));
         let near = priors();

@@ -1,4 +1,4 @@
-//! What a match is worth before geometry is asked: the probability that it is right.
+//! The prior of a match: the probability that it is right before geometry is considered.
 //!
 //! A logistic in the descriptor distance ratio, the number of retrieved images that propose the same pair, and the
 //! length of the map point's track:
@@ -7,17 +7,18 @@
 //! logit γ = offset + a · ratio + b · ln(votes) + c · ln(track length)
 //! ```
 //!
-//! The coefficients belong to the descriptor kind ([`MatchPrior`], from `DescriptorKind::match_prior`). RootSIFT's were
-//! fitted once by `scripts/fit_prior.py`, on mutual nearest neighbours without ratio test, a match counting as right when
-//! it re-projects within 4 pixels under the true pose. The images are map images of two places (Lund door,
-//! Herz-Jesu-P25), each held out of the map it was matched with (`scripts/training_problems.sh`): no query took part.
-//! Their mean log loss is 0.123 and 0.199 on the two, 0.279 on RedKitchen, which took no part at all (a fit on RedKitchen
-//! itself reaches 0.264); without a prior it would be 0.64 to 0.69. Those of compact descriptors, fitted alike: 0.124, 0.214
+//! The coefficients belong to the descriptor kind ([`MatchPrior`], from `DescriptorKind::match_prior`). Those of
+//! RootSIFT were fitted once by `scripts/fit_prior.py`, on mutual nearest neighbours without ratio test; a match counts
+//! as right when it re-projects within 4 pixels under the true pose. The images are map images of two scenes (Lund
+//! door, Herz-Jesu-P25), each held out of the map it was matched with (`scripts/training_problems.sh`): no query was
+//! used. Their mean log loss is 0.123 and 0.199 on the two scenes, 0.279 on RedKitchen, which was not used for fitting
+//! (a fit on RedKitchen itself reaches 0.264); without a prior it would be 0.64 to 0.69. Those of compact descriptors,
+//! fitted in the same way: 0.124, 0.214 and 0.287.
 //! and 0.287.
 
 pub use veiloc_descriptor::{MatchPrior, PriorModel};
 
-/// What speaks for or against one match.
+/// Properties of one match that predict whether it is right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence {
     /// Distance of the nearest descriptor over that of the second nearest, 0 to 1; 1 when there is no second.
@@ -30,7 +31,7 @@ pub struct Evidence {
 
 /// Probability that a match is right by one model, strictly between 0 and 1.
 ///
-/// Evidence that is missing counts as 1 (whose logarithm is 0); a ratio that is not a number as 1.
+/// Missing properties count as 1 (whose logarithm is 0); a ratio that is NaN as 1.
 pub fn probability(model: &PriorModel, evidence: &Evidence) -> f64 {
     let ratio = if evidence.ratio.is_nan() { 1.0 } else { evidence.ratio.clamp(0.0, 1.0) };
     let log = |count: Option<u32>| f64::from(count.unwrap_or(1).max(1)).ln();
@@ -41,7 +42,7 @@ pub fn probability(model: &PriorModel, evidence: &Evidence) -> f64 {
     1.0 / (1.0 + (-logit).exp())
 }
 
-/// Probability that a match is right, by the kind's model for the evidence there is.
+/// Probability that a match is right, by the kind's model for the available properties.
 pub fn match_probability(prior: &MatchPrior, evidence: &Evidence) -> f64 {
     let model = match (evidence.votes, evidence.track_length) {
         (Some(_), Some(_)) => &prior.full,
@@ -72,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_kind_that_was_not_measured_says_less() {
+    fn unfitted_kind_has_a_weaker_prior() {
         let spread = |kind: DescriptorKind| {
             let at = |ratio| {
                 match_probability(&kind.match_prior(), &Evidence { ratio, votes: None, track_length: None })

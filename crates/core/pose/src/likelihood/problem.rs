@@ -1,4 +1,4 @@
-//! What goes into pose estimation: correspondences between one query and the map.
+//! The input of pose estimation: correspondences between one query and the map.
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
@@ -6,7 +6,7 @@ use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine, Point3};
 
 use crate::error::PoseError;
 
-/// What the query tells about each correspondence, `[N]`.
+/// The observation of each correspondence, `[N]`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correspondences {
     /// The keypoints themselves.
@@ -21,7 +21,7 @@ pub enum Correspondences {
     },
     /// Dual Convergent Lines: half-planes about one of the anchors.
     Anchored {
-        /// Where the anchors are, and what is joined to which.
+        /// The anchors and sectors.
         pencils: Pencils,
         /// `[N]`, anchor and angle as [`Pencils::angle_of`] measures it.
         lines: Vec<(Anchor, f64)>,
@@ -68,33 +68,33 @@ pub struct PoseProblem {
     pub camera: Pinhole,
     /// What was seen, `[N]`.
     pub observations: Correspondences,
-    /// The keypoint that each correspondence belongs to, `[N]`: its row in the query, or any other number that
-    /// correspondences of one keypoint share and those of different ones do not.
+    /// The keypoint of each correspondence, `[N]`: its row in the query, or any other number that is equal for
+    /// correspondences of one keypoint and different otherwise.
     ///
-    /// A keypoint proposed for several map points has one correspondence for each of them, one that was sent as two lines
-    /// one for each line: at most one of them is right, and they count as one piece of evidence. What was observed cannot
-    /// tell, because different keypoints often have the same line once angles are rounded.
+    /// A keypoint proposed for several map points has one correspondence per map point, and one that was sent as two
+    /// lines one per line: at most one of them is right, and they count as one piece of evidence. The observations do
+    /// not identify keypoints, because different keypoints often have the same line after angles are rounded.
     pub keypoints: Vec<usize>,
     /// The map points proposed for them, `[N]`, map units.
     pub points: Vec<Point3<World>>,
     /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
     ///
-    /// Weighs the drawing of samples under both scores, and the likelihood. See [`crate::likelihood::prior`].
+    /// Used as sampling weight under both scores, and in the likelihood. See [`crate::likelihood::prior`].
     pub prior: Option<Vec<f64>>,
-    /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from where it cannot look
-    /// the same does not explain the match. `None` lets every pose see every point.
+    /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from which the point
+    /// looks different does not explain the match. `None` lets every pose see every point.
     pub seen_from: Option<Vec<SeenFrom>>,
-    /// Which way is down, if the device has felt it: then smaller samples are enough.
+    /// The gravity direction, if the device measured it: then smaller samples are enough.
     pub gravity: Option<Gravity>,
-    /// Where the camera is, roughly, if somebody knows.
+    /// Approximate camera position, if known.
     pub position: Option<PositionPrior>,
     /// How well the focal length of [`Self::camera`] is known.
     pub focal: FocalKnowledge,
-    /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` takes the map for exact.
+    /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` treats the map as exact.
     pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
 }
 
-/// Where the map image stood that proposed a match.
+/// The map image that proposed a match.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeenFrom {
     /// Its camera centre, world frame, map units.
@@ -103,7 +103,7 @@ pub struct SeenFrom {
     pub focal_px: f64,
 }
 
-/// One direction of the world as the camera feels it: down, by an accelerometer.
+/// One world direction measured by the camera: down, by an accelerometer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gravity {
     /// In the camera frame; any length but zero.
@@ -115,19 +115,19 @@ pub struct Gravity {
 }
 
 impl Gravity {
-    /// What a phone's accelerometer errs by when nobody says better, degrees.
+    /// Default for a phone's accelerometer, degrees.
     pub const PHONE_SD_DEG: f64 = 2.0;
 
-    /// As a phone at rest feels it ([`Self::PHONE_SD_DEG`]).
+    /// As measured by a phone at rest ([`Self::PHONE_SD_DEG`]).
     pub const fn felt(in_camera: Vector3<f64>, in_world: Vector3<f64>) -> Self {
         Self { in_camera, in_world, sd_deg: Self::PHONE_SD_DEG }
     }
 }
 
-/// Where the camera is before anything is seen, for example by GPS: a normal distribution about a place.
+/// Prior of the camera position, for example from GPS: a normal distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PositionPrior {
-    /// Middle, world frame, map units.
+    /// Mean, world frame, map units.
     pub center: Point3<World>,
     /// Standard deviation along each axis, map units; above 0.
     pub sd: f64,
@@ -139,14 +139,14 @@ pub enum FocalKnowledge {
     /// Measured for this camera.
     #[default]
     Calibrated,
-    /// Told by the image's metadata: mostly right to some per cent, and wrong when the image was cropped.
+    /// From the image's metadata: usually correct to some per cent, and wrong when the image was cropped.
     Exif,
-    /// A guess.
+    /// A default value.
     Unknown,
 }
 
 impl PoseProblem {
-    /// Of one correspondence an entry, `[N]` in all three lists; nothing else is known, the camera is calibrated.
+    /// A problem with one entry per correspondence in all three lists, `[N]`; no priors, and a calibrated camera.
     pub const fn new(
         camera: Pinhole,
         observations: Correspondences,
@@ -167,10 +167,11 @@ impl PoseProblem {
         }
     }
 
-    /// Refuses what no pose can be estimated from. All else in this room takes a problem that has passed.
+    /// Rejects problems from which no pose can be estimated. All other functions of this crate require a checked
+    /// problem.
     ///
     /// # Errors
-    /// [`PoseError`]: lists that differ in length, a number that is not finite or not possible, or fewer correspondences
+    /// [`PoseError`]: lists that differ in length, a number that is not finite or not allowed, or fewer correspondences
     /// than a minimal sample.
     pub fn check(&self) -> Result<(), PoseError> {
         let n = self.observations.len();
@@ -266,7 +267,7 @@ impl PoseProblem {
     }
 }
 
-/// Refuses a number that is not finite or not above 0.
+/// Rejects a number that is not finite or not above 0.
 fn positive(what: &'static str, value: f64) -> Result<(), PoseError> {
     if value.is_finite() && value > 0.0 { Ok(()) } else { Err(PoseError::BadValue { what, value }) }
 }

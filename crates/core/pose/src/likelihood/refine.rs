@@ -1,38 +1,38 @@
-//! Levenberg–Marquardt on the six numbers of a pose, with robust losses and the anchored likelihood.
+//! Levenberg–Marquardt on the six parameters of a pose, with robust losses and the anchored likelihood.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 
-use crate::likelihood::descent::{Convergence, Descended, levenberg_marquardt};
+use crate::likelihood::descent::{Convergence, DescentResult, levenberg_marquardt};
 use crate::likelihood::matches::{Matches, Residual};
 
-/// What is minimised over the chosen correspondences.
+/// The loss over the chosen correspondences.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
     /// `½ e²`.
     Squared,
-    /// `½ min(e², τ²)`: what MSAC scores.
+    /// `½ min(e², τ²)`: the loss of MSAC.
     Truncated {
         /// `τ`, pixels.
         threshold: f64,
     },
-    /// `−log(1 + exp(llr))`: the likelihood of "right or wrong, whichever", with the `log r` of anchored lines.
+    /// `−log(1 + exp(llr))`: the likelihood of the mixture of right and wrong, with the `log r` of anchored lines.
     Likelihood {
         /// Scale of the noise, pixels.
         noise: f64,
     },
 }
 
-/// A pose and the loss at it.
+/// A pose and its loss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refined {
     /// The pose.
     pub pose: CameraFromWorld,
-    /// What it costs.
+    /// Its loss.
     pub loss: f64,
 }
 
-/// Gauss–Newton system `H δ = −g` at one pose, over the six numbers of [`CameraFromWorld::perturbed`].
+/// Gauss–Newton system `H δ = −g` at one pose, over the six parameters of [`CameraFromWorld::perturbed`].
 pub struct System {
     /// The loss there.
     pub loss: f64,
@@ -42,7 +42,7 @@ pub struct System {
     pub hessian: Matrix6<f64>,
 }
 
-/// Minimises the loss over the correspondences `active`, at most `steps` accepted or refused steps.
+/// Minimises the loss over the correspondences `active`, with at most `steps` accepted or rejected steps.
 ///
 /// Never returns a pose with a larger loss than the start's.
 pub fn refine(
@@ -55,8 +55,8 @@ pub fn refine(
     descend(|pose| linearize(matches, active, loss, pose), start, steps, 1e-9)
 }
 
-/// Levenberg–Marquardt on any objective that can be linearized, at most `steps` accepted or refused steps; ends when a
-/// step gains less than this share of the loss.
+/// Levenberg–Marquardt on any objective that can be linearized, with at most `steps` accepted or rejected steps; ends
+/// when a step gains less than this share of the loss.
 ///
 /// Never returns a pose with a larger loss than the start's.
 pub fn descend(
@@ -69,7 +69,7 @@ pub fn descend(
         let step = damped_step(system, damping)?;
         Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
     };
-    let Descended { at: pose, here } =
+    let DescentResult { at: pose, here } =
         levenberg_marquardt(*start, Convergence { steps, least_gain }, objective, |here| here.loss, step);
     Refined { pose: reorthonormalized(&pose), loss: here.loss }
 }
@@ -83,14 +83,14 @@ fn damped_step(system: &System, damping: f64) -> Option<Vector6<f64>> {
     step.iter().all(|s| s.is_finite()).then_some(step)
 }
 
-/// Products of rotations drift off orthonormality by rounding only; once at the end is enough.
+/// Products of rotations lose orthonormality only by rounding; one correction at the end is enough.
 fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
     let mut rotation = *pose.rotation();
     rotation.renormalize();
     CameraFromWorld::new(rotation, *pose.translation())
 }
 
-/// Loss and derivatives over the correspondences `active` at a pose. Those that the pose cannot have seen count as certainly
+/// Loss and derivatives over the correspondences `active` at a pose. Those that the pose cannot see count as certainly
 /// wrong.
 pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
     let mut system = System::empty();
@@ -132,10 +132,10 @@ pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &Cam
     system
 }
 
-/// A correspondence that cannot have been seen counts as one that is certainly wrong.
+/// Loss of a correspondence that the pose cannot see: it counts as certainly wrong.
 fn loss_out_of_sight(loss: Loss) -> f64 {
     match loss {
-        // A finite number that no residual in sight reaches: least squares may not push points behind the camera.
+        // Finite, but larger than any visible residual: least squares must not push points behind the camera.
         Loss::Squared => 1e12,
         Loss::Truncated { threshold } => 0.5 * threshold * threshold,
         Loss::Likelihood { .. } => 0.0,
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exact_pose_is_reached_and_the_loss_never_rises() {
+    fn descent_reaches_the_exact_pose_monotonically() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for kind in 0..3 {
             for _ in 0..20 {

@@ -1,29 +1,29 @@
-//! What a pose could have seen: a descriptor is recognised from about where a map image saw it, not from behind.
+//! Visibility: a descriptor is recognised from approximately the viewpoint of a map image, not from behind.
 //!
-//! A match says that a query descriptor looks like one of a map image. Descriptors stay alike over a limited change of
-//! view: for SIFT little is matched beyond 50° (Mikolajczyk and Schmid, *A performance evaluation of local descriptors*,
-//! PAMI 2005, sec. 5), and right matches of four places turned by less than 40° in 99 of 100 cases and changed in scale by
-//! less than 1.8. A pose that sees a point from behind, or from ten times as far, cannot have been the reason of the
-//! match, whatever its residual says; poses that explain wrong matches by chance do just that, because the camera is free
-//! to go where many points crowd together.
+//! A match means that a query descriptor resembles one of a map image. Descriptors stay similar over a limited change
+//! of viewpoint: for SIFT few matches remain beyond 50° (Mikolajczyk and Schmid, *A performance evaluation of local
+//! descriptors*, PAMI 2005, sec. 5), and right matches in four scenes were rotated by less than 40° in 99 of 100 cases
+//! and changed in scale by less than 1.8. A pose that sees a point from behind, or from ten times the distance, cannot
+//! be the cause of the match, whatever its residual. Poses that explain wrong matches by chance often have such
+//! viewpoints, because the camera can move to where many points crowd together.
 
 use veiloc_geometry::nalgebra::Vector3;
 
 use crate::likelihood::problem::SeenFrom;
 
-/// Turn of the view up to which a match keeps its full worth, radians: 45°.
+/// Rotation of the view up to which a match keeps its full probability, radians: 45°.
 const FREE_TURN: f64 = std::f64::consts::FRAC_PI_4;
 
-/// Over so much more it falls by `e^-½`, radians: 10°.
+/// Beyond, it falls by `e^-½` per this angle, radians: 10°.
 const TURN_FADE: f64 = 0.175;
 
-/// Change of scale up to which a match keeps its full worth, natural logarithm: a factor of 3.
+/// Change of scale up to which a match keeps its full probability, natural logarithm: a factor of 3.
 const FREE_SCALE: f64 = 1.1;
 
-/// Over so much more it falls by `e^-½`: a factor of 1.5.
+/// Beyond, it falls by `e^-½` per this change: a factor of 1.5.
 const SCALE_FADE: f64 = 0.4;
 
-/// By how much the probability that a match is right falls because of where the camera sees the point from, 0 to 1.
+/// Factor on the probability that a match is right, from the viewpoint of the camera, 0 to 1.
 ///
 /// `center` is the camera's, `focal` its focal length in pixels.
 pub(crate) fn visibility(
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn near_the_map_image_everything_counts_and_from_behind_nothing() {
+    fn visibility_is_one_near_the_map_image_and_zero_from_behind() {
         assert_eq!(seen([0.0, 0.0, -4.0]), 1.0);
         assert_eq!(seen([2.0, 1.0, -3.5]), 1.0);
         assert_eq!(seen([0.0, 0.0, -1.5]), 1.0);
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_longer_focal_length_sees_from_farther() {
+    fn visibility_scales_with_focal_length() {
         let then = SeenFrom { center: Point3::new(0.0, 0.0, -1.0), focal_px: 500.0 };
         let at = |focal| visibility(&Vector3::zeros(), &then, &Vector3::new(0.0, 0.0, -8.0), focal);
         assert!(at(500.0) < 0.1);

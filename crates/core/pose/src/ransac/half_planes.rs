@@ -1,12 +1,12 @@
-//! Anchored lines as what they are: half-planes that begin at their anchor's direction.
+//! Anchored lines as half-planes that begin at their anchor's direction.
 
 use crate::likelihood::Matches;
 use crate::solvers::HalfPlane;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Pencils};
 
-/// The direction of an anchor as the camera of these correspondences sees it, any length; it may be another camera than the
-/// device's, when another focal length is tried.
+/// The direction of an anchor in the camera of these correspondences, any length. The camera may differ from the
+/// device's when another focal length is tried.
 pub(crate) fn direction(matches: &Matches<'_>, pencils: &Pencils, anchor: Anchor) -> Vector3<f64> {
     let (at, c) = (pencils.homogeneous(anchor), &matches.camera);
     Vector3::new(
@@ -29,10 +29,12 @@ pub(crate) fn half_planes(
         .iter()
         .map(|&(anchor, angle)| {
             let axis = axes[anchor.index()];
-            // A ray in the plane and on the right side of the axis: across the axis within the plane, of either sign.
+            // A ray in the plane on the right side of the axis: perpendicular to the axis within the plane, of either
+            // sign.
             let line = pencils.line(anchor, angle).expect("lines that miss the image plane are refused");
             let across = line.back_project(c).normal().cross(&axis);
-            // On which side a ray is, the device's camera tells, on pixels: `(K r)` is `(u, v, 1)` times any positive number.
+            // The device's camera decides on which side a ray is, in pixels: `(K r)` is `(u, v, 1)` times any positive
+            // number.
             let side = |ray: &Vector3<f64>| {
                 let on_pixels = Vector3::new(
                     c.focal[0] * ray.x + c.principal[0] * ray.z,

@@ -1,4 +1,4 @@
-//! Minimal estimators: which correspondences make a sample and which solver turns it into poses.
+//! Minimal estimators: the correspondences of a sample and the solver that turns them into poses.
 
 use crate::solvers::{ArrayVec, GravityAlignment, HalfPlane, p3p, p6lp, p6lp_dual_radial, u4lp, up2p};
 use rand::Rng;
@@ -12,16 +12,16 @@ use crate::ransac::half_planes::half_planes;
 use crate::ransac::radial::RadialVote;
 use crate::ransac::sampler::{SplitSampler, WeightedSampler, draw, pick};
 
-/// One way from correspondences to hypotheses.
+/// One method from correspondences to hypotheses.
 #[derive(Debug, Clone)]
 pub(crate) enum Minimal {
     /// Three points.
     P3p { sampler: WeightedSampler, bearings: Vec<Vector3<f64>> },
     /// Two points and the vertical.
     Up2p { sampler: WeightedSampler, bearings: Vec<Vector3<f64>>, gravity: GravityAlignment },
-    /// Six lines, for anchored ones never all of one anchor.
+    /// Six lines; for anchored lines never all of one anchor.
     P6lp { sampler: LineSampler, lines: Vec<PlaneLine> },
-    /// Four lines and the vertical, for anchored ones never all of one anchor.
+    /// Four lines and the vertical; for anchored lines never all of one anchor.
     U4lp { sampler: LineSampler, lines: Vec<PlaneLine>, gravity: GravityAlignment },
     /// Five lines of one anchor and one of any other.
     DualRadial { sides: Vec<FiveAndOne>, planes: Vec<HalfPlane> },
@@ -34,16 +34,16 @@ pub(crate) enum Minimal {
 pub(crate) struct FiveAndOne {
     five: WeightedSampler,
     one: WeightedSampler,
-    /// How often they are drawn from; over all anchors these sum to 1.
+    /// Probability of drawing from this pair; over all anchors they sum to 1.
     share: f64,
 }
 
-/// Where lines are drawn from.
+/// The sampler of lines.
 #[derive(Debug, Clone)]
 pub(crate) enum LineSampler {
-    /// All alike.
+    /// From all lines.
     Any(WeightedSampler),
-    /// Never all of the anchor that has most.
+    /// Never all from the anchor with most lines.
     Split(SplitSampler),
 }
 
@@ -55,7 +55,7 @@ impl Minimal {
         noise: f64,
     ) -> Self {
         let gravity = gravity.and_then(|g| GravityAlignment::new(&g.in_camera, &g.in_world));
-        let all = || WeightedSampler::new((0..matches.len()).map(|i| (i, matches.weight[i])));
+        let all = || WeightedSampler::new((0..matches.len()).map(|i| (i, matches.inlier_prior[i])));
         match (matches.observations, gravity) {
             (Correspondences::Points { .. }, None) => {
                 Self::P3p { sampler: all(), bearings: bearings(matches) }
@@ -110,10 +110,10 @@ impl Minimal {
 
     /// Probability that a sample consists of correspondences from this list.
     pub(crate) fn hit_probability(&self, matches: &Matches<'_>, agreeing: &[usize]) -> f64 {
-        // Of each anchor, and of all.
+        // Weight of each anchor, and of all.
         let mut weight = [0.0; Anchor::MOST];
         for &i in agreeing {
-            weight[matches.anchor[i].index()] += matches.weight[i];
+            weight[matches.anchor[i].index()] += matches.inlier_prior[i];
         }
         let all: f64 = weight.iter().sum();
         let any = |sampler: &WeightedSampler, size| (all / sampler.total()).powi(size);
@@ -214,10 +214,10 @@ fn points<const K: usize>(matches: &Matches<'_>, sample: &[usize; K]) -> [Point3
 
 fn sampler(matches: &Matches<'_>, belongs: impl Fn(usize) -> bool) -> WeightedSampler {
     let members = (0..matches.len()).filter(|&i| belongs(i));
-    WeightedSampler::new(members.map(|i| (i, matches.weight[i])))
+    WeightedSampler::new(members.map(|i| (i, matches.inlier_prior[i])))
 }
 
-/// The lines of the anchor that has most, and all others: a sample of both is never degenerate.
+/// The lines of the anchor with most lines, and all others: a sample from both is never degenerate.
 fn richest_and_rest(matches: &Matches<'_>) -> [WeightedSampler; 2] {
     let richest = matches.richest_anchor();
     [true, false].map(|is_own| sampler(matches, |i| (matches.anchor[i] == richest) == is_own))

@@ -1,8 +1,8 @@
-//! The one search loop: draw, solve, score, optimise locally, stop when more is unlikely to help (LO-RANSAC).
+//! The search loop: draw, solve, score, optimise locally, stop when further samples are unlikely to help (LO-RANSAC).
 //!
-//! What is estimated is an [`Estimator`]; the loop knows nothing of cameras. The trait is split along what varies:
-//! `hypothesize` (which sample and which minimal solver), `cost` (which score), `optimize` (which refinement), and
-//! `hit_probability` (how likely a sample like those drawn is right, which sampling weights change).
+//! The loop is generic over an [`Estimator`] and does not depend on cameras. The trait is split along the parts that
+//! vary: `hypothesize` (sample and minimal solver), `cost` (score), `optimize` (refinement), and `hit_probability`
+//! (probability of a right sample, which depends on the sampling weights).
 //!
 //! Chum, Matas and Kittler, *Locally Optimized RANSAC*, DAGM 2003; Lebeda, Matas and Chum, *Fixing the Locally
 //! Optimized RANSAC*, BMVC 2012.
@@ -18,22 +18,22 @@ pub use stop::Stop;
 
 use rand::Rng;
 
-/// What the loop can search for.
+/// What the loop can estimate.
 pub trait Estimator {
-    /// What a minimal sample gives.
+    /// The result of a minimal sample.
     type Model: Clone;
 
     /// Draws one minimal sample and appends the models it gives, none for a degenerate one.
     fn hypothesize<R: Rng + ?Sized>(&mut self, rng: &mut R, models: &mut Vec<Self::Model>);
 
-    /// The model's cost, lower is better. May give up early with any value not below `best`. NaN counts as worst.
+    /// The model's cost, lower is better. May stop early with any value not below `best`. NaN counts as worst.
     fn cost(&self, model: &Self::Model, best: f64) -> f64;
 
     /// Probability that one sample consists of correspondences that agree with the model.
     fn hit_probability(&self, model: &Self::Model) -> f64;
 
-    /// The best model near this one, and the cost by which such models are compared with each other: it may look at more
-    /// than [`Self::cost`] does, and is then no lower.
+    /// The best model near this one, and the cost by which such models are compared with each other: it may use more
+    /// information than [`Self::cost`], and is then not lower.
     fn optimize<R: Rng + ?Sized>(
         &mut self,
         model: &Self::Model,
@@ -41,7 +41,7 @@ pub trait Estimator {
         rng: &mut R,
     ) -> (Self::Model, f64);
 
-    /// Whether to give up: what was found so far is then worth nothing.
+    /// Whether to stop the search; its result is then not used.
     fn is_stopped(&self) -> bool {
         false
     }
@@ -76,9 +76,9 @@ impl Budget {
     }
 }
 
-/// What the loop found.
+/// The result of the loop.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found<M> {
+pub struct RansacResult<M> {
     /// The best model; `None` when no sample gave one.
     pub model: Option<M>,
     /// Its cost; infinite without a model.
@@ -93,14 +93,15 @@ pub struct Found<M> {
 
 /// Runs the search.
 ///
-/// A model is optimised locally when it beats all models *as they came from a sample*: were it to beat the optimised
-/// ones, a strong early model would lock the search in its neighbourhood.
+/// A model is optimised locally when it beats all models *as they came from a sample*. If it had to beat the optimised
+/// ones, a strong early model would restrict the search to its neighbourhood.
 pub fn lo_ransac<E: Estimator, R: Rng + ?Sized>(
     estimator: &mut E,
     budget: &Budget,
     rng: &mut R,
-) -> Found<E::Model> {
-    let mut found = Found { model: None, cost: f64::INFINITY, samples: 0, models: 0, optimizations: 0 };
+) -> RansacResult<E::Model> {
+    let mut found =
+        RansacResult { model: None, cost: f64::INFINITY, samples: 0, models: 0, optimizations: 0 };
     let mut best_sampled = f64::INFINITY;
     let mut needed = budget.max;
     let mut models = Vec::new();
@@ -136,7 +137,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    /// The value most data points agree on to 0.5; a sample is one data point. Counts what the loop asks of it.
+    /// The value on which most data points agree to 0.5; a sample is one data point. Counts the calls of the loop.
     struct Mock {
         data: Vec<f64>,
         sampled: Vec<f64>,
@@ -188,7 +189,7 @@ mod tests {
         }
     }
 
-    fn run(mock: &mut Mock, budget: &Budget) -> Found<f64> {
+    fn run(mock: &mut Mock, budget: &Budget) -> RansacResult<f64> {
         lo_ransac(mock, budget, &mut ChaCha8Rng::seed_from_u64(7))
     }
 
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fixed_budget_is_kept_exactly() {
+    fn fixed_budget_is_exact() {
         for samples in [1, 17, 1000] {
             assert_eq!(run(&mut Mock::new(100, 0), &Budget::fixed(samples)).samples, samples);
         }
@@ -235,20 +236,20 @@ mod tests {
     }
 
     #[test]
-    fn nan_costs_and_ties_change_nothing() {
+    fn nan_costs_and_ties_are_ignored() {
         let plain = run(&mut Mock::new(20, 30), &Budget::fixed(200));
         let mut mock = Mock { with_nan: true, ..Mock::new(20, 30) };
         let with_nan = run(&mut mock, &Budget::fixed(200));
         assert_eq!(plain.model, with_nan.model);
         assert_eq!(plain.optimizations, with_nan.optimizations);
-        // All data equal: the first of many ties stays, and is optimised once.
+        // All data equal: the first of many ties is returned, and is optimised once.
         let mut ties = Mock::new(0, 0);
         ties.data = vec![1.0; 30];
         assert_eq!(run(&mut ties, &Budget::fixed(100)).optimizations, 1);
     }
 
     #[test]
-    fn no_model_is_no_model() {
+    fn no_model_gives_no_result() {
         struct Empty;
         impl Estimator for Empty {
             type Model = ();

@@ -1,11 +1,11 @@
-//! Hypotheses for anchored lines: five of one anchor, then a vote of the others.
+//! Hypotheses for anchored lines: five lines of one anchor, then a vote of the others.
 //!
-//! All lines of one anchor pass through one ray, so in the camera turned onto that ray they observe a 1D radial
-//! camera. Five of them give the pose up to the depth along the ray (`p5lp_radial`), and only poses that put all five
-//! points in their *half*-planes survive, which is one in sixteen of the wrong ones. What is left is scored by the lines of
-//! its own anchor, by the angle alone. The promising few are completed: the lines of the other anchors name the depths at which
-//! their points lie on them, and the depth that the heaviest set of lines agrees on is taken. Against drawing a sixth
-//! line the vote saves a factor of the inlier ratio and is robust to the noise of any single line.
+//! All lines of one anchor pass through one ray, so in the camera rotated onto that ray they observe a 1D radial
+//! camera. Five of them determine the pose up to the depth along the ray (`p5lp_radial`), and only poses with all five
+//! points in their *half*-planes survive, which is one in sixteen of the wrong ones. The remaining poses are scored by
+//! the lines of their own anchor, by the angle alone. The promising ones are completed: each line of the other anchors
+//! gives the depths at which its point lies on it, and the depth with the heaviest set of lines is used. Compared to
+//! drawing a sixth line, the vote saves a factor of the inlier ratio and is robust to the noise of any single line.
 
 use crate::solvers::{ArrayVec, RadialPose, p5lp_radial};
 use rand::Rng;
@@ -18,8 +18,8 @@ use crate::likelihood::{Correspondences, Matches, median_point, promising_first}
 use crate::ransac::half_planes::{direction, half_planes};
 use crate::ransac::sampler::{WeightedSampler, draw, pick};
 
-/// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
-/// first, ever closer as more of the side's poses have been completed.
+/// A radial pose is completed when its score comes this close to the best radial score of its side: initially within 20
+/// %, closer as more poses of the side have been completed.
 const SLACK: f64 = 0.2;
 
 /// Completed poses after which the slack is halved.
@@ -28,20 +28,20 @@ const SLACK_HALVED_AFTER: f64 = 32.0;
 /// Half width of a vote, in multiples of the noise.
 const VOTE_WIDTH: f64 = 1.5;
 
-/// Lines that vote, the most promising of the other anchors: enough to find the depth, which all lines then judge.
-const VOTERS: usize = 128;
+/// Number of voting lines, the most promising of the other anchors: enough to find the depth; all lines then score it.
+const MAX_VOTERS: usize = 128;
 
-/// With fewer lines of other anchors poses are also made without their vote.
-const FEWEST_VOTERS: usize = 24;
+/// With fewer lines of other anchors, poses are also made without their vote.
+const MIN_VOTERS: usize = 24;
 
-/// Where the middle point of a scene may be seen from its anchor, as a share of the image's height.
+/// Assumed positions of the scene's middle point relative to the anchor, as a share of the image's height.
 const SPREADS: [f64; 3] = [0.3, 0.5, 0.8];
 
-/// A keypoint is taken to be this far from its anchor at least, as a share of half the image's height.
-const LEAST_RADIUS: f64 = 0.5;
+/// Assumed minimum distance of a keypoint from its anchor, as a share of half the image's height.
+const MIN_RADIUS: f64 = 0.5;
 
-/// The fewest lines an anchor needs to be drawn from: five make a pose, more are needed to tell good from bad.
-const FEWEST: usize = 8;
+/// Minimum number of lines of an anchor for sampling: five give a pose, more are needed to test it.
+const MIN_LINES: usize = 8;
 
 /// The lines of all anchors, ready to be drawn from.
 #[derive(Debug, Clone)]
@@ -59,23 +59,23 @@ struct Side {
     members: Vec<usize>,
     /// The most promising lines of all other anchors.
     voters: Vec<usize>,
-    /// Whether those are so few that their vote may be noise.
+    /// Whether there are so few that their vote may be noise.
     one_sided: bool,
-    /// Chance that a sample comes from here.
+    /// Probability that a sample is drawn from here.
     share: f64,
     sampler: WeightedSampler,
-    /// Camera to the camera turned onto the anchor's ray.
+    /// Rotation from the camera to the camera aligned with the anchor's ray.
     turn: Rotation3<f64>,
-    /// Unit direction of each correspondence's half-line there, `[N]` (zero for the other side's).
+    /// Unit direction of each correspondence's half-line there, `[N]` (zero for those of other anchors).
     directions: Vec<Vector2<f64>>,
     lanes: RadialLanes,
-    /// By how many pixels lines move per radian in the middle of the image.
+    /// Movement of lines in the middle of the image, pixels per radian.
     radius: f64,
     best: f64,
     completed: usize,
 }
 
-/// Depths at which a line of another anchor agrees.
+/// Range of depths at which a line of another anchor agrees.
 struct Vote {
     from: f64,
     to: f64,
@@ -95,10 +95,10 @@ impl RadialVote {
                 |is_own: bool| (0..matches.len()).filter(move |&i| (matches.anchor[i] == anchor) == is_own);
             let members = promising_first(matches, of(true));
             let voters = promising_first(matches, of(false));
-            let one_sided = voters.len() < FEWEST_VOTERS;
-            let voters: Vec<usize> = voters.into_iter().take(VOTERS).collect();
+            let one_sided = voters.len() < MIN_VOTERS;
+            let voters: Vec<usize> = voters.into_iter().take(MAX_VOTERS).collect();
             let ray = direction(matches, pencils, anchor);
-            // An axis has no sign; ahead, so that the least turn exists.
+            // An axis has no sign; it is chosen forward, so that the smallest rotation exists.
             let ray = if ray.z < 0.0 { -ray } else { ray };
             let turn = Rotation3::rotation_between(&ray, &Vector3::z()).unwrap_or_else(Rotation3::identity);
             let mut directions = vec![Vector2::zeros(); matches.len()];
@@ -106,8 +106,8 @@ impl RadialVote {
                 let turned = (turn * planes[i].inward).xy();
                 directions[i] = turned / turned.norm().max(f64::MIN_POSITIVE);
             }
-            // What a keypoint's own is, is not known before the depth is.
-            let distance = pencils.distance(anchor, middle).max(LEAST_RADIUS * middle.v);
+            // The distance of a keypoint from the anchor is unknown until the depth is known.
+            let distance = pencils.distance(anchor, middle).max(MIN_RADIUS * middle.v);
             let typical_line = pencils.angle_of(anchor, middle);
             let radius = distance * pencils.pixels_per_radian(anchor, typical_line);
             let extra = matches.noise_term(noise) + distance.ln();
@@ -115,8 +115,8 @@ impl RadialVote {
                 .chunks(LANES)
                 .map(|chunk| block(matches, chunk, &center, &directions, extra))
                 .collect();
-            let sampler = WeightedSampler::new(members.iter().map(|&i| (i, matches.weight[i])));
-            let possible = members.len() >= FEWEST;
+            let sampler = WeightedSampler::new(members.iter().map(|&i| (i, matches.inlier_prior[i])));
+            let possible = members.len() >= MIN_LINES;
             let share = if possible { sampler.expected_share().powi(5) } else { 0.0 };
             Side {
                 members,
@@ -134,10 +134,10 @@ impl RadialVote {
         };
         let mut sides: Vec<Side> = pencils.anchors().map(side).collect();
         let total: f64 = sides.iter().map(|side| side.share).sum();
-        if sides.iter().all(|side| side.members.len() < FEWEST) {
+        if sides.iter().all(|side| side.members.len() < MIN_LINES) {
             return None;
         }
-        // When nothing tells them apart, all alike.
+        // Without any prior information, all sides are equally likely.
         let alike = (sides.len() as f64).recip();
         for side in &mut sides {
             side.share = if total > 0.0 { side.share / total } else { alike };
@@ -145,7 +145,7 @@ impl RadialVote {
         Some(Self { sides, center, noise, backend: Backend::best() })
     }
 
-    /// Probability that five lines of an anchor drawn at random agree, when lines of this total weight do on each.
+    /// Probability that five random lines of one anchor agree, for this total weight of agreeing lines per anchor.
     pub(crate) fn hit_probability(&self, agreeing: &[f64]) -> f64 {
         let of_side = |(side, agreeing): (&Side, &f64)| {
             side.share * (agreeing / side.sampler.total().max(f64::MIN_POSITIVE)).powi(5)
@@ -153,7 +153,7 @@ impl RadialVote {
         self.sides.iter().zip(agreeing).map(of_side).sum()
     }
 
-    /// Draws five lines of one anchor and appends the poses they and the vote give.
+    /// Draws five lines of one anchor and appends their poses, completed by the vote.
     pub(crate) fn hypothesize<R: Rng + ?Sized>(
         &mut self,
         matches: &Matches<'_>,
@@ -180,15 +180,15 @@ impl RadialVote {
             side.best = side.best.max(score);
             let completed = self.complete(matches, chosen, &pose);
             if completed.is_none() || self.sides[chosen].one_sided {
-                self.place_along(matches, chosen, &pose, models);
+                self.poses_without_vote(matches, chosen, &pose, models);
             }
             models.extend(completed);
         }
     }
 
-    /// Poses of an anchor when all others are silent: nothing says how far along the ray the camera is, so it is put where the scene
-    /// fills the image in the ways a scene does.
-    fn place_along(
+    /// Poses for an anchor when the others have hardly any lines: the position along the ray is undetermined, so the
+    /// camera is placed where the scene fills typical parts of the image.
+    fn poses_without_vote(
         &self,
         matches: &Matches<'_>,
         chosen: usize,
@@ -200,8 +200,8 @@ impl RadialVote {
         let rotation = back * radial.rotation;
         let across = back * Vector3::new(radial.offset.x, radial.offset.y, 0.0);
         let along = back * Vector3::z();
-        // Of the most promising points: distance from the ray, and how far along it.
-        let first = &side.members[..side.members.len().min(VOTERS)];
+        // For the most promising points: distance from the ray, and position along it.
+        let first = &side.members[..side.members.len().min(MAX_VOTERS)];
         let mut tangents: Vec<(f64, f64)> = first
             .iter()
             .map(|&i| {
@@ -222,7 +222,7 @@ impl RadialVote {
         }
     }
 
-    /// The pose with the depth that most of the others' lines agree on; `None` when none of them does.
+    /// The pose with the depth on which most lines of the others agree; `None` when none of them agrees.
     fn complete(&self, matches: &Matches<'_>, chosen: usize, radial: &RadialPose) -> Option<CameraFromWorld> {
         let side = &self.sides[chosen];
         let back = side.turn.inverse();
@@ -261,12 +261,12 @@ fn vote(
     if !(bounded && in_front && (b - a).is_finite()) {
         return None;
     }
-    // On its line exactly, the observation is worth what the likelihood says at that radius.
+    // Exactly on its line, the observation has the likelihood of that radius.
     let weight = matches.log_likelihood_ratio_at(i, &(start + along * at(0.0)), noise)?;
     (weight > 0.0).then_some(Vote { from: a.min(b), to: a.max(b), weight })
 }
 
-/// The middle of the stretch that the heaviest set of votes covers.
+/// The middle of the interval that the heaviest set of votes covers.
 fn heaviest(votes: &[Vote]) -> Option<f64> {
     let mut ends: Vec<(f64, f64)> =
         votes.iter().flat_map(|v| [(v.from, v.weight), (v.to, -v.weight)]).collect();
@@ -294,7 +294,7 @@ fn block(
         let p = matches.points[i] - center;
         (block.x[l], block.y[l], block.z[l]) = (p.x as f32, p.y as f32, p.z as f32);
         (block.u[l], block.v[l]) = (directions[i].x as f32, directions[i].y as f32);
-        block.worth[l] = (matches.log_likelihood_const[i] + extra) as f32;
+        block.score_offset[l] = (matches.log_likelihood_const[i] + extra) as f32;
     }
     block
 }
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_side_without_lines_leaves_the_depth_open_and_all_else_right() {
+    fn empty_side_leaves_only_the_depth_free() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut problem = exact(&mut rng, Pencils::paper(640, 480));
         let Correspondences::Anchored { pencils, lines } = &mut problem.observations else { unreachable!() };
@@ -425,7 +425,7 @@ mod tests {
             m.rotation_error_degrees(&CameraFromWorld::identity()) < 0.1 && off.norm() < 0.02
         };
         assert!(models.iter().filter(right).count() >= 10, "of {}", models.len());
-        // Too few lines to tell good from bad.
+        // Too few lines to test a pose.
         problem.points.truncate(6);
         problem.keypoints.truncate(6);
         let Correspondences::Anchored { lines, .. } = &mut problem.observations else { unreachable!() };

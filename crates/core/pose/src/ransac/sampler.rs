@@ -1,13 +1,12 @@
-//! Drawing correspondences and samples of them: with probability proportional to a weight, from a generator the caller
-//! seeded.
+//! Sampling of correspondences with probability proportional to a weight, from a generator that the caller seeded.
 
 use crate::solvers::ArrayVec;
 use rand::Rng;
 
 use crate::likelihood::Matches;
 
-/// Draws before a sample of distinct correspondences is given up.
-const PATIENCE: usize = 64;
+/// Maximum number of draws for a sample of distinct correspondences.
+const MAX_DRAWS: usize = 64;
 
 /// Draws indices of a list with given weights.
 #[derive(Debug, Clone)]
@@ -19,7 +18,7 @@ pub(crate) struct WeightedSampler {
 }
 
 impl WeightedSampler {
-    /// Over the given indices; a weight that is not positive counts as the smallest positive number.
+    /// A sampler of the given indices; a weight that is not positive counts as the smallest positive number.
     pub(crate) fn new(entries: impl Iterator<Item = (usize, f64)>) -> Self {
         let mut sampler = Self { indices: Vec::new(), cumulative: Vec::new(), squares: 0.0 };
         let mut sum = 0.0;
@@ -42,7 +41,7 @@ impl WeightedSampler {
         self.indices.len()
     }
 
-    /// Chance that one drawn is right, if each weight is the probability that its entry is.
+    /// Probability that a drawn entry is right, if each weight is the probability that its entry is right.
     pub(crate) fn expected_share(&self) -> f64 {
         if self.total() > 0.0 { self.squares / self.total() } else { 0.0 }
     }
@@ -55,7 +54,7 @@ impl WeightedSampler {
     }
 }
 
-/// Which of these shares, which sum to 1, is drawn; `None` when there is none.
+/// Draws an index from shares that sum to 1; `None` when there is none.
 pub(crate) fn pick<R: Rng + ?Sized>(rng: &mut R, shares: impl Iterator<Item = f64>) -> Option<usize> {
     let mut target = rng.random::<f64>();
     let mut last = None;
@@ -69,13 +68,13 @@ pub(crate) fn pick<R: Rng + ?Sized>(rng: &mut R, shares: impl Iterator<Item = f6
     last
 }
 
-/// Samples of `size` from two lists, never all from one: how many of the first is drawn in proportion to the chance
-/// that all of them are right.
+/// Samples of `size` from two lists, never all from one: the number from the first list is drawn in proportion to the
+/// probability that all entries are right.
 #[derive(Debug, Clone)]
 pub(crate) struct SplitSampler {
     sides: [WeightedSampler; 2],
     size: usize,
-    /// Chance of each split, by the number drawn from the first list, `[size + 1]`; they sum to 1 or are all 0.
+    /// Probability of each split, by the number drawn from the first list, `[size + 1]`; they sum to 1 or are all 0.
     chances: Vec<f64>,
 }
 
@@ -93,17 +92,17 @@ impl SplitSampler {
         Self { sides, size, chances }
     }
 
-    /// How many of the next sample come from the first list; `None` when no split is possible.
+    /// The number of entries of the next sample from the first list; `None` when no split is possible.
     pub(crate) fn draw_split<R: Rng + ?Sized>(&self, rng: &mut R) -> Option<usize> {
         pick(rng, self.chances.iter().copied())
     }
 
-    /// The list that the next entry comes from when so many are drawn already.
+    /// The list of the next entry when `drawn` entries are already drawn.
     pub(crate) fn side(&self, split: usize, drawn: usize) -> &WeightedSampler {
         &self.sides[usize::from(drawn >= split)]
     }
 
-    /// Probability that all of a sample agree, when entries of this total weight do in each list.
+    /// Probability that all entries of a sample agree, for this total weight of agreeing entries per list.
     pub(crate) fn hit_probability(&self, agreeing: [f64; 2]) -> f64 {
         let share = [0, 1].map(|s| agreeing[s] / self.sides[s].total().max(f64::MIN_POSITIVE));
         let of_split = |(k, chance): (usize, &f64)| {
@@ -113,10 +112,11 @@ impl SplitSampler {
     }
 }
 
-/// `K` correspondences, no two of one keypoint or at one place of the map: at most one of such a pair is right.
+/// `K` correspondences, no two with the same keypoint or the same map point: at most one of such a pair is right.
 ///
-/// Map points are told apart by where they are: two at one place constrain a pose as one, whatever they are called.
+/// Map points are identified by their coordinates: two points with equal coordinates constrain a pose as one.
 ///
+/// `next` gets the number of entries that are already drawn.
 /// `next` is told how many are drawn already.
 pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
     matches: &Matches<'_>,
@@ -124,7 +124,7 @@ pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
     mut next: impl FnMut(&mut R, usize) -> Option<usize>,
 ) -> Option<[usize; K]> {
     let mut sample: ArrayVec<usize, K> = ArrayVec::new();
-    for _ in 0..PATIENCE {
+    for _ in 0..MAX_DRAWS {
         let i = next(rng, sample.len())?;
         let clash = sample
             .iter()
@@ -163,8 +163,8 @@ mod tests {
     }
 
     #[test]
-    fn splits_follow_their_chance_and_hits_are_counted_truly() {
-        // Two of three and three of nine are right; weights say so only on average.
+    fn split_frequencies_and_hit_probability_are_correct() {
+        // Two of three and three of nine are right; weights match this only on average.
         let list =
             |from: usize, n: usize, weight: f64| WeightedSampler::new((from..from + n).map(|i| (i, weight)));
         let split = SplitSampler::new([list(0, 3, 0.6), list(10, 9, 0.3)], 4);
@@ -201,14 +201,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_has_one_correspondence_of_a_keypoint_whatever_was_observed() {
+    fn samples_have_distinct_keypoints() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let all = WeightedSampler::new((0..6).map(|i| (i, 1.0)));
         let mut sample = |problem: &PoseProblem| {
             let matches = Matches::new(problem, 0.5);
             draw::<3, _>(&matches, &mut rng, |rng, _| all.draw(rng))
         };
-        // The lines of a keypoint differ, as those of coordinate permutation do.
+        // The two lines of a keypoint differ, as in coordinate permutation.
         let mut two_lines = proposed_twice([0.1, 0.2, 0.3], [7, 7, 5, 5, 6, 6]);
         if let Correspondences::Lines { lines } = &mut two_lines.observations {
             lines[1] = lines[2];
@@ -221,10 +221,10 @@ mod tests {
             keypoints.sort_unstable();
             assert_eq!(keypoints, [5, 6, 7]);
         }
-        // One code for all six: six keypoints all the same.
+        // One code for all six: still six keypoints.
         let one_code = proposed_twice([0.1; 3], [0, 1, 2, 3, 4, 5]);
         assert!(sample(&one_code).is_some());
-        // Six different places of the map, but two keypoints: no sample of three.
+        // Six different map points, but two keypoints: no sample of three.
         assert_eq!(sample(&proposed_twice([0.1, 0.2, 0.3], [0, 0, 0, 1, 1, 1])), None);
         let mut one_place = one_code;
         one_place.points = vec![one_place.points[0]; 6];

@@ -1,4 +1,5 @@
-//! What the search loop searches with: one problem under one score, its hypotheses, local optimisation and final polish.
+//! The estimator of a single image: one problem under one score, its hypotheses, local optimisation and final
+//! refinement.
 //!
 //! Under the likelihood everything minimises one objective, `−Σ log(1 + exp llr)`: local optimisation at shrinking
 //! scales, the final refinement at the scale that the inliers show. Under MSAC it is the truncated square.
@@ -10,16 +11,16 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 
 use crate::ambiguity::margin;
-use crate::confidence::LEAST_MARGIN;
+use crate::confidence::MIN_MARGIN;
 use crate::likelihood::{
-    Estimated, Kernel, Loss, Matches, NEGLIGIBLE, PosePriors, Scale, Symmetric6, System, Zoomed, descend,
-    inverse_or_infinite, linearize, refine,
+    CovarianceInputs, Kernel, Loss, Matches, NEGLIGIBLE, PosePriors, PoseWithFocal, Scale, Symmetric6,
+    System, descend, inverse_or_infinite, linearize, refine,
 };
 use crate::ransac::Estimator;
 use crate::ransac::Stop;
 use crate::ransac::minimal::Minimal;
 
-/// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
+/// MSAC's threshold in multiples of the corresponding noise: the likelihood of its evidence uses this noise.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
@@ -44,13 +45,13 @@ pub(crate) const POLISH_ROUNDS: usize = 12;
 /// Steps of one round.
 pub(crate) const ROUND_STEPS: usize = 3;
 
-/// Range of the noise that the final refinement believes in, in multiples of the assumed one.
+/// Allowed range of the noise in the final refinement, in multiples of the assumed one.
 pub(crate) const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 
 /// Steps of the last refinement, in double precision.
 pub(crate) const FINAL_STEPS: usize = 25;
 
-/// A step of it that gains less than this share ends it.
+/// A step of the last refinement that gains less than this share ends it.
 pub(crate) const FINAL_GAIN: f64 = 1e-9;
 
 /// One problem under one score.
@@ -58,11 +59,11 @@ pub(crate) struct Search<'a> {
     matches: Cow<'a, Matches<'a>>,
     kernel: Kernel,
     scale: Scale,
-    /// How hypotheses are made; none any more once a pose was found.
+    /// The sampler and solver of hypotheses; `None` after a pose was found.
     minimal: Option<Minimal>,
-    /// What is known beside the matches; nothing under MSAC, which is the paper's recipe.
+    /// The camera priors; empty under MSAC, the paper's recipe.
     priors: PosePriors,
-    /// Optimised poses met on the way, with their costs by the matches alone.
+    /// Optimised poses recorded during the search, with their costs by the matches alone.
     optima: Vec<(CameraFromWorld, f64)>,
     stop: Stop,
 }
@@ -73,8 +74,8 @@ pub(crate) struct Polished {
     pub(crate) pose: CameraFromWorld,
     /// Scale of the likelihood's noise that the inliers show, pixels; under MSAC the threshold.
     pub(crate) noise: f64,
-    /// Whether the refinement was kept.
-    pub(crate) kept: bool,
+    /// Whether the refinement was accepted.
+    pub(crate) accepted: bool,
 }
 
 impl<'a> Search<'a> {
@@ -84,8 +85,8 @@ impl<'a> Search<'a> {
         Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, priors, optima: Vec::new(), stop }
     }
 
-    /// The same, given up once this is set.
-    pub(crate) fn until(mut self, stop: &Stop) -> Self {
+    /// This search with a stop flag.
+    pub(crate) fn with_stop(mut self, stop: &Stop) -> Self {
         self.stop = stop.clone();
         self
     }
@@ -95,7 +96,7 @@ impl<'a> Search<'a> {
         &self.kernel
     }
 
-    /// The cost of a pose from which not every correspondence can be seen; `cost` is that of seeing all.
+    /// The cost of a pose that cannot see every correspondence; `cost` is the cost if it saw all.
     fn cost_as_seen(&self, pose: &CameraFromWorld, cost: f64) -> f64 {
         let Scale::Likelihood { noise } = self.scale else { return cost };
         let unseen = |(i, llr): (usize, f64)| {
@@ -104,21 +105,20 @@ impl<'a> Search<'a> {
         cost + self.kernel.likelihoods(pose, noise).into_iter().enumerate().map(unseen).sum::<f64>()
     }
 
-    /// What is left to do when a pose was found, over the correspondences as that pose sees them: nothing is sampled any
-    /// more.
+    /// Prepares for refinement after a pose was found, over the correspondences that the pose can see; sampling ends.
     pub(crate) fn fix_visible(&mut self, matches: Matches<'a>) {
         self.kernel = Kernel::new(&matches, self.scale);
         self.matches = Cow::Owned(matches);
         self.minimal = None;
     }
 
-    /// Where the pose goes with another focal length, and the cost there.
+    /// The optimum near the pose with another focal length, and its cost.
     pub(crate) fn try_focal(
         &self,
         matches: Matches<'a>,
         pose: &CameraFromWorld,
         factor: f64,
-    ) -> (Zoomed, f64) {
+    ) -> (PoseWithFocal, f64) {
         let kernel = Kernel::new(&matches, self.scale);
         let probe = Search {
             matches: Cow::Owned(matches),
@@ -130,22 +130,21 @@ impl<'a> Search<'a> {
             stop: self.stop.clone(),
         };
         let pose = probe.descend(pose);
-        (Zoomed { pose, factor }, probe.cost(&pose, f64::INFINITY))
+        (PoseWithFocal { pose, factor }, probe.cost(&pose, f64::INFINITY))
     }
 
-    /// Goes on by the matches alone, with hypotheses of theirs; returns what was known beside them. Optima that were met
-    /// stay.
+    /// Continues with the matches alone, with their own hypotheses; returns the removed priors. Recorded optima stay.
     pub(crate) fn without_priors(&mut self, minimal: Minimal) -> PosePriors {
         self.minimal = Some(minimal);
         std::mem::take(&mut self.priors)
     }
 
-    /// The opposite: knows this from here on.
+    /// The inverse: adds the priors.
     pub(crate) fn with_priors(&mut self, known: PosePriors) {
         self.priors = known;
     }
 
-    /// The correspondences it is about.
+    /// The correspondences of the search.
     pub(crate) fn matches(&self) -> &Matches<'a> {
         &self.matches
     }
@@ -173,7 +172,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Under MSAC: correspondences within so many thresholds.
+    /// Under MSAC: correspondences within a multiple of the threshold.
     fn within(&self, pose: &CameraFromWorld, factor: f64) -> Vec<usize> {
         let Scale::Msac { threshold } = self.scale else { return Vec::new() };
         let reach = threshold * factor;
@@ -207,17 +206,22 @@ impl<'a> Search<'a> {
         pose
     }
 
-    /// Final refinement and whether it was kept; under the likelihood at the noise that the inliers themselves show, if
-    /// that is asked for.
+    /// Final refinement, and whether it was accepted; under the likelihood at the noise that the inliers show, if
+    /// requested.
     ///
-    /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
-    /// it a robust polish may slide into the collapse.
+    /// The refined pose must not be worse in the score it was refined for, over all correspondences. Without this check
+    /// a robust refinement may converge to the collapse.
     pub(crate) fn polish(&self, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
-        self.polish_knowing(&self.priors, start, estimate_noise)
+        self.polish_with_priors(&self.priors, start, estimate_noise)
     }
 
-    /// The same with this known beside the matches.
-    fn polish_knowing(&self, known: &PosePriors, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
+    /// The same with the given priors.
+    fn polish_with_priors(
+        &self,
+        known: &PosePriors,
+        start: &CameraFromWorld,
+        estimate_noise: bool,
+    ) -> Polished {
         let with_prior_terms = |pose: &CameraFromWorld, mut system: System| {
             known.add_to(pose, &mut system);
             system
@@ -227,8 +231,8 @@ impl<'a> Search<'a> {
                 let active = self.within(start, 1.5);
                 let pose =
                     refine(&self.matches, &active, Loss::Truncated { threshold }, start, FINAL_STEPS).pose;
-                let kept = self.cost(&pose, f64::INFINITY) <= self.cost(start, f64::INFINITY);
-                Polished { pose: if kept { pose } else { *start }, noise: threshold, kept }
+                let accepted = self.cost(&pose, f64::INFINITY) <= self.cost(start, f64::INFINITY);
+                Polished { pose: if accepted { pose } else { *start }, noise: threshold, accepted }
             }
             Scale::Likelihood { noise: assumed } => {
                 let (mut pose, mut noise) = (*start, assumed);
@@ -256,8 +260,8 @@ impl<'a> Search<'a> {
                 };
                 pose = descend(objective, &pose, FINAL_STEPS, FINAL_GAIN).pose;
                 let cost = |pose| self.kernel.cost_at(pose, noise) + known.loss(pose);
-                let kept = cost(&pose) <= cost(start);
-                Polished { pose: if kept { pose } else { *start }, noise, kept }
+                let accepted = cost(&pose) <= cost(start);
+                Polished { pose: if accepted { pose } else { *start }, noise, accepted }
             }
         }
     }
@@ -268,19 +272,19 @@ impl<'a> Search<'a> {
         (0..all.len()).filter(|&i| all[i] > NEGLIGIBLE).collect()
     }
 
-    /// The objective with what is known beside the matches.
+    /// Adds the priors to the objective.
     fn with_prior_terms(&self, pose: &CameraFromWorld, mut system: System) -> System {
         self.priors.add_to(pose, &mut system);
         system
     }
 
-    /// What is known beside the matches.
+    /// The camera priors.
     pub(crate) fn priors(&self) -> &PosePriors {
         &self.priors
     }
 
-    /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose by the matches and what is
-    /// known beside them.
+    /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose from the matches and the
+    /// given priors.
     pub(crate) fn uncertainty(
         &self,
         known: &PosePriors,
@@ -307,7 +311,7 @@ impl<'a> Search<'a> {
                     count += right * self.matches.residuals() as f64;
                 }
                 let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
-                let estimated = Estimated {
+                let estimated = CovarianceInputs {
                     matches: &self.matches,
                     priors: known,
                     pose,
@@ -321,14 +325,14 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was. The matches alone decide:
-    /// what is known beside them may choose between two poses, and does not make the choice sure.
+    /// The margin of the pose over the best optimum at another pose; infinite when there is none. It uses the matches
+    /// alone: priors may select one of two poses, but do not make the selection certain.
     pub(crate) fn margin(&self, polished: &Polished, covariance: &Symmetric6, estimate_noise: bool) -> f64 {
         let pose = &polished.pose;
         let own = self.cost(pose, f64::INFINITY) - self.priors.loss(pose);
         let nothing = PosePriors::default();
-        let refined = |other: &CameraFromWorld| self.polish_knowing(&nothing, other, estimate_noise).pose;
-        margin(&self.optima, pose, own, covariance, LEAST_MARGIN, refined)
+        let refined = |other: &CameraFromWorld| self.polish_with_priors(&nothing, other, estimate_noise).pose;
+        margin(&self.optima, pose, own, covariance, MIN_MARGIN, refined)
     }
 }
 

@@ -1,22 +1,22 @@
-//! Giving up an estimate that nobody waits for any more.
+//! Stopping an estimation whose result is no longer needed.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A wish to stop, shared between who estimates and who wishes; clones share it.
+/// A stop flag, shared between the estimation and the caller; clones share it.
 ///
-/// A search looks at it before every sample. One that was stopped gives no pose, never a worse one: so time changes
-/// whether there is an answer, and not what it is. All of them count as equal, because none changes a result.
+/// A search checks it before every sample. A stopped search gives no pose, never a worse one: timing decides only
+/// whether there is an answer, not which. All flags compare equal, because none changes a result.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Wishes it; there is no way back.
+    /// Requests the stop; it cannot be revoked.
     pub fn set(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was wished.
+    /// Whether the stop was requested.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

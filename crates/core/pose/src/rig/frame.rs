@@ -1,4 +1,4 @@
-//! One frame of a rig, ready to be searched.
+//! One frame of a rig, prepared for the search.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::statistics::upper_median;
@@ -13,27 +13,27 @@ use crate::ransac::minimal::Minimal;
 use crate::ransac::sampler::WeightedSampler;
 use crate::ransac::search::Search;
 
-/// A frame that shows something.
+/// A frame with correspondences.
 pub(super) struct Frame<'a> {
-    /// Its place in the list of the caller.
+    /// Its index in the caller's list.
     pub(super) index: usize,
-    /// Its correspondences with the focal length as given.
+    /// Its correspondences with the given focal length.
     pub(super) given: &'a Matches<'a>,
     /// The same as the best pose sees them, once there is one.
     pub(super) seen: Matches<'a>,
     /// How well its focal length is known.
     pub(super) focal: FocalKnowledge,
     pub(super) search: Search<'a>,
-    /// Noise of the matches where the odometry puts the camera: their own and the odometry's together, pixels.
+    /// Noise of the matches at the camera pose given by the odometry: their own and the odometry's together, pixels.
     pub(super) rigid_noise: f64,
-    /// No pose gains more than this at that noise.
+    /// Upper bound of any pose's gain at that noise.
     pub(super) most: f64,
-    /// How likely a sample of it is right; 0 when it cannot be drawn from.
+    /// Probability that a sample is right; 0 when it cannot be drawn from.
     pub(super) promise: f64,
 }
 
-/// Whether the problem of a frame can be drawn from; an error when it is wrong rather than poor.
-pub(super) fn stands_alone(problem: &crate::PoseProblem) -> Result<bool, PoseError> {
+/// Whether the frame has enough correspondences for a hypothesis; an error when its problem is invalid.
+pub(super) fn has_minimal_sample(problem: &crate::PoseProblem) -> Result<bool, PoseError> {
     match problem.check() {
         Ok(()) => Ok(true),
         Err(PoseError::TooFew { .. }) => Ok(false),
@@ -41,7 +41,7 @@ pub(super) fn stands_alone(problem: &crate::PoseProblem) -> Result<bool, PoseErr
     }
 }
 
-/// Size of what is seen, map units: how far cameras usually are from it.
+/// Size of the scene, map units: the typical distance of cameras from it.
 pub(super) fn scene_size(matches: &Matches<'_>, frame: &RigFrame) -> f64 {
     let mut distances: Vec<f64> = if let Some(seen_from) = &frame.problem.seen_from {
         matches.points.iter().zip(seen_from).map(|(p, s)| (p - s.center.coords).norm()).collect()
@@ -53,13 +53,13 @@ pub(super) fn scene_size(matches: &Matches<'_>, frame: &RigFrame) -> f64 {
 }
 
 impl<'a> Frame<'a> {
-    /// `zoomed` are the correspondences with the focal length that is searched with, `given` those with the given one.
+    /// `zoomed` are the correspondences with the focal length of the search, `given` those with the given one.
     pub(super) fn new(
         index: usize,
         frame: &RigFrame,
         given: &'a Matches<'a>,
         matches: &'a Matches<'a>,
-        stands_alone: bool,
+        has_minimal_sample: bool,
         options: &PoseOptions,
     ) -> Self {
         let focal = f64::midpoint(matches.camera.focal[0], matches.camera.focal[1]);
@@ -68,10 +68,10 @@ impl<'a> Frame<'a> {
             focal * frame.rotation_sd_deg.to_radians().hypot(if shift.is_finite() { shift } else { 0.0 });
         let rigid_noise = options.noise_px.hypot(by_odometry);
         let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(ScoreKind::Likelihood));
-        // By the matches alone: gravity that is wrong would hide the pose, or poses that the matches explain as well.
+        // By the matches alone: wrong gravity would hide the pose, or poses that the matches explain as well.
         let minimal = Minimal::new(matches, solver, None, options.noise_px);
         let priors = PosePriors::of(&frame.problem);
-        let all = WeightedSampler::new(matches.weight.iter().copied().enumerate());
+        let all = WeightedSampler::new(matches.inlier_prior.iter().copied().enumerate());
         let promise =
             all.expected_share().powi(i32::try_from(matches.observations.sample_size()).unwrap_or(i32::MAX));
         Self {
@@ -82,32 +82,33 @@ impl<'a> Frame<'a> {
             search: Search::new(matches, Scale::Likelihood { noise: rigid_noise }, minimal, priors),
             rigid_noise,
             most: most_gain(matches, rigid_noise),
-            promise: if stands_alone { promise } else { 0.0 },
+            promise: if has_minimal_sample { promise } else { 0.0 },
         }
     }
 
-    /// From here on correspondences are worth what one pose can see of them.
-    pub(super) fn see_from(&mut self, cam: &CameraFromWorld) {
+    /// Restricts the correspondences to what this pose can see.
+    pub(super) fn restrict_to_visible(&mut self, cam: &CameraFromWorld) {
         self.seen = self.given.as_seen_from(cam);
     }
 
-    /// What is left to do is done with a focal length so many times the given one: nothing is sampled any more.
-    pub(super) fn zoom(&mut self, factor: f64) {
+    /// Sets the focal length for refinement, relative to the given one; sampling ends.
+    pub(super) fn set_focal(&mut self, factor: f64) {
         self.search.fix_visible(self.seen.with_focal(factor));
     }
 
-    /// Adds what is known of the camera beside its matches.
-    pub(super) fn believed(&self, cam: &CameraFromWorld, mut system: System) -> System {
+    /// Adds the camera priors.
+    pub(super) fn with_prior_terms(&self, cam: &CameraFromWorld, mut system: System) -> System {
         self.search.priors().add_to(cam, &mut system);
         system
     }
 
-    /// What a pose gains by this frame's matches where the odometry puts its camera; 0 or less when less than `least`.
+    /// Gain of a pose by this frame's matches at the camera pose given by the odometry; 0 or less when less than
+    /// `least`.
     pub(super) fn rigid_gain(&self, cam: &CameraFromWorld, least: f64) -> f64 {
         -self.search.kernel().cost(cam, -least)
     }
 
-    /// What a pose gains by this frame's matches, as far as it can have seen what they say.
+    /// Gain of a pose by this frame's matches, as far as the pose can see them.
     pub(super) fn gain_as_seen(&self, cam: &CameraFromWorld, noise: f64) -> f64 {
         let matches = self.search.matches();
         let likelihoods = self.search.kernel().likelihoods(cam, noise);
@@ -118,7 +119,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// An upper bound of what any pose gains at this noise.
+/// An upper bound of the gain of any pose at this noise.
 fn most_gain(matches: &Matches<'_>, noise: f64) -> f64 {
     let log_farthest = match matches.observations {
         Correspondences::Anchored { pencils, .. } => {
@@ -127,5 +128,5 @@ fn most_gain(matches: &Matches<'_>, noise: f64) -> f64 {
         Correspondences::Points { .. } | Correspondences::Lines { .. } => 0.0,
     };
     let extra = matches.noise_term(noise) + log_farthest;
-    matches.log_likelihood_const.iter().map(|worth| (worth + extra).max(0.0)).sum()
+    matches.log_likelihood_const.iter().map(|score_offset| (score_offset + extra).max(0.0)).sum()
 }

@@ -4,45 +4,46 @@ use veiloc_geometry::CameraFromWorld;
 
 use super::frame::Frame;
 use super::joint::{Poses, descend};
-use super::odometry::Tie;
+use super::odometry::OdometryConstraint;
 use crate::likelihood::{Loss, System, linearize};
 use crate::options::PoseOptions;
 use crate::ransac::search::{FINAL_GAIN, FINAL_STEPS, NOISE_RANGE, POLISH_ROUNDS, ROUND_STEPS};
 
-/// So many matches of the rig's noise are added to each frame's own: a few agreeing matches do not tell their noise.
-const BORROWED: f64 = 20.0;
+/// Pseudo-count of matches with the rig's common noise that is added to each frame: a few agreeing matches do not
+/// determine their noise.
+const COMMON_NOISE_MATCHES: f64 = 20.0;
 
 /// Poses after the final refinement.
 pub(super) struct PolishedRig {
     pub(super) poses: Poses,
     /// Scale of the noise that each frame's inliers show, pixels, `[F]`.
     pub(super) noise: Vec<f64>,
-    /// Whether the refinement was kept.
-    pub(super) kept: bool,
+    /// Whether the refinement was accepted.
+    pub(super) accepted: bool,
 }
 
-/// Refines from `start`; kept only when it does not make the objective worse that it was refined for. The frames' matches
-/// are worth what the start can see of them.
+/// Refines from `start`; accepted only when it does not make the refined objective worse. The frames' matches are
+/// restricted to what the start can see.
 pub(super) fn polish(
     frames: &[Frame<'_>],
-    ties: &[Tie],
+    constraints: &[OdometryConstraint],
     start: &Poses,
     options: &PoseOptions,
 ) -> PolishedRig {
-    polish_knowing(true, frames, ties, start, options)
+    polish_with_priors(true, frames, constraints, start, options)
 }
 
-/// The same; whether what is known of a camera beside its matches takes part is `known`.
-pub(super) fn polish_knowing(
+/// The same; `known` selects whether the camera priors are included.
+pub(super) fn polish_with_priors(
     known: bool,
     frames: &[Frame<'_>],
-    ties: &[Tie],
+    constraints: &[OdometryConstraint],
     start: &Poses,
     options: &PoseOptions,
 ) -> PolishedRig {
     let kernel = |i: usize| frames[i].search.kernel();
-    let believed = |i: usize, cam: &CameraFromWorld, system: System| {
-        if known { frames[i].believed(cam, system) } else { system }
+    let with_prior_terms = |i: usize, cam: &CameraFromWorld, system: System| {
+        if known { frames[i].with_prior_terms(cam, system) } else { system }
     };
     let loss =
         |i: usize, cam: &CameraFromWorld| if known { frames[i].search.priors().loss(cam) } else { 0.0 };
@@ -51,8 +52,8 @@ pub(super) fn polish_knowing(
     let mut noise = vec![assumed; frames.len()];
     for _ in 0..POLISH_ROUNDS {
         let objective =
-            |i: usize, cam: &CameraFromWorld| believed(i, cam, kernel(i).linearize(cam, noise[i]).0);
-        poses = descend(ties, objective, &poses, ROUND_STEPS, 1e-7);
+            |i: usize, cam: &CameraFromWorld| with_prior_terms(i, cam, kernel(i).linearize(cam, noise[i]).0);
+        poses = descend(constraints, objective, &poses, ROUND_STEPS, 1e-7);
         if !options.estimate_noise {
             break;
         }
@@ -67,21 +68,21 @@ pub(super) fn polish_knowing(
         (0..frames.len()).map(|i| frames[i].search.possible(&poses.cams[i], noise[i])).collect();
     let objective = |i: usize, cam: &CameraFromWorld| {
         let likelihood = Loss::Likelihood { noise: noise[i] };
-        believed(i, cam, linearize(frames[i].search.matches(), &active[i], likelihood, cam))
+        with_prior_terms(i, cam, linearize(frames[i].search.matches(), &active[i], likelihood, cam))
     };
-    poses = descend(ties, objective, &poses, FINAL_STEPS, FINAL_GAIN);
+    poses = descend(constraints, objective, &poses, FINAL_STEPS, FINAL_GAIN);
     let cost = |poses: &Poses| {
         let of = |i: usize| {
             let cam = &poses.cams[i];
             kernel(i).cost_at(cam, noise[i]) + loss(i, cam)
         };
-        poses.tension(ties) + (0..frames.len()).map(of).sum::<f64>()
+        poses.odometry_loss(constraints) + (0..frames.len()).map(of).sum::<f64>()
     };
-    let kept = cost(&poses) <= cost(start);
-    PolishedRig { poses: if kept { poses } else { start.clone() }, noise, kept }
+    let accepted = cost(&poses) <= cost(start);
+    PolishedRig { poses: if accepted { poses } else { start.clone() }, noise, accepted }
 }
 
-/// The noise that each frame's matches show, drawn towards what all of them show.
+/// The noise that each frame's matches show, shrunk towards the common noise of all.
 fn shown(frames: &[Frame<'_>], poses: &Poses, noise: &[f64], assumed: f64) -> Vec<f64> {
     let own: Vec<(f64, f64)> = frames
         .iter()
@@ -98,7 +99,7 @@ fn shown(frames: &[Frame<'_>], poses: &Poses, noise: &[f64], assumed: f64) -> Ve
     let common = own.iter().map(|(variance, agreeing)| variance * agreeing).sum::<f64>() / total;
     let of = |(variance, agreeing): &(f64, f64)| {
         let variance = if common.is_finite() {
-            (variance * agreeing + common * BORROWED) / (agreeing + BORROWED)
+            (variance * agreeing + common * COMMON_NOISE_MATCHES) / (agreeing + COMMON_NOISE_MATCHES)
         } else {
             *variance
         };

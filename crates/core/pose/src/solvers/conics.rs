@@ -1,13 +1,14 @@
-//! Where two conics of the projective plane meet.
+//! Intersection of two conics of the projective plane.
 //!
-//! A root of a cubic gives a member of their pencil that falls apart into two lines, and each line meets another
-//! member in at most two points. One root is enough: with four common points every root splits into real lines, with
-//! two there is one real root, with none it does not matter. The root farthest from the two others is taken, because
-//! two of the three merge when two common points do.
+//! A root of a cubic gives a degenerate member of their pencil, which consists of two lines, and each line meets
+//! another member in at most two points. One root is enough: with four common points every root gives real lines, with
+//! two there is one real root, with none the result does not matter. The root farthest from the two others is used,
+//! because two of the three merge when two common points do.
 //!
-//! A degenerate member `C` has its vertex, the point common to both lines, in every column of its adjugate. With the
-//! vertex's largest coordinate in place `k`, either line is told by its point with a zero there, a root of the binary
-//! form that is left of `C` in the two other places. Everything stays homogeneous: nothing divides by a small number.
+//! The vertex of a degenerate member `C`, the common point of both lines, is in every column of its adjugate. With the
+//! vertex's largest coordinate at index `k`, each line is represented by its point with coordinate `k` equal to zero, a
+//! root of the binary form of `C` in the two other coordinates. Everything stays homogeneous: no division by a small
+//! number.
 
 use std::hint::select_unpredictable;
 
@@ -80,8 +81,8 @@ impl Conic {
 
 /// The common points of two conics as vectors of any length and either sign; NaN in place of complex ones.
 ///
-/// Good to about ten digits; [`polished`] makes them exact where the caller does not polish them otherwise. How many
-/// are real is anybody's guess, which is why nothing here branches on it.
+/// Accurate to about ten digits; [`polished`] refines them where the caller does not polish them otherwise. The number
+/// of real points is unpredictable, so nothing here branches on it.
 #[inline]
 pub(crate) fn intersect(first: &Conic, second: &Conic) -> [Vector3<f64>; 4] {
     let (a1, a2) = (first.adjugate(), second.adjugate());
@@ -101,7 +102,7 @@ pub(crate) fn intersect(first: &Conic, second: &Conic) -> [Vector3<f64>; 4] {
     let (i, j) = ([1, 2, 0][k], [2, 0, 1][k]);
     let vertex = adjugate.rows()[k];
     let (rows, rest) = (conic.rows(), other.rows());
-    // The square root of a negative number: complex lines.
+    // The square root of a negative number is NaN: complex lines.
     let apart = -(rows[i][j] + (-vertex[k]).sqrt().copysign(rows[i][j]));
     let image = other.times(&Vector3::from(vertex));
     let a = vertex[0] * image.x + vertex[1] * image.y + vertex[2] * image.z;
@@ -111,13 +112,13 @@ pub(crate) fn intersect(first: &Conic, second: &Conic) -> [Vector3<f64>; 4] {
         let b = x * image[i] + y * image[j];
         let c = x * (x * rest[i][i] + 2.0 * y * rest[i][j]) + y * y * rest[j][j];
         let (square, product) = (b * b, a * c);
-        // A double root may have come out a rounding below zero; any other of a negative number is NaN again.
+        // A double root may come out slightly below zero by rounding; the root of any other negative number is NaN.
         let root = (square - product + TANGENT * (square + product.abs())).sqrt();
         let q = -(b + root.copysign(b));
         for (m, [s, t]) in [[q, a], [c, q]].into_iter().enumerate() {
             let p = [s * vertex[i] + t * x, s * vertex[j] + t * y, s * vertex[k]];
-            let place = [[2, 0, 1], [1, 2, 0], [0, 1, 2]][k];
-            points[2 * n + m] = Vector3::new(p[place[0]], p[place[1]], p[place[2]]);
+            let order = [[2, 0, 1], [1, 2, 0], [0, 1, 2]][k];
+            points[2 * n + m] = Vector3::new(p[order[0]], p[order[1]], p[order[2]]);
         }
     }
     points
@@ -149,9 +150,9 @@ fn outermost_root(l: f64, a: f64, b: f64, c: f64) -> [f64; 2] {
     [l, -q.signum() * root * z - shift]
 }
 
-/// Cube root of a positive number to ten digits: a guess from the exponent, then Halley's method.
+/// Cube root of a positive number to ten digits: an initial value from the exponent, then Halley's method.
 fn cube_root(x: f64) -> f64 {
-    // A third of the bit pattern is a third of the logarithm; the constant makes the guess good to 4 %.
+    // A third of the bit pattern is a third of the logarithm; the constant makes the initial value accurate to 4 %.
     let mut y = f64::from_bits(x.to_bits() / 3 + 0x2A9F_7893_0000_0000);
     for _ in 0..2 {
         let cube = y * y * y;
@@ -160,14 +161,14 @@ fn cube_root(x: f64) -> f64 {
     y
 }
 
-/// Which of three numbers is the largest, without branches: any of them is as likely.
+/// Index of the largest of three numbers, without branches, because each is equally likely.
 pub(crate) fn largest([x, y, z]: [f64; 3]) -> usize {
     let second = usize::from(y > x);
     let third = usize::from(z > if y > x { y } else { x });
     second * (1 - third) + 2 * third
 }
 
-/// Newton's method on both conics along the unit sphere, each step kept only if it lowers what is left.
+/// Newton's method on both conics along the unit sphere; a step is accepted only if it lowers the residual.
 pub(crate) fn polished(d1: &Conic, d2: &Conic, start: &Vector3<f64>) -> Vector3<f64> {
     let mut point = start / start.norm().max(f64::MIN_POSITIVE);
     let mut images = (d1.times(&point), d2.times(&point));
@@ -214,7 +215,7 @@ mod tests {
             let on_both = |p: &Vector3<f64>| p.dot(&d1.times(p)).abs() + p.dot(&d2.times(p)).abs();
             let points = intersect(&d1, &d2).into_iter().filter(|p| !p.sum().is_nan());
             let points: Vec<_> = points.map(|p| polished(&d1, &d2, &p)).collect();
-            // A pair of complex points a rounding away from real ones may come out as real.
+            // A pair of complex points that is almost real may come out as real by rounding.
             wrong += points.iter().filter(|p| !(on_both(p) < 1e-10)).count();
             found += usize::from(points.iter().any(|p| p.cross(&point).norm() < 1e-6));
         }
@@ -242,7 +243,7 @@ mod tests {
         for k in 0..100_000 {
             let mut r: [f64; 3] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
             if k % 3 == 0 {
-                // Two roots that almost merge: the third must not suffer.
+                // Two roots that almost merge: the third must not lose accuracy.
                 r[1] = r[0] + rng.random_range(-1e-7..1e-7);
             }
             let l = rng.random_range(-2.0..2.0) * 10.0_f64.powi(k % 9 - 4);
@@ -251,7 +252,7 @@ mod tests {
             let found = root(l, a, b, c);
             let middle = (r[0] + r[1] + r[2]) / 3.0;
             let farthest = r.iter().map(|x| (x - middle).abs()).fold(0.0, f64::max);
-            // A triple root cannot be told to more than a third of the digits.
+            // A triple root is accurate to only a third of the digits.
             if farthest < 0.05 {
                 continue;
             }

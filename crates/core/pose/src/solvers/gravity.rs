@@ -1,15 +1,15 @@
-//! What a known vertical leaves unknown: one angle.
+//! The remaining unknown rotation when the vertical is known: one angle.
 //!
-//! With the same direction (down, as an accelerometer feels it) known in the camera and in the world, the rotation is
+//! With the same direction (down, measured by an accelerometer) known in the camera and in the world, the rotation is
 //! `R = C · R_z(θ) · Wᵀ`: the columns of `W` are an orthonormal frame of the world whose third axis is down, those of
-//! `C` one of the camera. Every equation linear in `R` then is linear in `(cos θ, sin θ)`.
+//! `C` one of the camera. Every equation linear in `R` is then linear in `(cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// A discriminant this close to zero, relative to its terms, is a double root plus rounding.
 const TANGENT: f64 = 1e-13;
 
-/// The same vertical seen by the camera and by the world, made once for all samples of a query.
+/// The same vertical in the camera and in the world, computed once for all samples of a query.
 ///
 /// ```
 /// use veiloc_geometry::nalgebra::Vector3;
@@ -49,7 +49,7 @@ impl GravityAlignment {
     }
 }
 
-/// Right-handed orthonormal axes of which the third is this direction.
+/// Right-handed orthonormal axes with this direction as the third.
 fn axes_about(direction: &Vector3<f64>) -> Option<Matrix3<f64>> {
     let norm = direction.norm();
     if !(norm > 1e-12 && norm.is_finite()) {
@@ -64,14 +64,15 @@ fn axes_about(direction: &Vector3<f64>) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
 }
 
-/// Where the line `a c + b s + d = 0` meets the circle `c² + s² = 1`: cosine and sine of two angles, NaN for none.
+/// Intersections of the line `a c + b s + d = 0` with the circle `c² + s² = 1`: cosine and sine of two angles, NaN for
+/// none.
 ///
 /// Homogeneous in the angle, so none is special. The line must be known to exist (`a`, `b` not both rounding).
 #[inline]
 pub(crate) fn angles_on_line(a: f64, b: f64, d: f64) -> [[f64; 2]; 2] {
     let size = a * a + b * b;
     let inside = size - d * d;
-    // A double root may have come out a rounding below zero; the root of any other negative number is NaN.
+    // A double root may come out slightly below zero by rounding; the root of any other negative number is NaN.
     let half_chord = if inside.abs() < TANGENT * size { 0.0 } else { inside.sqrt() };
     let inverse = 1.0 / size;
     // a² + b² times the unit vectors, to the last digit but one.
@@ -112,7 +113,7 @@ mod tests {
     #[test]
     fn a_line_meets_the_circle_at_any_angle() {
         for k in 0..3600 {
-            // Dense around 0, a quarter, a half turn too: k counts tenths of degrees.
+            // Dense around 0, a quarter turn and a half turn too: k counts tenths of degrees.
             let (sin, cos) = (f64::from(k) * 0.1_f64).to_radians().sin_cos();
             for tilt in [0.0_f64, 0.3, 1.2, 2.9] {
                 let (a, b) = (tilt.cos() * 3.0, tilt.sin() * 3.0);

@@ -1,19 +1,20 @@
-//! Half-planes that begin at an axis: what an anchored query tells of a keypoint.
+//! Half-planes that begin at an axis: the observation of a keypoint in an anchored query.
 
 use nalgebra::{Vector2, Vector3};
 use veiloc_geometry::PlanePoint;
 
-/// A half-plane through the camera's centre: the map point lies at `a · axis + b · inward`, `b > 0`, in the camera frame.
+/// A half-plane through the camera's centre: the map point lies at `a · axis + b · inward`, `b > 0`, in the camera
+/// frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfPlane {
-    /// Where it begins: the direction of its anchor, any length.
+    /// The direction of its anchor, where it begins; any length.
     pub axis: Vector3<f64>,
-    /// Where it leads from there, any length, not along the axis.
+    /// The direction into the half-plane, any length, not along the axis.
     pub inward: Vector3<f64>,
 }
 
 impl HalfPlane {
-    /// That of a half-line on the plane `z = 1`, which begins at `origin` and leads along `direction`.
+    /// The half-plane of a half-line on the plane `z = 1` that begins at `origin` and has this direction.
     pub fn of_half_line(origin: PlanePoint, direction: Vector2<f64>) -> Self {
         Self { axis: origin.homogeneous(), inward: Vector3::new(direction.x, direction.y, 0.0) }
     }
@@ -23,7 +24,7 @@ impl HalfPlane {
         self.axis.cross(&self.inward)
     }
 
-    /// Whether a point of the camera frame that lies in the plane is in the half-plane, and in front of the camera.
+    /// Whether a point of the camera frame in the plane is in the half-plane, and in front of the camera.
     pub fn leads_to(&self, point: &Vector3<f64>) -> bool {
         // The part of `inward` across the axis, times the axis' squared length.
         let across = self.inward * self.axis.norm_squared() - self.axis * self.axis.dot(&self.inward);

@@ -11,10 +11,9 @@
 //!
 //! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has,
 //! and `u` for upright: the vertical is known ([`GravityAlignment`]).
-//! Runtimes: `cargo bench -p veiloc-benches --bench solvers`; beside PoseLib, with what they find: `docs/results/poses.md`.
-//!
-//! Every solver is deterministic, allocates nothing, never panics, and answers a degenerate or non-finite sample with
-//! no poses: that is not an error, RANSAC draws again.
+//! Runtimes: `cargo bench -p veiloc-benches --bench solvers`; a comparison with PoseLib: `docs/solvers.md`.
+//! Every solver is deterministic, allocates nothing, never panics, and returns no poses for a degenerate or non-finite
+//! sample: that is not an error, RANSAC draws again.
 //!
 //! # Example
 //! ```
@@ -44,7 +43,7 @@ mod quadrics;
 mod u4lp;
 mod up2p;
 
-/// Where solvers put their solutions.
+/// The buffer for solutions.
 pub use arrayvec::ArrayVec;
 pub use gravity::GravityAlignment;
 pub use half_plane::HalfPlane;

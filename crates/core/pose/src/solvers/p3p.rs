@@ -10,13 +10,13 @@ use crate::solvers::conics::{self, Conic, largest};
 /// Height of the triangle over its longest side, relative to that side, below which three points lie on a line.
 const COLLINEAR: f64 = 1e-5;
 
-/// A step of Newton's method shorter than this, in units of the longest side, is not worth taking.
+/// A step of Newton's method shorter than this, in units of the longest side, is skipped.
 const SMALL_STEP: f64 = 1e-11;
 
-/// Squared ratio of depth to the triangle's height beyond which the rounding of the depths shows in the rotation.
+/// Squared ratio of depth to the triangle's height above which the rounding of the depths is visible in the rotation.
 const FAR_OR_THIN: f64 = 1e4;
 
-/// The same beyond which rounding has eaten half the digits of the rotation.
+/// Squared ratio above which rounding has removed half of the digits of the rotation.
 const HOPELESS: f64 = 1e10;
 
 /// Absolute camera pose from three point correspondences (calibrated, minimal).
@@ -30,7 +30,7 @@ const HOPELESS: f64 = 1e10;
 /// - `points[i]`: `X_i` in the world frame, map units.
 ///
 /// # Output
-/// Appends 0 to 4 poses to `out`, as long as it has room, and returns how many; all have every point on the positive
+/// Appends 0 to 4 poses to `out`, as long as it has space, and returns how many; all have every point on the positive
 /// side of its ray. Order is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
@@ -53,10 +53,10 @@ pub fn p3p(
     let sides = [apart(1, 2), apart(2, 0), apart(0, 1)];
     let cosines =
         [bearings[1].dot(&bearings[2]), bearings[2].dot(&bearings[0]), bearings[0].dot(&bearings[1])];
-    // The longest side is that of the last pair, so that neither conic below is close to zero.
+    // The longest side is assigned to the last pair, so that neither conic below is close to zero.
     let first = largest(sides);
     let (second, third) = ([1, 2, 0][first], [2, 0, 1][first]);
-    let place = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][first];
+    let order = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][first];
     let longest = sides[first];
     if !(longest > 0.0 && longest.is_finite()) {
         return 0;
@@ -78,7 +78,7 @@ pub fn p3p(
     triangle.depths(|depth| {
         // Back to the order of the points.
         let depths = depth * scale;
-        let seen: [_; 3] = std::array::from_fn(|i| bearings[i] * depths[place[i]]);
+        let seen: [_; 3] = std::array::from_fn(|i| bearings[i] * depths[order[i]]);
         let mut r = world.rotation_to(&seen);
         let squared = depth.norm_squared();
         if squared > FAR_OR_THIN * height_squared {
@@ -107,13 +107,14 @@ struct Triangle {
 }
 
 impl Triangle {
-    /// Calls `visit` with the depths `λ` in units of the longest side, all positive: `λ_i² + λ_j² − 2 c_ij λ_i λ_j = a_ij` with `a_23 = 1`.
+    /// Calls `visit` with the depths `λ` in units of the longest side, all positive: `λ_i² + λ_j² − 2 c_ij λ_i λ_j =
+    /// a_ij` with `a_23 = 1`.
     #[inline]
     fn depths(&self, mut visit: impl FnMut(Vector3<f64>)) {
         let &Self { a12, a13, c12, c13, c23 } = self;
         let first = Conic { xx: 1.0, xy: -c12, xz: 0.0, yy: 1.0 - a12, yz: a12 * c23, zz: -a12 };
         let second = Conic { xx: 1.0, xy: 0.0, xz: -c13, yy: -a13, yz: a13 * c23, zz: 1.0 - a13 };
-        // Those of positive depths are moved to the front, without a branch: who they are is anybody's guess.
+        // Solutions with positive depths are moved to the front without a branch, because they are unpredictable.
         let (mut positive, mut count) = ([Vector3::zeros(); 5], 0);
         for d in conics::intersect(&first, &second) {
             let size = d.y * d.y + d.z * (d.z - 2.0 * c23 * d.y);
@@ -136,7 +137,7 @@ impl Triangle {
         )
     }
 
-    /// Newton's method on the three distances; `None` when they are not met or a depth is not positive in the end.
+    /// Newton's method on the three distances; `None` when it does not converge or a depth is not positive.
     fn polished(&self, mut depth: Vector3<f64>) -> Option<Vector3<f64>> {
         let mut now = self.residual(&depth);
         for _ in 0..5 {
@@ -146,7 +147,7 @@ impl Triangle {
             let (g1, g3) = (depth.x - self.c13 * depth.z, depth.z - self.c13 * depth.x);
             let (h2, h3) = (depth.y - self.c23 * depth.z, depth.z - self.c23 * depth.y);
             let determinant = -2.0 * (f1 * g3 * h2 + f2 * g1 * h3);
-            // The adjugate is about as large as the squared depths: is this step too small to matter?
+            // The adjugate is about as large as the squared depths: is this step negligible?
             let squares = 1.0 + depth.norm_squared();
             if size * squares * squares < (SMALL_STEP * determinant) * (SMALL_STEP * determinant) {
                 break;
@@ -159,7 +160,7 @@ impl Triangle {
             let step = step * (1.0 / determinant);
             let next = depth - step;
             if step.norm_squared() < 1e-15 {
-                // The equations are quadratic: what is left is about the square of the step.
+                // The equations are quadratic: the remaining error is about the square of the step.
                 return positive(next);
             }
             let then = self.residual(&next);
@@ -205,7 +206,7 @@ impl Duals {
     }
 }
 
-/// The rotation near a matrix that is one up to rounding: its error is squared.
+/// The nearest rotation of a matrix that is a rotation up to rounding: its error is squared.
 fn orthonormal(r: &Matrix3<f64>) -> Matrix3<f64> {
     r * (Matrix3::identity() * 1.5 - r.tr_mul(r) * 0.5)
 }

@@ -10,16 +10,16 @@ use crate::solvers::conics::{self, Conic};
 /// Sine of an angle below which directions are parallel.
 const PARALLEL: f64 = 1e-9;
 
-/// A coefficient this small beside the extent of the points is none.
+/// A coefficient smaller than this, relative to the extent of the points, counts as zero.
 const MISSING: f64 = 1e-9;
 
-/// Rows of a rotation that need no polishing.
+/// Tolerance for rows of a rotation that need no polishing.
 const EXACT: f64 = 1e-13;
 
-/// Rows of a rotation, after polishing.
+/// Tolerance for rows of a rotation after polishing.
 const SOUND: f64 = 1e-7;
 
-/// All ways to choose two of five, in rising order, each with the three that are left.
+/// All ways to choose two of five, in rising order, each with the remaining three.
 const PAIRS: [([usize; 2], [usize; 3]); 10] = [
     ([0, 1], [2, 3, 4]),
     ([0, 2], [1, 3, 4]),
@@ -33,7 +33,7 @@ const PAIRS: [([usize; 2], [usize; 3]); 10] = [
     ([3, 4], [0, 1, 2]),
 ];
 
-/// A pose up to the translation along the optical axis, which a 1D radial camera cannot see.
+/// A pose up to the translation along the optical axis, which a 1D radial camera does not observe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RadialPose {
     /// World to the camera whose optical axis is the ray of the common image point.
@@ -43,7 +43,7 @@ pub struct RadialPose {
 }
 
 impl RadialPose {
-    /// Where a point is across the optical axis: its image lies in this direction from the common image point.
+    /// Coordinates of a point across the optical axis: its image lies in this direction from the common image point.
     pub fn across(&self, point: &Point3<World>) -> Vector2<f64> {
         (self.rotation * point.coords).xy() + self.offset
     }
@@ -51,8 +51,8 @@ impl RadialPose {
 
 /// Pose of a 1D radial camera from five half-lines (calibrated, minimal).
 ///
-/// All lines of one anchor of Dual Convergent Lines share the ray of the anchor. In the camera turned so that this ray
-/// is the optical axis, each map point is known to lie in one direction from the principal point:
+/// All lines of one anchor of Dual Convergent Lines share the ray of the anchor. In the camera rotated so that this ray
+/// is the optical axis, the direction of each map point from the principal point is known:
 ///
 /// ```text
 /// u_i ∥ (R X_i + t)_xy,   u_i · (R X_i + t)_xy > 0        i = 1..5,   unknown: R, t_x, t_y
@@ -63,18 +63,19 @@ impl RadialPose {
 /// - `points[i]`: `X_i` in the world frame, map units. They are centred and scaled inside.
 ///
 /// # Output
-/// Appends 0 to 4 poses to `out`, as long as it has room, and returns how many. All five points lie on their
-/// half-lines; whether they are in front of the camera depends on the depth, which is not known yet.
-/// Order is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
+/// Appends 0 to 4 poses to `out`, as long as it has space, and returns how many. All five points lie on their
+/// half-lines; whether they are in front of the camera depends on the depth, which is not known yet. Order is
+/// unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
 /// Repeated pairs and points in one plane with the optical axis leave equations missing and give 0 poses or poor ones.
 ///
 /// # Method and cost
-/// Five equations are linear in the first two rows of `(R | t)`. The two whose directions differ most give `t`; put
-/// into the others they leave three equations in the rows of `R`, with a null space of three dimensions (elimination
-/// with complete pivoting). That the two rows are perpendicular and of equal length makes two conics in it, which meet
-/// in at most four points. No allocation, no randomness. Runtime: see `benches/benches/solvers.rs`.
+/// Five equations are linear in the first two rows of `(R | t)`. The two whose directions differ most give `t`;
+/// substituted into the others, they leave three equations in the rows of `R`, with a null space of three dimensions
+/// (elimination with complete pivoting). The conditions that the two rows are perpendicular and of equal length are two
+/// conics in it, which meet in at most four points. No allocation, no randomness. Runtime: see
+/// `benches/benches/solvers.rs`.
 ///
 /// # Source
 /// Kukelova, Bujnak and Pajdla, *Real-Time Solution to the Absolute Pose Problem with Unknown Radial Distortion and
@@ -129,7 +130,7 @@ pub fn p5lp_radial(
             }
         }
         let t = offset.of_rows(&u, &x, &r1, &r2);
-        // The sign that puts the first point on its half-line; all others must agree.
+        // The sign puts the first point on its half-line; all others must agree.
         let along = |i: usize| u[i].x * (r1.dot(&x[i]) + t.x) + u[i].y * (r2.dot(&x[i]) + t.y);
         let sign = 1.0_f64.copysign(along(0));
         if !(0..5).all(|i| sign * along(i) > 0.0) {
@@ -210,26 +211,26 @@ fn cross(a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
     a.x * b.y - a.y * b.x
 }
 
-/// Three vectors that span what three equations in six unknowns leave free, each as its two halves; `None` when an
-/// equation is missing. `size` is that of the coefficients.
+/// Basis of the null space of three equations in six unknowns, each vector as its two halves; `None` when the equations
+/// are dependent. `size` is the size of the coefficients.
 fn null_space(mut rows: [[f64; 6]; 3], size: f64) -> Option<[(Vector3<f64>, Vector3<f64>); 3]> {
     let mut unknowns = [0, 1, 2, 3, 4, 5];
     for k in 0..3 {
-        // The largest number that is left, so that nothing grows and a missing equation shows.
-        let (mut best, mut place) = (0.0, (k, k));
+        // The largest remaining number as pivot, so that values do not grow and a dependent equation is detected.
+        let (mut best, mut pivot_at) = (0.0, (k, k));
         for (r, row) in rows.iter().enumerate().skip(k) {
             for (c, value) in row.iter().enumerate().skip(k) {
-                place = if value.abs() > best { (r, c) } else { place };
+                pivot_at = if value.abs() > best { (r, c) } else { pivot_at };
                 best = if value.abs() > best { value.abs() } else { best };
             }
         }
         if !(best > MISSING * size) {
             return None;
         }
-        rows.swap(k, place.0);
-        unknowns.swap(k, place.1);
+        rows.swap(k, pivot_at.0);
+        unknowns.swap(k, pivot_at.1);
         for row in &mut rows {
-            row.swap(k, place.1);
+            row.swap(k, pivot_at.1);
         }
         let inverse = 1.0 / rows[k][k];
         let pivot = rows[k].map(|c| c * inverse);

@@ -13,7 +13,7 @@ const FLAT_TRIPLE: f64 = 1e-9;
 /// A pose must satisfy all six equations to this, in units of the sample's extent.
 const RESIDUAL: f64 = 1e-7;
 
-/// A point this far behind the camera, beside the translation, is not brought in front by polishing.
+/// Relative depth behind the camera from which polishing cannot bring a point in front.
 const ROUGH: f64 = 1e-3;
 
 /// The 20 ways to choose three of six, and what is left.
@@ -21,8 +21,8 @@ const TRIPLES: [([usize; 3], [usize; 3]); 20] = triples();
 
 /// Absolute camera pose from six line–point correspondences (calibrated, minimal).
 ///
-/// A query line tells only that its map point projects *somewhere* on it: one equation per pair, six for the six
-/// unknowns of the pose,
+/// A query line means that its map point projects *somewhere* on it: one equation per pair, six for the six unknowns of
+/// the pose,
 ///
 /// ```text
 /// l_iᵀ (R X_i + t) = 0        i = 1..6,   (R, t) = cam_from_world
@@ -33,9 +33,9 @@ const TRIPLES: [([usize; 3], [usize; 3]); 20] = triples();
 /// - `points[i]`: `X_i` in the world frame, map units. They are centred and scaled inside.
 ///
 /// # Output
-/// Appends 0 to 8 poses to `out`, as long as it has room, and returns how many. `R` is orthonormal to 1e-9, `t` is in
-/// map units. The equations cannot tell front from back, so poses with any `X_i` at depth ≤ 0 are left out.
-/// Order is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
+/// Appends 0 to 8 poses to `out`, as long as it has space, and returns how many. `R` is orthonormal to 1e-9, `t` is in
+/// map units. The equations cannot distinguish front from back, so poses with any `X_i` at depth ≤ 0 are dropped. Order
+/// is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
 /// Lines through one common image point (parallel ones included) leave `t` free along that direction; a repeated
@@ -43,8 +43,8 @@ const TRIPLES: [([usize; 3], [usize; 3]); 20] = triples();
 /// point: Dual Convergent Lines split 3+3, 4+2 or 5+1 over their two anchors are sound samples.
 ///
 /// # Method and cost
-/// Eliminates `t` through the best-conditioned of the 20 line triples, turns the world by a fixed rotation so that
-/// no everyday pose sits on a special quaternion, intersects three quadrics in projective 3-space (`quadrics.rs`), and
+/// Eliminates `t` through the best-conditioned of the 20 line triples, rotates the world by a fixed rotation so that
+/// common poses do not have a special quaternion, intersects three quadrics in projective 3-space (`quadrics.rs`), and
 /// polishes the roots that put the points in front of the camera by Newton's method. No allocation, no randomness.
 /// Runtime: see `benches/benches/solvers.rs`.
 ///
@@ -64,8 +64,8 @@ const TRIPLES: [([usize; 3], [usize; 3]); 20] = triples();
 ///     .map(|[x, y, z]| Point3::new(x, y, z));
 /// let lines = std::array::from_fn(|i| {
 ///     let seen = PlanePoint::from_camera_point(&truth.transform(&points[i])).expect("in front");
-///     let elsewhere = PlanePoint::new(seen.x + 1.0, seen.y + 0.7 * i as f64 - 2.0);
-///     PlaneLine::joining(seen, elsewhere).expect("two points")
+///     let other = PlanePoint::new(seen.x + 1.0, seen.y + 0.7 * i as f64 - 2.0);
+///     PlaneLine::joining(seen, other).expect("two points")
 /// });
 /// let mut poses = ArrayVec::new();
 /// p6lp(&lines, &points, &mut poses);
@@ -92,7 +92,7 @@ pub fn p6lp(
 
     let mut appended = 0;
     intersect(&forms, |raw| {
-        // Most are behind the camera, and known to be before their last digits are.
+        // Most solutions are behind the camera, which is known before their last digits are.
         let r = rotation_of(&raw);
         let t = base.translation(&r, &n, &x);
         let (ahead, reach) = (r.row(2).transpose(), -ROUGH * (1.0 + t.amax()));
@@ -177,7 +177,7 @@ impl Base {
     }
 }
 
-/// All ways to choose three of six, in rising order, each with the three that are left.
+/// All ways to choose three of six, in rising order, each with the remaining three.
 const fn triples() -> [([usize; 3], [usize; 3]); 20] {
     let mut out = [([0; 3], [0; 3]); 20];
     let mut count = 0;
@@ -207,15 +207,15 @@ const fn triples() -> [([usize; 3], [usize; 3]); 20] {
     out
 }
 
-/// The sample's own frame: centred, of unit extent, and turned by a fixed rotation.
+/// The sample's own frame: centred, of unit extent, and rotated by a fixed rotation.
 struct SampleFrame {
     center: Vector3<f64>,
     scale: f64,
     inverse_scale: f64,
 }
 
-/// The rotation about (0.763, −1.127, 0.541) by the length of that vector: no axis, no angle of it is special, so that
-/// identity and half-turns of real cameras become generic.
+/// The rotation about (0.763, −1.127, 0.541) by the length of that vector: neither its axis nor its angle is special,
+/// so that identity and half-turns of real cameras become generic.
 const TURN: Matrix3<f64> = Matrix3::new(
     0.34865667788953764,
     -0.7256955441280825,
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn every_choice_of_three_comes_with_the_other_three() {
+    fn triples_and_complements_cover_all_six() {
         for (k, (chosen, others)) in TRIPLES.iter().enumerate() {
             let mut all: Vec<usize> = chosen.iter().chain(others).copied().collect();
             all.sort_unstable();

@@ -13,8 +13,8 @@ const FREE_DEPTH: f64 = 1e-9;
 
 /// Absolute camera pose from six half-planes, five of which begin at one axis (calibrated, minimal).
 ///
-/// The five observe a 1D radial camera about the ray `a` of their anchor, which tells everything but the depth `τ`
-/// along that ray; the sixth, of another anchor, tells the depth:
+/// The five observe a 1D radial camera about the ray `a` of their anchor, which determines everything but the depth `τ`
+/// along that ray; the sixth, of another anchor, determines the depth:
 ///
 /// ```text
 /// (R, t_0) from the five,   t = t_0 + τ a,   l_6ᵀ (R X_6 + t_0 + τ a) = 0        (R, t) = cam_from_world
@@ -27,19 +27,18 @@ const FREE_DEPTH: f64 = 1e-9;
 /// - `points[i]`: `X_i` in the world frame, map units. They are centred and scaled inside.
 ///
 /// # Output
-/// Appends 0 to 4 poses to `out`, as long as it has room, and returns how many. All six points are in front of the
-/// camera and in their half-planes. Order is unspecified but the same for the same input. Never panics; non-finite input
-/// gives 0 poses.
+/// Appends 0 to 4 poses to `out`, as long as it has space, and returns how many. All six points are in front of the
+/// camera and in their half-planes. Order is unspecified but the same for the same input. Never panics; non-finite
+/// input gives 0 poses.
 ///
 /// # Degenerate samples
 /// Those of [`p5lp_radial`], and a sixth line through the first anchor (the dividing line of Dual Convergent Lines is
 /// one): 0 poses.
 ///
 /// # Method and cost
-/// [`p5lp_radial`] in the camera turned so that `a` is its optical axis, then one division a pose. No polynomial of
-/// degree eight is solved and wrong hypotheses rarely survive six half-plane tests, which is why this is cheaper than
-/// `p6lp` both here and in the scoring that follows. No allocation, no randomness. Runtime: see
-/// `benches/benches/solvers.rs`.
+/// [`p5lp_radial`] in the camera rotated so that `a` is its optical axis, then one division per pose. No polynomial of
+/// degree eight is solved, and wrong hypotheses rarely survive six half-plane tests, so this is cheaper than `p6lp`
+/// both here and in the scoring that follows. No allocation, no randomness. Runtime: see `benches/benches/solvers.rs`.
 ///
 /// # Source
 /// The radial camera: Kukelova, Bujnak and Pajdla, ICCV 2013 (see [`p5lp_radial`]). The lines of Dual Convergent Lines
@@ -86,7 +85,7 @@ pub fn p6lp_dual_radial(
 
 /// Axes of the camera turned so that a direction, or its opposite, is its optical axis, as columns seen in the camera.
 fn axes_about(direction: &Vector3<f64>) -> Option<Matrix3<f64>> {
-    // An axis has no sign; ahead, so that nothing below is divided by zero.
+    // An axis has no sign; it is chosen forward, so that no division by zero occurs.
     let ahead = if direction.z < 0.0 { -direction } else { *direction };
     let z = ahead / ahead.norm();
     // The least turn from (0, 0, 1), by Rodrigues' formula written out.

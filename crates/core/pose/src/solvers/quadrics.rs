@@ -1,10 +1,10 @@
-//! Where three quadrics of projective space meet: the rotations that satisfy three linear equations in `R`.
+//! Intersection of three quadrics of projective space: the rotations that satisfy three linear equations in `R`.
 //!
 //! A rotation is a unit quaternion `q = (w, x, y, z)` up to sign, and every entry of its matrix is a quadratic form
 //! in `q`. Three equations `⟨M, R⟩ = 0` are thus three quadrics in projective 3-space, which meet in eight points.
 //!
 //! # Method
-//! Two coordinates `(y, z)` are eliminated, the ratio of the other two, `x : w`, is kept (Kukelova, Heller and
+//! Two coordinates `(y, z)` are eliminated, the ratio of the other two, `x : w`, remains (Kukelova, Heller and
 //! Fitzgibbon, *Efficient Intersection of Three Quadrics and Applications in Computer Vision*, CVPR 2016). The three
 //! equations are solved for `y²`, `yz`, `z²`, which become polynomials in `x` times `y`, `z`, `1`; then
 //!
@@ -13,9 +13,9 @@
 //! ```
 //!
 //! are linear in `(y, z, 1)` with coefficients of degree at most four in `x`, and their determinant has degree eight.
-//! Which two of the four coordinates are eliminated is a choice of six; the one whose 3×3 system for `y²`, `yz`, `z²`
-//! has the largest determinant is taken. Roots at `x = ∞` are those with `w = 0` and are no special case in the
-//! homogeneous result. Solutions are good to about ten digits; the caller polishes those that it keeps.
+//! The pair of eliminated coordinates is one of six; the pair whose 3×3 system for `y²`, `yz`, `z²` has the largest
+//! determinant is used. Roots at `x = ∞` have `w = 0` and are no special case in the homogeneous result. Solutions are
+//! accurate to about ten digits; the caller polishes those that it uses.
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 
@@ -25,17 +25,17 @@ use crate::solvers::polynomial::{add_scaled, evaluate, octic_roots, product};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Quadric([f64; 10]);
 
-/// Where the entry of row `i`, column `j` is.
-const PLACE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
+/// Index of the entry of row `i`, column `j`.
+const INDEX: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
 
 /// The two coordinates to eliminate, then the two whose ratio is solved for.
 const SPLITS: [[usize; 4]; 6] =
     [[2, 3, 1, 0], [1, 3, 2, 0], [1, 2, 3, 0], [0, 3, 1, 2], [0, 2, 1, 3], [0, 1, 2, 3]];
 
-/// Sine of the angle between two of the three equations in `(y, z, 1)` below which the third is asked as well.
+/// Sine of the angle between two of the three equations in `(y, z, 1)` below which the third is used as well.
 const PARALLEL: f64 = 1e-4;
 
-/// Newton's method converges quadratically; from roots good to six digits three steps are plenty.
+/// Newton's method converges quadratically; from roots accurate to six digits three steps are enough.
 const POLISH_STEPS: usize = 6;
 
 impl Quadric {
@@ -80,7 +80,7 @@ pub(crate) fn intersect(forms: &[Quadric; 3], mut visit: impl FnMut(Vector4<f64>
     let [Some(a), Some(b), Some(c)] = forms.each_ref().map(Quadric::unit) else { return };
     // By coefficient, then by equation.
     let at = |i: usize, j: usize| {
-        let k = PLACE[i][j];
+        let k = INDEX[i][j];
         Vector3::new(a.0[k], b.0[k], c.0[k])
     };
     let (mut best, mut split) = (1e-14, None);
@@ -189,7 +189,7 @@ impl Rows {
     }
 }
 
-/// Newton's method on the three forms along the unit sphere; `None` when it does not arrive.
+/// Newton's method on the three forms along the unit sphere; `None` when it does not converge.
 #[inline]
 pub(crate) fn polished(forms: &[Quadric; 3], start: &Vector4<f64>) -> Option<Vector4<f64>> {
     let mut q = *start;
@@ -211,7 +211,7 @@ pub(crate) fn polished(forms: &[Quadric; 3], start: &Vector4<f64>) -> Option<Vec
         if !square.is_finite() {
             break;
         }
-        // Far off the linear model the direction is still good, its length is not.
+        // Far from the solution the direction is still good, but the length is not.
         let turn = if square > 0.25 { turn * (0.5 / square.sqrt()) } else { turn };
         let next = Vector4::new(
             q[0] - q[1] * turn.x - q[2] * turn.y - q[3] * turn.z,
@@ -220,7 +220,7 @@ pub(crate) fn polished(forms: &[Quadric; 3], start: &Vector4<f64>) -> Option<Vec
             q[3] - q[2] * turn.x + q[1] * turn.y + q[0] * turn.z,
         );
         q = next * (1.0 / next.norm_squared().sqrt());
-        // The forms are quadratic: what is left is about the square of the step.
+        // The forms are quadratic: the remaining error is about the square of the step.
         if square < 1e-16 {
             return Some(q);
         }

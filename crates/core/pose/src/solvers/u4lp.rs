@@ -7,10 +7,10 @@ use veiloc_geometry::{CameraFromWorld, PlaneLine, Point3};
 
 use crate::solvers::gravity::{GravityAlignment, angles_on_line};
 
-/// When no three of the four normals span more than this, all lines meet in one point.
+/// When no three of the four normals span a larger volume than this, all lines meet in one point.
 const FLAT: f64 = 1e-9;
 
-/// When turning about the vertical moves the equations by less than this, the angle is free.
+/// When rotation about the vertical changes the equations by less than this, the angle is free.
 const FREE_ANGLE: f64 = 1e-10;
 
 /// Absolute camera pose from four line–point correspondences and a known vertical (calibrated, minimal).
@@ -25,9 +25,9 @@ const FREE_ANGLE: f64 = 1e-10;
 /// - `gravity`: the vertical in both frames.
 ///
 /// # Output
-/// Appends 0 to 2 poses to `out`, as long as it has room, and returns how many. `R` takes one vertical to the other
-/// exactly, so an error of the vertical is an error of the pose. Poses with any `X_i` at depth ≤ 0 are left out.
-/// Order is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
+/// Appends 0 to 2 poses to `out`, as long as it has space, and returns how many. `R` maps one vertical to the other
+/// exactly, so an error of the vertical is an error of the pose. Poses with any `X_i` at depth ≤ 0 are dropped. Order
+/// is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
 /// Lines through one common image point leave `t` free along its ray: four lines of one anchor of Dual Convergent Lines
@@ -55,8 +55,8 @@ pub fn u4lp(
     let n: [Vector3<f64>; 4] = std::array::from_fn(|i| *lines[i].normal());
     let (n01, n23) = (n[0].cross(&n[1]), n[2].cross(&n[3]));
     let lambda = [-n23.dot(&n[1]), n23.dot(&n[0]), -n01.dot(&n[3]), n01.dot(&n[2])];
-    let left_out = (0..4).max_by(|&i, &j| lambda[i].abs().total_cmp(&lambda[j].abs())).unwrap_or(0);
-    let largest = lambda[left_out].abs();
+    let omitted = (0..4).max_by(|&i, &j| lambda[i].abs().total_cmp(&lambda[j].abs())).unwrap_or(0);
+    let largest = lambda[omitted].abs();
     if !(largest > FLAT && extent.is_finite() && extent > 1e-12 * center.norm()) {
         return 0;
     }
@@ -73,7 +73,7 @@ pub fn u4lp(
     }
 
     // t of the three best normals, by Cramer's rule: t = −Σ (n_i · R x_i) (n_j × n_k) / det.
-    let [i, j, k] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]][left_out];
+    let [i, j, k] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]][omitted];
     let duals = [n[j].cross(&n[k]), n[k].cross(&n[i]), n[i].cross(&n[j])];
     let duals = Matrix3::from_columns(&duals) / -duals[0].dot(&n[i]);
 
@@ -82,7 +82,7 @@ pub fn u4lp(
         let r = gravity.rotation(cos, sin);
         let turned: [Vector3<f64>; 4] = std::array::from_fn(|i| r * x[i]);
         let t = duals * Vector3::new(n[i].dot(&turned[i]), n[j].dot(&turned[j]), n[k].dot(&turned[k]));
-        // Where there is no angle, nothing is in front either: comparisons with NaN fail.
+        // Without a solution for the angle all comparisons are with NaN and fail.
         if !turned.iter().all(|p| p.z + t.z > 0.0) {
             continue;
         }

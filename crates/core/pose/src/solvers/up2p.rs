@@ -10,7 +10,7 @@ use crate::solvers::gravity::{GravityAlignment, angles_on_line};
 /// Rays closer than this (sine of their angle) are one ray.
 const ONE_RAY: f64 = 1e-10;
 
-/// When turning about the vertical moves the equation by less than this, the angle is free.
+/// When rotation about the vertical changes the equation by less than this, the angle is free.
 const FREE_ANGLE: f64 = 1e-10;
 
 /// Absolute camera pose from two point correspondences and a known vertical (calibrated, minimal).
@@ -27,8 +27,8 @@ const FREE_ANGLE: f64 = 1e-10;
 /// - `gravity`: the vertical in both frames.
 ///
 /// # Output
-/// Appends 0 to 2 poses to `out`, as long as it has room, and returns how many; all have both points on the positive
-/// side of their rays, and `R` takes one vertical to the other exactly. Order is unspecified but the same for the same
+/// Appends 0 to 2 poses to `out`, as long as it has space, and returns how many; all have both points on the positive
+/// side of their rays, and `R` maps one vertical to the other exactly. Order is unspecified but the same for the same
 /// input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
@@ -66,10 +66,10 @@ pub fn up2p(
     let mut appended = 0;
     for [cos, sin] in angles_on_line(a, b, d) {
         let r = gravity.rotation(cos, sin);
-        // λ1 b1 − λ2 b2 = v, crossed with either ray and held against the normal.
+        // λ1 b1 − λ2 b2 = v, crossed with either ray and projected onto the normal.
         let v = r * apart;
         let depths = [v.cross(b2).dot(&normal), v.cross(b1).dot(&normal)].map(|l| l / (sine * sine));
-        // Where there is no angle, depths are NaN, and comparisons with NaN fail.
+        // Without a solution for the angle, depths are NaN, and comparisons with NaN fail.
         if !(depths[0] > 0.0 && depths[1] > 0.0) {
             continue;
         }

@@ -1,4 +1,4 @@
-//! What is known of the camera beside the matches: a focal length that is wrong or open, gravity, a rough position.
+//! Camera knowledge beside the matches: a focal length that is wrong or open, gravity, an approximate position.
 
 use super::support;
 
@@ -13,7 +13,7 @@ use veiloc_pose::{
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
-/// A problem whose camera is said to have a focal length so many times the true one.
+/// A problem whose camera has a focal length that is a multiple of the true one.
 fn zoomed(scheme: Scheme, factor: f64, rng: &mut ChaCha8Rng) -> (PoseProblem, CameraFromWorld) {
     let (mut problem, truth) = problem(&Setup { scheme, right: 150, wrong: 150, noise: 0.5 }, rng);
     problem.camera.focal = problem.camera.focal.map(|f| f * factor);
@@ -21,7 +21,7 @@ fn zoomed(scheme: Scheme, factor: f64, rng: &mut ChaCha8Rng) -> (PoseProblem, Ca
 }
 
 #[test]
-fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
+fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
     for scheme in SCHEMES {
         for (factor, knowledge) in [
             (1.03, FocalKnowledge::Calibrated),
@@ -38,7 +38,8 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
                 let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
                 let what = format!("{scheme:?} {factor} {knowledge:?} {seed}: {}", found.focal_scale);
                 let error = found.cam_from_world.translation_error(&truth);
-                // A calibrated one that few matches contradict is not changed: it is doubted, or the covariance holds it.
+                // A calibrated focal length that few matches contradict is not changed: it is doubted, or the
+                // covariance covers the error.
                 if factor == 1.03 && found.focal_scale == 1.0 {
                     let held = error < 3.0 * found.confidence.center_sd;
                     assert!(found.confidence.state() == State::Doubtful || held, "{what} {error}");
@@ -58,9 +59,9 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
     }
 }
 
-/// One that is wrong by less than a lens may be is neither estimated nor doubted: the covariance holds what it does.
+/// A focal length error within lens tolerances is neither estimated nor doubted: the covariance covers its effect.
 #[test]
-fn a_slightly_wrong_focal_length_is_in_the_covariance() {
+fn small_focal_error_is_in_the_covariance() {
     for scheme in SCHEMES {
         let (mut inside, mut noticed, mut looked_at) = (0, 0, 0);
         for seed in 0..10 {
@@ -82,9 +83,9 @@ fn a_slightly_wrong_focal_length_is_in_the_covariance() {
     }
 }
 
-/// Few matches in a small part of the image hold the position, and the orientation less: it is doubted.
+/// Few matches in a small part of the image determine the position, but the orientation less: it is doubted.
 #[test]
-fn a_loose_orientation_is_doubted() {
+fn uncertain_orientation_is_doubted() {
     let (problem, _, mut rng) = few(Scheme::Points, 4);
     let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
     assert!((found.confidence.held_rotation_deg - found.confidence.rotation_sd_deg).abs() < 1e-9);
@@ -98,7 +99,7 @@ fn a_loose_orientation_is_doubted() {
 }
 
 #[test]
-fn an_open_focal_length_widens_the_covariance() {
+fn unknown_focal_length_widens_the_covariance() {
     for scheme in SCHEMES {
         let sd = |knowledge| {
             let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -111,7 +112,7 @@ fn an_open_focal_length_widens_the_covariance() {
     }
 }
 
-/// Few and noisy matches, so that what is known beside them matters.
+/// Few and noisy matches, so that priors matter.
 fn few(scheme: Scheme, seed: u64) -> (PoseProblem, CameraFromWorld, ChaCha8Rng) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (problem, truth) = problem(&Setup { scheme, right: 40, wrong: 30, noise: 2.5 }, &mut rng);
@@ -119,7 +120,7 @@ fn few(scheme: Scheme, seed: u64) -> (PoseProblem, CameraFromWorld, ChaCha8Rng) 
 }
 
 #[test]
-fn gravity_pulls_as_much_as_it_is_sure() {
+fn gravity_acts_according_to_its_deviation() {
     for scheme in SCHEMES {
         let (mut with, mut without) = (0.0, 0.0);
         for seed in 0..12 {
@@ -135,7 +136,7 @@ fn gravity_pulls_as_much_as_it_is_sure() {
             let helped = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
             without += tilt(&plain.cam_from_world);
             with += tilt(&helped.cam_from_world);
-            // Thirty degrees off, and said to be two: it loses its say.
+            // Thirty degrees wrong, with a standard deviation of two: the prior loses its influence.
             let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.5) * gravity.in_camera;
             problem.gravity = Some(Gravity::felt(turned, down));
             if let Ok(misled) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) {
@@ -148,7 +149,7 @@ fn gravity_pulls_as_much_as_it_is_sure() {
 }
 
 #[test]
-fn a_position_prior_pulls_and_is_checked() {
+fn position_prior_acts_and_is_validated() {
     let (mut problem, truth, mut rng) = few(Scheme::Dcl, 3);
     let plain = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
     problem.position = Some(PositionPrior { center: truth.center(), sd: 1e-3 });

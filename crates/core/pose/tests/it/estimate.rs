@@ -1,4 +1,4 @@
-//! `estimate_pose` on synthetic problems: right poses, honest covariance, typed refusals, repeatable results.
+//! `estimate_pose` on synthetic problems: right poses, correct covariance, typed errors, repeatable results.
 
 use super::support;
 
@@ -46,7 +46,7 @@ fn the_true_pose_is_found_among_wrong_matches() {
 }
 
 #[test]
-fn all_solvers_for_anchored_lines_find_it() {
+fn all_anchored_solvers_find_the_pose() {
     for solver in [AnchoredSolver::P6lp, AnchoredSolver::DualRadial, AnchoredSolver::RadialVote] {
         for seed in 0..20 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -83,7 +83,7 @@ fn msac_collapses_on_anchored_lines_and_the_likelihood_does_not() {
 }
 
 #[test]
-fn covariance_covers_the_error_as_often_as_it_says() {
+fn covariance_coverage_matches_chi_squared() {
     // The squared Mahalanobis distance of the true pose follows χ² of six degrees of freedom.
     const QUANTILES: [(f64, f64); 3] = [(0.5, 5.348), (0.9, 10.645), (0.99, 16.812)];
     for scheme in SCHEMES {
@@ -99,7 +99,7 @@ fn covariance_covers_the_error_as_often_as_it_says() {
             }
             for (share, quantile) in QUANTILES {
                 let inside = distances.iter().filter(|d| **d < quantile).count() as f64 / 300.0;
-                // Three standard deviations of a share of 300, and a little for what is only asymptotic.
+                // Three standard deviations of a share of 300, plus some slack for asymptotics.
                 let slack = 3.0 * (share * (1.0 - share) / 300.0_f64).sqrt() + 0.02;
                 assert!((inside - share).abs() < slack, "{scheme:?} {right}+{wrong}: {inside} for {share}");
             }
@@ -117,8 +117,8 @@ fn the_noise_is_estimated_or_taken_as_given() {
             let shown = found.noise_px;
             assert!((shown / noise - 1.0).abs() < 0.2, "{scheme:?}: {shown} shown for {noise}");
         }
-        // Keypoints are precise, the options say that they are not, and wrong matches are many: a pose that believes the
-        // options lets those pull that pass by at a few pixels.
+        // Keypoints are precise, the options claim otherwise, and wrong matches are many: with the noise of the
+        // options, wrong matches within a few pixels distort the pose.
         let mut options = PoseOptions::default();
         options.noise_px = 4.0;
         let mut squared = [0.0; 2];
@@ -178,7 +178,7 @@ fn refinement_on_given_matches_is_the_least_squares_floor() {
 }
 
 #[test]
-fn from_a_guess_nothing_is_sampled_and_the_search_finds_no_worse() {
+fn optimize_from_initial_pose_matches_the_search() {
     for scheme in SCHEMES {
         for score in [ScoreKind::Msac, ScoreKind::Likelihood] {
             if scheme == Scheme::Dcl && score == ScoreKind::Msac {
@@ -186,27 +186,27 @@ fn from_a_guess_nothing_is_sampled_and_the_search_finds_no_worse() {
             }
             let mut rng = ChaCha8Rng::seed_from_u64(1);
             let (problem, truth) = problem(&Setup { scheme, right: 100, wrong: 100, noise: 0.5 }, &mut rng);
-            let guess = truth.perturbed(&[0.003, -0.002, 0.001, 0.02, -0.01, 0.02]);
+            let initial = truth.perturbed(&[0.003, -0.002, 0.001, 0.02, -0.01, 0.02]);
             let options = options(score);
-            let optimum = optimize_pose(&problem, &guess, &options).expect("a pose");
+            let optimum = optimize_pose(&problem, &initial, &options).expect("a pose");
             assert_eq!(optimum.hypotheses, 0);
             assert!(optimum.cam_from_world.translation_error(&truth) < 0.03, "{scheme:?} {score}");
             let found = estimate_pose(&problem, &options, &mut rng).expect("a pose");
             assert!(found.score <= optimum.score + 0.05, "{} {}", found.score, optimum.score);
-            let elsewhere = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
-            let refused = optimize_pose(&problem, &elsewhere, &options);
+            let not_finite = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
+            let refused = optimize_pose(&problem, &not_finite, &options);
             assert_eq!(refused, Err(PoseError::NotFinite { what: "guess", index: 0 }));
         }
     }
 }
 
 #[test]
-fn a_known_vertical_finds_poses_with_fewer_samples() {
+fn gravity_needs_fewer_samples() {
     for scheme in SCHEMES {
         let (mut with, mut without) = (0, 0);
         for seed in 0..20 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            // As many samples as hold a right one every other time with gravity, which half of them are drawn for.
+            // The number of samples for a hit probability of one half with gravity, for which half of them are drawn.
             let (wrong, samples) = if scheme == Scheme::Points { (840, 300) } else { (240, 860) };
             let (mut problem, truth) = problem(&Setup { scheme, right: 60, wrong, noise: 0.5 }, &mut rng);
             let mut options = PoseOptions::default();
@@ -225,7 +225,7 @@ fn a_known_vertical_finds_poses_with_fewer_samples() {
 }
 
 #[test]
-fn a_vertical_that_is_wrong_by_a_degree_spoils_nothing() {
+fn gravity_error_of_one_degree_is_tolerated() {
     for scheme in SCHEMES {
         for seed in 0..10 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -267,8 +267,8 @@ fn right_poses_are_trusted_and_chance_is_not() {
 }
 
 #[test]
-fn doubts_say_what_is_wrong() {
-    // All but two lines run through one anchor, so the depth along its ray hangs on those two.
+fn doubts_name_the_cause() {
+    // All but two lines belong to one anchor, so the depth along its ray depends on those two.
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let setup = Setup { scheme: Scheme::Dcl, right: 200, wrong: 0, noise: 0.5 };
     let (full, _) = problem(&setup, &mut rng);
@@ -276,12 +276,12 @@ fn doubts_say_what_is_wrong() {
     let second: Vec<usize> = (0..200).filter(|&i| lines[i].0 == Anchor::SECOND).collect();
     let keep: Vec<usize> =
         (0..200).filter(|i| lines[*i].0 == Anchor::FIRST || second[..2].contains(i)).collect();
-    let mut lopsided = full.clone();
-    lopsided.keypoints.clone_from(&keep);
-    lopsided.points = keep.iter().map(|&i| full.points[i]).collect();
-    lopsided.observations =
+    let mut one_sided = full.clone();
+    one_sided.keypoints.clone_from(&keep);
+    one_sided.points = keep.iter().map(|&i| full.points[i]).collect();
+    one_sided.observations =
         Correspondences::Anchored { pencils, lines: keep.iter().map(|&i| lines[i]).collect() };
-    let estimate = estimate_pose(&lopsided, &PoseOptions::default(), &mut rng).expect("a pose");
+    let estimate = estimate_pose(&one_sided, &PoseOptions::default(), &mut rng).expect("a pose");
     assert_eq!(estimate.confidence.sides.map(|s| s[1] <= 2), Some(true));
     let doubts = estimate.confidence.doubts();
     assert!(doubts.iter().any(|d| matches!(d, Doubt::OneSided { .. })), "{doubts:?}");
@@ -309,7 +309,7 @@ fn equal_input_and_seed_give_equal_estimates() {
 }
 
 #[test]
-fn a_prior_lets_it_find_a_needle() {
+fn match_prior_finds_rare_inliers() {
     let setup = Setup { scheme: Scheme::Dcl, right: 60, wrong: 1500, noise: 0.5 };
     let (mut with, mut without) = (0, 0);
     for seed in 0..5 {
@@ -328,7 +328,7 @@ fn a_prior_lets_it_find_a_needle() {
 }
 
 #[test]
-fn bad_input_is_refused_with_the_facts() {
+fn invalid_input_is_rejected_with_facts() {
     let rng = || ChaCha8Rng::seed_from_u64(1);
     let solve = |p: &_| estimate_pose(p, &PoseOptions::default(), &mut rng());
     let fresh = |scheme, right| problem(&Setup { scheme, right, wrong: 0, noise: 0.0 }, &mut rng()).0;
@@ -391,14 +391,14 @@ fn bad_input_is_refused_with_the_facts() {
 }
 
 #[test]
-fn no_consensus_is_said_so() {
+fn no_consensus_is_reported() {
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let (p, _) = problem(&Setup { scheme, right: 0, wrong: 12, noise: 0.0 }, &mut rng);
         let found = estimate_pose(&p, &PoseOptions::default(), &mut rng);
         assert!(matches!(found, Err(PoseError::NoConsensus { required: 10, .. })), "{scheme:?}: {found:?}");
     }
-    // Everything at one place: no sample gives a pose, nothing panics.
+    // All points equal: no sample gives a pose, nothing panics.
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let (mut p, _) = problem(&Setup { scheme, right: 30, wrong: 0, noise: 0.0 }, &mut rng);
@@ -408,8 +408,8 @@ fn no_consensus_is_said_so() {
 }
 
 #[test]
-fn wild_map_points_change_nothing() {
-    // Triangulation sometimes leaves points at absurd distances; single precision must not suffer from them.
+fn outlier_map_points_do_not_matter() {
+    // Triangulation sometimes gives points at absurd distances; single precision must not suffer from them.
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let (mut p, truth) = problem(&Setup { scheme, right: 150, wrong: 60, noise: 0.5 }, &mut rng);
@@ -421,9 +421,9 @@ fn wild_map_points_change_nothing() {
     }
 }
 
-/// A search that is stopped gives no pose, be it before its first sample or in the middle; one that is not is not changed.
+/// A stopped search gives no pose, both before its first sample and later; an unset flag changes nothing.
 #[test]
-fn a_stopped_search_gives_no_pose() {
+fn stopped_search_gives_no_pose() {
     let setup = Setup { scheme: Scheme::Dcl, right: 120, wrong: 180, noise: 0.5 };
     let (problem, _) = problem(&setup, &mut ChaCha8Rng::seed_from_u64(1));
     let solve = |options: &PoseOptions| estimate_pose(&problem, options, &mut ChaCha8Rng::seed_from_u64(2));

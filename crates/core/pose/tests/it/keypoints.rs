@@ -1,4 +1,4 @@
-//! What is one keypoint and what are several is told by the caller, not guessed from what was observed.
+//! The caller assigns correspondences to keypoints; they are not inferred from the observations.
 
 use super::support;
 
@@ -18,7 +18,7 @@ fn confidence(problem: &PoseProblem, truth: &CameraFromWorld) -> Confidence {
     optimize_pose(problem, truth, &PoseOptions::default()).expect("a pose").confidence
 }
 
-/// Appends copies of these correspondences, as far as observation and map point go; the keypoints are for the caller.
+/// Appends copies of the observations and map points of these correspondences; the caller sets the keypoints.
 fn repeat(problem: &mut PoseProblem, which: &[usize]) {
     problem.points.extend(which.iter().map(|&i| problem.points[i]).collect::<Vec<_>>());
     match &mut problem.observations {
@@ -44,8 +44,8 @@ fn projection(truth: &CameraFromWorld, point: &Point3<veiloc_geometry::frames::W
 }
 
 #[test]
-fn keypoints_that_share_a_code_each_count() {
-    // Twelve keypoints more, each on the very line of another one, but elsewhere on it and with a point of its own.
+fn keypoints_with_equal_codes_count_separately() {
+    // Twelve more keypoints, each on the line of another one, but at another position and with its own map point.
     let (mut problem, truth) = right(Scheme::Dcl, 60);
     let before = confidence(&problem, &truth).log_evidence;
     repeat(&mut problem, &(0..12).collect::<Vec<_>>());
@@ -60,14 +60,14 @@ fn keypoints_that_share_a_code_each_count() {
     let different = confidence(&problem, &truth);
     problem.keypoints = (0..60).chain(0..12).collect();
     let one = confidence(&problem, &truth);
-    // A line that agrees is worth some four units of evidence; a second agreeing point of one line next to none.
+    // An agreeing line adds about four units of evidence; a second agreeing point of the same line adds almost none.
     assert!(different.log_evidence > before + 25.0, "{} after {before}", different.log_evidence);
     assert!(one.log_evidence < before + 12.0 * 2.0_f64.ln() + 3.0, "{} after {before}", one.log_evidence);
     assert_eq!(different.sides.map(|s| s[0] + s[1]), one.sides.map(|s| s[0] + s[1] + 12));
 }
 
 #[test]
-fn a_keypoint_with_several_map_points_counts_once() {
+fn keypoint_with_several_map_points_counts_once() {
     for scheme in [Scheme::Points, Scheme::Lines, Scheme::Dcl] {
         let (mut problem, truth) = right(scheme, 60);
         let single = confidence(&problem, &truth).log_evidence;
@@ -79,8 +79,8 @@ fn a_keypoint_with_several_map_points_counts_once() {
         let once = confidence(&problem, &truth).log_evidence;
         problem.keypoints = (0..120).collect();
         let twice = confidence(&problem, &truth).log_evidence;
-        // Two candidates in place of one may be worth their number, ln 2 a keypoint, and no more.
-        // (and the pose is held less firmly than by two keypoints, so more poses explain them)
+        // Two candidates instead of one may add ln 2 per keypoint, not more. (The pose is also less certain than with
+        // two keypoints, so more poses explain them.)
         assert!(
             once < single + 60.0 * 2.0_f64.ln() + 3.0,
             "{scheme:?}: {once}, {single} with one point each"
@@ -95,7 +95,7 @@ fn the_two_lines_of_a_permuted_keypoint_count_once() {
     let Correspondences::Points { pixels } = problem.observations.clone() else { unreachable!() };
     let either =
         |p: &Pixel| [PixelLine::through(*p, 0.0), PixelLine::through(*p, std::f64::consts::FRAC_PI_2)];
-    // The worst case: of each row both lines agree.
+    // The worst case: both lines of each row agree.
     problem.points = problem.points.iter().flat_map(|p| [*p, *p]).collect();
     problem.observations = Correspondences::Lines { lines: pixels.iter().flat_map(either).collect() };
     problem.keypoints = (0..120).map(|i| i / 2).collect();
@@ -109,7 +109,7 @@ fn the_two_lines_of_a_permuted_keypoint_count_once() {
 }
 
 #[test]
-fn numbers_of_keypoints_are_names_only() {
+fn keypoint_ids_are_arbitrary() {
     for scheme in [Scheme::Points, Scheme::Lines, Scheme::Dcl] {
         let setup = Setup { scheme, right: 80, wrong: 80, noise: 0.5 };
         let (mut problem, _) = problem(&setup, &mut ChaCha8Rng::seed_from_u64(5));
@@ -124,8 +124,8 @@ fn numbers_of_keypoints_are_names_only() {
 }
 
 #[test]
-fn one_keypoint_is_no_consensus_however_many_points_agree() {
-    // Nine keypoints, each with three map points at its very place.
+fn consensus_counts_keypoints_not_matches() {
+    // Nine keypoints, each with three map points at the same position.
     let (mut problem, _) = right(Scheme::Points, 9);
     repeat(&mut problem, &(0..9).chain(0..9).collect::<Vec<_>>());
     problem.keypoints = (0..9).chain(0..9).chain(0..9).collect();

@@ -1,13 +1,14 @@
 //! Tests of `veiloc-pose` from outside, one executable: linking is what costs.
 
 mod camera;
-mod elsewhere;
+mod camera_priors;
+
 mod estimate;
 mod keypoints;
+mod out_of_map;
 mod partial;
 mod real_problems;
 mod rig;
 mod rig_focal;
 mod solvers;
 mod support;
-mod told;

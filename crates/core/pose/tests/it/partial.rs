@@ -1,4 +1,5 @@
-//! Queries whose lines all run through one anchor: everything but one number is told, and that one is not made up.
+//! Queries whose lines all belong to one anchor: the pose is determined up to one parameter, and that one is reported
+//! as free.
 
 use super::support;
 
@@ -9,7 +10,7 @@ use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 use veiloc_pose::{Correspondences, PoseOptions, PoseProblem, State, estimate_pose};
 
-/// The lines of the first anchor, and so many of the second's.
+/// The lines of the first anchor, and a number of lines of the second.
 fn one_sided(rng: &mut ChaCha8Rng, others: usize) -> (PoseProblem, CameraFromWorld) {
     let (full, truth) = problem(&Setup { scheme: Scheme::Dcl, right: 200, wrong: 200, noise: 0.5 }, rng);
     let Correspondences::Anchored { pencils, lines } = full.observations else { unreachable!() };
@@ -29,7 +30,7 @@ fn one_sided(rng: &mut ChaCha8Rng, others: usize) -> (PoseProblem, CameraFromWor
 }
 
 #[test]
-fn one_anchor_gives_a_partial_pose_that_says_so() {
+fn one_anchor_gives_a_pose_with_free_direction() {
     for others in [0, 2] {
         for seed in 0..10 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -44,7 +45,7 @@ fn one_anchor_gives_a_partial_pose_that_says_so() {
             assert!((truth.rotation() * free).dot(&ray).abs() > 0.999, "{others} {seed}");
             let off = found.cam_from_world.center().coords - truth.center().coords;
             assert!((off - free * free.dot(&off)).norm() < 0.05, "{others} {seed}: {off}");
-            // The ray has no part across the image: that direction is known, the other two are not.
+            // The ray has no component across the image: that direction is known, the other two are not.
             let sd = |k: usize| found.covariance[k][k].sqrt();
             assert!(sd(3) < 0.05 && sd(4).is_infinite() && sd(5).is_infinite(), "{others} {seed}");
             assert!(found.confidence.center_sd.is_infinite());
@@ -54,7 +55,7 @@ fn one_anchor_gives_a_partial_pose_that_says_so() {
 }
 
 #[test]
-fn a_silent_side_that_speaks_is_heard() {
+fn few_lines_of_the_second_anchor_fix_the_depth() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let (problem, truth) = one_sided(&mut rng, 60);
     let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");

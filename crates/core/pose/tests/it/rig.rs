@@ -1,5 +1,5 @@
-//! `estimate_rig_pose` on synthetic sessions: several frames are better than one, poor and wrong ones do no harm, and the
-//! covariance covers.
+//! `estimate_rig_pose` on synthetic sessions: several frames are better than one, poor and wrong ones do no harm, and
+//! the covariance covers the error.
 
 use super::support;
 use super::support::rigs;
@@ -17,14 +17,14 @@ use veiloc_pose::{
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
-/// Odometry that tells less than the frames do.
+/// Odometry that is less accurate than the frames.
 const LOOSE: [f64; 2] = [0.2, 0.01];
 
 fn estimate(frames: &[RigFrame], seed: u64) -> Result<RigEstimate, PoseError> {
     estimate_rig_pose(frames, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
-/// Only the first so many correspondences.
+/// Only the first `count` correspondences.
 fn first(problem: &PoseProblem, count: usize) -> PoseProblem {
     let observations = match &problem.observations {
         Correspondences::Points { pixels } => Correspondences::Points { pixels: pixels[..count].to_vec() },
@@ -38,7 +38,7 @@ fn first(problem: &PoseProblem, count: usize) -> PoseProblem {
 }
 
 #[test]
-fn a_rig_of_one_frame_is_that_frame() {
+fn single_frame_rig_equals_estimate_pose() {
     for scheme in SCHEMES {
         for seed in 0..10 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -69,7 +69,7 @@ fn a_rig_of_one_frame_is_that_frame() {
 }
 
 #[test]
-fn several_frames_are_better_than_one_and_the_covariance_covers() {
+fn several_frames_reduce_the_error_within_the_covariance() {
     // The squared Mahalanobis distance of the true pose follows χ² of six degrees of freedom.
     const QUANTILES: [(f64, f64); 3] = [(0.5, 5.348), (0.9, 10.645), (0.99, 16.812)];
     const SESSIONS: u64 = 150;
@@ -101,7 +101,7 @@ fn several_frames_are_better_than_one_and_the_covariance_covers() {
 }
 
 #[test]
-fn several_frames_find_what_one_alone_does_not() {
+fn several_frames_increase_recall() {
     for (scheme, right, wrong) in [(Scheme::Points, 8, 150), (Scheme::Lines, 25, 110), (Scheme::Dcl, 25, 150)]
     {
         let (mut alone, mut all) = (0, 0);
@@ -119,7 +119,7 @@ fn several_frames_find_what_one_alone_does_not() {
     }
 }
 
-/// Root of the mean squared error of the rig's place over sessions that `change` has been at; all must be trusted.
+/// Root mean squared error of the rig's position over sessions modified by `change`; all must be trusted.
 fn error(scheme: Scheme, sessions: u64, change: impl Fn(&mut Vec<RigFrame>, &mut ChaCha8Rng)) -> f64 {
     let setup = Setup { scheme, right: 100, wrong: 100, noise: 1.0 };
     let squared = (0..sessions).map(|seed| {
@@ -138,14 +138,14 @@ fn error(scheme: Scheme, sessions: u64, change: impl Fn(&mut Vec<RigFrame>, &mut
     (squared.sum::<f64>() / sessions as f64).sqrt()
 }
 
-/// A frame of another place: its matches agree with each other on a pose that its odometry contradicts.
-fn elsewhere(scheme: Scheme, rng: &mut ChaCha8Rng) -> RigFrame {
+/// A frame of another scene: its matches agree on a pose that contradicts its odometry.
+fn out_of_place_frame(scheme: Scheme, rng: &mut ChaCha8Rng) -> RigFrame {
     let (problem, _) = problem(&Setup { scheme, right: 200, wrong: 50, noise: 0.5 }, rng);
     measured(problem, &CameraFromRig::identity(), ODOMETRY, rng)
 }
 
 #[test]
-fn frames_that_are_poor_or_wrong_do_no_harm() {
+fn poor_or_wrong_frames_do_not_increase_the_error() {
     for scheme in SCHEMES {
         let without = error(scheme, 40, |_, _| {});
         let check = |what: &str, most: f64, change: &dyn Fn(&mut Vec<RigFrame>, &mut ChaCha8Rng)| {
@@ -162,8 +162,8 @@ fn frames_that_are_poor_or_wrong_do_no_harm() {
             few.problem = first(&few.problem, 2);
             frames.push(few);
         });
-        // A third of the votes and more matches than any other.
-        check("elsewhere", 1.1, &|frames, rng| frames.insert(0, elsewhere(scheme, rng)));
+        // A third of the frames, with more matches than any other.
+        check("elsewhere", 1.1, &|frames, rng| frames.insert(0, out_of_place_frame(scheme, rng)));
         check("slipped", 1.6, &|frames, _| {
             let slip = RigFromWorld::identity().perturbed(&[0.0, 0.1, 0.0, 0.3, 0.3, 0.0]);
             let slipped = Rigid3::new(
@@ -181,7 +181,7 @@ fn frames_that_are_poor_or_wrong_do_no_harm() {
 }
 
 #[test]
-fn frames_too_poor_for_a_pose_help_one_that_is_not() {
+fn frames_without_own_pose_reduce_the_error() {
     for scheme in [Scheme::Lines, Scheme::Dcl] {
         let mean = |help: bool| {
             let mut squared = 0.0;
@@ -223,11 +223,11 @@ fn poor(problem: &PoseProblem) -> PoseProblem {
     let Correspondences::Anchored { pencils, lines } = &problem.observations else {
         return first(problem, 5);
     };
-    let kept: Vec<usize> = (0..lines.len()).filter(|&i| lines[i].0 == Anchor::FIRST).collect();
-    let lines = kept.iter().map(|&i| lines[i]).collect();
-    let points = kept.iter().map(|&i| problem.points[i]).collect();
+    let chosen: Vec<usize> = (0..lines.len()).filter(|&i| lines[i].0 == Anchor::FIRST).collect();
+    let lines = chosen.iter().map(|&i| lines[i]).collect();
+    let points = chosen.iter().map(|&i| problem.points[i]).collect();
     let observations = Correspondences::Anchored { pencils: pencils.clone(), lines };
-    PoseProblem::new(problem.camera, observations, kept, points)
+    PoseProblem::new(problem.camera, observations, chosen, points)
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn equal_seeds_give_equal_rigs() {
 }
 
 #[test]
-fn a_session_without_a_fixed_frame_knows_the_rig_less_well() {
+fn session_without_fixed_frame_is_less_certain() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let setup = Setup { scheme: Scheme::Points, right: 200, wrong: 50, noise: 0.3 };
     let (mut frames, _) = session(&setup, 4, ODOMETRY, &mut rng);
@@ -251,14 +251,14 @@ fn a_session_without_a_fixed_frame_knows_the_rig_less_well() {
         (frame.rotation_sd_deg, frame.translation_sd) = (1.0, 0.05);
     }
     let loose = estimate(&frames, 1).expect("a pose");
-    // Four independent readings of 5 cm.
+    // Four independent measurements of 5 cm.
     assert!(fixed.confidence.center_sd < 0.01, "{:?}", fixed.confidence);
     assert!((loose.confidence.center_sd / 0.025 - 1.0).abs() < 0.15, "{:?}", loose.confidence);
     assert!(loose.frames.iter().all(|f| f.odometry_deviation > 0.0 && f.odometry_deviation < 4.0));
 }
 
 #[test]
-fn what_is_no_rig_is_refused() {
+fn invalid_rigs_are_rejected() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let setup = Setup { scheme: Scheme::Dcl, right: 60, wrong: 20, noise: 1.0 };
     let (frames, _) = session(&setup, 2, ODOMETRY, &mut rng);

@@ -1,4 +1,4 @@
-//! `estimate_rig_pose` where the focal length is open or wrong: as good as it can be, or a doubt, never trusted and wrong.
+//! `estimate_rig_pose` with an open or wrong focal length: it is estimated or doubted, never trusted and wrong.
 
 use super::support;
 use super::support::rigs;
@@ -14,7 +14,7 @@ use veiloc_pose::{
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
-/// Sessions of so many frames, told with a focal length so many times the true one.
+/// Sessions whose frames have a focal length that is a multiple of the true one.
 fn zoomed(
     setup: &Setup,
     frames: usize,
@@ -37,7 +37,7 @@ fn estimate(frames: &[RigFrame], seed: u64) -> RigEstimate {
 }
 
 #[test]
-fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
+fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
     for scheme in SCHEMES {
         let setup = Setup { scheme, right: 100, wrong: 100, noise: 0.7 };
         for (factor, focal) in [
@@ -52,7 +52,7 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
             (0.7, FocalKnowledge::Unknown),
             (1.3, FocalKnowledge::Unknown),
         ] {
-            let mut told = 0;
+            let mut estimated = 0;
             for seed in 0..5 {
                 let (frames, truth) = zoomed(&setup, 3, factor, focal, seed);
                 let found = estimate(&frames, seed);
@@ -65,11 +65,11 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
                     assert!(found.confidence.other_focal.is_some(), "{what}: {:?}", found.confidence);
                     continue;
                 }
-                told += 1;
+                estimated += 1;
                 assert!((scale * factor - 1.0).abs() < 0.01, "{what}");
                 assert!(error < 0.05 && error < 5.0 * found.confidence.center_sd, "{what}");
             }
-            assert!(told > 0 || factor == 1.03, "{scheme:?} {factor} {focal:?}");
+            assert!(estimated > 0 || factor == 1.03, "{scheme:?} {factor} {focal:?}");
         }
         for seed in 0..10 {
             let (frames, _) = zoomed(&setup, 3, 1.0, FocalKnowledge::Calibrated, seed);
@@ -81,7 +81,7 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
 }
 
 #[test]
-fn frames_together_know_a_focal_length_better_than_one() {
+fn several_frames_estimate_the_focal_length_better() {
     for scheme in SCHEMES {
         let setup = Setup { scheme, right: 60, wrong: 60, noise: 1.0 };
         let spread = |frames: usize| {
@@ -97,7 +97,7 @@ fn frames_together_know_a_focal_length_better_than_one() {
 }
 
 #[test]
-fn a_rig_of_one_frame_has_its_focal_length() {
+fn single_frame_rig_has_the_same_focal_length() {
     for scheme in SCHEMES {
         for (factor, focal) in [(1.1, FocalKnowledge::Calibrated), (0.8, FocalKnowledge::Unknown)] {
             let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -119,9 +119,9 @@ fn a_rig_of_one_frame_has_its_focal_length() {
     }
 }
 
-/// Two cameras on one rig, of which one is told wrong: the other's frames are left alone.
+/// Two cameras on one rig, one of them with a wrong focal length: the other's frames are not changed.
 #[test]
-fn a_focal_length_is_its_own_cameras() {
+fn focal_lengths_are_estimated_per_camera() {
     for scheme in SCHEMES {
         let setup = Setup { scheme, right: 120, wrong: 60, noise: 0.7 };
         for seed in 0..4 {

@@ -31,7 +31,7 @@ pub struct Block {
     /// See `a`.
     pub c: Lanes,
     /// What does not depend on the pose; [`NEVER`] for lanes that are not used.
-    pub worth: Lanes,
+    pub score_offset: Lanes,
 }
 
 impl Block {
@@ -43,7 +43,7 @@ impl Block {
         a: [0.0; LANES],
         b: [0.0; LANES],
         c: [0.0; LANES],
-        worth: [NEVER; LANES],
+        score_offset: [NEVER; LANES],
     };
 }
 
@@ -61,12 +61,12 @@ impl Group {
     /// A group with its anchor, `(x, y, w)` with distances `‖w (u, v) − (x, y)‖`, and the number of its pencil. Both count for
     /// anchored correspondences only.
     ///
-    /// `extra` is the most that a likelihood gains over `worth`: the largest possible `log r` for anchored
+    /// `extra` is the most that a likelihood gains over `score_offset`: the largest possible `log r` for anchored
     /// correspondences, 0 for others. Poor poses are dropped soonest when the blocks begin with what is worth most.
     pub fn new(blocks: Vec<Block>, anchor: [f32; 3], index: usize, extra: f32) -> Self {
         let mut most = vec![0.0_f32; blocks.len() + 1];
         for (k, block) in blocks.iter().enumerate().rev() {
-            most[k] = most[k + 1] + block.worth.iter().map(|w| (w + extra).max(0.0)).sum::<f32>();
+            most[k] = most[k + 1] + block.score_offset.iter().map(|w| (w + extra).max(0.0)).sum::<f32>();
         }
         Self { blocks, most, anchor, index: index as f32 }
     }

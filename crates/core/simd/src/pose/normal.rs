@@ -175,7 +175,7 @@ fn lane<const OBSERVED: u8>(
     }
     let s = 1.0 + k * squared;
     let cube = s * s * s;
-    let llr = block.worth[l] + shift + 0.5 * ln(radius / (cube * cube));
+    let llr = block.score_offset[l] + shift + 0.5 * ln(radius / (cube * cube));
     let small = exp_of_negative(-llr.abs());
     let softplus = (if llr > 0.0 { llr } else { 0.0 }) + ln(1.0 + small);
     let right = (if llr > 0.0 { 1.0 } else { small }) / (1.0 + small);

@@ -2,7 +2,7 @@
 //!
 //! In the camera turned so that the ray is its optical axis, a right correspondence lies in the direction `(u, v)` from
 //! the axis. With `(x, y)` the first two coordinates of `R p + t` there,
-//! `llr = worth − 3 log(1 + k (u y − v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
+//! `llr = score_offset − 3 log(1 + k (u y − v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
 
 use super::layout::{LANES, Lanes, NEVER};
 use crate::approx::ln;
@@ -26,7 +26,7 @@ pub struct RadialBlock {
     /// See `u`.
     pub v: Lanes,
     /// What does not depend on the pose.
-    pub worth: Lanes,
+    pub score_offset: Lanes,
 }
 
 impl RadialBlock {
@@ -37,7 +37,7 @@ impl RadialBlock {
         z: [0.0; LANES],
         u: [0.0; LANES],
         v: [0.0; LANES],
-        worth: [NEVER; LANES],
+        score_offset: [NEVER; LANES],
     };
 }
 
@@ -53,7 +53,7 @@ impl RadialLanes {
     pub fn new(blocks: Vec<RadialBlock>) -> Self {
         let mut most = vec![0.0_f32; blocks.len() + 1];
         for (k, block) in blocks.iter().enumerate().rev() {
-            most[k] = most[k + 1] + block.worth.iter().map(|w| w.max(0.0)).sum::<f32>();
+            most[k] = most[k + 1] + block.score_offset.iter().map(|w| w.max(0.0)).sum::<f32>();
         }
         Self { blocks, most }
     }
@@ -99,7 +99,7 @@ fn sum(lanes: &RadialLanes, rows: &[[f32; 4]; 2], k: f32, to_beat: f32) -> f32 {
                 let across = block.u[l] * y - block.v[l] * x;
                 let ahead = block.u[l] * x + block.v[l] * y;
                 let s = 1.0 + k * across * across / (x * x + y * y);
-                let gain = block.worth[l] - 3.0 * ln(s);
+                let gain = block.score_offset[l] - 3.0 * ln(s);
                 sums[l] += if (ahead > 0.0) & (gain > 0.0) { gain } else { 0.0 };
             }
         }

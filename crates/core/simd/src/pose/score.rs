@@ -30,7 +30,7 @@ struct Task<'a> {
 }
 
 impl PoseLanes {
-    /// `Σ max(0, worth − k e²)` over points in front of the camera.
+    /// `Σ max(0, score_offset − k e²)` over points in front of the camera.
     ///
     /// Given up early, with any value below it, when `to_beat` cannot be reached any more.
     pub fn truncated(&self, backend: Backend, rows: &ScaledRows, k: f32, to_beat: f32) -> f32 {
@@ -178,7 +178,7 @@ fn gain<const OBSERVED: u8, const LIKELIHOOD: bool>(
         if visible & (llr > 0.0) { llr } else { 0.0 }
     } else {
         let seen = project::<OBSERVED>(task, block, l);
-        let gain = block.worth[l] - task.k * seen.squared;
+        let gain = block.score_offset[l] - task.k * seen.squared;
         if (seen.z > 0.0) & (gain > 0.0) { gain } else { 0.0 }
     }
 }
@@ -228,5 +228,5 @@ fn likelihood<const OBSERVED: u8>(task: &Task<'_>, group: &Group, block: &Block,
     }
     let s = 1.0 + task.k * squared;
     let cube = s * s * s;
-    (block.worth[l] + task.shift + 0.5 * ln(radius / (cube * cube)), visible)
+    (block.score_offset[l] + task.shift + 0.5 * ln(radius / (cube * cube)), visible)
 }

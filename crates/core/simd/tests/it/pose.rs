@@ -29,7 +29,7 @@ const BOARD: Partition = Partition {
 
 struct Problem {
     lanes: PoseLanes,
-    /// Group and values `x y z a b c worth` of each correspondence.
+    /// Group and values `x y z a b c score_offset` of each correspondence.
     all: Vec<(usize, [f64; 7])>,
     partition: Partition,
 }
@@ -49,7 +49,7 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
                 let (a, b) = (angle.cos(), angle.sin());
                 (a, b, rng.random_range(-4.0..4.0) - a * u - b * v)
             };
-            let worth = rng.random_range(-3.0..3.0);
+            let score_offset = rng.random_range(-3.0..3.0);
             let (x, y, z) = (u / FOCAL[0] * depth, v / FOCAL[1] * depth, depth);
             let (block, l) = (&mut blocks[i / LANES], i % LANES);
             for (lane, value) in [
@@ -59,14 +59,14 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
                 &mut block.a,
                 &mut block.b,
                 &mut block.c,
-                &mut block.worth,
+                &mut block.score_offset,
             ]
             .into_iter()
-            .zip([x, y, z, a, b, c, worth])
+            .zip([x, y, z, a, b, c, score_offset])
             {
                 lane[l] = value;
             }
-            all.push((group, [x, y, z, a, b, c, worth].map(f64::from)));
+            all.push((group, [x, y, z, a, b, c, score_offset].map(f64::from)));
         }
         groups.push(Group::new(blocks, ANCHORS[group], group, 12.0));
     }
@@ -327,10 +327,16 @@ fn radial_scores_agree_with_their_twin() {
             let p: [f32; 3] = std::array::from_fn(|_| rng.random_range(-2.0..2.0));
             let values = [p[0], p[1], p[2], angle.cos(), angle.sin(), rng.random_range(-1.0..4.0)];
             let (block, l) = (&mut blocks[i / LANES], i % LANES);
-            for (lane, value) in
-                [&mut block.x, &mut block.y, &mut block.z, &mut block.u, &mut block.v, &mut block.worth]
-                    .into_iter()
-                    .zip(values)
+            for (lane, value) in [
+                &mut block.x,
+                &mut block.y,
+                &mut block.z,
+                &mut block.u,
+                &mut block.v,
+                &mut block.score_offset,
+            ]
+            .into_iter()
+            .zip(values)
             {
                 lane[l] = value;
             }

@@ -1,8 +1,8 @@
-//! Real roots of polynomials by Sturm's sequence: of any degree up to eight, and a faster twin for eight.
+//! Real roots of polynomials by Sturm's sequence: of any degree up to eight, and a faster version for eight.
 //!
-//! Coefficients are given constant term first, `p(x) = c[0] + c[1] x + … + c[N-1] xᴺ⁻¹`. Roots come out in rising
-//! order. A polynomial that is zero, or holds a number that is not finite, has no roots here. Leading coefficients
-//! that are nothing but rounding lower the degree instead of producing roots near infinity.
+//! Coefficients are given constant term first, `p(x) = c[0] + c[1] x + … + c[N-1] xᴺ⁻¹`. Roots are returned in rising
+//! order. A polynomial that is zero, or contains a number that is not finite, has no roots here. Leading coefficients
+//! that are only rounding errors lower the degree instead of producing roots near infinity.
 
 mod octic;
 mod sturm;

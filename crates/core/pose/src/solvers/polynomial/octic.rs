@@ -1,17 +1,16 @@
-//! Real roots of a polynomial of degree eight, on the projective line and all at once.
+//! Real roots of a polynomial of degree eight, on the projective line and all in parallel.
 //!
-//! Ratios of a quaternion's components are spread evenly in angle, not in value, so the line is cut where the angle
-//! is: `x` in `[−1, 1]` is kept, and beyond that `u = 1/x` takes its place, with the coefficients in reverse order.
-//! Sturm's sequence counts the roots of all cells in one go, crowded cells are halved until each root is alone, and
-//! Halley's method, held inside the bracket, refines four roots side by side: the dependent operations of one root
-//! leave most of the processor idle. [`super::real_roots`] is the plain twin, and takes over where the sequence is
-//! not a regular one.
+//! Ratios of a quaternion's components are spread evenly in angle, not in value, so the line is divided by angle: `x`
+//! is used in `[−1, 1]`, and `u = 1/x` beyond, with the coefficients in reverse order. Sturm's sequence counts the
+//! roots of all cells in one pass, crowded cells are halved until each root is isolated, and Halley's method, limited
+//! to the bracket, refines four roots side by side: the dependent operations of one root would leave most of the
+//! processor idle. [`super::real_roots`] is the plain version, and is used when the sequence is not regular.
 
 use arrayvec::ArrayVec;
 
 use super::sturm;
 
-/// Where the cells meet: tangents of multiples of an eighth of a turn, from the second on.
+/// Borders of the cells: tangents of multiples of an eighth of a turn, from the second on.
 const CUTS: [f64; 8] = [-T, -1.0, -1.0 / T, 0.0, 1.0 / T, 1.0, T, f64::MAX];
 
 /// `tan 67.5°`.
@@ -23,10 +22,10 @@ const LANES: usize = 4;
 /// A remainder whose leading coefficient is smaller than this beside its largest has lost a degree.
 const IRREGULAR: f64 = 1e-9;
 
-/// Two roots in a stretch this narrow count as one.
+/// Two roots in an interval this narrow count as one.
 const NARROW: f64 = 1e-10;
 
-/// Halley's method triples the digits: after a step this small no more are needed.
+/// Halley's method triples the digits: after a step this small no further step is needed.
 const CONVERGED: f64 = 1e-6;
 
 /// All real roots, in no particular order; see [`super::real_roots`] for what counts as one.
@@ -39,7 +38,7 @@ pub(crate) fn octic_roots(coefficients: &[f64; 9]) -> ArrayVec<f64, 8> {
         let refined = refine(coefficients, group);
         for (bracket, x) in group.iter().zip(refined) {
             let root = if bracket.reversed { 1.0 / x } else { x };
-            // A root at infinity is none of the polynomial's.
+            // A root at infinity is not a root of the polynomial.
             if root.is_finite() {
                 let _ = roots.try_push(root);
             }
@@ -57,7 +56,7 @@ struct Chain {
     leads: [f64; 9],
 }
 
-/// A stretch with one root, and the sign of the polynomial at its lower end.
+/// An interval with one root, and the sign of the polynomial at its lower end.
 #[derive(Clone, Copy)]
 struct Bracket {
     low: f64,
@@ -68,7 +67,7 @@ struct Bracket {
 }
 
 impl Chain {
-    /// `None` unless every remainder has the degree it should have, by a margin.
+    /// `None` unless every remainder has its regular degree, by a margin.
     fn new(p: &[f64; 9]) -> Option<Self> {
         let mut chain = Self { slopes: [0.0; 8], offsets: [0.0; 8], last: 0.0, leads: [0.0; 9] };
         let mut above = *p;
@@ -79,7 +78,7 @@ impl Chain {
             return None;
         }
         for k in 0..8 {
-            // Degrees: `above` 8 − k, `below` 7 − k, what is left 6 − k.
+            // Degrees: `above` 8 − k, `below` 7 − k, remainder 6 − k.
             let degree = 7 - k;
             if !regular(&below, degree) {
                 return None;
@@ -124,7 +123,7 @@ impl Chain {
         for pair in self.leads.windows(2) {
             plus += (pair[0].to_bits() ^ pair[1].to_bits()) >> 63;
         }
-        // At minus infinity every other sign flips, so that changes and equalities trade places.
+        // At minus infinity every other sign flips, so that changes and equalities are exchanged.
         [8 - plus, plus]
     }
 
@@ -154,7 +153,7 @@ impl Chain {
         }
     }
 
-    /// Halves a cell until every root in it is alone.
+    /// Halves a cell until every root in it is isolated.
     fn halve(&self, cell: Span, reversed: bool, brackets: &mut ArrayVec<Bracket, 8>) {
         let mut stack: ArrayVec<Span, 64> = ArrayVec::new();
         stack.push(cell);
@@ -218,7 +217,7 @@ fn refine(p: &[f64; 9], brackets: &[Bracket]) -> [f64; LANES] {
                 beyond[l] = x[l];
             }
             let next = x[l] - value[l] * slope[l] / (slope[l] * slope[l] - value[l] * bend[l]);
-            // Between the ends, whichever way round they are.
+            // Between the ends, in either order.
             let inside = (next - below[l]) * (next - beyond[l]) <= 0.0;
             let next = if inside { next } else { 0.5 * (below[l] + beyond[l]) };
             let step = (next - x[l]).abs();
@@ -244,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_its_plain_twin() {
+    fn octic_agrees_with_sturm() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let (mut compared, mut differ, total) = (0, 0, 20_000);
         for _ in 0..total {
@@ -255,7 +254,7 @@ mod tests {
             compared += slow.len();
         }
         assert!(compared > total, "only {compared} roots");
-        // Pairs about to merge are decided by rounding in either method.
+        // For pairs that are about to merge, rounding decides in either method.
         assert!(differ * 2000 <= total, "{differ} of {total}");
     }
 
@@ -263,7 +262,7 @@ mod tests {
     fn all_roots_of_a_factored_polynomial_wherever_they_are() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for _ in 0..5000 {
-            // Evenly in angle: half of them beyond one, some very far out.
+            // Evenly in angle: half of them beyond one, some very far from zero.
             let mut angles: [f64; 8] = std::array::from_fn(|_| rng.random_range(-1.57..1.57));
             angles.sort_by(f64::total_cmp);
             if angles.windows(2).any(|w| w[1] - w[0] < 0.03) {
@@ -286,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn poor_polynomials_are_left_to_the_twin() {
+    fn irregular_polynomials_fall_back_to_sturm() {
         for p in [
             [0.0; 9],
             [f64::NAN; 9],

@@ -4,7 +4,7 @@ use arrayvec::ArrayVec;
 
 use super::evaluate_with_slope;
 
-/// Room for the coefficients of the highest degree in use (eight), one row per member of the sequence.
+/// Capacity for the coefficients of the highest degree in use (eight), one row per member of the sequence.
 const MAX: usize = 9;
 
 /// All distinct real roots of a polynomial of degree at most eight, rising.
@@ -41,7 +41,7 @@ pub fn real_roots<const N: usize>(coefficients: &[f64; N]) -> ArrayVec<f64, 8> {
             continue;
         }
         let at_middle = chain.variations(middle);
-        // Upper half first onto the stack, so that the roots come out rising.
+        // The upper half is pushed first, so that the roots are found in rising order.
         stack.push(Span { low: middle, high: span.high, above_low: at_middle, above_high: span.above_high });
         stack.push(Span { low: span.low, high: middle, above_low: span.above_low, above_high: at_middle });
     }
@@ -189,7 +189,8 @@ mod tests {
         let mut compared = 0;
         for _ in 0..4000 {
             let mut p: [f64; 9] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-            // The eigenvalues of an unbalanced companion matrix lose their digits when the leading coefficient is small.
+            // The eigenvalues of an unbalanced companion matrix lose their digits when the leading coefficient is
+            // small.
             p[8] += p[8].signum() * 0.3;
             let companion =
                 DMatrix::from_fn(
@@ -200,7 +201,7 @@ mod tests {
                     },
                 );
             let eigen = companion.complex_eigenvalues();
-            // Pairs of roots about to merge are decided by rounding in either method.
+            // For pairs of roots that are about to merge, rounding decides in either method.
             if eigen.iter().any(|z| z.im != 0.0 && z.im.abs() < 1e-5) {
                 continue;
             }
@@ -241,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn poor_polynomials_give_no_nonsense() {
+    fn degenerate_polynomials_give_valid_roots() {
         assert!(real_roots(&[0.0; 9]).is_empty());
         assert!(real_roots(&[f64::NAN; 9]).is_empty());
         assert!(real_roots(&[3.0, 0.0, 0.0]).is_empty());

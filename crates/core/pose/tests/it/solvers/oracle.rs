@@ -1,4 +1,5 @@
-//! Our solutions against those of PoseLib and of a brute-force scan, on the problems that `scripts/oracle_poses.py` wrote to `data/poselib.json`.
+//! Our solutions against those of PoseLib and of a brute-force scan, on the problems that `scripts/oracle_poses.py`
+//! wrote to `data/poselib.json`.
 
 use serde_json::Value;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
@@ -7,7 +8,7 @@ use veiloc_pose::solvers::{
     ArrayVec, GravityAlignment, HalfPlane, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
 };
 
-/// A pose as the fixture has it; `t` has two numbers for radial ones.
+/// A pose as in the fixture; `t` has two numbers for radial ones.
 type Pose = (Matrix3<f64>, Vec<f64>);
 
 fn problems(solver: &str) -> Vec<Value> {
@@ -51,7 +52,7 @@ fn gravity(problem: &Value) -> GravityAlignment {
     GravityAlignment::new(&down("down_in_camera"), &down("down_in_world")).expect("two directions")
 }
 
-/// Every pose of the oracle must be among ours, and hardly any of ours may be unknown to it.
+/// Every pose of the oracle must be among ours, and hardly any of ours may be missing in the oracle.
 fn compare(solver: &str, solve: impl Fn(&Value) -> Vec<Pose>) {
     let same = |a: &Pose, b: &Pose| {
         (a.0 - b.0).norm() < 1e-5 && a.1.iter().zip(&b.1).all(|(x, y)| (x - y).abs() < 1e-4 * (1.0 + y.abs()))

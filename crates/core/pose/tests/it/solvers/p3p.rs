@@ -1,5 +1,5 @@
 //! `p3p` on random problems: the true pose is found, what is returned is valid, degenerate samples give nothing.
-#![expect(clippy::print_stderr, reason = "the measured shares are worth reading")]
+#![expect(clippy::print_stderr, reason = "prints the measured shares")]
 
 use super::support;
 
@@ -61,7 +61,7 @@ fn near_degenerate_samples() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let b = [Vector3::z(), Vector3::new(0.1, 0.0, 1.0).normalize(), Vector3::new(0.0, 0.1, 1.0).normalize()];
     let x = [Point3::new(0.0, 0.0, 4.0), Point3::new(0.4, 0.0, 4.0), Point3::new(0.0, 0.4, 4.0)];
     let none = |b: &[Vector3<f64>; 3], x: &[Point3<_>; 3]| p3p(b, x, &mut ArrayVec::new()) == 0;

@@ -1,4 +1,5 @@
-//! `p5lp_radial` on random problems: the true pose is found, what is returned is valid, degenerate samples give nothing.
+//! `p5lp_radial` on random problems: the true pose is found, what is returned is valid, degenerate samples give
+//! nothing.
 
 use super::support;
 
@@ -15,7 +16,7 @@ fn turn_of(anchor: Anchor) -> Rotation3<f64> {
 }
 
 #[test]
-fn the_true_pose_is_found_for_five_lines_of_one_anchor() {
+fn true_pose_is_found_for_five_lines_of_one_anchor() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (mut found, mut returned, total) = (0, 0, 20_000);
     for k in 0..total {
@@ -23,7 +24,7 @@ fn the_true_pose_is_found_for_five_lines_of_one_anchor() {
         let turn = turn_of(anchor);
         let truth = random_pose(&mut rng);
         let pairs: [_; 5] = std::array::from_fn(|_| random_match_on(&mut rng, &truth, anchor));
-        // Any point of the half-line tells its direction: its keypoint, seen from the turned camera.
+        // Any point of the half-line gives its direction: its keypoint, seen from the rotated camera.
         let directions = pairs
             .map(|(pixel, _)| (turn * CAMERA.unproject(pixel).bearing()).xy() * rng.random_range(0.1..10.0));
         let points = pairs.map(|(_, point)| point);
@@ -54,7 +55,7 @@ fn the_true_pose_is_found_for_five_lines_of_one_anchor() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let truth = random_pose(&mut rng);
     let pairs: [_; 5] = std::array::from_fn(|_| random_match_on(&mut rng, &truth, Anchor::FIRST));

@@ -1,5 +1,5 @@
 //! `p6lp` on random problems: the true pose is found, what is returned is valid, degenerate samples give nothing.
-#![expect(clippy::print_stderr, reason = "the measured shares are worth reading")]
+#![expect(clippy::print_stderr, reason = "prints the measured shares")]
 
 use super::support;
 
@@ -13,7 +13,7 @@ use veiloc_pose::solvers::{ArrayVec, p6lp};
 
 type Sample = ([PlaneLine; 6], [Point3<World>; 6]);
 
-/// Solves many samples of one kind; returns the share in which the true pose came out, after checking every pose.
+/// Solves many samples of one kind; returns the share in which the true pose was found, after checking every pose.
 fn found_share(
     name: &str,
     seed: u64,
@@ -65,7 +65,7 @@ fn the_true_pose_is_found_for_random_lines() {
 }
 
 #[test]
-fn the_true_pose_is_found_however_six_lines_split_over_two_anchors() {
+fn true_pose_is_found_for_all_anchor_splits() {
     for split in 1..=5 {
         let share =
             found_share(&format!("dcl {split}+{}", 6 - split), 10 + split as u64, 10_000, anchored(split));
@@ -74,7 +74,7 @@ fn the_true_pose_is_found_however_six_lines_split_over_two_anchors() {
 }
 
 #[test]
-fn everyday_poses_are_no_special_case() {
+fn axis_aligned_poses_are_found() {
     // Identity, quarter and half turns about the axes: where a Cayley chart or a bad pre-rotation would fail.
     use veiloc_geometry::nalgebra::Rotation3;
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -98,7 +98,8 @@ fn everyday_poses_are_no_special_case() {
 
 #[test]
 fn near_degenerate_samples_still_give_valid_poses() {
-    // Planar scenes, far and narrow scenes, points close together: the pose may be weak, the equations must hold.
+    // Planar scenes, far and narrow scenes, points close together: the pose may be inaccurate, but the equations must
+    // hold.
     let planar = found_share("planar scene", 21, 10_000, |rng, truth| {
         let pairs: [_; 6] = std::array::from_fn(|_| {
             let (pixel, _) = random_match(rng, truth);
@@ -118,7 +119,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     for _ in 0..1000 {
         let truth = random_pose(&mut rng);

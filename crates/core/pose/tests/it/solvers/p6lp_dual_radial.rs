@@ -1,5 +1,5 @@
 //! `p6lp_dual_radial` on random problems: the true pose is found, what is returned is valid, and it agrees with `p6lp`.
-#![expect(clippy::print_stderr, reason = "the measured shares are worth reading")]
+#![expect(clippy::print_stderr, reason = "prints the measured shares")]
 
 use super::support;
 
@@ -52,7 +52,7 @@ fn sample(
     Sample { anchor: ray_of(anchor), inward, sixth, points: pairs.map(|(_, point)| point) }
 }
 
-/// The shares of samples whose true pose came out to 1e-5, and to 1e-2, after checking every pose.
+/// The shares of samples whose true pose was found to 1e-5, and to 1e-2, after checking every pose.
 fn found_shares(
     name: &str,
     seed: u64,
@@ -119,7 +119,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
 }
 
 #[test]
-fn its_poses_are_those_of_p6lp_in_the_half_planes() {
+fn poses_equal_those_of_p6lp_in_the_half_planes() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let (mut missing, mut compared) = (0, 0);
     for _ in 0..10_000 {
@@ -143,7 +143,7 @@ fn its_poses_are_those_of_p6lp_in_the_half_planes() {
 }
 
 #[test]
-fn moving_turning_and_scaling_the_world_moves_the_pose_along() {
+fn pose_is_equivariant_under_similarities() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let (mut near, mut total) = (0, 0);
     for _ in 0..2000 {
@@ -168,7 +168,7 @@ fn moving_turning_and_scaling_the_world_moves_the_pose_along() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for _ in 0..500 {
         let truth = random_pose(&mut rng);

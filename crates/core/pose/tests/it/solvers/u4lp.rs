@@ -1,5 +1,5 @@
 //! `u4lp` on random problems: the true pose is found, what is returned is valid, degenerate samples give nothing.
-#![expect(clippy::print_stderr, reason = "the measured shares are worth reading")]
+#![expect(clippy::print_stderr, reason = "prints the measured shares")]
 
 use super::support;
 
@@ -15,7 +15,7 @@ use veiloc_pose::solvers::{ArrayVec, GravityAlignment, u4lp};
 
 type Sample = ([PlaneLine; 4], [Point3<World>; 4]);
 
-/// The shares of samples whose true pose came out to 1e-5, and to 1e-2, after checking every pose.
+/// The shares of samples whose true pose was found to 1e-5, and to 1e-2, after checking every pose.
 fn found_shares(
     name: &str,
     seed: u64,
@@ -89,7 +89,7 @@ fn the_true_pose_is_found() {
 }
 
 #[test]
-fn no_angle_about_the_vertical_is_special() {
+fn all_angles_about_the_vertical_are_found() {
     // The chart tan θ/2 fails at half turns; here every multiple of a quarter turn, exact and nearly so.
     for (k, off) in [0.0, 1e-12, -1e-8, 1e-4].into_iter().enumerate() {
         for quarter in 0..4 {
@@ -124,7 +124,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
     assert!(share >= 0.99 && coarse >= 0.999, "{share} {coarse}");
     let [_, coarse] = found_shares("close together", 73, 20_000, any_pose, spread(0.1, 4.0..4.001));
     assert!(coarse >= 0.9, "{coarse}");
-    // Lines through almost one point of the image.
+    // Lines through almost the same image point.
     let crossing = |rng: &mut ChaCha8Rng, truth: &CameraFromWorld| {
         let pairs: [_; 4] = std::array::from_fn(|_| random_match(rng, truth));
         let lines = pairs.map(|(pixel, _)| {
@@ -139,7 +139,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
 }
 
 #[test]
-fn moving_turning_and_scaling_the_world_moves_the_pose_along() {
+fn pose_is_equivariant_under_similarities() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for _ in 0..2000 {
         let truth = random_pose(&mut rng);
@@ -173,7 +173,7 @@ fn moving_turning_and_scaling_the_world_moves_the_pose_along() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     for _ in 0..1000 {
         let truth = random_pose(&mut rng);

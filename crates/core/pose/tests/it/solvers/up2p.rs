@@ -1,5 +1,5 @@
 //! `up2p` on random problems: the true pose is found, what is returned is valid, degenerate samples give nothing.
-#![expect(clippy::print_stderr, reason = "the measured shares are worth reading")]
+#![expect(clippy::print_stderr, reason = "prints the measured shares")]
 
 use super::support;
 
@@ -13,7 +13,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_geometry::{CameraFromWorld, Pixel, Point3};
 use veiloc_pose::solvers::{ArrayVec, GravityAlignment, up2p};
 
-/// The shares of samples whose true pose came out to 1e-5, and to 1e-2, after checking every pose.
+/// The shares of samples whose true pose was found to 1e-5, and to 1e-2, after checking every pose.
 fn found_shares(
     name: &str,
     seed: u64,
@@ -73,7 +73,7 @@ fn the_true_pose_is_found() {
 }
 
 #[test]
-fn no_angle_about_the_vertical_is_special() {
+fn all_angles_about_the_vertical_are_found() {
     for (k, off) in [0.0, 1e-12, -1e-8].into_iter().enumerate() {
         for quarter in 0..4 {
             let turned = |rng: &mut ChaCha8Rng, down: &Vector3<f64>| {
@@ -101,7 +101,7 @@ fn near_degenerate_samples() {
 }
 
 #[test]
-fn hopeless_samples_give_no_pose() {
+fn degenerate_samples_give_no_pose() {
     let down = Vector3::new(0.1, 1.0, -0.2);
     let gravity = GravityAlignment::new(&down, &down).expect("two directions");
     let b = [Vector3::z(), Vector3::new(0.1, 0.05, 1.0).normalize()];

@@ -1,4 +1,4 @@
-//! Whatever the numbers: no panic, and what is returned is finite and a rotation.
+//! Arbitrary numbers: no panic, and every returned pose is finite and a rotation.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -90,7 +90,7 @@ fn check(name: &str, poses: &[CameraFromWorld], appended: usize) -> usize {
 }
 
 #[test]
-fn nothing_breaks_a_solver() {
+fn solvers_survive_arbitrary_input() {
     let mut wild = Wild(ChaCha8Rng::seed_from_u64(1));
     let mut returned = [0; 6];
     for _ in 0..100_000 {
@@ -126,11 +126,11 @@ fn nothing_breaks_a_solver() {
         let appended = up2p(&[wild.bearing(), wild.bearing()], &wild.points(), &wild.gravity(), &mut out);
         returned[5] += check("up2p", &out, appended);
     }
-    assert!(returned.iter().all(|&n| n > 100), "too few poses to tell: {returned:?}");
+    assert!(returned.iter().all(|&n| n > 100), "too few poses for a conclusion: {returned:?}");
 }
 
 #[test]
-fn a_full_buffer_is_not_overrun() {
+fn full_buffer_is_not_exceeded() {
     let mut wild = Wild(ChaCha8Rng::seed_from_u64(2));
     for _ in 0..1000 {
         let mut out = ArrayVec::new();

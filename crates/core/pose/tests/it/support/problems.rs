@@ -17,14 +17,14 @@ pub(crate) type Failure = Box<dyn std::error::Error>;
 pub(crate) struct Query {
     pub(crate) camera: Pinhole,
     pub(crate) pixels: Vec<Pixel>,
-    /// Matches with one position in the file belong to one keypoint: that is what the format says.
+    /// Matches with equal positions in the file belong to one keypoint, as the format defines.
     pub(crate) keypoints: Vec<usize>,
     pub(crate) points: Vec<Point3<World>>,
     pub(crate) truth: CameraFromWorld,
     pub(crate) evidence: Vec<Evidence>,
 }
 
-/// The schemes in a few lines: dither of half a pixel, angles in 12 bits, one line a keypoint.
+/// The schemes in a few lines: dither of half a pixel, angles in 12 bits, one line per keypoint.
 pub(crate) fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Correspondences {
     if scheme == "points" {
         return Correspondences::Points { pixels: query.pixels.clone() };

@@ -1,4 +1,4 @@
-//! Sessions: a rig somewhere, frames on it, and what the odometry says of them.
+//! Sessions: a random rig, frames on it, and their odometry.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -8,10 +8,10 @@ use veiloc_pose::{PoseProblem, RigFrame};
 
 use crate::support::{Setup, gauss, seen_from};
 
-/// How far off the odometry is, degrees and map units: about as much as the frames' own poses.
+/// Standard deviations of the odometry, degrees and map units: about as much as the frames' own poses.
 pub(crate) const ODOMETRY: [f64; 2] = [0.02, 0.001];
 
-/// A rig somewhere and where its frames truly are on it: turned by up to 10°, moved by up to half a map unit.
+/// A random rig and the true poses of its frames on it: rotated by up to 10°, moved by up to half a map unit.
 pub(crate) fn rig(frames: usize, rng: &mut ChaCha8Rng) -> (RigFromWorld, Vec<CameraFromRig>) {
     let turn = |rng: &mut ChaCha8Rng, a: f64| {
         Rotation3::from_scaled_axis(Vector3::from_fn(|_, _| rng.random_range(-a..a)))
@@ -21,7 +21,7 @@ pub(crate) fn rig(frames: usize, rng: &mut ChaCha8Rng) -> (RigFromWorld, Vec<Cam
     (truth, (0..frames).map(|_| Rigid3::new(turn(rng, 0.1), shift(rng, 0.5))).collect())
 }
 
-/// The frame as the odometry tells it.
+/// The frame with noisy odometry.
 pub(crate) fn measured(
     problem: PoseProblem,
     truth: &CameraFromRig,
@@ -34,7 +34,7 @@ pub(crate) fn measured(
     RigFrame { problem, cam_from_rig, rotation_sd_deg: sd[0], translation_sd: sd[1] }
 }
 
-/// A session of so many frames alike, and the true pose of its rig, to which the first frame is fixed.
+/// A session of similar frames, and the true pose of its rig, to which the first frame is fixed.
 pub(crate) fn session(
     setup: &Setup,
     frames: usize,

@@ -1,4 +1,4 @@
-//! Random exact problems with known poses, from one place for all solver tests.
+//! Random exact problems with known poses, shared by all solver tests.
 #![allow(dead_code, reason = "each test binary uses its own part of this module")]
 
 use rand::Rng;

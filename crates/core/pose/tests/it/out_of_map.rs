@@ -1,4 +1,4 @@
-//! Queries of another place: what makes wrong matches agree, and that it is not taken for evidence.
+//! Out-of-map queries: configurations in which wrong matches agree must not count as evidence.
 
 use super::support;
 
@@ -13,7 +13,7 @@ use veiloc_pose::{
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
-/// A close-up of texture: all keypoints in a patch, matched at random to a crowded corner of the map.
+/// A close-up of texture: all keypoints in a patch, matched at random to a dense corner of the map.
 fn texture(scheme: Scheme, rng: &mut ChaCha8Rng) -> PoseProblem {
     let pixels: Vec<Pixel> =
         (0..600).map(|_| Pixel::new(rng.random_range(60.0..200.0), rng.random_range(180.0..320.0))).collect();
@@ -32,7 +32,7 @@ fn texture(scheme: Scheme, rng: &mut ChaCha8Rng) -> PoseProblem {
             let pencils = Pencils::paper(CAMERA.width, CAMERA.height);
             let line = |p: &Pixel| (pencils.anchor_of(*p), pencils.angle_of(pencils.anchor_of(*p), *p));
             let mut lines: Vec<_> = pixels.iter().map(line).collect();
-            // A few on the other side, so that it is not refused for being one-sided.
+            // A few on the other side, so that it is not rejected as one-sided.
             for k in 0..40 {
                 lines[15 * k] =
                     line(&Pixel::new(rng.random_range(400.0..600.0), rng.random_range(10.0..470.0)));
@@ -44,7 +44,7 @@ fn texture(scheme: Scheme, rng: &mut ChaCha8Rng) -> PoseProblem {
 }
 
 #[test]
-fn crowds_that_agree_are_no_evidence() {
+fn clustered_wrong_matches_are_not_trusted() {
     for scheme in SCHEMES {
         for seed in 0..15 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -59,7 +59,7 @@ fn crowds_that_agree_are_no_evidence() {
 }
 
 #[test]
-fn a_pose_from_where_the_points_look_different_is_not_found() {
+fn pose_with_wrong_viewpoint_is_not_found() {
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let (mut problem, truth) = problem(&Setup { scheme, right: 150, wrong: 150, noise: 0.5 }, &mut rng);
@@ -84,7 +84,7 @@ fn a_pose_from_where_the_points_look_different_is_not_found() {
 }
 
 #[test]
-fn a_session_of_crowds_is_not_trusted() {
+fn session_of_clustered_wrong_matches_is_not_trusted() {
     for scheme in SCHEMES {
         for seed in 0..6 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -105,7 +105,7 @@ fn a_session_of_crowds_is_not_trusted() {
 }
 
 #[test]
-fn many_copies_of_a_crowd_are_no_evidence_either() {
+fn copies_of_a_clustered_frame_are_not_trusted() {
     for scheme in SCHEMES {
         for seed in 0..8 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -127,7 +127,7 @@ fn many_copies_of_a_crowd_are_no_evidence_either() {
 }
 
 #[test]
-fn copies_of_a_frame_are_worth_one() {
+fn copies_of_a_frame_count_once() {
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let (problem, _) = problem(&Setup { scheme, right: 25, wrong: 25, noise: 1.0 }, &mut rng);

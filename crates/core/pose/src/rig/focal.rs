@@ -1,7 +1,7 @@
-//! The focal length of a rig's images: a seventh number that all frames of one camera share.
+//! The focal length of a rig's images: a seventh parameter that all frames of one camera share.
 //!
-//! What `focal_search.rs` does for one image is done here for the frames of one [`Lens`] together, with the poses of all
-//! frames and the ties between them free: the normal equations are the arrow of `joint.rs` with one more row at its tip.
+//! Does for the frames of one [`Lens`] what `focal_search.rs` does for one image, with the poses of all frames and
+//! their odometry constraints free: the arrowhead normal equations of `joint.rs` with one more row.
 //!
 //! ```text
 //! | B_i              -W_i A_i            h_i      | | δ_i |   | -g_i - W_i r_i |
@@ -9,40 +9,40 @@
 //! | h_iᵀ                                 Σ H_φφ    | |  φ  |   | -Σ g_φ          |
 //! ```
 //!
-//! One frame may be too poor to contradict its focal length; several that see different things are not, and a focal length
-//! that two frames of one camera would both rather have is told for all of them.
+//! One frame may have too few matches to contradict its focal length; several frames that see different points have
+//! enough. The estimated focal length applies to all frames of a camera.
 
 use crate::likelihood::{
-    Convergence, FocalKnowledge, FocalVerdict, ZoomObjective, ZoomSystem, Zoomed, levenberg_marquardt,
-    stretched,
+    Convergence, FocalKnowledge, FocalObjective, FocalSystem, FocalVerdict, PoseWithFocal,
+    levenberg_marquardt, step_focal,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
 
 use super::frame::Frame;
 use super::joint::{Poses, Step};
-use super::odometry::{Pull, Tie};
+use super::odometry::{Deviation, OdometryConstraint};
 use super::polish::{PolishedRig, polish};
 use super::search::RigSearch;
-use crate::focal_search::{JUMP_HANDICAP, JUMPS, MOST_JUMPS, PLENTY, ROUNDS};
+use crate::focal_search::{JUMP_HANDICAP, JUMPS, MAX_JUMPS, MAX_ROUNDS, UNAMBIGUOUS_LOG_EVIDENCE};
 use crate::options::PoseOptions;
 
-/// A camera that took one frame or more: what is given of it is the same for all of them.
+/// A camera that took one frame or more, with common intrinsics.
 #[derive(Debug, Clone)]
 pub(super) struct Lens {
-    /// Its frames, of those that show something.
+    /// Its frames, of those with correspondences.
     pub(super) frames: Vec<usize>,
     /// How well its focal length is known.
     pub(super) focal: FocalKnowledge,
-    /// Its focal length over the given one.
+    /// Its focal length relative to the given one.
     pub(super) factor: f64,
-    /// What is thought of the given one; [`FocalVerdict::Wrong`] where another was estimated.
+    /// The verdict on the given one; [`FocalVerdict::Wrong`] when another was estimated.
     pub(super) verdict: FocalVerdict,
 }
 
 impl Lens {
-    /// The cameras of these frames, in order of their first frames. `factor` is what the search took for the focal lengths
-    /// that are known worst, over the given ones.
+    /// The cameras of these frames, in order of their first frames. `factor` is the search's factor on the focal
+    /// lengths that are known worst.
     pub(super) fn all(frames: &[Frame<'_>], factor: f64) -> Vec<Self> {
         let worst = worst_known(frames.iter().map(|frame| frame.focal));
         let mut lenses: Vec<Self> = Vec::new();
@@ -64,13 +64,13 @@ impl Lens {
         lenses
     }
 
-    /// Standard deviation that the logarithm of its focal length had before; `None` when it was not estimated.
+    /// Prior standard deviation of the logarithm of its focal length; `None` when it was not estimated.
     pub(super) fn estimated_sd(&self) -> Option<f64> {
         (self.verdict == FocalVerdict::Wrong).then(|| self.focal.sd())
     }
 }
 
-/// What the least is that is known of a focal length.
+/// The least certain knowledge of a focal length.
 pub(super) fn worst_known(all: impl Iterator<Item = FocalKnowledge>) -> FocalKnowledge {
     let rank = |focal: &FocalKnowledge| match focal {
         FocalKnowledge::Calibrated => 0,
@@ -80,13 +80,13 @@ pub(super) fn worst_known(all: impl Iterator<Item = FocalKnowledge>) -> FocalKno
     all.max_by_key(rank).unwrap_or_default()
 }
 
-/// Refined poses, and the focal lengths that they are told with. The search's frames are as these see them.
+/// Refined poses with their focal lengths. The search's frames are restricted to what these can see.
 pub(super) struct RefinedRig {
     pub(super) polished: PolishedRig,
     pub(super) lenses: Vec<Lens>,
 }
 
-/// Refines from where the search ended, which took `factor` times the focal length; see [`Lens::all`].
+/// Refines the result of the search, which multiplied the focal length by `factor`; see [`Lens::all`].
 pub(super) fn refine_focal_lengths(
     search: &mut RigSearch<'_>,
     start: &Poses,
@@ -96,23 +96,23 @@ pub(super) fn refine_focal_lengths(
     let lenses = Lens::all(&search.frames, factor);
     for (i, cam) in start.cams.iter().enumerate() {
         let of_frame = lenses.iter().find(|lens| lens.frames.contains(&i)).map_or(1.0, |lens| lens.factor);
-        search.frames[i].see_from(cam);
-        search.frames[i].zoom(of_frame);
+        search.frames[i].restrict_to_visible(cam);
+        search.frames[i].set_focal(of_frame);
     }
-    let polished = polish(&search.frames, &search.ties, start, options);
+    let polished = polish(&search.frames, &search.constraints, start, options);
     let mut refined = RefinedRig { polished, lenses };
-    let mut unjudged: Vec<usize> = (0..refined.lenses.len()).collect();
-    while !unjudged.is_empty() {
-        let lens = unjudged.remove(refined.most_to_blame(search, &unjudged));
-        refined.judge(search, lens, options);
+    let mut remaining: Vec<usize> = (0..refined.lenses.len()).collect();
+    while !remaining.is_empty() {
+        let lens = remaining.remove(refined.largest_gain_index(search, &remaining));
+        refined.estimate_focal(search, lens, options);
     }
     refined
 }
 
 impl RefinedRig {
-    /// Which of these lenses explains most when its focal length is free, its place in the list: a wrong one spoils the
-    /// poses, and makes the others look wrong as well.
-    fn most_to_blame(&self, search: &RigSearch<'_>, lenses: &[usize]) -> usize {
+    /// Index of the lens with the largest gain when its focal length is free: a wrong focal length distorts the poses,
+    /// and makes the others seem wrong as well.
+    fn largest_gain_index(&self, search: &RigSearch<'_>, lenses: &[usize]) -> usize {
         if lenses.len() < 2 {
             return 0;
         }
@@ -125,8 +125,8 @@ impl RefinedRig {
         (0..lenses.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0)
     }
 
-    /// What is to be thought of one lens' focal length, and a better one where it is wrong.
-    fn judge(&mut self, search: &mut RigSearch<'_>, lens: usize, options: &PoseOptions) {
+    /// Tests one lens' focal length, and estimates it when it is wrong.
+    fn estimate_focal(&mut self, search: &mut RigSearch<'_>, lens: usize, options: &PoseOptions) {
         let is_open =
             self.lenses[lens].focal != FocalKnowledge::Calibrated || self.lenses[lens].factor != 1.0;
         self.lenses[lens].verdict = if is_open {
@@ -134,21 +134,21 @@ impl RefinedRig {
         } else {
             self.objective(search, lens).verdict(&self.polished.poses)
         };
-        for _ in 0..MOST_JUMPS {
+        for _ in 0..MAX_JUMPS {
             if self.lenses[lens].verdict == FocalVerdict::Wrong {
-                for _ in 0..ROUNDS {
+                for _ in 0..MAX_ROUNDS {
                     let from = (self.polished.poses.clone(), self.lenses[lens].factor);
                     let (poses, factor) = self.objective(search, lens).refine(from);
                     self.move_to(search, lens, &poses, factor, options);
                 }
             }
             let cost = search.raw_cost(&self.polished.poses);
-            if self.lenses[lens].verdict.is_near() && cost < -PLENTY {
+            if self.lenses[lens].verdict.is_near() && cost < -UNAMBIGUOUS_LOG_EVIDENCE {
                 break;
             }
             let Some((poses, factor, gain)) = self.best_jump(search, lens, cost) else { break };
             if self.lenses[lens].verdict == FocalVerdict::Wrong {
-                // It is open: it goes where the likelihood is.
+                // It is open: the likelihood decides.
                 if gain <= FocalVerdict::least_gain_of([]) {
                     break;
                 }
@@ -177,28 +177,28 @@ impl RefinedRig {
         options: &PoseOptions,
     ) {
         self.lenses[lens].factor = factor;
-        search.zoom(&self.lenses[lens].frames, factor);
-        self.polished = polish(&search.frames, &search.ties, poses, options);
+        search.set_focal(&self.lenses[lens].frames, factor);
+        self.polished = polish(&search.frames, &search.constraints, poses, options);
     }
 
-    /// The jump that explains most, and how much more than what is said to cost `own`.
+    /// The jump with the largest gain over the cost `own`, and this gain.
     fn best_jump(&self, search: &mut RigSearch<'_>, lens: usize, own: f64) -> Option<(Poses, f64, f64)> {
         let Lens { frames, factor: now, .. } = &self.lenses[lens];
         let mut best: Option<(Poses, f64, f64)> = None;
         for jump in JUMPS {
             let factor = jump * now;
-            search.zoom(frames, factor);
+            search.set_focal(frames, factor);
             let poses = search.descend(&self.polished.poses);
             let gain = own - search.raw_cost(&poses) - JUMP_HANDICAP;
             if best.as_ref().is_none_or(|(_, _, known)| gain > *known) {
                 best = Some((poses, factor, gain));
             }
         }
-        search.zoom(frames, *now);
+        search.set_focal(frames, *now);
         best
     }
 
-    /// What another focal length must gain before a calibrated one is called wrong.
+    /// Required gain of another focal length before a calibrated one is called wrong.
     fn least_gain(&self, search: &RigSearch<'_>, lens: usize) -> f64 {
         let agreeing = |&i: &usize| {
             let search = &search.frames[i].search;
@@ -209,69 +209,75 @@ impl RefinedRig {
         FocalVerdict::least_gain_of(self.lenses[lens].frames.iter().map(agreeing))
     }
 
-    fn objective<'s, 'a>(&self, search: &'s RigSearch<'a>, lens: usize) -> RigZoom<'s> {
+    fn objective<'s, 'a>(&self, search: &'s RigSearch<'a>, lens: usize) -> RigFocalObjective<'s> {
         let of = |(i, frame): (usize, &'s Frame<'a>)| {
             let own = self.lenses.iter().find(|l| l.frames.contains(&i)).unwrap_or(&self.lenses[lens]);
             let (cam, noise) = (&self.polished.poses.cams[i], self.polished.noise[i]);
-            // What is known of a focal length before is known once, however many frames it has.
+            // The prior of a focal length counts once, however many frames it has.
             let is_first = self.lenses[lens].frames.first() == Some(&i);
-            let objective = ZoomObjective {
+            let objective = FocalObjective {
                 matches: &frame.seen,
                 priors: frame.search.priors().clone(),
                 active: frame.search.possible(cam, noise),
                 noise,
                 sd: if is_first { self.lenses[lens].focal.sd() } else { f64::INFINITY },
             };
-            ZoomedFrame { objective, fixed: (!self.lenses[lens].frames.contains(&i)).then_some(own.factor) }
+            FrameWithFocal {
+                objective,
+                fixed: (!self.lenses[lens].frames.contains(&i)).then_some(own.factor),
+            }
         };
-        RigZoom { frames: search.frames.iter().enumerate().map(of).collect(), ties: &search.ties }
+        RigFocalObjective {
+            frames: search.frames.iter().enumerate().map(of).collect(),
+            constraints: &search.constraints,
+        }
     }
 }
 
-/// A focal length and the rig's pose with it, which stands where a camera's does.
-fn of_rig(poses: &Poses, factor: f64) -> Zoomed {
-    Zoomed { pose: CameraFromWorld::new(*poses.rig.rotation(), *poses.rig.translation()), factor }
+/// The rig's pose with a focal length, in the type for a camera's.
+fn of_rig(poses: &Poses, factor: f64) -> PoseWithFocal {
+    PoseWithFocal { pose: CameraFromWorld::new(*poses.rig.rotation(), *poses.rig.translation()), factor }
 }
 
-/// What is minimised when the focal length of one lens is free.
-struct RigZoom<'a> {
-    frames: Vec<ZoomedFrame<'a>>,
-    ties: &'a [Tie],
+/// The objective when the focal length of one lens is free.
+struct RigFocalObjective<'a> {
+    frames: Vec<FrameWithFocal<'a>>,
+    constraints: &'a [OdometryConstraint],
 }
 
-struct ZoomedFrame<'a> {
-    objective: ZoomObjective<'a>,
-    /// The focal length over the given one, for frames of another lens.
+struct FrameWithFocal<'a> {
+    objective: FocalObjective<'a>,
+    /// The relative focal length, for frames of another lens.
     fixed: Option<f64>,
 }
 
 struct Linearized {
-    systems: Vec<ZoomSystem>,
-    pulls: Vec<Pull>,
+    systems: Vec<FocalSystem>,
+    deviations: Vec<Deviation>,
     loss: f64,
 }
 
-/// A step of all poses, of the logarithm of the focal length, and what the quadratic model gains by it.
-struct ZoomStep {
+/// A step of all poses and of the logarithm of the focal length, with the gain predicted by the quadratic model.
+struct FocalStep {
     poses: Step,
     log_focal: f64,
 }
 
-/// One frame's six unknowns, eliminated: its own system, its step when rig and focal length stay, and how it bends with the
-/// focal length.
+/// One frame's six unknowns, eliminated: its own system, its step for fixed rig and focal length, and its derivative by
+/// the focal length.
 struct Eliminated {
     own: Cholesky<f64, Const<6>>,
     alone: Vector6<f64>,
     bent: Vector6<f64>,
 }
 
-impl RigZoom<'_> {
-    /// What the likelihood says of the given focal length, at the optimum for it: one linearized step tells whether to look,
-    /// and what is there is then refined.
+impl RigFocalObjective<'_> {
+    /// The likelihood's verdict on the given focal length, at the optimum for it: one linearized step decides whether
+    /// to refine.
     fn verdict(&self, poses: &Poses) -> FocalVerdict {
         let here = self.linearize(poses, 1.0);
         let Some(step) = self.solved(&here, 0.0) else { return FocalVerdict::Fine };
-        if !FocalVerdict::is_worth_a_look(step.poses.promised, step.log_focal) {
+        if !FocalVerdict::warrants_refinement(step.poses.promised, step.log_focal) {
             return FocalVerdict::Fine;
         }
         let (there, factor) = self.refine((poses.clone(), 1.0));
@@ -283,20 +289,20 @@ impl RigZoom<'_> {
         FocalVerdict::of(gain, &of_rig(&there, factor), least)
     }
 
-    /// Levenberg–Marquardt from a start; never a larger loss than the start's.
+    /// Levenberg–Marquardt from a start; never returns a larger loss than the start's.
     fn refine(&self, start: (Poses, f64)) -> (Poses, f64) {
         let step = |(poses, factor): &(Poses, f64), here: &Linearized, damping| {
             let step = self.solved(here, damping)?;
-            let factor = stretched(*factor, step.log_focal)?;
-            Some(((poses.moved(self.ties, &step.poses), factor), f64::INFINITY))
+            let factor = step_focal(*factor, step.log_focal)?;
+            Some(((poses.moved(self.constraints, &step.poses), factor), f64::INFINITY))
         };
         let look = |(poses, factor): &(Poses, f64)| self.linearize(poses, *factor);
         levenberg_marquardt(start, Convergence::OF_FOCAL, look, |here| here.loss, step).at
     }
 
     fn linearize(&self, poses: &Poses, factor: f64) -> Linearized {
-        let system = |(frame, cam): (&ZoomedFrame<'_>, &CameraFromWorld)| {
-            let at = Zoomed { pose: *cam, factor: frame.fixed.unwrap_or(factor) };
+        let system = |(frame, cam): (&FrameWithFocal<'_>, &CameraFromWorld)| {
+            let at = PoseWithFocal { pose: *cam, factor: frame.fixed.unwrap_or(factor) };
             let mut system = frame.objective.linearize(&at);
             if frame.fixed.is_some() {
                 system.gradient[6] = 0.0;
@@ -305,14 +311,19 @@ impl RigZoom<'_> {
             }
             system
         };
-        let systems: Vec<ZoomSystem> = self.frames.iter().zip(&poses.cams).map(system).collect();
-        let pulls: Vec<Pull> =
-            self.ties.iter().zip(&poses.cams).map(|(tie, cam)| tie.pull(&poses.rig, cam)).collect();
-        let loss = systems.iter().map(|s| s.loss).sum::<f64>() + pulls.iter().map(|p| p.loss).sum::<f64>();
-        Linearized { systems, pulls, loss }
+        let systems: Vec<FocalSystem> = self.frames.iter().zip(&poses.cams).map(system).collect();
+        let deviations: Vec<Deviation> = self
+            .constraints
+            .iter()
+            .zip(&poses.cams)
+            .map(|(constraint, cam)| constraint.deviation(&poses.rig, cam))
+            .collect();
+        let loss =
+            systems.iter().map(|s| s.loss).sum::<f64>() + deviations.iter().map(|p| p.loss).sum::<f64>();
+        Linearized { systems, deviations, loss }
     }
 
-    fn solved(&self, here: &Linearized, damping: f64) -> Option<ZoomStep> {
+    fn solved(&self, here: &Linearized, damping: f64) -> Option<FocalStep> {
         let damped = |mut h: Matrix6<f64>| {
             for k in 0..6 {
                 h[(k, k)] += damping * h[(k, k)].max(1e-12);
@@ -322,25 +333,27 @@ impl RigZoom<'_> {
         // Of the rig's six numbers and the focal length.
         let (mut hessian, mut gradient) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros());
         let mut eliminated: Vec<Option<Eliminated>> = Vec::new();
-        for ((tie, system), pull) in self.ties.iter().zip(&here.systems).zip(&here.pulls) {
+        for ((constraint, system), deviation) in
+            self.constraints.iter().zip(&here.systems).zip(&here.deviations)
+        {
             let own: Matrix6<f64> = system.hessian.fixed_view::<6, 6>(0, 0).into();
             let by_focal: Vector6<f64> = system.hessian.fixed_view::<6, 1>(0, 6).into();
             let slope: Vector6<f64> = system.gradient.fixed_rows::<6>(0).into();
             let (of_rig, across, rest);
-            if tie.is_rigid() {
-                of_rig = (tie.over_rig(&own), tie.gradient_over_rig(&slope));
-                across = tie.gradient_over_rig(&by_focal);
+            if constraint.is_rigid() {
+                of_rig = (constraint.over_rig(&own), constraint.gradient_over_rig(&slope));
+                across = constraint.gradient_over_rig(&by_focal);
                 rest = (system.hessian[(6, 6)], system.gradient[6]);
                 eliminated.push(None);
             } else {
-                let w = Matrix6::from_diagonal(&pull.precision);
-                let strain = pull.precision.component_mul(&pull.step);
+                let w = Matrix6::from_diagonal(&deviation.precision);
+                let strain = deviation.precision.component_mul(&deviation.step);
                 let own = (damped(own) + w).cholesky()?;
                 let alone = own.solve(&-(slope + strain));
                 let bent = own.solve(&by_focal);
                 let held = w - w * own.solve(&w);
-                of_rig = (tie.over_rig(&held), -tie.gradient_over_rig(&(strain + w * alone)));
-                across = tie.gradient_over_rig(&(w * bent));
+                of_rig = (constraint.over_rig(&held), -constraint.gradient_over_rig(&(strain + w * alone)));
+                across = constraint.gradient_over_rig(&(w * bent));
                 rest =
                     (system.hessian[(6, 6)] - by_focal.dot(&bent), system.gradient[6] + by_focal.dot(&alone));
                 eliminated.push(Some(Eliminated { own, alone, bent }));
@@ -362,15 +375,15 @@ impl RigZoom<'_> {
         let tip = hessian.cholesky()?.solve(&-gradient);
         let (rig, log_focal): (Vector6<f64>, f64) = (tip.fixed_rows::<6>(0).into(), tip[6]);
         let mut slope = 0.0;
-        let mut cams = Vec::with_capacity(self.ties.len());
-        let parts = self.ties.iter().zip(&here.systems).zip(&here.pulls).zip(&eliminated);
-        for (((tie, system), pull), eliminated) in parts {
-            let carried = tie.carried(&rig);
+        let mut cams = Vec::with_capacity(self.constraints.len());
+        let parts = self.constraints.iter().zip(&here.systems).zip(&here.deviations).zip(&eliminated);
+        for (((constraint, system), deviation), eliminated) in parts {
+            let carried = constraint.carried(&rig);
             let cam = match eliminated {
                 None => carried,
                 Some(Eliminated { own, alone, bent }) => {
-                    let strain = pull.precision.component_mul(&pull.step);
-                    let pulled = own.solve(&pull.precision.component_mul(&carried));
+                    let strain = deviation.precision.component_mul(&deviation.step);
+                    let pulled = own.solve(&deviation.precision.component_mul(&carried));
                     let cam = alone + pulled - bent * log_focal;
                     slope += strain.dot(&(cam - carried));
                     cam
@@ -380,6 +393,6 @@ impl RigZoom<'_> {
             cams.push(cam);
         }
         let finite = tip.iter().chain(cams.iter().flat_map(Vector6::iter)).all(|s| s.is_finite());
-        finite.then_some(ZoomStep { poses: Step { rig, cams, promised: -0.5 * slope }, log_focal })
+        finite.then_some(FocalStep { poses: Step { rig, cams, promised: -0.5 * slope }, log_focal })
     }
 }

@@ -1,4 +1,4 @@
-//! What the other side says of the camera beside its matches: it may choose and improve a pose, it never makes one trusted.
+//! Camera priors from the client: they may select and improve a pose, but never make one trusted.
 
 use super::support;
 
@@ -14,24 +14,28 @@ use veiloc_pose::{
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
-/// Down in the world, whatever the camera does.
+/// Down in the world.
 const DOWN: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
 fn estimate(problem: &PoseProblem, seed: u64) -> Option<PoseEstimate> {
     estimate_pose(problem, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(seed)).ok()
 }
 
-fn with_told(plain: &PoseProblem, gravity: Option<Gravity>, position: Option<PositionPrior>) -> PoseProblem {
-    let mut told = plain.clone();
-    (told.gravity, told.position) = (gravity, position);
-    told
+fn with_priors(
+    plain: &PoseProblem,
+    gravity: Option<Gravity>,
+    position: Option<PositionPrior>,
+) -> PoseProblem {
+    let mut informed = plain.clone();
+    (informed.gravity, informed.position) = (gravity, position);
+    informed
 }
 
 fn is_trusted(estimate: Option<&PoseEstimate>) -> bool {
     estimate.is_some_and(|e| e.confidence.state() == State::Trusted)
 }
 
-/// Gravity as the camera would feel it, turned by some degrees about an axis across it.
+/// Gravity as the camera would measure it, rotated by some degrees about an axis across it.
 fn turned(truth: &CameraFromWorld, degrees: f64, side: f64, sd_deg: f64) -> Gravity {
     let felt = truth.rotation() * DOWN;
     let across = Unit::new_normalize(felt.cross(&Vector3::new(0.3, 0.5, -0.8)));
@@ -41,8 +45,8 @@ fn turned(truth: &CameraFromWorld, degrees: f64, side: f64, sd_deg: f64) -> Grav
 }
 
 #[test]
-fn a_wrong_direction_of_gravity_is_not_trusted_into_a_pose() {
-    let (mut asked, mut kept) = (0, 0);
+fn wrong_gravity_does_not_make_a_pose_trusted() {
+    let (mut total, mut trusted) = (0, 0);
     for scheme in SCHEMES {
         for (right, wrong, noise) in [(40, 30, 2.5), (25, 60, 1.0), (60, 240, 1.0)] {
             for seed in 0..4 {
@@ -51,17 +55,17 @@ fn a_wrong_direction_of_gravity_is_not_trusted_into_a_pose() {
                 let without = estimate(&plain, seed);
                 for (k, degrees) in (0_u8..).zip([4.0, 10.0, 30.0, 90.0, 180.0]) {
                     for sd_deg in [0.5, 2.0] {
-                        let told = turned(&truth, degrees, f64::from(k) + seed as f64, sd_deg);
-                        let with = estimate(&with_told(&plain, Some(told), None), seed);
-                        asked += 1;
+                        let informed = turned(&truth, degrees, f64::from(k) + seed as f64, sd_deg);
+                        let with = estimate(&with_priors(&plain, Some(informed), None), seed);
+                        total += 1;
                         if !is_trusted(with.as_ref()) {
                             continue;
                         }
-                        kept += 1;
+                        trusted += 1;
                         let what = format!("{scheme:?} {right}+{wrong} {seed}: {degrees}° ± {sd_deg}°");
-                        assert!(is_trusted(without.as_ref()), "{what}: trusted by what was said");
+                        assert!(is_trusted(without.as_ref()), "{what}: the prior made it trusted");
                         let (with, without) = (with.expect("a pose"), without.as_ref().expect("a pose"));
-                        // As good as the pose without it, by that pose's own measure.
+                        // As good as the pose without the prior, relative to that pose's uncertainty.
                         let off = with.cam_from_world.translation_error(&truth);
                         let own = without.cam_from_world.translation_error(&truth);
                         assert!(off < own + 4.0 * without.confidence.center_sd, "{what}: {off} after {own}");
@@ -70,10 +74,10 @@ fn a_wrong_direction_of_gravity_is_not_trusted_into_a_pose() {
             }
         }
     }
-    assert!(kept > asked / 4, "{kept} of {asked} trusted: most of these say nothing");
+    assert!(trusted > total / 4, "{trusted} of {total} trusted: too few for a conclusion");
 }
 
-/// A place that stands there twice, the second time tilted: each keypoint has a match in both.
+/// A scene that exists twice, the second copy tilted: each keypoint has a match in both.
 fn twice(scheme: Scheme, rng: &mut ChaCha8Rng) -> (PoseProblem, [CameraFromWorld; 2]) {
     let (mut problem, truth) = problem(&Setup { scheme, right: 150, wrong: 30, noise: 0.7 }, rng);
     let tilt: Rigid3<World, World> =
@@ -91,9 +95,9 @@ fn twice(scheme: Scheme, rng: &mut ChaCha8Rng) -> (PoseProblem, [CameraFromWorld
 }
 
 #[test]
-fn what_is_told_chooses_between_two_poses_and_makes_neither_sure() {
+fn priors_select_but_do_not_increase_trust() {
     for scheme in SCHEMES {
-        // Of poses that nothing is told of, and of poses that are told: trusted, and all.
+        // Counts for poses without and with priors: trusted, and all.
         let (mut trusted, mut chosen) = ([[0, 0]; 2], 0);
         for seed in 0..4 {
             let (plain, poses) = twice(scheme, &mut ChaCha8Rng::seed_from_u64(seed));
@@ -107,20 +111,20 @@ fn what_is_told_chooses_between_two_poses_and_makes_neither_sure() {
                     Some(Gravity { in_camera: pose.rotation() * DOWN, in_world: DOWN, sd_deg: 0.5 });
                 let position = Some(PositionPrior { center: pose.center(), sd: 0.2 });
                 for (gravity, position) in [(gravity, None), (None, position), (gravity, position)] {
-                    let found = estimate(&with_told(&plain, gravity, position), seed).expect("a pose");
+                    let found = estimate(&with_priors(&plain, gravity, position), seed).expect("a pose");
                     chosen += usize::from(found.cam_from_world.translation_error(pose) < 0.1);
                     count(1, &found);
                 }
             }
         }
-        assert!(chosen >= 20, "{scheme:?}: {chosen} of 24 as told");
+        assert!(chosen >= 20, "{scheme:?}: {chosen} of 24 as the prior selects");
         let share = |[trusted, all]: [usize; 2]| trusted as f64 / all as f64;
         assert!(share(trusted[1]) <= share(trusted[0]), "{scheme:?}: {trusted:?}");
     }
 }
 
 #[test]
-fn what_the_matches_do_not_hold_is_not_held_by_what_is_told() {
+fn trust_ignores_camera_priors() {
     for scheme in SCHEMES {
         for seed in 0..6 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -128,13 +132,13 @@ fn what_the_matches_do_not_hold_is_not_held_by_what_is_told() {
             let Some(plain) = estimate(&few, seed) else { continue };
             few.gravity = Some(turned(&truth, 0.0, 0.0, 0.1));
             few.position = Some(PositionPrior { center: truth.center(), sd: 1e-3 });
-            let Some(told) = estimate(&few, seed) else { continue };
-            assert!(told.confidence.center_sd < 2e-3, "the answer is as sure as what was told");
+            let Some(informed) = estimate(&few, seed) else { continue };
+            assert!(informed.confidence.center_sd < 2e-3, "the answer is as certain as the prior");
             assert!(
-                told.confidence.held_relative > 0.3 * plain.confidence.held_relative,
+                informed.confidence.held_relative > 0.3 * plain.confidence.held_relative,
                 "{scheme:?} {seed}"
             );
-            assert!(told.confidence.held_relative > told.confidence.center_sd_relative);
+            assert!(informed.confidence.held_relative > informed.confidence.center_sd_relative);
         }
     }
 }
