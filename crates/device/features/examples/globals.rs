@@ -6,10 +6,10 @@
 //! globals MODEL|FILE.toml run INPUT C H W OUT_DIR LAYER…
 //! ```
 //!
-//! LIST: paths of images, one a line. OUT: `[images, numbers]`, little endian `f32`; codes of `vlad`, unit vectors of a network.
-//! `vlad` learns 64 words from 2048 RootSIFT features of each image of `WORDS_LIST`, and sums up as many of each of LIST, as devices
-//! extract them. INPUT: `[1, C, H, W]`; a layer is a name, and layer `i` goes to `OUT_DIR/i.f32`. Files of networks are looked for
-//! where VEILOC_MODELS says. Prints seconds.
+//! LIST: paths of images, one per line. OUT: `[images, numbers]`, little endian `f32`; codes for `vlad`, unit vectors
+//! for a network. `vlad` trains 64 words on 2048 RootSIFT features of each image of `WORDS_LIST`, and aggregates as
+//! many of each image of LIST, extracted as on a device. INPUT: `[1, C, H, W]`; a layer is a name, and layer `i` is
+//! written to `OUT_DIR/i.f32`. Network files are searched in VEILOC_MODELS. Prints seconds.
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
 use std::error::Error;
@@ -24,7 +24,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::learned::{Layer, Models, Tensor};
 use veiloc_features::{Extractor, FeatureError, Image, Sift, load_gray};
 
-/// Words and keypoints: what maps have unless they are told otherwise.
+/// Words and keypoints: the defaults of maps.
 const WORDS: usize = 64;
 const KEYPOINTS: usize = 2048;
 
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 println!("{:?}", result.shape);
             }
         }
-        _ => return Err("see the head of this file".into()),
+        _ => return Err("wrong arguments; the head of this file describes them".into()),
     }
     println!("{:.2} s in all", started.elapsed().as_secs_f64());
     Ok(())

@@ -1,4 +1,4 @@
-//! Runs a network on given numbers and writes any of its layers, and times it on an image, for scripts/oracle_networks.py.
+//! Runs a network on given numbers and writes its layers, and times it on an image, for scripts/oracle_networks.py.
 //!
 //! ```text
 //! layers MODEL|FILE.toml NETWORK_FILE run INPUT C H W OUT_DIR LAYER…
@@ -6,10 +6,10 @@
 //! layers MODEL|FILE.toml NETWORK_FILE keypoints IMAGE MAX OUT
 //! ```
 //!
-//! INPUT: little endian `f32`, `[1, C, H, W]`. A layer is a name or the number of an output; layer `i` goes to `OUT_DIR/i.f32`, and
-//! its shape to stdout. `time` prints the fastest of REPEAT extractions, and of as many runs of the network alone, milliseconds.
-//! `keypoints` writes their positions, `[N, 2]` pixels, little endian `f32`, strongest first.  RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine
-//! (`rten` or `onnxruntime`).
+//! INPUT: little endian `f32`, `[1, C, H, W]`. A layer is a name or the number of an output; layer `i` is written to
+//! `OUT_DIR/i.f32`, and its shape to stdout. `time` prints the fastest of REPEAT extractions, and of as many runs of
+//! the network alone, milliseconds. `keypoints` writes their positions, `[N, 2]` pixels, little endian `f32`, strongest
+//! first. RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine (`rten` or `onnxruntime`).
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
 use std::error::Error;
@@ -22,7 +22,7 @@ use veiloc_features::{Extractor, Image, load_gray};
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [model, file, job, rest @ ..] = &arguments[..] else {
-        return Err("see the head of this file".into());
+        return Err("wrong arguments; the head of this file describes them".into());
     };
     let engine = std::env::var("VEILOC_ENGINE").map_or(Ok(Engine::default()), |name| name.parse())?;
     let learned = Models::new(Vec::new()).with_engine(engine).open(model, Some(Path::new(file)))?;
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let pixels = features.keypoints.iter().flat_map(|k| [k.pixel.u as f32, k.pixel.v as f32]);
             std::fs::write(out, pixels.flat_map(f32::to_le_bytes).collect::<Vec<u8>>())?;
         }
-        _ => return Err("see the head of this file".into()),
+        _ => return Err("wrong arguments; the head of this file describes them".into()),
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Colour images, for whoever looks for things in them. Keypoints are found in gray ones ([`crate::GrayImage`]).
+//! Colour images, the input of detectors. Keypoints are extracted from gray images ([`crate::GrayImage`]).
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub struct ColourImage {
     data: Vec<u8>,
 }
 
-// Leak L8.
+// Rule L8: image content must not be logged.
 impl std::fmt::Debug for ColourImage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "ColourImage({}x{})", self.width, self.height)
@@ -52,7 +52,7 @@ impl ColourImage {
     }
 }
 
-/// Reads a JPEG or PNG file in colour, its pixels as they are stored, as [`crate::load_gray`] does.
+/// Reads a JPEG or PNG file in colour, with its pixels as they are stored, as [`crate::load_gray`] does.
 ///
 /// # Errors
 /// As [`crate::load_gray`].

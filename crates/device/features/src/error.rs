@@ -1,10 +1,11 @@
-//! What can be wrong with an image, its mask, or what is to make features of it.
+//! Errors about an image, its mask, or an extractor.
 
 use std::path::PathBuf;
 
 use crate::ProjectionError;
 
-/// Why there are no features: an image or a mask is refused, or a network or a detector cannot be used. The message names the file, where there is one, and what to do about it.
+/// Why there are no features: an invalid image or mask, or a network or detector that cannot be used. The message names
+/// the file, where there is one, and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FeatureError {
@@ -13,18 +14,18 @@ pub enum FeatureError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The message of the operating system.
         source: std::io::Error,
     },
-    /// The file is no image, is cut short, or is of a kind that is not supported.
+    /// The file is not an image, is truncated, or is of an unsupported type.
     #[error("cannot decode {}: {reason}; expected a complete JPEG or PNG file, export or copy it again", path.display())]
     Decode {
         /// The file.
         path: PathBuf,
-        /// What the decoder said.
+        /// The message of the decoder.
         reason: String,
     },
-    /// The image has more pixels than we are ready to hold in memory.
+    /// The image has more pixels than the limit.
     #[error(
         "{} has {width}x{height} pixels, more than {max_pixels}; scale it down first",
         path.display()
@@ -36,10 +37,10 @@ pub enum FeatureError {
         width: u32,
         /// Its height, pixels.
         height: u32,
-        /// The limit, pixels in all.
+        /// The limit, total number of pixels.
         max_pixels: u64,
     },
-    /// The image is not of the size its camera takes.
+    /// The image does not have the size of its camera's images.
     #[error(
         "{}: {}x{} pixels, but its camera takes {}x{}; {}give the camera of this image, or the image as the camera took it, \
          neither scaled nor turned",
@@ -52,10 +53,10 @@ pub enum FeatureError {
         actual: (u32, u32),
         /// Width and height of the camera's images, pixels.
         camera: (u32, u32),
-        /// By how many degrees clockwise the file says it is to be turned, when it fits the camera turned.
+        /// Clockwise rotation by the file's EXIF orientation, degrees, when the rotated image fits the camera.
         turn: Option<u16>,
     },
-    /// The camera was to be found in the file's EXIF, and is not.
+    /// The camera was to be taken from the file's EXIF data, which does not contain it.
     #[error(
         "{}: {reason}; give its camera (MODEL,WIDTH,HEIGHT,PARAMS…), or let the focal length be guessed and say that it is \
          unknown",
@@ -64,52 +65,52 @@ pub enum FeatureError {
     NoFocal {
         /// The file.
         path: PathBuf,
-        /// Why EXIF does not tell.
+        /// Why EXIF does not give the focal length.
         reason: &'static str,
     },
-    /// A mask of another size than the image.
+    /// The mask and its image differ in size.
     #[error(
         "{} has {}x{} pixels and its image {}x{}; give a mask of the image as it is stored, neither scaled nor turned",
         name_of(file.as_ref()), mask.0, mask.1, image.0, image.1
     )]
     MaskSize {
-        /// The mask's file, when it is of one.
+        /// The mask's file, if any.
         file: Option<PathBuf>,
         /// Width and height of the mask, pixels.
         mask: (u32, u32),
         /// Width and height of the image, pixels.
         image: (u32, u32),
     },
-    /// A mask that hides nothing: nobody means that.
+    /// A mask that hides nothing, which is certainly a mistake.
     #[error("{} hides nothing; black hides, in a mask of the size of the image", name_of(mask.as_ref()))]
     HidesNothing {
-        /// Its file, when it is of one.
+        /// Its file, if any.
         mask: Option<PathBuf>,
     },
     /// A mask that hides everything.
     #[error("{} hides the whole image; black hides, and what may be sent is white", name_of(mask.as_ref()))]
     HidesAll {
-        /// Its file, when it is of one.
+        /// Its file, if any.
         mask: Option<PathBuf>,
     },
     /// A mask with transparent pixels.
     #[error(
-        "{}: the mask has transparent pixels, of which nobody knows whether they are to hide; say it with black and white",
+        "{}: the mask has transparent pixels, whose meaning is undefined; use black (hidden) and white (visible) only",
         mask.display()
     )]
     MaskTransparent {
         /// Its file.
         mask: PathBuf,
     },
-    /// No extractor makes such features.
-    #[error("no features of kind {asked} here; there are: {known}")]
+    /// No extractor makes features of this kind.
+    #[error("no extractor for features of kind {requested}; available: {known}")]
     UnknownKind {
-        /// What was asked for.
-        asked: String,
-        /// The names of those there are.
+        /// The requested kind.
+        requested: String,
+        /// The names of the available ones.
         known: String,
     },
-    /// An extractor could not run, or broke its promise.
+    /// An extractor could not run, or returned invalid features.
     #[error("features of kind {name}: {reason}")]
     Extractor {
         /// The extractor's name.
@@ -125,8 +126,8 @@ pub enum FeatureError {
         /// Its height, pixels.
         height: u32,
     },
-    /// The samples do not fill the stated size.
-    #[error("{width}x{height} pixels need {expected} samples, there are {actual}")]
+    /// The number of samples does not match the size.
+    #[error("{width}x{height} pixels need {expected} samples, but {actual} were given")]
     Length {
         /// Stated width, pixels.
         width: u32,
@@ -134,7 +135,7 @@ pub enum FeatureError {
         height: u32,
         /// `width * height * channels`
         expected: usize,
-        /// What was given.
+        /// The given number.
         actual: usize,
     },
     /// A sample is NaN or infinite.
@@ -145,7 +146,7 @@ pub enum FeatureError {
         /// Row of the first such sample.
         row: u32,
     },
-    /// The file is no network, is damaged, or is of another form than its description says.
+    /// The file is not a network, is damaged, or does not match its description.
     #[error("{}: this network cannot be used: {reason}", path.display())]
     Network {
         /// The file.
@@ -153,7 +154,7 @@ pub enum FeatureError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A file that a description names as the projection of its descriptors, and is not.
+    /// A file that a description names as the projection of its descriptors is invalid.
     #[error("{}: this projection cannot be used: {source}", path.display())]
     Projection {
         /// The file.
@@ -161,112 +162,110 @@ pub enum FeatureError {
         /// What is wrong with it.
         source: ProjectionError,
     },
-    /// A description that says what cannot be.
-    #[error("{}: this describes no model: {reason}", path.display())]
+    /// An invalid description.
+    #[error("{}: this is not a valid model description: {reason}", path.display())]
     Description {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
     },
-    /// No model of this name is known.
-    #[error(
-        "no features of the name {name:?} are known; there are: {known}, or give the .toml file that describes a network"
-    )]
+    /// No model has this name.
+    #[error("unknown feature type {name:?}; known: {known}, or give the .toml file that describes a network")]
     UnknownFeatures {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// The names of those there are.
+        /// The known names.
         known: String,
     },
-    /// The model is known, its file was not found.
+    /// The file of a known model was not found.
     #[error(
-        "the model {name} needs its file ({files}), which is not there; get it from {source_of} and name it with \
-         --model-file, or put it into a folder that VEILOC_MODELS names; looked for in: {looked}"
+        "the model {name} needs its file ({files}), which was not found; get it from {source_of} and name it with \
+         --model-file, or put it into a folder that VEILOC_MODELS names; searched for in: {searched}"
     )]
     NoModelFile {
         /// The model.
         name: String,
-        /// Names of files that would do.
+        /// Possible file names.
         files: String,
-        /// Where it is got, and on what terms.
+        /// Where to get it, and its licence.
         source_of: Box<str>,
-        /// Folders, or that there are none.
-        looked: Box<str>,
+        /// The searched folders.
+        searched: Box<str>,
     },
-    /// No engine of this name is known.
-    #[error("no engine of the name {name:?} is known; there are: {known}")]
+    /// No engine has this name.
+    #[error("unknown engine {name:?}; known: {known}")]
     UnknownEngine {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// The names of those there are.
+        /// The known names.
         known: String,
     },
     /// No model of global descriptors has this name.
     #[error(
-        "no global descriptor of the name {name:?} is known; there are: vlad, {known}, or give the .toml file that describes one"
+        "unknown global descriptor {name:?}; known: vlad, {known}, or give the .toml file that describes one"
     )]
     UnknownGlobal {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// The names of those there are.
+        /// The known names.
         known: String,
     },
-    /// The model of global descriptors is known, one of its files was not found.
+    /// A file of a known model of global descriptors was not found.
     #[error(
-        "the global descriptor {name} needs its file ({files}), which is not there; get it from {source_of} and put it into a \
-         folder that VEILOC_MODELS names; looked for in: {looked}"
+        "the global descriptor {name} needs its file ({files}), which was not found; get it from {source_of} and put it \
+         into a folder that VEILOC_MODELS names; searched: {searched}"
     )]
     NoGlobalFile {
         /// The model.
         name: String,
-        /// Names of files that would do.
+        /// Possible file names.
         files: String,
-        /// Where it is got, and on what terms.
+        /// Where to get it, and its licence.
         source_of: Box<str>,
-        /// Folders, or that there are none.
-        looked: Box<str>,
+        /// The searched folders.
+        searched: Box<str>,
     },
-    /// The network broke on an image.
+    /// The network failed on an image.
     #[error("the network could not run: {reason}")]
     NetworkRun {
-        /// What it said.
+        /// Its message.
         reason: String,
     },
-    /// The file could not be read.
+    /// The detector file could not be read.
     #[error("cannot read the detector {}: {source}; check the path and the permissions", path.display())]
     ReadDetector {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The message of the operating system.
         source: std::io::Error,
     },
-    /// The file is no model, is damaged, or needs what is not here.
-    #[error("{}: this is no detector that can be used: {reason}; give an ONNX file of YOLO's form", path.display())]
+    /// The file is not a detector, is damaged, or needs unsupported operations.
+    #[error("{}: this detector cannot be used: {reason}; give an ONNX file in YOLO's format", path.display())]
     Detector {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
     },
-    /// The detector broke on an image.
+    /// The detector failed on an image.
     #[error("the detector could not run: {reason}")]
     DetectorRun {
-        /// What it said.
+        /// Its message.
         reason: String,
     },
-    /// A class that the detector does not know.
-    #[error("the detector knows no class {asked}; it knows: {known}")]
+    /// An unknown class.
+    #[error("the detector has no class {requested}; its classes: {known}")]
     UnknownClass {
-        /// What was asked for.
-        asked: String,
-        /// The names of those it knows.
+        /// The requested class.
+        requested: String,
+        /// The names of its classes.
         known: String,
     },
-    /// No class was named.
-    #[error("no class to hide; the detector knows: {known}")]
+    /// No class was given.
+    #[error("no class to hide was given; the detector's classes: {known}")]
     NoClass {
-        /// The names of those it knows.
+        /// The names of its classes.
         known: String,
     },
 }
@@ -278,8 +277,8 @@ fn name_of(mask: Option<&PathBuf>) -> String {
 fn turn_note(turn: Option<u16>) -> String {
     turn.map_or_else(String::new, |degrees| {
         format!(
-            "the file says it is to be turned by {degrees}\u{b0}, which is not done here, as COLMAP does not: coordinates \
-             are those of the stored pixels; "
+            "the file's EXIF orientation rotates the image by {degrees}\u{b0}, which is ignored here, as in COLMAP: \
+             coordinates are those of the stored pixels; "
         )
     })
 }

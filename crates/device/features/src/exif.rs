@@ -1,16 +1,17 @@
-//! The focal length that a file's EXIF tells, as a camera: for images whose camera nobody calibrated.
+//! The camera from a file's EXIF focal length, for uncalibrated images.
 //!
-//! Read only when a caller asks for it, and nothing else of the metadata is looked at: no time, no place, no make. What
-//! comes out is a pinhole camera with its principal point in the middle.
+//! Read only when a caller requests it, and no other metadata is read: no time, no location, no maker. The result is a
+//! pinhole camera with its principal point in the middle.
 //!
 //! # From EXIF to pixels
-//! Of what the file has, the first that is there:
-//! - `FocalLengthIn35mmFilm` `f`: by the diagonal, as camera makers reckon it (CIPA DCG-001),
+//! The first of these that the file has:
+//! - `FocalLengthIn35mmFilm` `f`: by the diagonal, as camera makers define it (CIPA DCG-001),
 //!   `f · √(w² + h²) / √(36² + 24²)`.
-//! - `FocalLength` `f` (mm) with `FocalPlaneXResolution` (pixels a unit) and its unit: `f · resolution`, times the size of
-//!   the file's image over the size EXIF says was taken (a smaller copy of it), times `DigitalZoomRatio` if there is one.
+//! - `FocalLength` `f` (mm) with `FocalPlaneXResolution` (pixels per unit) and its unit: `f · resolution`, times the
+//!   size of the file's image divided by the size at capture according to EXIF (for a scaled-down copy), times
+//!   `DigitalZoomRatio` if present.
 //!
-//! Stored pixels are what counts: the orientation is not applied, as everywhere here, and neither way depends on it.
+//! The camera is for the stored pixels: the orientation is not applied, and neither formula depends on it.
 
 use std::path::Path;
 
@@ -22,18 +23,18 @@ use crate::load::{Header, header};
 
 /// Millimetres of 35 mm film's diagonal.
 const FILM_DIAGONAL: f64 = 43.266_615_305_567_87;
-/// Focal lengths over the longer side that a camera can have; others are slips of whoever wrote the metadata.
+/// Possible focal lengths relative to the longer side; others are errors in the metadata.
 const POSSIBLE: std::ops::RangeInclusive<f64> = 0.1..=100.0;
-/// Most by which the proportions of the image may differ from those EXIF says were taken, before it counts as cropped.
+/// Largest difference between the aspect ratios of the image and of EXIF before the image counts as cropped.
 const CROPPED: f64 = 0.02;
-/// A guess that is seldom wrong by more than a factor of two: COLMAP's.
+/// A default that is seldom wrong by more than a factor of two: COLMAP's.
 const GUESS: f64 = 1.2;
 
-/// The camera of an image file by its EXIF: a pinhole with its principal point in the middle.
+/// The camera of an image file from its EXIF data: a pinhole with its principal point in the middle.
 ///
 /// # Errors
-/// [`FeatureError::NoFocal`] saying why EXIF does not tell a focal length; [`FeatureError::Read`],
-/// [`FeatureError::Decode`] or [`FeatureError::TooLarge`] when the file is no image.
+/// [`FeatureError::NoFocal`] with the reason why EXIF gives no focal length; [`FeatureError::Read`],
+/// [`FeatureError::Decode`] or [`FeatureError::TooLarge`] when the file is not an image.
 pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
     let Header { size, metadata } = header(path)?;
     let no_focal = |reason| FeatureError::NoFocal { path: path.into(), reason };
@@ -45,26 +46,28 @@ pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
     camera(path, size, focal)
 }
 
-/// A camera for an image of which nothing is known: focal length 1.2 times the longer side.
+/// A default camera for an image of unknown origin: focal length 1.2 times the longer side.
 ///
 /// # Errors
-/// As [`exif_camera`], but for what EXIF says.
+/// As [`exif_camera`], except for EXIF.
 pub fn guessed_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
     guessed_camera_of(path, header(path)?.size)
 }
 
-/// As [`guessed_camera`], for an image in memory of this width and height; `path` is what messages are to call it.
+/// As [`guessed_camera`], for an image in memory of this width and height; `path` is its name in messages.
 ///
 /// # Errors
-/// [`FeatureError::NoFocal`] for a size that no camera has.
+/// [`FeatureError::NoFocal`] for an invalid size.
 pub fn guessed_camera_of(path: &Path, size: (u32, u32)) -> Result<Intrinsics, FeatureError> {
     camera(path, size, GUESS * f64::from(size.0.max(size.1)))
 }
 
 fn camera(path: &Path, (width, height): (u32, u32), focal: f64) -> Result<Intrinsics, FeatureError> {
     let params = [focal, f64::from(width) / 2.0, f64::from(height) / 2.0];
-    Intrinsics::new("SIMPLE_PINHOLE", width, height, &params)
-        .map_err(|_| FeatureError::NoFocal { path: path.into(), reason: "its focal length is impossible" })
+    Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).map_err(|_| {
+        let reason = "its focal length is outside of the possible range";
+        FeatureError::NoFocal { path: path.into(), reason }
+    })
 }
 
 /// The focal length, pixels of an image of this size.
@@ -80,15 +83,15 @@ fn focal_px(exif: &Exif, (width, height): (u32, u32)) -> Result<f64, &'static st
         let own = longer / width.min(height);
         if ((long / short) / own - 1.0).abs() > CROPPED {
             return Err(
-                "its proportions are not those EXIF says were taken, so it was cropped, and the focal length is \
-                        not that of what is left",
+                "its aspect ratio differs from the one in EXIF, so it was cropped, and the focal length is \
+                        not valid for the rest",
             );
         }
     }
     let of_film = number(exif, Tag::FocalLengthIn35mmFilm).map(|f| f * width.hypot(height) / FILM_DIAGONAL);
     let focal = of_film.or_else(|| {
         let resolution = number(exif, Tag::FocalPlaneXResolution)?;
-        // Inches when nothing is said, as the standard has it.
+        // Inches by default, as the standard defines.
         let unit = match number(exif, Tag::FocalPlaneResolutionUnit).unwrap_or(2.0) as u32 {
             2 => 25.4,
             3 => 10.0,
@@ -100,11 +103,11 @@ fn focal_px(exif: &Exif, (width, height): (u32, u32)) -> Result<f64, &'static st
         Some(number(exif, Tag::FocalLength)? * resolution / unit * shrunk * zoom)
     });
     let focal =
-        focal.ok_or("its EXIF does not tell the focal length in pixels or in millimetres of 35 mm film")?;
+        focal.ok_or("its EXIF does not give the focal length in pixels or in millimetres of 35 mm film")?;
     if POSSIBLE.contains(&(focal / longer)) {
         Ok(focal)
     } else {
-        Err("the focal length in its EXIF is impossible")
+        Err("the focal length in its EXIF is outside of the possible range")
     }
 }
 

@@ -1,4 +1,4 @@
-//! What makes features of an image: SIFT, and whatever else a program brings.
+//! Extractors: SIFT, and those that a program adds.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,10 +7,10 @@ use veiloc_descriptor::DescriptorKind;
 
 use crate::{Border, FeatureError, Features, Image, SiftOptions, extract_sift};
 
-/// Makes features of one kind.
+/// Extracts features of one kind.
 ///
-/// One axis varies: how keypoints are found and described. Reading files, checking their size and making them smaller
-/// is the same for all, see [`extract_image`](crate::extract_image).
+/// Only the detection and description of keypoints varies. Reading files, checking their size and scaling them down is
+/// common to all, see [`extract_image`](crate::extract_image).
 pub trait Extractor: Send + Sync {
     /// The kind of its descriptors; its name is the extractor's name.
     fn kind(&self) -> DescriptorKind;
@@ -24,35 +24,35 @@ pub trait Extractor: Send + Sync {
     /// [`FeatureError::Extractor`] when it cannot run.
     fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError>;
 
-    /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
+    /// Radius of a descriptor's window, as a multiple of the keypoint's scale.
     ///
-    /// A descriptor that looks over the image's border shows that it does, and with that where its keypoint is: a device
-    /// leaves it out ([`Features::whole`], rule L11 of docs/reference/privacy-rules.md). 0 keeps all, and is right only for descriptors
-    /// that show nothing of the kind.
+    /// A descriptor whose window crosses the image's border shows the border, and so reveals the position of its
+    /// keypoint: a device drops it ([`Features::whole`], rule L11 of docs/privacy.md). 0 keeps all features, and is
+    /// correct only for descriptors that do not show the border.
     fn reach(&self) -> f64;
 
-    /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale, whether or not an image's border
-    /// would show: keypoints that look so under a mask are left out. That of [`Self::reach`] unless said otherwise.
+    /// Radius of a descriptor's window, as a multiple of the keypoint's scale, whether or not an image's border would
+    /// show: keypoints whose window touches a mask are dropped. By default [`Self::reach`].
     fn sight(&self) -> f64 {
         self.reach()
     }
 
-    /// Features that were made before and are looked up; `None`, unless said otherwise, for what makes them of the image.
+    /// The source of precomputed features; `None`, the default, for extractors that compute them from the image.
     fn stored(&self) -> Option<&dyn Stored> {
         None
     }
 }
 
-/// Features that were made elsewhere and are kept by the names of images.
+/// Precomputed features, stored by image name.
 pub trait Stored: Send + Sync {
     /// All features of the image in this file, of `size` pixels: strongest first, in pixels of the file.
     ///
     /// # Errors
-    /// [`FeatureError::Extractor`] where there are none of it, or of an image of another size.
+    /// [`FeatureError::Extractor`] when the image has no stored features, or they are of an image of another size.
     fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError>;
 }
 
-/// One that is shared: a network is read once, for the map and for what is sealed.
+/// A shared extractor: a network is read once, for the map and for sealing.
 impl<T: Extractor + ?Sized> Extractor for Arc<T> {
     fn kind(&self) -> DescriptorKind {
         (**self).kind()
@@ -78,7 +78,7 @@ impl<T: Extractor + ?Sized> Extractor for Arc<T> {
 /// [`extract_sift`] as an [`Extractor`].
 #[derive(Debug, Clone, Default)]
 pub struct Sift {
-    /// How keypoints are found; the number of them is the caller's, not these options'.
+    /// How keypoints are found; the caller gives their number, not these options.
     pub options: SiftOptions,
 }
 
@@ -106,7 +106,7 @@ impl Extractor for Sift {
 }
 
 impl Sift {
-    /// As a device describes what it sends: the image's border does not show ([`Border::Mirrored`]).
+    /// As a device describes features for sealing: the image's border does not show ([`Border::Mirrored`]).
     pub fn for_sealing() -> Self {
         Self { options: SiftOptions { border: Border::Mirrored, ..SiftOptions::default() } }
     }

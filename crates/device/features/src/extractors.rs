@@ -1,4 +1,4 @@
-//! The extractors a program has, by name and by kind.
+//! The extractors of a program, by name and by kind.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use veiloc_descriptor::DescriptorKind;
 
 use crate::{Compact, Extractor, FeatureError, Sift};
 
-/// The extractors a program has.
+/// The extractors of a program.
 #[derive(Clone)]
 pub struct Extractors(Vec<Arc<dyn Extractor>>);
 
@@ -31,17 +31,17 @@ impl Default for Extractors {
 }
 
 impl Extractors {
-    /// Name of the features of new maps, and of images that no map is asked for, where nobody says which: compact descriptors
-    /// take a quarter of RootSIFT's bytes at the same recall and exactness (`docs/results/features.md`).
+    /// Default features of new maps, and of images without a map: compact descriptors have a quarter of RootSIFT's
+    /// bytes at the same recall and accuracy (`docs/features.md`).
     pub const DEFAULT: &'static str = "compact";
 
-    /// The built-in ones as a device uses them for what it sends ([`Sift::for_sealing`], [`Compact::for_sealing`]).
+    /// The built-in ones as a device uses them for sealing ([`Sift::for_sealing`], [`Compact::for_sealing`]).
     pub fn for_sealing() -> Self {
         Self(vec![Arc::new(Sift::for_sealing()), Arc::new(Compact::for_sealing())])
     }
 
-    /// These as a device uses them for what it sends: the built-in ones as [`Self::for_sealing`] has them, the others, and
-    /// features that are stored, as they are.
+    /// These as a device uses them for sealing: the built-in ones as in [`Self::for_sealing`]; the others, and stored
+    /// features, unchanged.
     #[must_use]
     pub fn sealing(&self) -> Self {
         let own = Self::for_sealing();
@@ -52,7 +52,7 @@ impl Extractors {
         Self(self.0.iter().map(of).collect())
     }
 
-    /// These and one more; it takes the place of one with the same name.
+    /// These and one more, which replaces one with the same name.
     #[must_use]
     pub fn with(mut self, extractor: impl Extractor + 'static) -> Self {
         let kind = extractor.kind();
@@ -61,16 +61,16 @@ impl Extractors {
         self
     }
 
-    /// The one with this name, as on the command line.
+    /// The extractor with this name, as on the command line.
     ///
     /// # Errors
-    /// [`FeatureError::UnknownKind`], naming those there are.
+    /// [`FeatureError::UnknownKind`] with the available names.
     pub fn named(&self, name: &str) -> Result<&dyn Extractor, FeatureError> {
         let found = self.0.iter().find(|extractor| extractor.kind().name() == name);
         found.map(AsRef::as_ref).ok_or_else(|| self.unknown(name))
     }
 
-    /// [`Self::named`], to be kept.
+    /// [`Self::named`], shared.
     ///
     /// # Errors
     /// As [`Self::named`].
@@ -79,18 +79,18 @@ impl Extractors {
         found.cloned().ok_or_else(|| self.unknown(name))
     }
 
-    /// The one that makes descriptors of exactly this kind, as a map or a profile asks for them.
+    /// The extractor for exactly this kind, as a map or a profile requests it.
     ///
     /// # Errors
-    /// [`FeatureError::UnknownKind`], also for a known name with other numbers.
+    /// [`FeatureError::UnknownKind`], also for a known name with other parameters.
     pub fn of_kind(&self, kind: DescriptorKind) -> Result<&dyn Extractor, FeatureError> {
         let found = self.0.iter().find(|extractor| extractor.kind() == kind);
         found.map(AsRef::as_ref).ok_or_else(|| self.unknown(&format!("{kind:?}")))
     }
 
-    fn unknown(&self, asked: &str) -> FeatureError {
-        // What was asked for may come from a file or a server.
-        FeatureError::UnknownKind { asked: asked.chars().take(80).collect(), known: self.names() }
+    fn unknown(&self, requested: &str) -> FeatureError {
+        // The requested name may come from a file or a server.
+        FeatureError::UnknownKind { requested: requested.chars().take(80).collect(), known: self.names() }
     }
 
     /// Their names, separated by commas.

@@ -1,4 +1,4 @@
-//! What makes one vector of a whole image.
+//! Extractors of one vector per image.
 
 use std::sync::Arc;
 
@@ -6,15 +6,15 @@ use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
 
 use crate::{FeatureError, Image};
 
-/// Makes global descriptors of images.
+/// Computes global descriptors of images.
 ///
-/// A device sends none unless its owner consents to this very model: such a vector tells of more than the rows of a query do
-/// (rule L14 of docs/reference/privacy-rules.md).
+/// A device sends none unless its owner consents to exactly this model: such a vector reveals more than the rows of a
+/// query (rule L14 of docs/privacy.md).
 pub trait GlobalExtractor: Send + Sync {
-    /// Which: its name and number of codes.
+    /// Its model: name and number of codes.
     fn model(&self) -> NamedGlobal;
 
-    /// The vector of an image. Of what a mask hid ([`Image::without`]) there is nothing in it.
+    /// The vector of an image. Pixels that a mask hid ([`Image::without`]) have no influence on it.
     ///
     /// Equal images must give equal vectors, with any number of threads.
     ///
@@ -23,22 +23,22 @@ pub trait GlobalExtractor: Send + Sync {
     fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError>;
 }
 
-/// One that is shared: a network is read once, for the map and for what is sealed.
+/// A shared extractor: a network is read once, for the map and for sealing.
 #[derive(Clone)]
 pub struct SharedGlobal(Arc<dyn GlobalExtractor>);
 
 impl SharedGlobal {
-    /// Shares one.
+    /// Shares an extractor.
     pub fn new(extractor: impl GlobalExtractor + 'static) -> Self {
         Self(Arc::new(extractor))
     }
 
-    /// Which: its name and number of codes.
+    /// Its model: name and number of codes.
     pub fn model(&self) -> NamedGlobal {
         self.0.model()
     }
 
-    /// As [`GlobalExtractor::describe`], and checks that there are as many codes as the model has.
+    /// As [`GlobalExtractor::describe`], and checks the number of codes.
     ///
     /// # Errors
     /// [`FeatureError::Extractor`].
@@ -58,7 +58,7 @@ impl std::fmt::Debug for SharedGlobal {
     }
 }
 
-/// Equal when they are of one model.
+/// Equal when they have the same model.
 impl PartialEq for SharedGlobal {
     fn eq(&self, other: &Self) -> bool {
         self.model() == other.model()

@@ -2,7 +2,7 @@
 
 use crate::FeatureError;
 
-/// Weights of red, green and blue in gray: Rec. 709 luma on the stored (gamma-encoded) values, as COLMAP has it.
+/// Weights of red, green and blue in gray: Rec. 709 luma on the stored (gamma-encoded) values, as in COLMAP.
 const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// A gray image: `width * height` finite samples, nominally in [0, 1], row by row, at least one pixel.
@@ -15,7 +15,7 @@ pub struct GrayImage {
     data: Vec<f32>,
 }
 
-// What an image shows must never reach a log (leak L8).
+// Image content must never reach a log (rule L8).
 impl std::fmt::Debug for GrayImage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "GrayImage({}x{})", self.width, self.height)
@@ -57,7 +57,7 @@ impl GrayImage {
         Ok(Self { width, height, data })
     }
 
-    /// As [`Self::from_rgb8`], of bytes `[height, width, 4]`, as a browser's canvas has them: transparency is ignored.
+    /// As [`Self::from_rgb8`], for bytes `[height, width, 4]`, as in a browser's canvas: transparency is ignored.
     ///
     /// # Errors
     /// [`FeatureError::Empty`] or [`FeatureError::Length`].
@@ -88,10 +88,11 @@ impl GrayImage {
         &self.data[y as usize * width..][..width]
     }
 
-    /// The same image at most `max_side` pixels wide and high, sides in proportion; unchanged when it already is.
+    /// The image scaled down to at most `max_side` pixels wide and high, with its aspect ratio; unchanged when it
+    /// already is.
     ///
     /// A point `(u, v)` of this image is at `(u * new_width / width, v * new_height / height)` of the new one:
-    /// see [`Features::scaled`](crate::Features::scaled) for the way back.
+    /// see [`Features::scaled`](crate::Features::scaled) for the inverse.
     pub fn limited(self, max_side: u32) -> Self {
         let longest = self.width.max(self.height);
         let max_side = max_side.max(1);
@@ -105,9 +106,9 @@ impl GrayImage {
         self.resized(shrink(self.width), shrink(self.height))
     }
 
-    /// The same image at another size (at least 1x1), each new pixel the mean of the area it covers.
+    /// The image at another size (at least 1x1), each new pixel the mean of the area it covers.
     ///
-    /// Meant for shrinking; when growing it repeats pixels.
+    /// Intended for scaling down; enlarging repeats pixels.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let (width, height) = (width.max(1), height.max(1));
         let columns = coverage(self.width, width);
@@ -136,7 +137,7 @@ fn luma(red: u8, green: u8, blue: u8) -> f32 {
     (r * f32::from(red) + g * f32::from(green) + b * f32::from(blue)) / 255.0
 }
 
-/// Which old pixels one new pixel covers along one axis, and by how much (weights sum to 1).
+/// The old pixels that one new pixel covers along one axis, with their weights (which sum to 1).
 struct Coverage {
     first: u32,
     weights: Vec<f32>,

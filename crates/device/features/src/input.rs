@@ -1,12 +1,12 @@
-//! What an extractor is given: one image in memory.
+//! The input of an extractor: one image in memory.
 
 use crate::{FeatureError, GrayImage, Mask};
 
-/// An image as an extractor sees it: samples, and nothing else of the file.
+/// An image for extractors: samples, and no metadata.
 #[derive(Debug, Clone)]
 pub struct Image {
     gray: GrayImage,
-    /// What was hidden of it, at the size it had then.
+    /// The mask of its hidden pixels, at the size of the image before scaling.
     hidden: Option<Mask>,
 }
 
@@ -26,12 +26,12 @@ impl Image {
         &self.gray
     }
 
-    /// The same image with what the mask hides replaced ([`GrayImage::without`]): whoever is given the image sees nothing of it.
-    /// What is extracted from it holds no keypoint that looks there ([`crate::extract_loaded`]).
+    /// The image with its hidden pixels replaced ([`GrayImage::without`]): no extractor can read them. Features
+    /// extracted from it have no keypoint whose window touches the mask ([`crate::extract_loaded`]).
     ///
     /// # Errors
-    /// [`FeatureError::MaskSize`] for a mask of another size; [`FeatureError::HidesAll`] where it leaves nothing of what an
-    /// earlier mask left.
+    /// [`FeatureError::MaskSize`] for a mask of another size; [`FeatureError::HidesAll`] when it hides all pixels that
+    /// an earlier mask left visible.
     pub fn without(self, mask: &Mask) -> Result<Self, FeatureError> {
         let hidden = match &self.hidden {
             Some(hidden) => hidden.and(mask)?,
@@ -40,12 +40,12 @@ impl Image {
         Ok(Self { gray: self.gray.without(&hidden)?, hidden: Some(hidden) })
     }
 
-    /// What was hidden of it.
+    /// The mask of its hidden pixels.
     pub(crate) const fn hidden(&self) -> Option<&Mask> {
         self.hidden.as_ref()
     }
 
-    /// The same image at most `max_side` pixels wide and high, see [`GrayImage::limited`].
+    /// The image scaled down to at most `max_side` pixels wide and high, see [`GrayImage::limited`].
     #[must_use]
     pub fn limited(self, max_side: u32) -> Self {
         Self { gray: self.gray.limited(max_side), ..self }

@@ -5,10 +5,10 @@ use veiloc_geometry::Pixel;
 
 use crate::Mask;
 
-/// A place in an image that can be found again.
+/// A point of an image that can be detected again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
-    /// Where, COLMAP's pixel convention, in the image it was extracted from (still distorted).
+    /// Its position in COLMAP's pixel convention, in the image it was extracted from (still distorted).
     pub pixel: Pixel,
     /// Standard deviation of the Gaussian at which it was found, pixels.
     pub scale: f32,
@@ -18,18 +18,18 @@ pub struct Keypoint {
     pub response: f32,
 }
 
-/// What was extracted from one image, strongest keypoint first.
+/// Features of one image, strongest keypoint first.
 #[derive(Clone, PartialEq)]
 pub struct Features {
     /// `[N]`
     pub keypoints: Vec<Keypoint>,
     /// `[N, dim]`, row `i` belongs to keypoint `i`.
     pub descriptors: Descriptors,
-    /// One vector of the whole image, where one was asked for.
+    /// One vector of the whole image, if requested.
     pub global: Option<GlobalDescriptor>,
 }
 
-// Keypoint positions must never reach a log (leak L8).
+// Keypoint positions must never reach a log (rule L8).
 impl std::fmt::Debug for Features {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Features({})", self.keypoints.len())
@@ -37,10 +37,10 @@ impl std::fmt::Debug for Features {
 }
 
 impl Features {
-    /// Those that look at nothing but the image they were extracted from, of `width` and `height` pixels: the disc of
-    /// `reach` times the scale around the keypoint lies in it.
+    /// The features whose descriptor window lies within the image of `width` and `height` pixels: the disc of `reach`
+    /// times the scale around the keypoint.
     ///
-    /// `reach`: of the extractor that made them ([`Extractor::reach`](crate::Extractor::reach)).
+    /// `reach`: that of the extractor ([`Extractor::reach`](crate::Extractor::reach)).
     #[must_use]
     pub fn whole(self, (width, height): (u32, u32), reach: f64) -> Self {
         let inside = |at: f64, radius: f64, size: u32| at >= radius && at + radius <= f64::from(size);
@@ -56,8 +56,8 @@ impl Features {
         }
     }
 
-    /// Those that look at nothing a mask hides: the disc of `sight` times the scale around the keypoint, and a pixel more, has
-    /// nothing of it. The mask may be of a larger image, as it was before that was made `size` pixels wide and high.
+    /// The features whose descriptor window does not touch a mask: the disc of `sight` times the scale around the
+    /// keypoint, plus a pixel. The mask may have the size of the image before it was scaled to `size`.
     #[must_use]
     pub(crate) fn clear_of(self, mask: &Mask, size: (u32, u32), sight: f64) -> Self {
         let grown = [(mask.width(), size.0), (mask.height(), size.1)];
@@ -74,7 +74,7 @@ impl Features {
         }
     }
 
-    /// The first `most`, which are the strongest.
+    /// The first `most` features, which are the strongest.
     #[must_use]
     pub(crate) fn strongest(mut self, most: usize) -> Self {
         if self.keypoints.len() > most {
@@ -84,9 +84,10 @@ impl Features {
         self
     }
 
-    /// The same features with keypoints in an image of another size: `u` times `columns`, `v` times `rows`.
+    /// The features with keypoints in an image of another size: `u` times `columns`, `v` times `rows`.
     ///
-    /// For an image that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.
+    /// For an image that was scaled down before extraction, with `columns = old width / new width`. Descriptors do not
+    /// change.
     pub fn scaled(mut self, columns: f64, rows: f64) -> Self {
         for keypoint in &mut self.keypoints {
             keypoint.pixel = Pixel::new(keypoint.pixel.u * columns, keypoint.pixel.v * rows);

@@ -1,19 +1,20 @@
-//! From an image to keypoints and descriptors. Runs on the device, and when a map is built.
+//! From an image to keypoints and descriptors. Runs on the device, and during map building.
 //!
-//! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
-//! - [`extract_loaded`]: the same of an image in memory.
-//! - [`Extractors`]: the extractors a program has, by name. SIFT and [`Compact`] are built in; bring your own with [`Extractors::with`].
-//! - [`GlobalExtractor`]: what makes one vector of a whole image; none is built in.
-//! - [`Mask`]: parts of an image that nobody is to be told of; [`Image::without`] takes them out.
-//! - [`exif_camera`]: the camera that a file's EXIF tells, for images nobody calibrated.
+//! - [`extract_image`]: the entry point from a file to features, for any [`Extractor`].
+//! - [`extract_loaded`]: the same for an image in memory.
+//! - [`Extractors`]: the extractors of a program, by name. SIFT and [`Compact`] are built in; add your own with
+//!   [`Extractors::with`].
+//! - [`GlobalExtractor`]: computes one vector per image; none is built in.
+//! - [`Mask`]: hidden parts of an image; [`Image::without`] removes them.
+//! - [`exif_camera`]: the camera from a file's EXIF data, for uncalibrated images.
 //! - [`extract_sift`]: SIFT on an image in memory.
 //!
-//! Keypoints exist in this room as plain positions; the server's rooms do not depend on it.
+//! This crate handles keypoints as plain positions; the crates of the server do not depend on it.
 //!
 //! ```
 //! use veiloc_features::{Extractors, GrayImage, Image};
 //!
-//! // A bright square on dark ground has corners to find.
+//! // A bright square on a dark background has corners.
 //! let samples = (0..64 * 64).map(|i| if (20..44).contains(&(i % 64)) && (20..44).contains(&(i / 64)) { 0.9 } else { 0.1 });
 //! let image = Image::from(GrayImage::new(64, 64, samples.collect())?);
 //! let features = Extractors::default().named("sift")?.extract(&image, 100)?;
@@ -21,7 +22,7 @@
 //! assert_eq!(features.descriptors.row(0).len(), 128);
 //!
 //! let unknown = Extractors::default().named("orb").err().map(|e| e.to_string());
-//! assert_eq!(unknown.as_deref(), Some("no features of kind orb here; there are: sift, compact"));
+//! assert_eq!(unknown.as_deref(), Some("no extractor for features of kind orb; available: sift, compact"));
 //! # Ok::<(), veiloc_features::FeatureError>(())
 //! ```
 #![forbid(unsafe_code)]
@@ -30,9 +31,9 @@ mod colour;
 mod compact;
 #[cfg(feature = "learned")]
 pub mod detector;
-mod door;
 mod error;
 mod exif;
+mod extract;
 mod extractor;
 mod extractors;
 mod global;
@@ -49,9 +50,9 @@ mod sift;
 
 pub use colour::{ColourImage, load_colour};
 pub use compact::{Compact, Projection, ProjectionError, compact};
-pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use exif::{exif_camera, guessed_camera, guessed_camera_of};
+pub use extract::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use extractor::{Extractor, Sift, Stored};
 pub use extractors::Extractors;
 pub use global::{GlobalExtractor, SharedGlobal};

@@ -1,5 +1,5 @@
-//! Images from files. Of metadata (EXIF) only the focal length is read, in `exif.rs`, and only when somebody asks for it:
-//! all else could only leak, and COLMAP ignores orientation too.
+//! Images from files. The only metadata that is read (EXIF) is the focal length, in `exif.rs`, and only on request:
+//! other metadata could leak, and COLMAP ignores the orientation too.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -8,17 +8,16 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use crate::{FeatureError, GrayImage};
 
-/// The largest image read, pixels in all: 100 million, several times what phones take.
+/// The largest image that is read, total pixels: 100 million, several times the size of phone images.
 pub const MAX_PIXELS: u64 = 100_000_000;
 
 /// Reads a JPEG or PNG file as gray in [0, 1].
 ///
-/// Gray is Rec. 709 luma of the stored values, as COLMAP has it (but not rounded to a byte); transparency is
-/// ignored. The EXIF orientation is *not* applied, so coordinates are those of the stored pixels, as in COLMAP.
+/// Gray is Rec. 709 luma of the stored values, as in COLMAP (but not rounded to a byte); transparency is ignored. The
+/// EXIF orientation is *not* applied, so coordinates are those of the stored pixels, as in COLMAP.
 ///
 /// # Errors
-/// [`FeatureError::Read`], [`FeatureError::Decode`] (also when the file is cut short) or
-/// [`FeatureError::TooLarge`].
+/// [`FeatureError::Read`], [`FeatureError::Decode`] (also when the file is truncated) or [`FeatureError::TooLarge`].
 pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
     let image = decode(path)?;
     let (width, height) = (image.width(), image.height());
@@ -38,11 +37,11 @@ pub(crate) fn decode(path: &Path) -> Result<DynamicImage, FeatureError> {
         .map_err(|e| FeatureError::Decode { path: path.into(), reason: e.to_string() })
 }
 
-/// What stands in front of the pixels.
+/// The header of an image file.
 pub(crate) struct Header {
     /// Width and height, pixels.
     pub(crate) size: (u32, u32),
-    /// EXIF data, if there is any.
+    /// EXIF data, if present.
     pub(crate) metadata: Option<Vec<u8>>,
 }
 
@@ -50,12 +49,12 @@ pub(crate) struct Header {
 pub(crate) fn header(path: &Path) -> Result<Header, FeatureError> {
     let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
     let mut decoder = decoder(path, &bytes)?;
-    // Metadata that cannot be read is as good as none; whether that matters, the caller knows.
+    // Unreadable metadata counts as absent; the caller decides whether it is needed.
     let metadata = decoder.exif_metadata().ok().flatten();
     Ok(Header { size: decoder.dimensions(), metadata })
 }
 
-/// A complete JPEG or PNG of a size that is read here.
+/// A complete JPEG or PNG within the size limit.
 fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, FeatureError> {
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
     let format = known_format(bytes).map_err(refused)?;
@@ -63,7 +62,7 @@ fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, F
         return Err(refused("the end of the image is missing".into()));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-    reader.no_limits(); // ours, below, speaks of pixels
+    reader.no_limits(); // the limit below is in pixels
     let decoder = reader.into_decoder().map_err(|e| refused(e.to_string()))?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
@@ -75,7 +74,7 @@ fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, F
     Ok(decoder)
 }
 
-/// JPEG or PNG; anything else by its name and with the remedy, as telephones write formats that are not read here.
+/// JPEG or PNG; for other formats, such as those of phones, an error with the name and the remedy.
 fn known_format(bytes: &[u8]) -> Result<ImageFormat, String> {
     let name = match (image::guess_format(bytes), bytes.get(4..12)) {
         (Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png)), _) => return Ok(format),
@@ -85,15 +84,16 @@ fn known_format(bytes: &[u8]) -> Result<ImageFormat, String> {
         (_, Some(b"ftypavif" | b"ftypavis")) => "AVIF",
         (Ok(other), _) => other.extensions_str().first().copied().unwrap_or("another format"),
         (Err(_), _) if bytes.is_empty() => return Err("the file is empty".into()),
-        (Err(_), _) => return Err("it is no image of a known format".into()),
+        (Err(_), _) => return Err("it is not an image of a known format".into()),
     };
     Err(format!("it is {}, and only JPEG and PNG are read; convert it to JPEG", name.to_uppercase()))
 }
 
-/// The decoder fills what a cut-short JPEG lacks with gray and reports success; so walk its segments to the end marker.
+/// The decoder fills the missing part of a truncated JPEG with gray and reports success; so this walks its segments to
+/// the end marker.
 ///
-/// Segments are skipped by their length, as a preview inside one has an end marker of its own. Within the coded
-/// samples `FF 00` is a sample and `FF D0`..`FF D7` a restart.
+/// Segments are skipped by their length, because a preview inside one has its own end marker. Within the coded samples,
+/// `FF 00` is a sample and `FF D0`..`FF D7` a restart.
 fn is_complete_jpeg(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
     const END: u8 = 0xD9;

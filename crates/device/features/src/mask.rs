@@ -1,9 +1,9 @@
-//! Masks: parts of an image that nobody is to be told of.
+//! Masks: parts of an image that must not be revealed.
 //!
-//! What lies under a mask is replaced by what continues its surroundings ([`GrayImage::without`]) before anything looks at the
-//! image, so that whatever is made of it owes the hidden pixels nothing: two images that differ under the mask only give the very
-//! same features. Keypoints that look under the mask are left out then: the mask's own border makes some, and their
-//! descriptors would show where it runs.
+//! Hidden pixels are replaced by an extrapolation of their surroundings ([`GrayImage::without`]) before any other step,
+//! so that nothing depends on them: two images that differ only under the mask have equal features. Keypoints whose
+//! window touches the mask are then dropped: the mask's border causes some, and their descriptors would show its
+//! course.
 
 use std::path::{Path, PathBuf};
 
@@ -12,20 +12,20 @@ use image::DynamicImage;
 use crate::load::decode;
 use crate::{FeatureError, GrayImage};
 
-/// Which pixels of an image are hidden. At least one is, and at least one is not.
+/// The hidden pixels of an image. At least one pixel is hidden, and at least one is visible.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Mask {
     width: u32,
     height: u32,
     /// Hidden columns `[from, to)` of all rows, row after row, rising.
     spans: Vec<[u32; 2]>,
-    /// `[height + 1]`: where in `spans` each row begins.
+    /// `[height + 1]`: index in `spans` at which each row begins.
     rows: Vec<usize>,
     /// The file it was read from, for messages.
     file: Option<PathBuf>,
 }
 
-// Where people stand must reach no log (leak L8).
+// The position of people must not be logged (rule L8).
 impl std::fmt::Debug for Mask {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Mask({}x{})", self.width, self.height)
@@ -33,11 +33,11 @@ impl std::fmt::Debug for Mask {
 }
 
 impl Mask {
-    /// The pixels of which this is true are hidden: `hides(column, row)`.
+    /// Pixels for which `hides(column, row)` is true are hidden.
     ///
     /// # Errors
-    /// [`FeatureError::Empty`] for a size of 0; [`FeatureError::HidesNothing`] and [`FeatureError::HidesAll`], which nobody means:
-    /// a mask the wrong way round, or of another image.
+    /// [`FeatureError::Empty`] for a size of 0; [`FeatureError::HidesNothing`] and [`FeatureError::HidesAll`], which
+    /// are certainly mistakes: an inverted mask, or that of another image.
     pub fn new(
         width: u32,
         height: u32,
@@ -86,12 +86,12 @@ impl Mask {
         hidden / (f64::from(self.width) * f64::from(self.height))
     }
 
-    /// Whether a pixel is hidden; none outside is.
+    /// Whether a pixel is hidden; pixels outside are not.
     pub fn hides(&self, column: u32, row: u32) -> bool {
         self.touches_row(row, column, column)
     }
 
-    /// What this or another mask of equal size hides.
+    /// The union of two masks of equal size.
     ///
     /// # Errors
     /// [`FeatureError::MaskSize`] when the sizes differ; [`FeatureError::HidesAll`] when both together hide everything.
@@ -132,12 +132,12 @@ impl Mask {
     }
 }
 
-/// Reads a mask, JPEG or PNG of the image's size: **black hides**, as in COLMAP's masks. Anything darker than half does, so that
-/// soft edges and JPEG noise hide no less than was meant.
+/// Reads a mask, JPEG or PNG of the image's size: **black hides**, as in COLMAP's masks. Pixels darker than half are
+/// hidden, so that soft edges and JPEG noise do not hide too little.
 ///
 /// # Errors
-/// As [`crate::load_gray`]; [`FeatureError::MaskTransparent`] for one with transparent pixels, of which nobody knows whether they are
-/// to hide; [`FeatureError::HidesNothing`] and [`FeatureError::HidesAll`].
+/// As [`crate::load_gray`]; [`FeatureError::MaskTransparent`] for one with transparent pixels, whose meaning is
+/// undefined; [`FeatureError::HidesNothing`] and [`FeatureError::HidesAll`].
 pub fn load_mask(path: &Path) -> Result<Mask, FeatureError> {
     let image = decode(path)?;
     if is_transparent(&image) {
@@ -152,7 +152,7 @@ pub fn load_mask(path: &Path) -> Result<Mask, FeatureError> {
     }
 }
 
-/// Where a folder of masks has that of an image, by COLMAP's rule: of `door/3.jpg` in `door/3.jpg.png`.
+/// The file of an image's mask in a folder of masks, by COLMAP's rule: `extract/3.jpg.png` for `extract/3.jpg`.
 pub fn mask_in(folder: &Path, image: &Path) -> PathBuf {
     let mut file = folder.join(image).into_os_string();
     file.push(".png");
@@ -164,8 +164,8 @@ fn is_transparent(image: &DynamicImage) -> bool {
 }
 
 impl GrayImage {
-    /// The same image, with what is hidden replaced by what continues its surroundings: the mean of what is visible
-    /// around, from ever further away the deeper a pixel lies under the mask, without an edge of its own.
+    /// The image with hidden pixels replaced by an extrapolation of their surroundings: the mean of visible pixels
+    /// around, from a larger area the deeper a pixel lies under the mask, without an edge at the mask's border.
     ///
     /// # Errors
     /// [`FeatureError::MaskSize`] for a mask of another size.
@@ -180,7 +180,7 @@ impl GrayImage {
     }
 }
 
-/// An image some of whose samples are missing.
+/// An image with missing samples.
 struct Level {
     width: u32,
     height: u32,
@@ -188,10 +188,10 @@ struct Level {
 }
 
 impl Level {
-    /// All samples, the missing ones from an image of half the size.
+    /// All samples, with the missing ones filled from an image of half the size.
     fn filled(&self) -> Vec<f32> {
         if self.samples.iter().all(Option::is_some) || self.width.max(self.height) == 1 {
-            // A mask leaves something visible, so the coarsest level has a sample.
+            // A mask leaves at least one visible pixel, so the coarsest level has a sample.
             return self.samples.iter().map(|sample| sample.unwrap_or(0.0)).collect();
         }
         let coarse = self.halved();
@@ -200,7 +200,7 @@ impl Level {
         self.samples.iter().enumerate().map(|(at, sample)| sample.unwrap_or_else(|| missing(at))).collect()
     }
 
-    /// Half the size; a sample is the mean of those of up to four that are there.
+    /// Half the size; a sample is the mean of the up to four that are present.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut samples = Vec::with_capacity(width as usize * height as usize);
@@ -220,7 +220,7 @@ impl Level {
     }
 }
 
-/// A coarse image at a pixel of the one of twice its size.
+/// Bilinear interpolation of a coarse image at a pixel of the image of twice its size.
 fn bilinear(coarse: &[f32], [width, height]: [u32; 2], column: u32, row: u32) -> f32 {
     let axis = |at: u32, size: u32| {
         let at = (0.5 * at as f32 - 0.25).clamp(0.0, size as f32 - 1.0);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_are_the_pixels_they_were_made_of() {
+    fn spans_equal_their_pixels() {
         let odd = |x: u32, y: u32| (x * 7 + y * 3).is_multiple_of(5) || x > 60;
         let mask = Mask::new(64, 48, odd).expect("a part of it");
         let mut hidden = 0;
@@ -256,9 +256,9 @@ mod tests {
         assert_eq!(format!("{mask:?}"), "Mask(64x48)");
     }
 
-    /// The slow way: every hidden pixel's square against the disc.
+    /// The slow reference: the square of every hidden pixel against the disc.
     #[test]
-    fn what_touches_agrees_with_looking_at_every_pixel() {
+    fn touches_agrees_with_every_pixel() {
         let mask = disc(9.5);
         let slowly = |u: f64, v: f64, radius: f64| {
             let away = |at: f64, low: u32| (f64::from(low) - at).max(at - f64::from(low) - 1.0).max(0.0);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_in_its_place_owes_the_hidden_pixels_nothing_and_has_no_edge() {
+    fn filled_pixels_are_independent_of_hidden_ones_and_smooth() {
         let mask = disc(12.0);
         let slope = |x: u32, y: u32| 0.2 + 0.006 * x as f32 + 0.004 * y as f32;
         let image = |hidden: &dyn Fn(u32, u32) -> f32| {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_that_nobody_means_are_refused() {
+    fn implausible_masks_are_rejected() {
         assert!(matches!(Mask::new(8, 8, |_, _| false), Err(FeatureError::HidesNothing { .. })));
         assert!(matches!(Mask::new(8, 8, |_, _| true), Err(FeatureError::HidesAll { .. })));
         assert!(matches!(Mask::new(0, 8, |_, _| true), Err(FeatureError::Empty { .. })));

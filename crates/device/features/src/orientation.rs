@@ -1,12 +1,12 @@
-//! What a file says about how its image is to be turned. Read to be named in a message, never applied, never sent.
+//! The EXIF orientation of a file. It is read for a message only; it is never applied and never sent.
 
 use std::path::Path;
 
 use image::metadata::Orientation;
 use image::{ImageDecoder, ImageReader};
 
-/// The clockwise turn by 90° or 270° that the EXIF orientation asks for before the image is shown, degrees; `None` for
-/// all others, and for files without one.
+/// The clockwise rotation by 90° or 270° of the EXIF orientation, degrees; `None` for all others, and for files without
+/// one.
 pub(crate) fn turn_of(path: &Path) -> Option<u16> {
     let mut decoder = ImageReader::open(path).ok()?.with_guessed_format().ok()?.into_decoder().ok()?;
     match decoder.orientation().ok()? {

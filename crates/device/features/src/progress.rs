@@ -1,18 +1,18 @@
-//! How far a long job is.
+//! Progress of a long task.
 
-/// Told about the stages of a job, one after another, from whatever thread works. A progress bar implements this.
+/// Receives the stages of a task, one after another, from any thread. A progress bar implements this.
 pub trait Progress: Sync {
-    /// A stage of `total` steps begins; the one before it, if any, is done.
+    /// A stage of `total` steps begins; the previous one, if any, is done.
     fn start(&self, stage: &str, total: usize);
 
-    /// So many more steps of the stage are done.
+    /// A number of further steps of the stage are done.
     fn advance(&self, steps: usize);
 
     /// The last stage is done.
     fn finish(&self);
 }
 
-/// Nobody watches.
+/// No progress display.
 impl Progress for () {
     fn start(&self, _stage: &str, _total: usize) {}
 

@@ -1,9 +1,9 @@
 //! Compact descriptors: RootSIFT projected to 64 numbers of 4 bits.
 //!
-//! A quarter of the bytes, and nearest neighbours that are right as often or oftener (`docs/results/features.md`): the projection
-//! keeps the directions in which descriptors of different places differ most, measured in how much those of one place
-//! differ (linear discriminant analysis). `scripts/train_compact.py` made it, from warped images of elsewhere.
-//! [`Projection`] is the same for any other kind, as those of networks.
+//! A quarter of the bytes, with nearest neighbours that are right at least as often (`docs/features.md`). The
+//! projection keeps the directions in which descriptors of different points differ most relative to the differences
+//! within one point (linear discriminant analysis). `scripts/train_compact.py` trained it on warped out-of-map images.
+//! [`Projection`] does the same for any other kind, such as those of networks.
 
 mod projection;
 
@@ -23,12 +23,12 @@ static PROJECTION: LazyLock<Projection> = LazyLock::new(|| {
 /// SIFT keypoints with compact descriptors.
 #[derive(Debug, Clone, Default)]
 pub struct Compact {
-    /// What finds the keypoints and describes them at first.
+    /// Detects the keypoints and computes their RootSIFT descriptors.
     pub sift: Sift,
 }
 
 impl Compact {
-    /// As a device describes what it sends: the image's border does not show ([`Sift::for_sealing`]).
+    /// As a device describes features for sealing: the image's border does not show ([`Sift::for_sealing`]).
     pub fn for_sealing() -> Self {
         Self { sift: Sift::for_sealing() }
     }
@@ -53,10 +53,10 @@ impl Extractor for Compact {
     }
 }
 
-/// RootSIFT descriptors projected, row by row.
+/// Projects RootSIFT descriptors, row by row.
 ///
 /// # Panics
-/// When they are of another kind.
+/// For descriptors of another kind.
 pub fn compact(sift: &Descriptors) -> Descriptors {
     PROJECTION.apply(sift)
 }
@@ -66,13 +66,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_projection_is_whole_and_never_overflows() {
+    fn built_in_projection_is_complete_and_never_overflows() {
         assert_eq!(PROJECTION.to(), DescriptorKind::COMPACT);
     }
 
-    /// Maps and queries of before must fit those of today: these bytes never change.
+    /// Earlier maps and queries must stay compatible: these bytes never change.
     #[test]
-    fn rows_are_what_they_always_were() {
+    fn rows_are_unchanged() {
         let rows: Vec<u8> = (0..128 * 50).map(|i| ((i * 7919 + i / 13) % 97) as u8).collect();
         let sift = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
         let found = compact(&sift);

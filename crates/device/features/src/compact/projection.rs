@@ -1,12 +1,12 @@
-//! A projection of descriptors to a few numbers of 4 bits, in integers.
+//! A projection of descriptors to a few numbers of 4 bits, in integer arithmetic.
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 
-/// Descriptors of one kind to those of a smaller one.
+/// Projects descriptors of one kind to a smaller kind.
 ///
-/// Number `i` of a descriptor `x` becomes `(Σ w[i, j] x[j] + o[i]) >> shift`, cut to -8 to 7, where `x[j]` is the number that a
-/// byte stands for. `scripts/train_compact.py` makes the weights. Integers throughout: equal descriptors give equal bytes on
-/// every machine.
+/// Number `i` of a descriptor `x` becomes `(Σ w[i, j] x[j] + o[i]) >> shift`, clipped to -8 to 7, where `x[j]` is the
+/// value of a byte. `scripts/train_compact.py` makes the weights. Integer arithmetic: equal descriptors give equal
+/// bytes on every machine.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Projection {
     from: DescriptorKind,
@@ -24,40 +24,41 @@ impl std::fmt::Debug for Projection {
     }
 }
 
-/// Why bytes are no projection.
+/// Why bytes are not a valid projection.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProjectionError {
-    /// What it projects to does not have numbers of 4 bits.
-    #[error("a projection gives numbers of 4 bits, and the kind {0} has others")]
+    /// The target kind does not have numbers of 4 bits.
+    #[error("a projection gives numbers of 4 bits, but the kind {0} has other numbers")]
     Target(DescriptorKind),
-    /// The step of a number is none that sums of 32 bits could have.
+    /// The shift is not valid for 32-bit sums.
     #[error("its shift is {0} and must be 1 to 30")]
     Shift(u32),
-    /// More or fewer bytes than weights and offsets of these kinds have.
-    #[error("it has {actual} bytes, and a projection of {from} numbers to {to} has {expected}")]
+    /// The length does not match the weights and offsets of these kinds.
+    #[error("it has {actual} bytes, but a projection of {from} numbers to {to} has {expected}")]
     Length {
-        /// Bytes there are.
+        /// Actual number of bytes.
         actual: usize,
-        /// Bytes there must be.
+        /// Required number of bytes.
         expected: usize,
-        /// Numbers of a descriptor before.
+        /// Dimension before the projection.
         from: usize,
-        /// Numbers of a descriptor after.
+        /// Dimension after the projection.
         to: usize,
     },
-    /// Some descriptor's sum would not fit 32 bits.
+    /// The sum for some descriptor would exceed 32 bits.
     #[error("its weights are too large: number {0} of a descriptor may overflow; make the shift smaller")]
     Overflow(usize),
 }
 
 impl Projection {
-    /// Reads what `scripts/train_compact.py` wrote: `[to, from]` weights, little endian `i16`, then `[to]` offsets, `i32`.
+    /// Reads the output of `scripts/train_compact.py`: `[to, from]` weights, little endian `i16`, then `[to]` offsets,
+    /// `i32`.
     ///
-    /// - `shift`: a step of a number, in parts of the products' unit, as a power of two.
+    /// - `shift`: the quantization step, as a power of two in units of the products.
     ///
     /// # Errors
-    /// [`ProjectionError`]. What is read can be applied to any descriptor without overflow.
+    /// [`ProjectionError`]. The projection can be applied to any descriptor without overflow.
     pub fn new(
         from: DescriptorKind,
         to: DescriptorKind,
@@ -91,17 +92,17 @@ impl Projection {
         Ok(Self { from, to, shift, weights, offsets })
     }
 
-    /// The kind of what it gives.
+    /// The kind of the projected descriptors.
     pub fn to(&self) -> DescriptorKind {
         self.to
     }
 
-    /// Descriptors projected, row by row.
+    /// Projects descriptors, row by row.
     ///
     /// # Panics
-    /// When they are of another kind than it was made for.
+    /// For descriptors of another kind than `from`.
     pub fn apply(&self, descriptors: &Descriptors) -> Descriptors {
-        assert_eq!(descriptors.kind(), self.from, "what is projected is of the kind it was made for");
+        assert_eq!(descriptors.kind(), self.from, "the descriptors are of the projection's input kind");
         let encoding = self.from.encoding();
         let mut rows = Vec::with_capacity(descriptors.len() * self.to.dim());
         let mut numbers = vec![0; self.from.dim()];
@@ -112,7 +113,7 @@ impl Projection {
             for (weights, offset) in self.weights.chunks_exact(self.from.dim()).zip(&self.offsets) {
                 let sum: i32 = weights.iter().zip(&numbers).map(|(w, x)| i32::from(*w) * i32::from(*x)).sum();
                 let step = ((sum + offset) >> self.shift).clamp(-8, 7) + 8;
-                // The middle of the step, as `Encoding::Coarse` keeps it.
+                // The middle of the step, as in `Encoding::Coarse`.
                 rows.push((step << 4 | 8) as u8);
             }
         }
@@ -133,9 +134,9 @@ mod tests {
         weights.chain(offsets.iter().flat_map(|o| o.to_le_bytes())).collect()
     }
 
-    /// Against the same in floating point, of either encoding: every number is within its step.
+    /// Compared with floating point, for either encoding: every number is within its step.
     #[test]
-    fn numbers_are_those_of_the_matrix() {
+    fn numbers_equal_the_matrix_product() {
         for encoding in [Encoding::Unsigned, Encoding::Signed] {
             let (from, to) = (kind("wide", 24, encoding), kind("small", 10, Encoding::Coarse));
             let weights: Vec<i16> = (0..240).map(|i| ((i * 7919 + i / 7) % 401 - 200) as i16).collect();
@@ -157,12 +158,12 @@ mod tests {
                     assert!(off <= 0.5, "{encoding:?}, row {i}, number {k}: {value} {steps}");
                 }
             }
-            assert!((1..300).contains(&cut), "both sides of the cut: {cut}");
+            assert!((1..300).contains(&cut), "both clipped and unclipped values: {cut}");
         }
     }
 
     #[test]
-    fn what_is_no_projection_is_refused_by_its_fault() {
+    fn invalid_projection_is_rejected_with_its_fault() {
         let (from, to) = (kind("wide", 4, Encoding::Signed), kind("small", 2, Encoding::Coarse));
         let whole = file(&[1; 8], &[0; 2]);
         Projection::new(from, to, 16, &whole).expect("a projection");
@@ -174,7 +175,7 @@ mod tests {
         assert_eq!(Projection::new(from, to, 0, &whole), Err(ProjectionError::Shift(0)));
         assert_eq!(Projection::new(from, to, 31, &whole), Err(ProjectionError::Shift(31)));
         assert_eq!(Projection::new(from, from, 16, &whole), Err(ProjectionError::Target(from)));
-        // A signed byte stands for -128 at most: the largest sum that fits, and one more.
+        // A signed byte has at least the value -128: the largest sum that fits, and one more.
         let offset = i32::MAX - 4 * 128 * 30_000;
         let most = |offset| file(&[1, 1, 1, 1, 30_000, -30_000, 30_000, -30_000], &[0, offset]);
         let largest = Projection::new(from, to, 16, &most(offset)).expect("it fits");

@@ -1,17 +1,17 @@
-//! Boxes, and which of them are of one thing.
+//! Boxes, and non-maximum suppression.
 
-/// Something found in an image.
+/// A detected object.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Detection {
     /// Number of its class.
     pub class: usize,
-    /// How sure the detector is, 0 to 1.
+    /// Score of the detection, 0 to 1.
     pub score: f32,
-    /// Left, upper, right, lower end in pixels of the image as it is in the file (the corner of the first pixel is 0, 0).
+    /// Left, upper, right and lower border in pixels of the image file (the corner of the first pixel is 0, 0).
     pub corners: [f32; 4],
 }
 
-// Where people stand must reach no log (leak L8).
+// The position of people must not be logged (rule L8).
 impl std::fmt::Debug for Detection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Detection(class {})", self.class)
@@ -19,7 +19,7 @@ impl std::fmt::Debug for Detection {
 }
 
 impl Detection {
-    /// Area that two boxes share over the area they cover together.
+    /// Intersection over union of two boxes.
     pub fn overlap(&self, other: &Self) -> f32 {
         let [left, upper, right, lower] = self.corners;
         let [left2, upper2, right2, lower2] = other.corners;
@@ -31,9 +31,9 @@ impl Detection {
     }
 }
 
-/// One box for each thing, the surest: of boxes of one class that overlap by more than `most` the others are left out. Surest
-/// first.
-pub(crate) fn one_each(mut all: Vec<Detection>, most: f32) -> Vec<Detection> {
+/// Non-maximum suppression: of boxes of one class that overlap by more than `most`, only the one with the highest score
+/// stays. Sorted by falling score.
+pub(crate) fn suppress_overlaps(mut all: Vec<Detection>, most: f32) -> Vec<Detection> {
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<Detection> = Vec::new();
     for detection in all {
@@ -53,13 +53,13 @@ mod tests {
     }
 
     #[test]
-    fn of_boxes_of_one_thing_the_surest_is_kept() {
+    fn overlapping_boxes_are_suppressed_by_score() {
         let all =
             vec![at(0, 0.5, 0.0, 10.0), at(0, 0.9, 1.0, 10.0), at(0, 0.3, 40.0, 10.0), at(1, 0.4, 1.0, 10.0)];
-        let kept: Vec<f32> = one_each(all.clone(), 0.5).iter().map(|d| d.score).collect();
+        let kept: Vec<f32> = suppress_overlaps(all.clone(), 0.5).iter().map(|d| d.score).collect();
         assert_eq!(kept, [0.9, 0.4, 0.3]);
         assert!((all[0].overlap(&all[1]) - 90.0 / 110.0).abs() < 1e-6);
         assert_eq!(all[0].overlap(&all[2]), 0.0);
-        assert_eq!(at(0, 1.0, 5.0, 0.0).overlap(&at(0, 1.0, 5.0, 0.0)), 0.0, "nothing has no area");
+        assert_eq!(at(0, 1.0, 5.0, 0.0).overlap(&at(0, 1.0, 5.0, 0.0)), 0.0, "an empty box has no area");
     }
 }

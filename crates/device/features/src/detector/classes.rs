@@ -1,6 +1,6 @@
-//! The names of a detector's classes, as its file tells them: `{0: 'person', 1: 'bicycle', …}`, a Python dictionary.
+//! The class names of a detector, from its file: `{0: 'person', 1: 'bicycle', …}`, a Python dictionary.
 
-/// The names by number; `None` when the text is no such list of all numbers from 0 on.
+/// The names by index; `None` when the text is not such a list of all indices from 0 on.
 pub(crate) fn parse(text: &str) -> Option<Vec<String>> {
     let mut rest = text.trim().strip_prefix('{')?.strip_suffix('}')?.trim();
     let mut names = Vec::new();
@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_as_files_tell_them() {
+    fn class_names_are_parsed() {
         let names = parse("{0: 'person', 1: \"driver's seat\", 2: 'a, b: c'}").expect("three names");
         assert_eq!(names, ["person", "driver's seat", "a, b: c"]);
         assert_eq!(parse("{0:'x',}").expect("one name"), ["x"]);

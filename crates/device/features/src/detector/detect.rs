@@ -1,4 +1,4 @@
-//! A detector file, and the boxes it finds.
+//! A detector file, and its detections.
 
 use std::path::{Path, PathBuf};
 
@@ -6,18 +6,19 @@ use crate::ColourImage;
 use crate::FeatureError;
 use crate::learned::{Engine, Layer, Network, Tensor};
 
-use crate::detector::boxes::{Detection, one_each};
+use crate::detector::boxes::{Detection, suppress_overlaps};
 use crate::detector::classes;
 use crate::detector::letterbox::letterbox;
 
-/// Boxes of one class that overlap by more than this are of one thing.
+/// Boxes of one class that overlap by more than this belong to one object.
 const SAME: f32 = 0.5;
 
-/// A detector that was read from a file.
+/// A detector read from a file.
 ///
-/// ONNX with one input `[1, 3, H, W]` of fixed size, red, green and blue from 0 to 1, and one output `[1, 4 + C, N]`: of each of
-/// `N` boxes its middle, width and height in pixels of the input, and the scores of `C` classes, whose names the file's metadata
-/// tells under `names`. That is what YOLO 8 to 11 export; networks in whole numbers (int8) run as well.
+/// ONNX with one input `[1, 3, H, W]` of fixed size, red, green and blue from 0 to 1, and one output `[1, 4 + C, N]`:
+/// for each of `N` boxes its centre, width and height in pixels of the input, and the scores of `C` classes, whose
+/// names are in the file's metadata under `names`. YOLO 8 to 11 export this format; quantized networks (int8) work as
+/// well.
 pub struct Detector {
     network: Network,
     /// Width and height of the input.
@@ -35,7 +36,7 @@ impl Detector {
     /// Reads a detector.
     ///
     /// # Errors
-    /// [`FeatureError::ReadDetector`], and [`FeatureError::Detector`] for a file that is damaged or of another form.
+    /// [`FeatureError::ReadDetector`], and [`FeatureError::Detector`] for a file that is damaged or of another format.
     pub fn open(path: &Path) -> Result<Self, FeatureError> {
         let unusable = |reason: String| FeatureError::Detector { path: PathBuf::from(path), reason };
         let network = Network::open(path, Engine::default()).map_err(|error| match error {
@@ -44,7 +45,8 @@ impl Detector {
             other => unusable(other.to_string()),
         })?;
         let names = network.metadata("names").as_deref().and_then(classes::parse);
-        let names = names.ok_or_else(|| unusable("it does not tell the names of its classes".to_owned()))?;
+        let names =
+            names.ok_or_else(|| unusable("it does not contain the names of its classes".to_owned()))?;
         if network.ends() != [1, 1] {
             return Err(unusable("it has more than one input or output".to_owned()));
         }
@@ -57,20 +59,20 @@ impl Detector {
         Ok(Self { network, size: [width, height], names })
     }
 
-    /// The names of the classes it knows, by number.
+    /// The class names, by index.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Everything found with at least this score, one box for each thing, the surest first.
+    /// All detections with at least this score, one box per object, by falling score.
     ///
     /// # Errors
-    /// [`FeatureError::DetectorRun`] when the file's network cannot run, or does not give boxes for its classes.
+    /// [`FeatureError::DetectorRun`] when the network cannot run, or its output does not match its classes.
     pub fn detect(&self, image: &ColourImage, least_score: f32) -> Result<Vec<Detection>, FeatureError> {
-        Ok(one_each(self.candidates(image, least_score)?, SAME))
+        Ok(suppress_overlaps(self.candidates(image, least_score)?, SAME))
     }
 
-    /// All boxes with at least this score, several of one thing too.
+    /// All boxes with at least this score, without suppression.
     pub(crate) fn candidates(
         &self,
         image: &ColourImage,
@@ -78,7 +80,7 @@ impl Detector {
     ) -> Result<Vec<Detection>, FeatureError> {
         let broken = |reason: String| FeatureError::DetectorRun { reason };
         let [width, height] = self.size;
-        let (samples, placed) = letterbox(image, self.size);
+        let (samples, placement) = letterbox(image, self.size);
         let input = Tensor { shape: vec![1, 3, height, width], data: samples };
         let outputs = self.network.run(&input, &[Layer::Output(0)]).map_err(|error| match error {
             FeatureError::NetworkRun { reason } => broken(reason),
@@ -88,11 +90,11 @@ impl Detector {
             .first()
             .and_then(|table| Some((<&[usize; 3]>::try_from(&table.shape[..]).ok()?, &table.data)))
         else {
-            return Err(broken("its output is no table".to_owned()));
+            return Err(broken("its output is not a table".to_owned()));
         };
         if images != 1 || columns != 4 + self.names.len() {
             let expected = 4 + self.names.len();
-            return Err(broken(format!("its output has {columns} numbers a box instead of {expected}")));
+            return Err(broken(format!("its output has {columns} numbers per box instead of {expected}")));
         }
         let mut found = Vec::new();
         for at in 0..boxes {
@@ -102,11 +104,11 @@ impl Detector {
             let [x, y, half_width, half_height] = [number(0), number(1), number(2) / 2.0, number(3) / 2.0];
             let is_box = [x, y, half_width, half_height, score].iter().all(|v| v.is_finite());
             if !is_box {
-                return Err(broken("it gives numbers that are none".to_owned()));
+                return Err(broken("its output contains NaN or infinity".to_owned()));
             }
             if score >= least_score {
-                let [left, upper] = placed.to_file([x - half_width, y - half_height]);
-                let [right, lower] = placed.to_file([x + half_width, y + half_height]);
+                let [left, upper] = placement.to_file([x - half_width, y - half_height]);
+                let [right, lower] = placement.to_file([x + half_width, y + half_height]);
                 found.push(Detection { class, score, corners: [left, upper, right, lower] });
             }
         }

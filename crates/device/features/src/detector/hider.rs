@@ -1,4 +1,4 @@
-//! What is to be hidden of an image, by what a detector finds in it.
+//! Masks from the detections of a detector.
 
 use std::path::Path;
 
@@ -6,15 +6,15 @@ use crate::{FeatureError, Mask, load_colour};
 
 use crate::detector::{Detection, Detector};
 
-/// How much is hidden around what is found.
+/// How much is hidden around a detection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct HideOptions {
-    /// Boxes are widened by this share of their width to the left and to the right, and of their height up and down. Default
+    /// Boxes are extended by this share of their width to the left and right, and of their height up and down. Default
     /// 0.15: a detector's boxes cut off hands, feet and hair.
     pub margin: f32,
-    /// Least score of what is hidden. Default 0.2: to hide what is nobody costs a few keypoints, to show somebody is what was to
-    /// be avoided.
+    /// Minimum score of hidden detections. Default 0.2: hiding a wrong detection costs a few keypoints, but a missed
+    /// person would be revealed.
     pub least_score: f32,
 }
 
@@ -24,7 +24,7 @@ impl Default for HideOptions {
     }
 }
 
-/// A detector, and the classes that are to be hidden.
+/// A detector with the classes to hide.
 #[derive(Debug)]
 pub struct Hider {
     detector: Detector,
@@ -33,17 +33,17 @@ pub struct Hider {
     options: HideOptions,
 }
 
-/// What is hidden of an image.
+/// The hidden part of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
-    /// Names of classes and how many of each were found, in the order of the detector's classes; those found alone.
+    /// Names and numbers of the detected classes, in the order of the detector's classes.
     pub found: Vec<(String, usize)>,
-    /// What is hidden; `None` when nothing was found.
+    /// The mask; `None` when nothing was detected.
     pub mask: Option<Mask>,
 }
 
 impl Hider {
-    /// A detector file, and the names of the classes to hide.
+    /// Opens a detector file, with the names of the classes to hide.
     ///
     /// # Errors
     /// As [`Detector::open`]; [`FeatureError::UnknownClass`] and [`FeatureError::NoClass`].
@@ -54,25 +54,26 @@ impl Hider {
             return Err(FeatureError::NoClass { known: known() });
         }
         let mut hides = vec![false; detector.names().len()];
-        for asked in classes {
-            let at = detector.names().iter().position(|name| name == asked);
-            let at = at.ok_or_else(|| FeatureError::UnknownClass { asked: asked.clone(), known: known() })?;
+        for requested in classes {
+            let at = detector.names().iter().position(|name| name == requested);
+            let at = at
+                .ok_or_else(|| FeatureError::UnknownClass { requested: requested.clone(), known: known() })?;
             hides[at] = true;
         }
         Ok(Self { detector, hides, options })
     }
 
-    /// What is hidden of an image file.
+    /// The mask of an image file.
     ///
     /// # Errors
-    /// [`FeatureError`]: the image cannot be read, the detector broke, or what was found covers the whole image.
+    /// [`FeatureError`]: the image cannot be read, the detector failed, or the detections cover the whole image.
     pub fn hide(&self, image: &Path) -> Result<Hidden, FeatureError> {
         let image = load_colour(image)?;
-        // All boxes of a thing are hidden, not the surest alone: where they differ nobody knows which is right.
+        // All boxes are hidden without suppression: where they differ, the right one is unknown.
         let mut all = self.detector.candidates(&image, self.options.least_score)?;
         all.retain(|detection| self.hides[detection.class]);
         let mask = mask_of(&all, self.options.margin, [image.width(), image.height()])?;
-        let things = crate::detector::boxes::one_each(all, 0.5);
+        let things = crate::detector::boxes::suppress_overlaps(all, 0.5);
         let names = self.detector.names().iter().enumerate();
         let count = |class: usize| things.iter().filter(|thing| thing.class == class).count();
         let found = names.map(|(class, name)| (name.clone(), count(class))).filter(|(_, n)| *n > 0).collect();
@@ -80,7 +81,7 @@ impl Hider {
     }
 }
 
-/// The pixels of all boxes with their margin; `None` when there is none of them in the image.
+/// The pixels of all boxes with their margin; `None` when no box lies in the image.
 fn mask_of(all: &[Detection], margin: f32, [width, height]: [u32; 2]) -> Result<Option<Mask>, FeatureError> {
     let widened: Vec<[f32; 4]> = all
         .iter()
@@ -90,7 +91,7 @@ fn mask_of(all: &[Detection], margin: f32, [width, height]: [u32; 2]) -> Result<
             [left - across, upper - down, right + across, lower + down]
         })
         .collect();
-    // A pixel is hidden when any of it is.
+    // A pixel is hidden when any part of it is.
     let hides = |x: u32, y: u32| {
         let (x, y) = (x as f32, y as f32);
         widened.iter().any(|[left, upper, right, lower]| {
@@ -113,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_are_hidden_with_their_margin() {
+    fn boxes_are_hidden_with_a_margin() {
         let mask = mask_of(&[at([20.0, 10.0, 40.0, 50.0])], 0.1, [100, 80]).expect("a part").expect("found");
         for (x, y, hidden) in [
             (17, 30, false),
@@ -127,10 +128,10 @@ mod tests {
             assert_eq!(mask.hides(x, y), hidden, "{x} {y}");
         }
         assert!((mask.share() - 24.0 * 48.0 / 8000.0).abs() < 1e-12);
-        // Two boxes of one thing that differ are both hidden.
+        // Two different boxes of one object are both hidden.
         let both = [at([20.0, 10.0, 40.0, 50.0]), at([24.0, 10.0, 44.0, 50.0])];
         assert!(mask_of(&both, 0.0, [100, 80]).expect("a part").expect("found").hides(43, 30));
-        // Nothing found, nothing in the image, everything.
+        // Nothing detected, nothing in the image, the whole image.
         assert_eq!(mask_of(&[], 0.1, [100, 80]).expect("nothing"), None);
         assert_eq!(mask_of(&[at([200.0, 0.0, 210.0, 10.0])], 0.1, [100, 80]).expect("nothing"), None);
         let all = mask_of(&[at([1.0, 1.0, 99.0, 79.0])], 0.1, [100, 80]);

@@ -1,28 +1,28 @@
-//! An image as a detector wants it: scaled to fit, in the middle of a gray ground, colours from 0 to 1, `[3, height, width]`.
+//! The input of a detector: the image scaled to fit, centred on gray, colours from 0 to 1, `[3, height, width]`.
 
 use crate::ColourImage;
 
-/// What is beside the image, as YOLO was trained with it.
+/// Gray of the padding, as in YOLO's training.
 const GROUND: f32 = 114.0 / 255.0;
 
-/// Where an image lies in the detector's.
+/// Position of the image in the detector's input.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Placed {
-    /// Pixels of the detector's image for one of the file, along both axes.
+pub(crate) struct Placement {
+    /// Scale from the image to the detector's input, along both axes.
     scale: f32,
-    /// Left and upper end, pixels of the detector's image.
+    /// Left and upper border, pixels of the detector's input.
     offset: [f32; 2],
 }
 
-impl Placed {
-    /// A position of the detector's image in the file's.
+impl Placement {
+    /// Transforms a position of the detector's input to the image file.
     pub(crate) fn to_file(self, [x, y]: [f32; 2]) -> [f32; 2] {
         [(x - self.offset[0]) / self.scale, (y - self.offset[1]) / self.scale]
     }
 }
 
-/// Samples `[3, height, width]`, and where the image lies in them. Between pixels it is interpolated linearly.
-pub(crate) fn letterbox(image: &ColourImage, [width, height]: [usize; 2]) -> (Vec<f32>, Placed) {
+/// Samples `[3, height, width]`, and the position of the image in them. Linear interpolation.
+pub(crate) fn letterbox(image: &ColourImage, [width, height]: [usize; 2]) -> (Vec<f32>, Placement) {
     let (own_width, own_height) = (image.width() as usize, image.height() as usize);
     let scale = (width as f32 / own_width as f32).min(height as f32 / own_height as f32);
     let fitted = |side: usize, most: usize| ((side as f32 * scale).round() as usize).clamp(1, most);
@@ -47,10 +47,10 @@ pub(crate) fn letterbox(image: &ColourImage, [width, height]: [usize; 2]) -> (Ve
             }
         }
     }
-    (samples, Placed { scale, offset: [left as f32, upper as f32] })
+    (samples, Placement { scale, offset: [left as f32, upper as f32] })
 }
 
-/// Of each new pixel the two old ones its middle lies between, and the share of the second.
+/// For each new pixel the two old ones around its centre, and the weight of the second.
 fn axis(old: usize, new: usize) -> Vec<(usize, usize, f32)> {
     let step = old as f32 / new as f32;
     (0..new)
@@ -67,17 +67,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wide_image_lies_in_the_middle_with_ground_above_and_below() {
-        // Red grows to the right, blue downwards.
+    fn wide_image_is_centred_with_padding() {
+        // Red increases to the right, blue downwards.
         let pixels = (0..20).flat_map(|y| (0..40).flat_map(move |x| [(6 * x) as u8, 0, (12 * y) as u8]));
         let image = ColourImage::new(40, 20, pixels.collect()).expect("whole rows");
-        let (samples, placed) = letterbox(&image, [20, 20]);
+        let (samples, placement) = letterbox(&image, [20, 20]);
         let at = |channel: usize, x: usize, y: usize| samples[(channel * 20 + y) * 20 + x];
         assert_eq!((at(0, 3, 4), at(1, 19, 15)), (GROUND, GROUND));
-        // The middle of new pixel 3 lies between old ones 6 and 7; of row 7, the third of the image, between 4 and 5.
+        // The centre of new pixel 3 lies between old ones 6 and 7; that of row 7, the third of the image, between 4 and
+        // 5.
         assert!((at(0, 3, 7) - 6.5 * 6.0 / 255.0).abs() < 1e-5 && at(1, 3, 7) == 0.0);
         assert!((at(2, 3, 7) - 4.5 * 12.0 / 255.0).abs() < 1e-5);
-        assert_eq!(placed.to_file([3.5, 7.5]), [7.0, 5.0]);
-        assert_eq!(placed.to_file([0.0, 5.0]), [0.0, 0.0]);
+        assert_eq!(placement.to_file([3.5, 7.5]), [7.0, 5.0]);
+        assert_eq!(placement.to_file([0.0, 5.0]), [0.0, 0.0]);
     }
 }

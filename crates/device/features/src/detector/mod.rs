@@ -1,10 +1,10 @@
-//! Finds people and things in an image, so that they can be hidden before anything is sent.
+//! Detects people and objects in an image, so that they can be hidden before anything is sent.
 //!
-//! The detector is a file that the user brings: ONNX, as YOLO writes it from version 8 on, one image in and one table of
-//! boxes with class scores out ([`Detector`] has the form). Nothing here knows what a detector has learned; what it does not
-//! find is not hidden.
+//! The user provides the detector as a file: ONNX, as YOLO exports it from version 8 on, with one image as input and
+//! one table of boxes with class scores as output ([`Detector`] has the format). What the detector does not detect is
+//! not hidden.
 //!
-//! - [`Detector`]: a file, and the boxes it finds.
+//! - [`Detector`]: a file, and its detections.
 //! - [`Hider`]: classes to hide, with a margin: from an image to its [`Mask`](crate::Mask).
 #![forbid(unsafe_code)]
 

@@ -1,8 +1,8 @@
-//! Texts of the descriptions that need no file (`models/`, `globals/`).
+//! Texts of the built-in descriptions (`models/`, `globals/`).
 
 use std::path::Path;
 
-/// Descriptions that are built in.
+/// Built-in descriptions.
 pub(crate) const BUILT_IN: [(&str, &str); 6] = [
     ("models/xfeat.toml", include_str!("../../models/xfeat.toml")),
     ("models/xfeat-compact.toml", include_str!("../../models/xfeat-compact.toml")),
@@ -12,7 +12,7 @@ pub(crate) const BUILT_IN: [(&str, &str); 6] = [
     ("models/superpoint.toml", include_str!("../../models/superpoint.toml")),
 ];
 
-/// Descriptions of global descriptors that are built in.
+/// Built-in descriptions of global descriptors.
 pub(crate) const GLOBALS: [(&str, &str); 2] = [
     ("globals/netvlad.toml", include_str!("../../globals/netvlad.toml")),
     ("globals/xfeat-netvlad.toml", include_str!("../../globals/xfeat-netvlad.toml")),

@@ -1,51 +1,51 @@
-//! What a network file is: a short text file (TOML) beside it, or one of those built in (`models/`).
+//! Description of a network file: a short text file (TOML) beside it, or one of the built-in ones (`models/`).
 //!
 //! ```toml
-//! name = "mine"                     # of the kind of descriptors, too
-//! source = "https://…"              # where its file is got
-//! export = "python …"               # what makes its file of what is got there; left out where nothing need be made
+//! name = "mine"                     # also of the descriptor kind
+//! source = "https://…"              # where to get its file
+//! export = "python …"               # command that makes the file from the source; optional
 //! licence = "MIT"
-//! files = ["mine.onnx"]             # the first that is found is taken
+//! files = ["mine.onnx"]             # the first that is found is used
 //!
 //! [input]
 //! channels = 1                      # 1: gray; 3: gray in all three
 //! normalize = "none"                # samples from 0 to 1; "image": of mean 0 and variance 1 in each image;
 //!                                   # { mean = [0.5], deviation = [0.25] }
-//! multiple = 8                      # sides are multiples of it; left out where the file says the size
-//! longest_side = 1024               # larger images are made smaller; left out: as large as they come
+//! multiple = 8                      # sides are multiples of it; omitted when the file has a fixed size
+//! longest_side = 1024               # larger images are scaled down; optional
 //! margin = 32                       # pixels of mirror image around the image
 //!
 //! [scores]
 //! layer = "scores"                  # a layer's name, or the number of an output
 //! channels_last = false             # [1, C, H, W]; true: [1, H, W, C]
-//! form = "cells"                    # "cells": stride² positions and "none", before the softmax; "map": one score a pixel
-//! stride = 8                        # pixels a cell is wide and high
-//! factor = 2                        # a layer by which scores are multiplied; may be left out
-//! threshold = 0.005                 # least score
-//! radius = 3                        # pixels around a keypoint where there is no other
-//! rounds = 2                        # rounds of looking for those that a suppressed one suppressed
-//! border = 4                        # pixels along the image's border without keypoints
-//! refine = "none"                   # "mean": of the positions around, weighed; "parabola": through the neighbours' scores
+//! form = "cells"                    # "cells": stride² positions and "none", before softmax; "map": one per pixel
+//! stride = 8                        # width and height of a cell in pixels
+//! factor = 2                        # a layer by which scores are multiplied; optional
+//! threshold = 0.005                 # minimum score
+//! radius = 3                        # radius of non-maximum suppression, pixels
+//! rounds = 2                        # rounds of non-maximum suppression
+//! border = 4                        # width of the image border without keypoints, pixels
+//! refine = "none"                   # "mean": weighted mean of positions; "parabola": through the neighbours' scores
 //!
 //! [descriptors]
 //! layer = "descriptors"
 //! channels_last = false
-//! numbers = 256                     # of a descriptor
+//! numbers = 256                     # dimension of a descriptor
 //! stride = 8
 //! interpolation = "linear"          # or "cubic"
-//! grid = "centers"                  # where cells lie: "centers", "corners", "superpoint", "xfeat"
-//! length = 512                      # of a vector in bytes' units: 32 times the root of `numbers`, unless measured
-//! sight = 32                        # pixels around a keypoint that its descriptor looks at
+//! grid = "centers"                  # position of cells: "centers", "corners", "superpoint", "xfeat"
+//! length = 512                      # of a vector in byte units; default: 32 times the root of `numbers`
+//! sight = 32                        # radius of a descriptor's window, pixels
 //!
-//! [projection]                      # of the descriptors to numbers of 4 bits; may be left out
-//! file = "mine.bin"                 # beside this file, as scripts/train_compact.py writes it, or built in (`projections/`)
-//! numbers = 48                      # of a descriptor then
-//! shift = 16                        # as the script has it
-//! length = 299                      # of a vector then, as the script prints it
+//! [projection]                      # of the descriptors to numbers of 4 bits; optional
+//! file = "mine.bin"                 # beside this file, from scripts/train_compact.py, or built in (`projections/`)
+//! numbers = 48                      # dimension after the projection
+//! shift = 16                        # as in the script
+//! length = 299                      # of a projected vector, printed by the script
 //! ```
 //!
-//! `of = "alike-t"` at the top stands for all that another model says and this file does not: a table of this file takes the place
-//! of that model's whole table.
+//! `of = "alike-t"` at the top includes another model's description: a table of this file replaces that model's whole
+//! table.
 
 use std::path::Path;
 
@@ -58,12 +58,12 @@ use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 use crate::learned::projected::Projected;
 use crate::learned::{Layer, built_in};
 
-/// A model: where its file is got, and how its numbers are meant.
+/// A model: its source, and the meaning of its outputs.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     name: String,
-    /// In a few words.
+    /// A short text.
     #[serde(default)]
     about: String,
     source: String,
@@ -74,7 +74,7 @@ pub struct Description {
     pub(crate) scores: Scores,
     pub(crate) descriptors: Descriptors,
     projection: Option<Projected>,
-    /// What the file that `projection` names holds.
+    /// The content of the file that `projection` names.
     #[serde(skip)]
     pub(crate) read: Option<Projection>,
 }
@@ -111,7 +111,7 @@ pub(crate) struct Scores {
     pub(crate) layer: Layer,
     #[serde(default)]
     pub(crate) channels_last: bool,
-    pub(crate) form: Form,
+    pub(crate) form: ScoreForm,
     #[serde(default = "one")]
     pub(crate) stride: usize,
     pub(crate) factor: Option<Layer>,
@@ -127,7 +127,7 @@ pub(crate) struct Scores {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Form {
+pub(crate) enum ScoreForm {
     Cells,
     Map,
 }
@@ -166,18 +166,18 @@ pub(crate) enum Interpolation {
     Cubic,
 }
 
-/// Where the middle of a cell lies in the image.
+/// Position of the centre of a cell in the image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Grid {
-    /// In the middle of the pixels it is of.
+    /// In the centre of its pixels.
     #[default]
     Centers,
-    /// The first and the last cell in the first and the last pixel.
+    /// The first and the last cell are at the first and the last pixel.
     Corners,
-    /// As Magic Leap's program samples: the first cell in the middle of its pixels, the last nearly so.
+    /// As in Magic Leap's program: the first cell in the centre of its pixels, the last one almost.
     Superpoint,
-    /// As XFeat's program samples: half a pixel off the middle, as pixels are counted from the first to the last.
+    /// As in XFeat's program: half a pixel off the centre, as positions are counted from the first to the last pixel.
     Xfeat,
 }
 
@@ -185,14 +185,14 @@ const fn one() -> usize {
     1
 }
 
-/// Part of the root of `numbers`: with 4 standard deviations of a number in a random direction a byte is full.
+/// Factor on the root of `numbers`: a byte covers 4 standard deviations of a component in a random direction.
 const LENGTH: f64 = 32.0;
-/// Names the kind of descriptors that are to be projected; none of it leaves this room.
+/// Name of the descriptor kind before projection; it is not visible outside of this crate.
 const PLAIN: &str = "plain";
-/// Largest network input, pixels a side.
-const MOST_SIDE: u32 = 8192;
+/// Largest network input, pixels per side.
+const MAX_SIDE: u32 = 8192;
 
-/// A description of any kind from its text.
+/// Parses a description of any type.
 pub(crate) fn parsed<T: DeserializeOwned>(
     text: &str,
     file: &Path,
@@ -208,14 +208,14 @@ fn words(error: &toml::de::Error) -> String {
     error.to_string().trim().to_owned()
 }
 
-/// A description with all that the model it is `of` says and it does not; `None` when it is of none.
+/// A description merged with the model it is `of`; `None` when it has no `of`.
 fn completed(text: &str) -> Result<Option<toml::Table>, String> {
-    // What is no table is refused where the description is read, with its line.
+    // Invalid TOML is reported where the description is parsed, with its line.
     let Ok(mut own) = toml::from_str::<toml::Table>(text) else { return Ok(None) };
     let Some(of) = own.remove("of") else { return Ok(None) };
     let name = of.as_str().unwrap_or_default();
     let text = built_in::of(name)
-        .ok_or_else(|| format!("it is of {name:?}, and no model of this name is built in"))?;
+        .ok_or_else(|| format!("it is of {name:?}, but no model of this name is built in"))?;
     let mut whole = match completed(text)? {
         Some(whole) => whole,
         None => toml::from_str(text).map_err(|error| words(&error))?,
@@ -225,10 +225,10 @@ fn completed(text: &str) -> Result<Option<toml::Table>, String> {
 }
 
 impl Description {
-    /// Reads a description, and the file of its projection from beside it, where it has one of its own.
+    /// Parses a description, and reads its projection file, if any, from the same folder.
     ///
     /// # Errors
-    /// [`FeatureError::Description`] naming the file, or what stands for it; [`FeatureError::Projection`] and [`FeatureError::Read`].
+    /// [`FeatureError::Description`] naming the file; [`FeatureError::Projection`] and [`FeatureError::Read`].
     pub fn parse(text: &str, file: &Path) -> Result<Self, FeatureError> {
         let refused = |reason: String| FeatureError::Description { path: file.to_owned(), reason };
         let mut description: Self = match completed(text).map_err(refused)? {
@@ -245,42 +245,42 @@ impl Description {
         Ok(description)
     }
 
-    /// The name of the model, and of its kind of descriptors.
+    /// The name of the model and of its descriptor kind.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// In a few words.
+    /// A short text.
     pub fn about(&self) -> &str {
         &self.about
     }
 
-    /// Where its file is got.
+    /// Where to get its file.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// The command that makes its file of what is got there; `None` where nothing need be made.
+    /// The command that makes its file from the source; `None` when it is not needed.
     pub fn export(&self) -> Option<&str> {
         self.export.as_deref()
     }
 
-    /// On what terms.
+    /// The licence.
     pub fn licence(&self) -> &str {
         &self.licence
     }
 
-    /// Names of files that would do, the best first.
+    /// Possible file names, the best first.
     pub fn files(&self) -> &[String] {
         &self.files
     }
 
-    /// The kind of its descriptors: signed bytes, a unit vector times the length; or numbers of 4 bits after a projection.
+    /// The descriptor kind: signed bytes, a unit vector times the length; or numbers of 4 bits after a projection.
     pub fn kind(&self) -> DescriptorKind {
         self.checked_kind().expect("it was checked when it was read")
     }
 
-    /// The kind of its descriptors before any projection.
+    /// The descriptor kind before projection.
     pub(crate) fn plain_kind(&self) -> DescriptorKind {
         let name = if self.projection.is_some() { PLAIN } else { &self.name };
         self.plain(name).expect("it was checked when it was read")
@@ -317,7 +317,7 @@ impl Description {
         }
         self.input.check()?;
         let Scores { form, stride, threshold, radius, rounds, border, .. } = &self.scores;
-        if !(1..=64).contains(stride) || (*form == Form::Map && *stride != 1) {
+        if !(1..=64).contains(stride) || (*form == ScoreForm::Map && *stride != 1) {
             return refused("scores.stride", "1 to 64, and 1 for a map");
         }
         if !threshold.is_finite() || *radius > 64 || *rounds > 8 || *border > 1024 {
@@ -351,7 +351,7 @@ impl Input {
         if !(1..=256).contains(multiple) || *margin > 256 {
             return refused("input.multiple and input.margin", "1 to 256, and at most 256");
         }
-        if longest_side.is_some_and(|side| !(64..=MOST_SIDE).contains(&side)) {
+        if longest_side.is_some_and(|side| !(64..=MAX_SIDE).contains(&side)) {
             return refused("input.longest_side", "64 to 8192");
         }
         Ok(())

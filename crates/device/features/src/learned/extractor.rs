@@ -11,18 +11,18 @@ use crate::learned::prepare::prepare;
 use crate::learned::sample::{DescriptorMap, bytes};
 use crate::learned::{Description, Engine, Network, Tensor};
 
-/// Learned local features: a description and the network it is of.
+/// Learned local features: a description and its network.
 ///
-/// Positions are those of the network, in the image's own pixels. A keypoint's scale is one pixel of the network's image;
-/// orientation is none. Descriptors are unit vectors in signed bytes, or projections of them. Of the network's scores nothing but
-/// the order stays, and that ends where a query is sealed (rules L3 and L4 of docs/reference/privacy-rules.md).
+/// Positions are those of the network, in the image's own pixels. A keypoint's scale is one pixel of the network's
+/// input; it has no orientation. Descriptors are unit vectors in signed bytes, or projections of them. Only the order
+/// of the network's scores is used, and it is removed when a query is sealed (rules L3 and L4 of docs/privacy.md).
 pub struct Learned {
     description: Description,
     kind: DescriptorKind,
-    /// Before any projection.
+    /// The kind before projection.
     plain: DescriptorKind,
     network: Network,
-    /// Width and height, where the network has one size.
+    /// Width and height, when the network has a fixed size.
     fixed: Option<[usize; 2]>,
 }
 
@@ -32,22 +32,22 @@ impl std::fmt::Debug for Learned {
     }
 }
 
-/// What a network says of an image, for tests and the audit of numbers.
-pub(crate) struct Said {
+/// The output of a network for an image, for tests and numerical checks.
+pub(crate) struct NetworkOutput {
     pub(crate) peaks: Vec<Peak>,
     /// `[N, numbers]`, of length 1.
     pub(crate) descriptors: Vec<f32>,
-    /// Pixels of the image for one of the network's.
+    /// Pixels of the image per pixel of the network's input.
     pub(crate) pixel: f64,
-    /// Where each peak is, corner of the image at 0, 0.
+    /// Position of each peak; the corner of the image is at 0, 0.
     pub(crate) positions: Vec<[f64; 2]>,
 }
 
 impl Learned {
-    /// Reads the network of a description from this file, ONNX.
+    /// Opens the network of a description from an ONNX file.
     ///
     /// # Errors
-    /// [`FeatureError`] for a file that is no network, is damaged, or is not what the description says.
+    /// [`FeatureError`] for a file that is not a network, is damaged, or does not match the description.
     pub fn open(description: Description, file: &Path, engine: Engine) -> Result<Self, FeatureError> {
         let network = Network::open(file, engine)?;
         let refused = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
@@ -66,26 +66,28 @@ impl Learned {
                 Some([width, height])
             }
             _ => {
-                return Err(refused("its input's sides are not from 64 to 8192, both or neither".to_owned()));
+                return Err(refused(
+                    "its input must have two fixed sides from 64 to 8192, or none".to_owned(),
+                ));
             }
         };
         let (kind, plain) = (description.kind(), description.plain_kind());
         Ok(Self { description, kind, plain, network, fixed })
     }
 
-    /// What it is.
+    /// The description.
     pub fn description(&self) -> &Description {
         &self.description
     }
 
-    /// Its network.
+    /// The network.
     pub fn network(&self) -> &Network {
         &self.network
     }
 
-    pub(crate) fn say(&self, image: &Image, most: usize) -> Result<Said, FeatureError> {
+    pub(crate) fn run_network(&self, image: &Image, most: usize) -> Result<NetworkOutput, FeatureError> {
         let Description { input, scores, descriptors, .. } = &self.description;
-        let (samples, placed) = prepare(image.gray(), input, self.fixed);
+        let (samples, placement) = prepare(image.gray(), input, self.fixed);
         let [_, _, height, width] = samples.shape[..] else { unreachable!("an image has four sides") };
         let mut layers = vec![scores.layer.clone()];
         layers.extend(scores.factor.clone());
@@ -96,23 +98,23 @@ impl Learned {
         let factor = scores.factor.as_ref().map(|_| next());
         if [map.width, map.height] != [width, height] {
             let (w, h) = (map.width, map.height);
-            let reason = format!("its scores are of {w}x{h} pixels, and it was given {width}x{height}");
+            let reason = format!("its scores have {w}x{h} pixels, but its input has {width}x{height}");
             return Err(FeatureError::NetworkRun { reason });
         }
         let factor_at = |pixel: [usize; 2]| {
             factor.as_ref().map_or(1.0, |factor| factor_at(factor, pixel, [width, height]))
         };
-        let peaks = map.peaks(scores, placed, factor_at, most);
+        let peaks = map.peaks(scores, placement, factor_at, most);
         let mut vectors = vec![0.0; peaks.len() * descriptors.numbers];
         let of_peaks = peaks.iter().zip(vectors.chunks_exact_mut(descriptors.numbers));
         let map = DescriptorMap::of(next(), descriptors)?;
         of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
-        let positions = peaks.iter().map(|peak| placed.to_image(peak.position)).collect();
-        Ok(Said { peaks, descriptors: vectors, pixel: placed.pixel(), positions })
+        let positions = peaks.iter().map(|peak| placement.to_image(peak.position)).collect();
+        Ok(NetworkOutput { peaks, descriptors: vectors, pixel: placement.pixel(), positions })
     }
 }
 
-/// The factor at a pixel, linear between cells, as XFeat's program samples its reliability.
+/// The factor at a pixel, linearly interpolated between cells, as XFeat's program samples its reliability.
 fn factor_at(factor: &Tensor, pixel: [usize; 2], size: [usize; 2]) -> f32 {
     let Some([_, rows, columns]) = factor.image() else { return 1.0 };
     let [x, y] = [(0, columns), (1, rows)].map(|(axis, cells)| {
@@ -138,14 +140,14 @@ impl Extractor for Learned {
 
     fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError> {
         let broken = |reason: String| FeatureError::Extractor { name: self.kind.name().to_owned(), reason };
-        let said = self.say(image, max_keypoints).map_err(|error| broken(error.to_string()))?;
-        let keypoints = said.positions.iter().zip(&said.peaks).map(|([u, v], peak)| Keypoint {
+        let output = self.run_network(image, max_keypoints).map_err(|error| broken(error.to_string()))?;
+        let keypoints = output.positions.iter().zip(&output.peaks).map(|([u, v], peak)| Keypoint {
             pixel: Pixel::new(*u, *v),
-            scale: said.pixel as f32,
+            scale: output.pixel as f32,
             orientation: 0.0,
             response: peak.score,
         });
-        let vectors = bytes(&said.descriptors, self.plain).collect();
+        let vectors = bytes(&output.descriptors, self.plain).collect();
         let plain = Descriptors::new(self.plain, vectors).map_err(|error| broken(error.to_string()))?;
         let descriptors = match &self.description.read {
             Some(projection) => projection.apply(&plain),
@@ -154,7 +156,7 @@ impl Extractor for Learned {
         Ok(Features { keypoints: keypoints.collect(), descriptors, global: None })
     }
 
-    /// 0: the image is continued by its mirror image, as wide as the description's `margin`.
+    /// 0: the image is continued by its mirror image, by the description's `margin`.
     fn reach(&self) -> f64 {
         0.0
     }

@@ -1,11 +1,11 @@
-//! From a network's scores to keypoints: the largest of their surroundings, the strongest first.
+//! From a network's scores to keypoints: local maxima, the strongest first.
 
 use crate::FeatureError;
 use crate::learned::Tensor;
-use crate::learned::description::{Form, Refine, Scores};
-use crate::learned::prepare::Placed;
+use crate::learned::description::{Refine, ScoreForm, Scores};
+use crate::learned::prepare::Placement;
 
-/// One score for each pixel of the network's image.
+/// One score for each pixel of the network's input.
 #[derive(Clone, PartialEq)]
 pub(crate) struct ScoreMap {
     pub(crate) width: usize,
@@ -14,40 +14,40 @@ pub(crate) struct ScoreMap {
     pub(crate) data: Vec<f32>,
 }
 
-/// A keypoint in the network's image.
+/// A keypoint in the network's input.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Peak {
-    /// Whole numbers in the middle of pixels.
+    /// Integers are the centres of pixels.
     pub(crate) position: [f64; 2],
-    /// The pixel it was found at.
+    /// The pixel of its maximum.
     pub(crate) pixel: [usize; 2],
     pub(crate) score: f32,
 }
 
 impl ScoreMap {
-    /// Of what the network says. `factor`: one number a cell, or for each pixel, by which scores are multiplied.
+    /// From the network's output.
     ///
     /// # Errors
-    /// [`FeatureError::NetworkRun`] when the layers are of another form than described, or hold numbers that are none.
+    /// [`FeatureError::NetworkRun`] when the layers do not match the description, or contain NaN or infinity.
     pub(crate) fn of(scores: Tensor, described: &Scores) -> Result<Self, FeatureError> {
         let broken = |reason: &str| FeatureError::NetworkRun { reason: format!("its scores {reason}") };
         let scores = if described.channels_last { scores.channels_first() } else { Some(scores) };
-        let scores = scores.ok_or_else(|| broken("are no image"))?;
-        let [channels, rows, columns] = scores.image().ok_or_else(|| broken("are no image"))?;
+        let scores = scores.ok_or_else(|| broken("are not an image"))?;
+        let [channels, rows, columns] = scores.image().ok_or_else(|| broken("are not an image"))?;
         if scores.data.iter().any(|number| !number.is_finite()) {
-            return Err(broken("hold numbers that are none"));
+            return Err(broken("contain NaN or infinity"));
         }
         match described.form {
-            Form::Map if channels == 1 => Ok(Self { width: columns, height: rows, data: scores.data }),
-            Form::Map => Err(broken("are not one for each pixel")),
-            Form::Cells if channels == described.stride.pow(2) + 1 => {
+            ScoreForm::Map if channels == 1 => Ok(Self { width: columns, height: rows, data: scores.data }),
+            ScoreForm::Map => Err(broken("are not one per pixel")),
+            ScoreForm::Cells if channels == described.stride.pow(2) + 1 => {
                 Ok(Self::of_cells(&scores.data, [rows, columns], described.stride))
             }
-            Form::Cells => Err(broken("are not one for each pixel of a cell and one for none")),
+            ScoreForm::Cells => Err(broken("are not one per pixel of a cell plus one for no keypoint")),
         }
     }
 
-    /// The softmax over the positions of each cell and "none", laid out as pixels.
+    /// The softmax over the positions of each cell and "none", as an image.
     fn of_cells(logits: &[f32], [rows, columns]: [usize; 2], stride: usize) -> Self {
         let (width, height, cells) = (columns * stride, rows * stride, rows * columns);
         let mut data = vec![0.0; width * height];
@@ -67,13 +67,13 @@ impl ScoreMap {
         Self { width, height, data }
     }
 
-    /// The peaks of the image, strongest first; of equal ones the upper, then the left.
+    /// The peaks of the image, strongest first; of equal ones first the upper, then the left.
     ///
-    /// `factor`: by what the score of a peak is multiplied, by its pixel.
+    /// `factor`: the factor on the score of a peak, by its pixel.
     pub(crate) fn peaks(
         &self,
         described: &Scores,
-        placed: Placed,
+        placement: Placement,
         factor: impl Fn([usize; 2]) -> f32,
         most: usize,
     ) -> Vec<Peak> {
@@ -81,11 +81,11 @@ impl ScoreMap {
         let mut peaks = Vec::new();
         for (at, score) in self.data.iter().enumerate() {
             let pixel = [at % self.width, at / self.width];
-            if kept[at] && *score > described.threshold && placed.inside(pixel, described.border) {
+            if kept[at] && *score > described.threshold && placement.inside(pixel, described.border) {
                 peaks.push(Peak { position: [0.0; 2], pixel, score: score * factor(pixel) });
             }
         }
-        // Stable: in the order of rows among equals.
+        // A stable sort: equal ones stay in row order.
         peaks.sort_by(|a, b| b.score.total_cmp(&a.score));
         peaks.truncate(most);
         for peak in &mut peaks {
@@ -94,7 +94,7 @@ impl ScoreMap {
         peaks
     }
 
-    /// Which pixels are the largest within `radius`, and after each round which are so when those near a peak are left out
+    /// The pixels that are maxima within `radius`; each further round adds maxima after pixels near a peak are removed
     /// (`simple_nms` of SuperGlue's and ALIKE's programs).
     fn suppressed(&self, radius: usize, rounds: usize) -> Vec<bool> {
         let largest = |data: &[f32]| self.largest(data, radius);
@@ -112,7 +112,7 @@ impl ScoreMap {
         kept
     }
 
-    /// The largest number within `radius` pixels of each, along both axes.
+    /// The maximum within `radius` pixels of each pixel, along both axes.
     fn largest(&self, data: &[f32], radius: usize) -> Vec<f32> {
         let (width, height) = (self.width, self.height);
         let mut across = data.to_vec();
@@ -146,7 +146,7 @@ impl ScoreMap {
         }
     }
 
-    /// The position of a peak, finer than its pixel where that is described.
+    /// The position of a peak, with subpixel refinement if described.
     fn refined(&self, [x, y]: [usize; 2], described: &Scores) -> [f64; 2] {
         let (column, row) = (x as isize, y as isize);
         let [dx, dy] = match described.refine {

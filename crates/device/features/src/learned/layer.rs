@@ -1,10 +1,10 @@
-//! Which result of a network is meant.
+//! Selection of a network's result.
 
-/// Which result of a network: an output by its number, or any layer by its name.
+/// A result of a network: an output by its index, or any layer by its name.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Deserialize)]
 #[serde(untagged)]
 pub enum Layer {
-    /// Of the outputs that the file declares, this one; 0 is the first.
+    /// An output that the file declares; 0 is the first.
     Output(usize),
     /// The layer of this name.
     Named(String),

@@ -1,18 +1,19 @@
-//! Learned features: networks that users bring, and what makes keypoints and descriptors, local and global, of their numbers.
+//! Learned features: user-provided networks, and the extraction of local and global features from their outputs.
 //!
 //! ```text
-//! image ── prepared: size, mirror image around it, numbers ── network ── scores ── peaks ── descriptors there ── features
+//! image ── prepared: size, mirrored margin, normalization ── network ── scores ── peaks ── descriptors ── features
 //! ```
 //!
-//! - [`Models`]: the models known by name, where their files are got and where they are looked for.
-//! - [`Description`]: a model as a text file says it; any ONNX network that fits one is an extractor.
+//! - [`Models`]: the known models, with their sources and search folders.
+//! - [`Description`]: a model described by a text file; any ONNX network that matches one is an extractor.
 //! - [`Learned`]: a described network as an [`Extractor`](crate::Extractor).
-//! - [`GlobalDescription`], [`LearnedGlobal`]: the same for one vector of a whole image ([`GlobalExtractor`](crate::GlobalExtractor)).
-//! - [`Network`]: an ONNX file, run by an [`Engine`]: rten (pure Rust), or ONNX Runtime where the
-//!   user brings it (cargo feature `onnxruntime`).
+//! - [`GlobalDescription`], [`LearnedGlobal`]: the same for one vector per image
+//!   ([`GlobalExtractor`](crate::GlobalExtractor)).
+//! - [`Network`]: an ONNX file, run by an [`Engine`]: rten (pure Rust), or the user's ONNX Runtime (cargo feature
+//!   `onnxruntime`).
 //!
-//! No network is part of the project, and none is downloaded; `scripts/export_onnx.py` makes ONNX files of their authors' weights. This room runs on the device and where maps are built; `features`
-//! does without it, so that a device that uses SIFT needs no engine.
+//! No network is part of the project, and none is downloaded; `scripts/export_onnx.py` makes ONNX files from the
+//! authors' weights. A device that uses SIFT needs no engine.
 #![forbid(unsafe_code)]
 
 mod built_in;

@@ -1,4 +1,4 @@
-//! The models that are known by name, and where their files are.
+//! The known models, and where their files are.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use crate::FeatureError;
 use crate::learned::built_in::{BUILT_IN, GLOBALS};
 use crate::learned::{Description, Engine, GlobalDescription, Learned, LearnedGlobal};
 
-/// Descriptions by name, and folders to look for files in. Nothing is ever downloaded.
+/// Descriptions by name, and the search folders for files. Nothing is ever downloaded.
 #[derive(Debug, Clone)]
 pub struct Models {
     known: Vec<Description>,
@@ -17,27 +17,27 @@ pub struct Models {
     engine: Engine,
 }
 
-/// A model, and where its file is.
+/// A model, and the path of its file.
 #[derive(Debug, Clone)]
 pub struct Found<'a> {
-    /// What it is.
+    /// The description.
     pub description: &'a Description,
-    /// Its file, if it is there.
+    /// Its file, if it exists.
     pub file: Option<PathBuf>,
 }
 
-/// A model of global descriptors, and where its files are.
+/// A model of global descriptors, and the paths of its files.
 #[derive(Debug, Clone)]
 pub struct FoundGlobal<'a> {
-    /// What it is.
+    /// The description.
     pub description: &'a GlobalDescription,
-    /// The file of each of its networks, if it is there.
+    /// The file of each of its networks, if it exists.
     pub files: Vec<Option<PathBuf>>,
 }
 
 impl Models {
-    /// The built-in ones, with files looked for in these folders, in their order, and in each in the sub-folder of the model's
-    /// name too.
+    /// The built-in ones, with files searched in these folders, in their order, and in each also in the sub-folder with
+    /// the model's name.
     pub fn new(folders: Vec<PathBuf>) -> Self {
         let built_in = BUILT_IN.iter().map(|(file, text)| Description::parse(text, Path::new(file)));
         let globals = GLOBALS.iter().map(|(file, text)| GlobalDescription::parse(text, Path::new(file)));
@@ -49,14 +49,14 @@ impl Models {
         }
     }
 
-    /// The same, with networks run by this engine.
+    /// These models with another engine.
     #[must_use]
     pub fn with_engine(mut self, engine: Engine) -> Self {
         self.engine = engine;
         self
     }
 
-    /// Where files are looked for.
+    /// The search folders.
     pub fn folders(&self) -> &[PathBuf] {
         &self.folders
     }
@@ -76,12 +76,12 @@ impl Models {
         self.known.iter().any(|description| description.name() == name)
     }
 
-    /// Opens the model of this name, or the one that a description file (`….toml`) is of.
+    /// Opens the model with this name, or the one of a description file (`….toml`).
     ///
-    /// `file`: its network, where that is said; else it is looked for beside the description and in the folders.
+    /// `file`: its network file; if `None`, it is searched beside the description and in the folders.
     ///
     /// # Errors
-    /// [`FeatureError::UnknownFeatures`], [`FeatureError::NoModelFile`] saying where it was looked for and where it is got,
+    /// [`FeatureError::UnknownFeatures`], [`FeatureError::NoModelFile`] with the searched folders and the source,
     /// [`FeatureError::Description`], and those of [`Learned::open`].
     pub fn open(&self, name: &str, file: Option<&Path>) -> Result<Learned, FeatureError> {
         let mut beside = Vec::new();
@@ -109,11 +109,11 @@ impl Models {
         })
     }
 
-    /// Opens the global descriptor of this name, or the one that a description file (`….toml`) is of. Its files are looked for
+    /// Opens the global descriptor with this name, or the one of a description file (`….toml`). Its files are searched
     /// beside the description and in the folders.
     ///
     /// # Errors
-    /// [`FeatureError::UnknownGlobal`], [`FeatureError::NoGlobalFile`] saying where it was looked for and where it is got,
+    /// [`FeatureError::UnknownGlobal`], [`FeatureError::NoGlobalFile`] with the searched folders and the source,
     /// [`FeatureError::Description`], and those of [`LearnedGlobal::open`].
     pub fn open_global(&self, name: &str) -> Result<LearnedGlobal, FeatureError> {
         let mut beside = Vec::new();
@@ -131,8 +131,9 @@ impl Models {
             let lacking = || FeatureError::NoGlobalFile {
                 name: description.name().to_owned(),
                 files: files.join(" or "),
-                source_of: got(description.source(), description.licence(), description.export()).into(),
-                looked: self.looked(&beside).into(),
+                source_of: source_text(description.source(), description.licence(), description.export())
+                    .into(),
+                searched: self.searched(&beside).into(),
             };
             self.found(description.name(), files, &beside).ok_or_else(lacking)
         });
@@ -144,8 +145,8 @@ impl Models {
         self.found(description.name(), description.files(), beside)
     }
 
-    /// The first of these files that is there: beside a description, in a folder, or in its sub-folder of the model's name or of
-    /// the file's own (`xfeat` for `xfeat_640x640.onnx`).
+    /// The first of these files that exists: beside a description, in a folder, or in its sub-folder with the model's
+    /// name or the file's prefix (`xfeat` for `xfeat_640x640.onnx`).
     fn found(&self, name: &str, files: &[String], beside: &[PathBuf]) -> Option<PathBuf> {
         files.iter().find_map(|file| {
             let own = file.split(['_', '.']).next().unwrap_or(file);
@@ -160,20 +161,20 @@ impl Models {
         FeatureError::NoModelFile {
             name: description.name().to_owned(),
             files: description.files().join(" or "),
-            source_of: got(description.source(), description.licence(), description.export()).into(),
-            looked: self.looked(beside).into(),
+            source_of: source_text(description.source(), description.licence(), description.export()).into(),
+            searched: self.searched(beside).into(),
         }
     }
 
-    fn looked(&self, beside: &[PathBuf]) -> String {
-        let looked: Vec<String> =
+    fn searched(&self, beside: &[PathBuf]) -> String {
+        let searched: Vec<String> =
             beside.iter().chain(&self.folders).map(|f| f.display().to_string()).collect();
-        if looked.is_empty() { "no folder".to_owned() } else { looked.join(", ") }
+        if searched.is_empty() { "no folder".to_owned() } else { searched.join(", ") }
     }
 }
 
-/// Where a file is got, on what terms, and what makes it of what is got there.
-fn got(source: &str, licence: &str, export: Option<&str>) -> String {
+/// The source of a file, its licence, and the command that makes it.
+fn source_text(source: &str, licence: &str, export: Option<&str>) -> String {
     let made = export.map_or_else(String::new, |export| format!(", run `{export}` on it"));
     format!("{source} ({licence}){made}")
 }
@@ -182,7 +183,7 @@ fn is_description(name: &str) -> bool {
     Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// The text of a description; its folder is one to look for files in.
+/// The text of a description; its folder is added to the search folders.
 fn read_beside(path: &Path, beside: &mut Vec<PathBuf>) -> Result<String, FeatureError> {
     beside.push(path.parent().unwrap_or(Path::new("")).to_owned());
     std::fs::read_to_string(path).map_err(|source| FeatureError::Read { path: path.to_owned(), source })

@@ -1,4 +1,4 @@
-//! A network that can be run: an ONNX file in an engine.
+//! A runnable network: an ONNX file in an engine.
 
 use std::path::Path;
 
@@ -6,10 +6,10 @@ use crate::FeatureError;
 use crate::learned::engine::{Engine, Input, Run};
 use crate::learned::{Layer, Tensor};
 
-/// Most bytes of an ONNX file that are read.
-const MOST_BYTES: u64 = 1 << 30;
+/// Maximum size of an ONNX file, bytes.
+const MAX_BYTES: u64 = 1 << 30;
 
-/// A network in an engine. Most are given an image, or several.
+/// A network in an engine. Its inputs are usually one or several images.
 pub struct Network {
     engine: Engine,
     running: Box<dyn Run>,
@@ -25,18 +25,19 @@ impl std::fmt::Debug for Network {
 }
 
 impl Network {
-    /// Reads an ONNX file. It is run with as many threads as rayon has where it is opened.
+    /// Reads an ONNX file. It runs with as many threads as rayon has at this call.
     ///
     /// # Errors
-    /// [`FeatureError::Read`], and [`FeatureError::Network`] for a file that is no network or is damaged, or an engine that is not there.
+    /// [`FeatureError::Read`], and [`FeatureError::Network`] for a file that is not a network or is damaged, or an
+    /// unavailable engine.
     pub fn open(path: &Path, engine: Engine) -> Result<Self, FeatureError> {
-        let bytes = crate::learned::file::read(path, MOST_BYTES)?;
+        let bytes = crate::learned::file::read(path, MAX_BYTES)?;
         let refused = |reason| FeatureError::Network { path: path.to_owned(), reason };
         let running = engine.load(bytes).map_err(refused)?;
         Ok(Self { engine, inputs: running.inputs(), outputs: running.outputs(), running })
     }
 
-    /// What runs it.
+    /// The engine.
     pub fn engine(&self) -> Engine {
         self.engine
     }
@@ -46,17 +47,17 @@ impl Network {
         self.sides_of(0)
     }
 
-    /// The same of any of its inputs; none of one that it lacks.
+    /// The same for any of its inputs; empty if it does not exist.
     pub(crate) fn sides_of(&self, input: usize) -> &[Option<usize>] {
         self.inputs.get(input).map(|input| &input.sides[..]).unwrap_or_default()
     }
 
-    /// How many inputs and outputs it has.
+    /// The numbers of inputs and outputs.
     pub fn ends(&self) -> [usize; 2] {
         [self.inputs.len(), self.outputs.len()]
     }
 
-    /// Sides of the input of this name, `None` for a side that is open; `None` where there is no such input.
+    /// Sides of the input with this name, `None` for an open side; `None` if there is no such input.
     pub fn input_named(&self, name: &str) -> Option<&[Option<usize>]> {
         self.inputs.iter().find(|input| input.name == name).map(|input| &input.sides[..])
     }
@@ -66,12 +67,12 @@ impl Network {
         &self.outputs
     }
 
-    /// What the file says of itself under a key.
+    /// The file's metadata under a key.
     pub fn metadata(&self, key: &str) -> Option<String> {
         self.running.metadata(key)
     }
 
-    /// Runs it on an image `[1, C, H, W]`; results of these layers, in their order.
+    /// Runs it on an image `[1, C, H, W]`; returns the results of these layers, in their order.
     ///
     /// # Errors
     /// [`FeatureError::NetworkRun`].
@@ -79,22 +80,22 @@ impl Network {
         self.run_on(&[image], layers)
     }
 
-    /// The same of a network with several inputs, each `[1, C, H, W]`, in the file's order.
+    /// The same for a network with several inputs, each `[1, C, H, W]`, in the file's order.
     pub(crate) fn run_on(&self, images: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, FeatureError> {
         let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
         if images.iter().any(|image| image.image().is_none()) {
-            return Err(broken("what it is given is no image"));
+            return Err(broken("its input is not an image"));
         }
         if images.len() > self.inputs.len() {
-            return Err(broken("it has fewer inputs than it is given"));
+            return Err(broken("it has fewer inputs than were given"));
         }
         self.running.run(images, layers).map_err(|reason| FeatureError::NetworkRun { reason })
     }
 
-    /// Runs it on inputs of any shape, by their names; results of these outputs, in their order.
+    /// Runs it on inputs of any shape, by their names; returns the results of these outputs, in their order.
     ///
     /// # Errors
-    /// [`FeatureError::NetworkRun`], also for an input or output that it lacks or that is not given, and for one of other sides.
+    /// [`FeatureError::NetworkRun`], also for an unknown or missing input or output, and for wrong sides.
     pub fn run_named(
         &self,
         given: &[(&str, &Tensor)],
@@ -113,7 +114,7 @@ impl Network {
             let (_, tensor) = found.ok_or_else(|| broken(format!("its input {name} is not given")))?;
             let alike = |(own, side): (&Option<usize>, &usize)| own.is_none_or(|own| own == *side);
             if sides.len() != tensor.shape.len() || !sides.iter().zip(&tensor.shape).all(alike) {
-                return Err(broken(format!("its input {name} is not of the sides {:?}", tensor.shape)));
+                return Err(broken(format!("its input {name} does not accept the sides {:?}", tensor.shape)));
             }
             Ok(*tensor)
         };

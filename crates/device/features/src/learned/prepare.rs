@@ -1,34 +1,34 @@
-//! An image as a network wants it: of its size, continued by its mirror image, with its numbers.
+//! The input of a network: the image at the network's size, continued by its mirror image, and normalized.
 
 use crate::GrayImage;
 
 use crate::learned::Tensor;
 use crate::learned::description::{Input, Normalize};
 
-/// Where the image lies in the network's.
+/// Position of the image in the network's input.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Placed {
-    /// Pixels of the network's image for one of the image, across and down.
+pub(crate) struct Placement {
+    /// Scale from the image to the network's input, across and down.
     scale: [f64; 2],
-    /// First column and row of the image in the network's.
+    /// First column and row of the image in the network's input.
     offset: [usize; 2],
-    /// Columns and rows of it in the network's.
+    /// Columns and rows of the image in the network's input.
     size: [usize; 2],
 }
 
-impl Placed {
-    /// A position of the network's image, whole numbers in the middle of pixels, in the image, corner at 0, 0.
+impl Placement {
+    /// Transforms a position of the network's input (integers are pixel centres) to the image, whose corner is at 0, 0.
     pub(crate) fn to_image(self, [x, y]: [f64; 2]) -> [f64; 2] {
         let back = |at: f64, axis: usize| (at + 0.5 - self.offset[axis] as f64) / self.scale[axis];
         [back(x, 0), back(y, 1)]
     }
 
-    /// Pixels of the image for one of the network's.
+    /// Pixels of the image per pixel of the network's input.
     pub(crate) fn pixel(self) -> f64 {
         1.0 / (self.scale[0] * self.scale[1]).sqrt()
     }
 
-    /// Whether a pixel of the network's image is of the image, and this far from its border.
+    /// Whether a pixel of the network's input belongs to the image, at this distance from its border.
     pub(crate) fn inside(self, [x, y]: [usize; 2], border: usize) -> bool {
         let within = |at: usize, axis: usize| {
             let (first, end) =
@@ -39,17 +39,17 @@ impl Placed {
     }
 }
 
-/// `[1, C, H, W]`, and where the image lies in it. `fixed`: width and height where the network has one size.
+/// `[1, C, H, W]`, and the position of the image in it. `fixed`: width and height when the network has a fixed size.
 ///
-/// The mirror image keeps the image's own border out of sight: convolutions continue what they are given by zeros, and what
-/// they make of those would tell a descriptor near the border from others (rule L11 of docs/reference/privacy-rules.md).
-pub(crate) fn prepare(image: &GrayImage, input: &Input, fixed: Option<[usize; 2]>) -> (Tensor, Placed) {
+/// The mirror image hides the image's own border: convolutions pad with zeros, and their effect would distinguish
+/// descriptors near the border from others (rule L11 of docs/privacy.md).
+pub(crate) fn prepare(image: &GrayImage, input: &Input, fixed: Option<[usize; 2]>) -> (Tensor, Placement) {
     let own = [image.width() as usize, image.height() as usize];
     let margin = input.margin;
     let (size, whole) = if let Some(whole) = fixed {
-        let room = whole.map(|side| side.saturating_sub(2 * margin).max(1));
-        let scale = (room[0] as f64 / own[0] as f64).min(room[1] as f64 / own[1] as f64);
-        let fitted = |axis: usize| ((own[axis] as f64 * scale).round() as usize).clamp(1, room[axis]);
+        let available = whole.map(|side| side.saturating_sub(2 * margin).max(1));
+        let scale = (available[0] as f64 / own[0] as f64).min(available[1] as f64 / own[1] as f64);
+        let fitted = |axis: usize| ((own[axis] as f64 * scale).round() as usize).clamp(1, available[axis]);
         ([fitted(0), fitted(1)], whole)
     } else {
         let longest = input.longest_side.map_or(usize::MAX, |side| side as usize);
@@ -77,17 +77,17 @@ pub(crate) fn prepare(image: &GrayImage, input: &Input, fixed: Option<[usize; 2]
         }
     }
     let scale = [0, 1].map(|axis| size[axis] as f64 / own[axis] as f64);
-    (Tensor { shape: vec![1, input.channels, height, width], data }, Placed { scale, offset, size })
+    (Tensor { shape: vec![1, input.channels, height, width], data }, Placement { scale, offset, size })
 }
 
-/// Which sample of `size` stands at `at`, when the first stands at `offset` and the rest is mirror image.
+/// The index of the sample at `at`, when the first sample is at `offset` and the rest is mirror image.
 fn mirrored(at: usize, offset: usize, size: usize) -> usize {
     let period = 2 * size as isize;
     let folded = (at as isize - offset as isize).rem_euclid(period);
     folded.min(period - 1 - folded) as usize
 }
 
-/// Samples by rows at another size: means of areas where it gets smaller, linear where larger.
+/// The samples at another size, row by row: area means for scaling down, linear interpolation for enlarging.
 pub(crate) fn resized(image: &GrayImage, [width, height]: [usize; 2]) -> Vec<f32> {
     let own = [image.width() as usize, image.height() as usize];
     if own == [width, height] {
@@ -108,7 +108,7 @@ pub(crate) fn resized(image: &GrayImage, [width, height]: [usize; 2]) -> Vec<f32
     samples
 }
 
-/// Of each new sample the two old ones it lies between, and the share of the second.
+/// For each new sample the two old ones around it, and the weight of the second.
 fn axis(old: usize, new: usize) -> Vec<(usize, usize, f32)> {
     let step = old as f64 / new as f64;
     (0..new)
@@ -120,7 +120,7 @@ fn axis(old: usize, new: usize) -> Vec<(usize, usize, f32)> {
         .collect()
 }
 
-/// Mean 0 and variance 1, as PyTorch's `InstanceNorm2d` has it, of the image without its mirror image.
+/// Mean 0 and variance 1, as in PyTorch's `InstanceNorm2d`, over the image without its mirror image.
 fn normalize_image(samples: &mut [f32], input: &Input) {
     if input.normalize != Normalize::Image {
         return;
@@ -148,11 +148,11 @@ mod tests {
     }
 
     #[test]
-    fn the_image_is_continued_by_its_mirror_image() {
-        let (tensor, placed) = prepare(&ramp(20, 10), &input(4, 8, None), None);
-        // 28 and 18 are no multiples of 8.
+    fn margin_is_the_mirror_image() {
+        let (tensor, placement) = prepare(&ramp(20, 10), &input(4, 8, None), None);
+        // 28 and 18 are not multiples of 8.
         assert_eq!(tensor.shape, [1, 3, 24, 32]);
-        assert_eq!((placed.offset, placed.size), ([6, 7], [20, 10]));
+        assert_eq!((placement.offset, placement.size), ([6, 7], [20, 10]));
         let at = |x: usize, y: usize| tensor.data[(24 + y) * 32 + x];
         let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-6, "{a} {b}");
         near(at(6, 7), 0.0);
@@ -160,29 +160,31 @@ mod tests {
         near(at(4, 6), 0.01);
         near(at(26, 7), 0.19);
         near(at(27, 17), 0.189);
-        assert_eq!(placed.to_image([6.0, 7.0]), [0.5, 0.5]);
-        assert!(placed.inside([6, 7], 0) && !placed.inside([6, 7], 1) && !placed.inside([26, 10], 0));
+        assert_eq!(placement.to_image([6.0, 7.0]), [0.5, 0.5]);
+        assert!(
+            placement.inside([6, 7], 0) && !placement.inside([6, 7], 1) && !placement.inside([26, 10], 0)
+        );
         assert_eq!(mirrored(0, 7, 3), 0, "a mirror image of the mirror image");
     }
 
     #[test]
-    fn positions_come_back_from_any_size() {
+    fn positions_are_invertible_for_any_size() {
         for (fixed, longest) in [(None, Some(64)), (Some([96, 96]), None), (Some([300, 200]), None)] {
             let image = ramp(128, 80);
-            let (tensor, placed) = prepare(&image, &input(8, 8, longest), fixed);
+            let (tensor, placement) = prepare(&image, &input(8, 8, longest), fixed);
             let [_, _, height, width] = tensor.shape[..] else { panic!("four sides") };
             for [x, y] in [[20, 24], [40, 40]] {
-                let [u, v] = placed.to_image([x as f64, y as f64]);
+                let [u, v] = placement.to_image([x as f64, y as f64]);
                 let expected = (u - 0.5) / 100.0 + (v - 0.5) / 1000.0;
                 let sample = f64::from(tensor.data[y * width + x]);
                 assert!((sample - expected).abs() < 2e-4, "{fixed:?} {height}: {sample} {expected}");
             }
-            assert!(placed.inside([placed.offset[0], placed.offset[1]], 0));
+            assert!(placement.inside([placement.offset[0], placement.offset[1]], 0));
         }
     }
 
     #[test]
-    fn an_image_of_one_gray_has_no_numbers_that_are_none() {
+    fn uniform_image_has_no_nan() {
         let gray = GrayImage::new(16, 16, vec![0.5; 256]).expect("whole rows");
         let input = Input { normalize: Normalize::Image, ..input(2, 8, None) };
         assert!(prepare(&gray, &input, None).0.data.iter().all(|sample| sample.abs() < 1e-6));

@@ -1,4 +1,4 @@
-//! Which projection makes a network's descriptors small, and where it is read.
+//! The projection of a network's descriptors, and its file.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::Projection;
 use serde::Deserialize;
 use veiloc_descriptor::DescriptorKind;
 
-/// Projections that are built in, by the name of their file.
+/// Built-in projections, by file name.
 const BUILT_IN: [(&str, &[u8]); 2] = [
     ("xfeat-compact.bin", include_bytes!("../../projections/xfeat-compact.bin")),
     ("alike-t-compact.bin", include_bytes!("../../projections/alike-t-compact.bin")),
@@ -24,7 +24,7 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    /// A built-in one of this name, else the file beside the description.
+    /// The built-in projection of this name, or the file beside the description.
     pub(crate) fn read(
         &self,
         description: &Path,
@@ -38,11 +38,12 @@ impl Projected {
             None if !path.is_file() => {
                 let known: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
                 let (file, known) = (&self.file, known.join(", "));
-                let reason = format!("its projection {file:?} is no file beside it, nor built in ({known})");
+                let reason =
+                    format!("its projection {file:?} is neither a file beside it nor built in ({known})");
                 return Err(FeatureError::Description { path: description.to_owned(), reason });
             }
             None => {
-                beside = crate::learned::file::read(&path, MOST_BYTES)?;
+                beside = crate::learned::file::read(&path, MAX_BYTES)?;
                 &beside
             }
         };
@@ -51,5 +52,5 @@ impl Projected {
     }
 }
 
-/// Of a projection from and to the largest kinds there are.
-const MOST_BYTES: u64 = (DescriptorKind::MAX_DIM * (2 * DescriptorKind::MAX_DIM + 4)) as u64;
+/// Size of a projection between the largest kinds.
+const MAX_BYTES: u64 = (DescriptorKind::MAX_DIM * (2 * DescriptorKind::MAX_DIM + 4)) as u64;

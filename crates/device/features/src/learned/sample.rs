@@ -1,4 +1,4 @@
-//! Descriptors at keypoints: interpolated between the cells of a network's map, of length 1.
+//! Descriptors at keypoints: interpolated between the cells of a network's map, with length 1.
 
 use veiloc_descriptor::DescriptorKind;
 
@@ -6,7 +6,8 @@ use crate::FeatureError;
 use crate::learned::Tensor;
 use crate::learned::description::{Descriptors, Grid, Interpolation};
 
-/// A map of vectors, taken as of length 1 each. It may have one for each pixel, so none is touched that nobody asks for.
+/// A map of vectors, each normalized to length 1 on access. It may have one per pixel, so vectors are computed only
+/// when needed.
 pub(crate) struct DescriptorMap {
     rows: usize,
     columns: usize,
@@ -17,19 +18,19 @@ pub(crate) struct DescriptorMap {
 
 impl DescriptorMap {
     /// # Errors
-    /// [`FeatureError::NetworkRun`] when the layer is of another form than described, or holds numbers that are none.
+    /// [`FeatureError::NetworkRun`] when the layer does not match the description, or contains NaN or infinity.
     pub(crate) fn of(map: Tensor, described: &Descriptors) -> Result<Self, FeatureError> {
         let broken = |reason: &str| FeatureError::NetworkRun { reason: format!("its descriptors {reason}") };
         let ((true, &[1, rows, columns, numbers]) | (false, &[1, numbers, rows, columns])) =
             (described.channels_last, &map.shape[..])
         else {
-            return Err(broken("are no map"));
+            return Err(broken("are not a map"));
         };
         if numbers != described.numbers {
-            return Err(broken(&format!("have {numbers} numbers and not {}", described.numbers)));
+            return Err(broken(&format!("have {numbers} numbers instead of {}", described.numbers)));
         }
         if map.data.iter().any(|number| !number.is_finite()) {
-            return Err(broken("hold numbers that are none"));
+            return Err(broken("contain NaN or infinity"));
         }
         Ok(Self { rows, columns, data: map.data, channels_last: described.channels_last })
     }
@@ -43,7 +44,7 @@ impl DescriptorMap {
         normalize(out);
     }
 
-    /// The descriptor at a position of the network's image of this width and height, into `out`, of length 1.
+    /// The descriptor at a position of the network's input of this width and height, into `out`, of length 1.
     pub(crate) fn at(&self, position: [f64; 2], size: [usize; 2], described: &Descriptors, out: &mut [f32]) {
         let cells = [self.columns, self.rows];
         let [x, y] = [0, 1].map(|axis| {
@@ -76,7 +77,7 @@ impl DescriptorMap {
     }
 }
 
-/// Four cells along an axis, and how much each counts. A cell below the first is far beyond the last one.
+/// Four cells along an axis with their weights. A cell below the first wraps to a large index beyond the last one.
 fn weights(at: f64, interpolation: Interpolation) -> [[f64; 4]; 2] {
     let first = at.floor();
     let part = at - first;
@@ -95,13 +96,13 @@ fn weights(at: f64, interpolation: Interpolation) -> [[f64; 4]; 2] {
     [cells, counts]
 }
 
-/// A unit vector in bytes of a kind: each number times the kind's length, rounded, cut at the ends of a byte.
+/// A unit vector in bytes of a kind: each component times the kind's length, rounded, clipped to the range of a byte.
 pub(crate) fn bytes(vector: &[f32], kind: DescriptorKind) -> impl Iterator<Item = u8> {
     let length = f64::from(kind.norm());
     vector.iter().map(move |number| kind.encoding().byte(f64::from(*number) * length))
 }
 
-/// Length 1; a vector of nothing stays so.
+/// Normalizes to length 1; a zero vector stays zero.
 fn normalize(vector: &mut [f32]) {
     let length = vector.iter().map(|number| number * number).sum::<f32>().sqrt();
     if length > 1e-12 {

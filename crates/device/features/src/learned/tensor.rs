@@ -9,7 +9,7 @@ pub struct Tensor {
     pub data: Vec<f32>,
 }
 
-// What a network makes of an image must reach no log (leak L8).
+// The output of a network must not be logged (rule L8).
 impl std::fmt::Debug for Tensor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Tensor({:?})", self.shape)

@@ -7,11 +7,11 @@ use super::SiftOptions;
 use super::blur::{LEVELS, SCALES};
 use super::rows::Rows;
 
-/// Steps to a neighbouring sample before an extremum is given up to where it is.
+/// Maximum number of steps to a neighbouring sample before refinement stops.
 const MAX_MOVES: usize = 5;
-/// Refining looks at most this many rows above and below.
+/// Refinement reads at most this many rows above and below.
 pub(super) const MARGIN: usize = MAX_MOVES + 1;
-/// A sample is looked at when it has this share of the threshold; its refined peak may be higher.
+/// A sample is a candidate from this share of the threshold on; its refined peak may be higher.
 const CANDIDATE_SHARE: f32 = 0.8;
 
 /// A refined extremum, in samples of its octave.
@@ -31,29 +31,29 @@ pub(super) struct Extremum {
     pub(super) response: f32,
 }
 
-/// Rows of differences that are at hand, a power of two: those of a row and its neighbours.
-const KEPT: usize = 4;
+/// Number of rows of differences in memory, a power of two: those of a row and its neighbours.
+const ROWS_IN_MEMORY: usize = 4;
 
-/// Differences of neighbouring levels in the last rows, `[KEPT, LEVELS - 1, stride]`.
+/// Differences of neighbouring levels in the last rows, `[ROWS_IN_MEMORY, LEVELS - 1, stride]`.
 pub(super) struct Differences {
     stride: usize,
     data: Vec<f32>,
 }
 
 impl Differences {
-    /// None yet.
+    /// Without rows.
     pub(super) fn new(stride: usize) -> Self {
-        Self { stride, data: vec![0.0; (LEVELS - 1) * KEPT * stride] }
+        Self { stride, data: vec![0.0; (LEVELS - 1) * ROWS_IN_MEMORY * stride] }
     }
 
     fn row(&self, level: usize, y: usize) -> &[f32] {
-        &self.data[(y % KEPT * (LEVELS - 1) + level) * self.stride..][..self.stride]
+        &self.data[(y % ROWS_IN_MEMORY * (LEVELS - 1) + level) * self.stride..][..self.stride]
     }
 
     /// The differences of all levels in row `y`, `[LEVELS - 1, stride]`.
     pub(super) fn rows_mut(&mut self, y: usize) -> &mut [f32] {
         let length = (LEVELS - 1) * self.stride;
-        &mut self.data[y % KEPT * length..][..length]
+        &mut self.data[y % ROWS_IN_MEMORY * length..][..length]
     }
 }
 
@@ -78,7 +78,7 @@ pub(super) fn candidates(
     }
 }
 
-/// Each once: neighbouring candidates may move to one sample.
+/// Removes duplicates: neighbouring candidates may move to the same sample.
 pub(super) fn without_repeated(mut found: Vec<Extremum>) -> Vec<Extremum> {
     let mut seen: Vec<([usize; 3], usize)> = found.iter().enumerate().map(|(i, e)| (e.cell, i)).collect();
     seen.sort_unstable();
@@ -91,7 +91,7 @@ pub(super) fn without_repeated(mut found: Vec<Extremum>) -> Vec<Extremum> {
     found
 }
 
-/// Whether a peak in the middle row has no equal among its neighbours before it: in levels below, in rows above, to its
+/// Whether a peak in the middle row has no equal among its preceding neighbours: in levels below, in rows above, to its
 /// left.
 fn first_of_equals(near: &[[&[f32]; 3]; 3], x: usize) -> bool {
     let here = near[1][1][x];
@@ -99,7 +99,8 @@ fn first_of_equals(near: &[[&[f32]; 3]; 3], x: usize) -> bool {
     before.copied().all(|other| other != here)
 }
 
-/// Fits a quadric around a candidate, moves to the sample nearest its peak, and keeps what is high and no edge.
+/// Fits a quadric around a candidate, moves to the sample nearest its peak, and accepts high peaks that are not on an
+/// edge.
 pub(super) fn refine(
     levels: &[Rows<'_>],
     [width, height]: [usize; 2],
@@ -183,7 +184,7 @@ impl Fit {
         Self { value, gradient: axes.map(first), hessian: [xx, yy, ss, xy, xs, ys] }
     }
 
-    /// Where the peak of the quadric lies, relative to the sample; `None` when it has none.
+    /// Position of the quadric's peak, relative to the sample; `None` when it has none.
     fn offset(&self) -> Option<[f32; 3]> {
         let [xx, yy, ss, xy, xs, ys] = self.hessian.map(f64::from);
         let [gx, gy, gs] = self.gradient.map(f64::from);
@@ -199,7 +200,8 @@ impl Fit {
         offset.iter().all(|d| d.is_finite()).then(|| offset.map(|d| d as f32))
     }
 
-    /// trace² / determinant of the curvature in the image, which grows with the ratio of the two; `None` at a saddle.
+    /// trace² / determinant of the curvature in the image, which increases with the ratio of the two; `None` at a
+    /// saddle.
     fn edge_score(&self) -> Option<f32> {
         let [xx, yy, _, xy, ..] = self.hessian;
         let determinant = xx * yy - xy * xy;

@@ -1,18 +1,18 @@
 //! SIFT keypoints with RootSIFT descriptors.
 //!
-//! Written from Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004, with the constants that
-//! VLFeat and COLMAP chose; RootSIFT from Arandjelović and Zisserman, *Three things everyone should know to improve
-//! object retrieval*, CVPR 2012.
+//! Implemented from Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004, with the constants of
+//! VLFeat and COLMAP; RootSIFT from Arandjelović and Zisserman, *Three things everyone should know to improve object
+//! retrieval*, CVPR 2012.
 //!
 //! ```text
 //! image → [doubled] → 6 blurred levels per octave → differences → extrema → refined → ranked, cut
 //!         → directions → descriptors
 //! ```
 //!
-//! Sample `x` of octave `o` lies at `(x + 0.5) * 0.5` of the image in the doubled first octave, and at
-//! `x * 2^o * 0.5 + 0.25` in octave `o`: halving keeps every second sample, so the first one stays where it is.
+//! Sample `x` of octave `o` lies at `(x + 0.5) * 0.5` of the image in the doubled first octave, and at `x * 2^o * 0.5 +
+//! 0.25` in octave `o`: downsampling keeps every second sample, so the first one does not move.
 //!
-//! Every sum has one order and work is cut by rows and keypoints, never by threads: equal images give equal bytes
+//! Every sum has one order, and work is divided by rows and keypoints, never by threads: equal images give equal bytes
 //! with any number of threads.
 
 mod blur;
@@ -37,12 +37,12 @@ use blur::{SCALES, sigma_of_level};
 use extrema::Extremum;
 use octave::Octave;
 
-/// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
+/// Radius of a descriptor's window, as a multiple of the keypoint's scale.
 pub(crate) const REACH: f64 = veiloc_simd::sift::REACH as f64;
 
 /// Finds keypoints and describes them, strongest first.
 ///
-/// An image without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in
+/// An image without structure, or one that is too small, gives none. Memory: about 25 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     extract_on(Backend::best(), image, options)
@@ -69,7 +69,7 @@ fn extract_on(backend: Backend, image: &GrayImage, options: &SiftOptions) -> Fea
     }
 }
 
-/// All octaves, of each the levels where keypoints are described, and the extrema found in them.
+/// All octaves, each with the levels at which keypoints are described, and their extrema.
 fn scale_space(image: &GrayImage, options: &SiftOptions, backend: Backend) -> (Vec<Octave>, Vec<Extremum>) {
     let mut octaves = Vec::new();
     let mut extrema = Vec::new();
@@ -83,11 +83,11 @@ fn scale_space(image: &GrayImage, options: &SiftOptions, backend: Backend) -> (V
     (octaves, extrema)
 }
 
-/// At most `count` extrema with their strengths, strongest first; equal ones in the order they were found.
+/// At most `count` extrema with their strengths, strongest first; equal ones in the order of detection.
 ///
-/// The strength is the peak difference of Gaussians times the scale in pixels of the image. Large keypoints survive a
-/// change of distance, high peaks survive noise, but the largest lie a good part of a pixel off:
-/// docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
+/// The strength is the peak difference of Gaussians times the scale in pixels of the image. Large keypoints are robust
+/// to a change of distance, high peaks to noise, but the largest keypoints have position errors of a good part of a
+/// pixel: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
 fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32, Extremum)> {
     let strength = |extremum: &Extremum| {
         let scale = sigma_of_level(f64::from(extremum.level)) * octaves[extremum.octave].step;
@@ -99,7 +99,7 @@ fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32
     ranked
 }
 
-/// Whether gradients that count for the descriptor lie outside of the image, or have no neighbour on one side.
+/// Whether gradients of the descriptor window lie outside of the image, or have no neighbour on one side.
 fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
     let reach = veiloc_simd::sift::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
     let over = |at: f32, size: usize| at - reach < 1.0 || at + reach > size as f32 - 2.0;
@@ -120,7 +120,7 @@ fn describe(
     let mut centre = [extremum.x, extremum.y];
     let continued;
     if options.border == Border::Mirrored && over_border(extremum, octave) {
-        // The patch and a sample around it, for gradients at its end.
+        // The patch plus one sample around it, for gradients at its border.
         let reach = (veiloc_simd::sift::REACH * sigma as f32).ceil() as usize + 2;
         let corner = centre.map(|c| c.floor() as isize - reach as isize);
         continued = plane.mirrored(corner, [2 * reach + 2; 2]);
@@ -132,12 +132,12 @@ fn describe(
     };
     let bins = patches.directions(view, centre, sigma as f32, memory);
     let directions = orientation::dominant(&bins, options.max_orientations);
-    let place = |sample: f32| f64::from(sample) * octave.step + octave.offset;
+    let to_image = |sample: f32| f64::from(sample) * octave.step + octave.offset;
     directions
         .into_iter()
         .map(|orientation| {
             let keypoint = Keypoint {
-                pixel: Pixel::new(place(extremum.x), place(extremum.y)),
+                pixel: Pixel::new(to_image(extremum.x), to_image(extremum.y)),
                 scale: (sigma * octave.step) as f32,
                 orientation,
                 response: *strength,
@@ -151,7 +151,7 @@ fn describe(
 mod tests {
     use super::*;
 
-    /// What is sealed in a browser is what is sealed elsewhere.
+    /// The same features in a browser and on other platforms.
     #[test]
     fn every_backend_gives_the_same_features() {
         let (width, height) = (173, 141);

@@ -10,12 +10,12 @@ use super::plane::Plane;
 use super::strip::{Blurs, Source, Strip};
 use crate::GrayImage;
 
-/// An octave narrower than this has no room for a descriptor.
+/// An octave narrower than this is too small for a descriptor.
 const MIN_SIDE: usize = 12;
-/// Rows of a strip at least: it blurs again some 40 rows of each of its neighbours.
+/// Minimum number of rows of a strip: it blurs some 40 rows of each of its neighbours again.
 const STRIP: usize = 160;
 
-/// The blurred images of one octave that keypoints are described in, and where their samples lie in the image.
+/// The blurred images of one octave at which keypoints are described, and the position of their samples in the image.
 #[derive(Debug)]
 pub(super) struct Octave {
     /// The levels `1..=SCALES`.
@@ -34,8 +34,8 @@ impl Octave {
         for (padded, row) in source.data.chunks_exact_mut(stride).zip(image.data().chunks_exact(width)) {
             padded[..width].copy_from_slice(row);
         }
-        // Lowe takes off 0.5 pixels that the camera blurred already. Blurring in full repeats better on images
-        // (81 against 79 % of keypoints, 448 against 426 correct matches a pair: research/notes/features.md).
+        // Lowe subtracts 0.5 pixels for the blur of the camera. Full blurring has better repeatability on images (81
+        // against 79 % of keypoints, 448 against 426 correct matches per pair: docs/features.md).
         if options.upsample {
             let source = Source::Doubled(&source, quarter_kernels(0.5 * FIRST_SIGMA));
             Self::of(&source, [0.5, 0.25], 0, options, backend)
@@ -45,7 +45,7 @@ impl Octave {
         }
     }
 
-    /// The next octave, half as wide, with the number `index`; `None` when it would be too small.
+    /// The next octave, half as wide, with index `index`; `None` when it would be too small.
     pub(super) fn next(
         &self,
         index: usize,
@@ -73,7 +73,7 @@ impl Octave {
         let mut levels: Vec<Plane> = (0..SCALES).map(|_| Plane::new(width, height)).collect();
         let stride = levels[0].stride;
 
-        // Rows are the same however they are shared out, so the number of threads changes the time and nothing else.
+        // Rows do not depend on the division into strips, so the number of threads changes only the time.
         let strips = rayon::current_num_threads().min(height / STRIP).max(1);
         let rows = height.div_ceil(strips).max(1);
         let mut parts: Vec<_> = levels.iter_mut().map(|level| level.data.chunks_mut(rows * stride)).collect();
@@ -89,7 +89,7 @@ impl Octave {
         (Self { levels, step, offset }, without_repeated(found.concat()))
     }
 
-    /// A level where keypoints are described, of `1..=SCALES`.
+    /// A level at which keypoints are described, of `1..=SCALES`.
     pub(super) fn level(&self, level: usize) -> &Plane {
         &self.levels[level - 1]
     }

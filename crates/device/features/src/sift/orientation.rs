@@ -4,12 +4,12 @@ use std::f32::consts::{PI, TAU};
 
 use veiloc_simd::sift::BINS;
 
-/// A direction counts as dominant from this share of the strongest on.
+/// A direction is dominant from this share of the strongest on.
 const PEAK_SHARE: f32 = 0.8;
 
 /// Dominant directions, strongest first, at most `max`; from the column axis towards the row axis, in (-π, π].
 ///
-/// `bins` are a full turn from -π on. None where there is no gradient at all.
+/// `bins` are a full turn from -π on. Empty when there is no gradient.
 pub(super) fn dominant(bins: &[f32; BINS], max: usize) -> Vec<f32> {
     let highest = bins.iter().copied().fold(0.0f32, f32::max);
     let mut peaks: Vec<(f32, f32)> = Vec::new();

@@ -2,7 +2,7 @@
 
 use veiloc_simd::sift::LANES;
 
-/// A grid of samples, `[height, stride]`; what lies right of `width` is finite and means nothing.
+/// A grid of samples, `[height, stride]`; samples right of `width` are finite padding.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Plane {
     pub(super) width: usize,
@@ -12,7 +12,7 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// A grid whose samples mean nothing yet.
+    /// A grid with arbitrary samples.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let stride = stride_of(width);
         Self { width, height, stride, data: vec![0.0; stride * height] }
@@ -30,8 +30,8 @@ impl Plane {
         self.row(y.clamp(0, self.height as isize - 1) as usize)
     }
 
-    /// The part of `width` columns and `height` rows from column `left` and row `top` on, the grid continued by its own
-    /// mirror image without end. Not of an empty plane.
+    /// The part of `width` columns and `height` rows from column `left` and row `top` on, with the grid continued by
+    /// its mirror image without end. Not for an empty plane.
     pub(super) fn mirrored(&self, [left, top]: [isize; 2], [width, height]: [usize; 2]) -> Self {
         let inside = |at: isize, size: usize| {
             let at = at.rem_euclid(2 * size as isize) as usize;
@@ -49,8 +49,8 @@ impl Plane {
     }
 }
 
-/// Samples of a row of which `width` mean something: room for the vectors of two rows of half the width, and an odd number
-/// of vectors, so that neighbours in a column do not compete for the same few places of a cache.
+/// Row length for `width` samples: space for the vectors of two rows of half the width, and an odd number of vectors,
+/// so that neighbours in a column do not compete for the same cache sets.
 fn stride_of(width: usize) -> usize {
     (2 * width.div_ceil(2 * LANES) + 1) * LANES
 }

@@ -1,14 +1,14 @@
-//! The rows of one level while it is made: some of them stay, of the others the last ones.
+//! The rows of one level during its computation: some are stored, of the others only the last ones.
 
-/// The rows of one level that are at hand.
+/// The available rows of one level.
 pub(super) struct Rows<'a> {
     pub(super) stride: usize,
-    /// The rows from `first` on, to stay.
+    /// The stored rows, from `first` on.
     pub(super) own: &'a mut [f32],
     pub(super) first: usize,
-    /// The last ones of the others.
+    /// The last ones of the other rows.
     pub(super) ring: Vec<f32>,
-    /// The row that is written next.
+    /// The next row to write.
     pub(super) next: usize,
 }
 
@@ -28,7 +28,7 @@ impl Rows<'_> {
         }
     }
 
-    /// Whether a row is one of those that stay, and where it begins.
+    /// Whether a row is stored, and where it begins.
     #[inline]
     fn at(&self, y: usize) -> (bool, usize) {
         let own = y.wrapping_sub(self.first).wrapping_mul(self.stride);

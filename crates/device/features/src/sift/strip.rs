@@ -1,8 +1,8 @@
-//! The levels of one octave in a strip of rows, from top to bottom, and the extrema in it on the way.
+//! The levels of one octave in a strip of rows, from top to bottom, and its extrema.
 //!
-//! All levels advance together: level `l` is some rows behind level `l - 1`, as far as its blur looks ahead. So what is
-//! read was written a moment ago and is still in the cache, and of the levels that nobody asks for later only the last
-//! rows are kept.
+//! All levels advance together: level `l` is some rows behind level `l - 1`, by the radius of its blur. So rows are
+//! read shortly after they are written, from the cache, and only the last rows are stored for levels that are not
+//! needed later.
 
 use veiloc_simd::Backend;
 use veiloc_simd::sift::{
@@ -18,7 +18,7 @@ use super::rows::Rows;
 /// Rows by which all levels advance at once.
 const BLOCK: usize = 8;
 
-/// What the first level of an octave is made of.
+/// The source of an octave's first level.
 pub(super) enum Source<'a> {
     /// The image, doubled and blurred in one step by the kernels for even and odd samples.
     Doubled(&'a Plane, [Vec<f32>; 2]),
@@ -33,11 +33,11 @@ pub(super) struct Blurs {
     kernels: Vec<HalfKernel>,
     /// How many rows the last level is behind each level, `[LEVELS]`.
     ahead: Vec<usize>,
-    /// Rows of a level between the last one written and the last one that may be asked for, a power of two.
+    /// Rows of a level between the last one written and the oldest one that may be read, a power of two.
     ring: usize,
 }
 
-/// The rows from `first` on that `own` has room for, and what they are made from.
+/// The rows from `first` on that fit into `own`, and their source.
 pub(super) struct Strip<'a> {
     pub(super) source: &'a Source<'a>,
     pub(super) blurs: &'a Blurs,
@@ -100,7 +100,7 @@ impl Blurs {
 }
 
 impl<'a> Strip<'a> {
-    /// Fills the rows, and finds the extrema in them: by row, level and column of the sample where they were found.
+    /// Fills the rows, and finds their extrema: by row, level and column of the sample of detection.
     pub(super) fn extrema(mut self, index: usize, options: &SiftOptions) -> Vec<Extremum> {
         let [width, height] = self.size;
         let end = self.first + self.own[0].len() / self.stride;
@@ -113,7 +113,7 @@ impl<'a> Strip<'a> {
         if width < 3 {
             return found;
         }
-        // The rows above the strip that its first rows are made from, a block at a time as well.
+        // The rows above the strip from which its first rows are computed, also a block at a time.
         let above = searched.start.min(2 * self.blurs.ahead[0]) / BLOCK;
         for behind in (1..=above).rev() {
             self.advance_all(&mut levels, searched.start - behind * BLOCK, &mut scratch);
@@ -136,7 +136,7 @@ impl<'a> Strip<'a> {
         found
     }
 
-    /// All levels, without any row yet.
+    /// All levels, without rows.
     fn levels(&mut self, searched: usize, end: usize) -> Vec<Rows<'a>> {
         let mut own = std::mem::take(&mut self.own).into_iter();
         let alone = self.first == 0 && end == self.size[1];
@@ -151,7 +151,7 @@ impl<'a> Strip<'a> {
             .collect()
     }
 
-    /// Writes all rows that are looked at for extrema above row `end`.
+    /// Writes all rows that are needed for extrema above row `end`.
     fn advance_all(&self, levels: &mut [Rows<'_>], end: usize, scratch: &mut Vec<f32>) {
         for level in 0..LEVELS {
             let to = (end + MARGIN + self.blurs.ahead[level]).min(self.size[1]);

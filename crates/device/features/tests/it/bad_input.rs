@@ -1,4 +1,5 @@
-//! Images that are none, too small, flat, not finite, or cut short: typed errors or no keypoints, never a panic.
+//! Files that are not images, and images that are too small, flat, not finite, or truncated: typed errors or no
+//! keypoints, never a panic.
 
 use std::path::{Path, PathBuf};
 
@@ -13,8 +14,8 @@ fn count(image: &GrayImage) -> usize {
     extract_sift(image, &SiftOptions::default()).keypoints.len()
 }
 
-/// Whatever comes out is inside the image, finite, and whole.
-fn sound(image: &GrayImage, value: f32) {
+/// All keypoints are inside the image, finite, and complete.
+fn check_keypoints(image: &GrayImage, value: f32) {
     let found = extract_sift(image, &SiftOptions::default());
     assert_eq!(found.descriptors.len(), found.keypoints.len(), "{value}");
     let size = [f64::from(image.width()), f64::from(image.height())];
@@ -44,7 +45,7 @@ fn sizes_and_samples_are_checked() {
     assert!(GrayImage::new(u32::MAX, u32::MAX, vec![0.0; 4]).is_err());
     assert!(GrayImage::from_rgb8(2, 2, &[0; 11]).is_err());
     assert!(GrayImage::from_rgba8(2, 2, &[0; 15]).is_err());
-    // A canvas's pixels are those of the file, whatever it says of transparency.
+    // The pixels of a canvas equal those of the file; transparency is ignored.
     let rgba = [9, 200, 31, 0, 77, 5, 250, 255];
     let rgb: Vec<u8> = rgba.chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     assert_eq!(GrayImage::from_rgba8(2, 1, &rgba).ok(), GrayImage::from_rgb8(2, 1, &rgb).ok());
@@ -66,17 +67,17 @@ fn small_and_flat_images_have_no_keypoints() {
 
 #[test]
 fn extreme_images_do_not_panic() {
-    // Blocks of 5 pixels, dark or light at random: corners and blobs at every place.
+    // Blocks of 5 pixels, dark or light at random: corners and blobs everywhere.
     let blocks = |value: f32| -> Vec<f32> {
         let sign = |x: u32, y: u32| (x * 13 + y * 7 + 1).wrapping_mul(2_654_435_761) >> 31 == 0;
         (0..64 * 64u32).map(|i| if sign(i % 64 / 5, i / 64 / 5) { value } else { -value }).collect()
     };
     for value in [1e-40, 1.0, 1e20, f32::MAX] {
-        sound(&GrayImage::new(64, 64, blocks(value)).expect("finite"), value);
+        check_keypoints(&GrayImage::new(64, 64, blocks(value)).expect("finite"), value);
     }
     assert!(count(&GrayImage::new(64, 64, blocks(1.0)).expect("finite")) > 10, "there is something to find");
     let noise = (0..8 * 8u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as f32 / 255.0).collect();
-    sound(&GrayImage::new(8, 8, noise).expect("finite"), 1.0);
+    check_keypoints(&GrayImage::new(8, 8, noise).expect("finite"), 1.0);
     let mut none = SiftOptions::default();
     (none.max_keypoints, none.max_octaves, none.max_orientations) = (0, 0, 0);
     let image = GrayImage::new(64, 64, blocks(1.0)).expect("finite");
@@ -95,7 +96,7 @@ fn files_load_in_colmap_gray() {
 }
 
 #[test]
-fn a_missing_or_damaged_file_is_named() {
+fn error_names_a_missing_or_damaged_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let missing = folder.path().join("none.jpg");
     let error = load_gray(&missing).expect_err("it is not there");
@@ -124,7 +125,7 @@ fn a_missing_or_damaged_file_is_named() {
 }
 
 #[test]
-fn a_huge_image_is_refused_before_it_is_decoded() {
+fn huge_image_is_rejected_before_decoding() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = saved(folder.path(), "huge.png", ImageFormat::Png);
     let mut bytes = std::fs::read(&path).expect("just written");
@@ -146,14 +147,14 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn limiting_keeps_the_mean_and_the_sides_in_proportion() {
+fn limiting_preserves_mean_and_aspect_ratio() {
     let image = GrayImage::new(50, 30, (0..1500).map(|i| (i % 50) as f32 / 50.0).collect()).expect("finite");
     let small = image.clone().limited(20);
     assert_eq!((small.width(), small.height()), (20, 12));
     let mean = |image: &GrayImage| image.data().iter().sum::<f32>() / image.data().len() as f32;
     assert!((mean(&image) - mean(&small)).abs() < 1e-5);
-    // A ramp stays a ramp in COLMAP's pixels: sample x of the new one is at 2.5 (x + 0.5) of the old one, but for the
-    // pixels that are cut in two (0.05 of a pixel, first to one side, then to the other).
+    // A ramp stays a ramp in COLMAP's pixel convention: sample x of the new image is at 2.5 (x + 0.5) of the old one,
+    // except for pixels that are divided (0.05 of a pixel, alternating between sides).
     for x in 0..20u32 {
         let expected = (2.5 * (x as f32 + 0.5) - 0.5) / 50.0;
         assert!((small.row(3)[x as usize] - expected).abs() < 0.051 / 50.0);
@@ -165,7 +166,7 @@ fn limiting_keeps_the_mean_and_the_sides_in_proportion() {
 const LIMITS: Limits = Limits { max_keypoints: 50, max_side: 40 };
 
 #[test]
-fn an_image_of_another_size_than_the_cameras_is_refused() {
+fn image_size_must_match_the_camera() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = saved(folder.path(), "a.png", ImageFormat::Png);
     let extracted = extract_image(&path, Some((64, 48)), &Sift::default(), LIMITS).expect("it fits");
@@ -185,12 +186,12 @@ fn an_image_of_another_size_than_the_cameras_is_refused() {
         let error = extract_image(&path, Some(camera), &Sift::default(), LIMITS).expect_err("another camera");
         let text = error.to_string();
         assert!(text.contains("64x48") && text.contains(&format!("{}x{}", camera.0, camera.1)), "{text}");
-        assert!(!text.contains("to be turned"), "the file says nothing of turning: {text}");
+        assert!(!text.contains("rotates the image"), "the file has no orientation: {text}");
     }
 }
 
 #[test]
-fn an_image_in_memory_is_what_its_file_is() {
+fn image_in_memory_equals_its_file() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = saved(folder.path(), "a.png", ImageFormat::Png);
     let loaded = |camera| {
@@ -202,10 +203,10 @@ fn an_image_in_memory_is_what_its_file_is() {
     assert_eq!(in_memory.features.keypoints, of_file.features.keypoints);
     assert_eq!((in_memory.size, in_memory.size_in_file), (of_file.size, of_file.size_in_file));
     let text = loaded((48, 64)).expect_err("another camera").to_string();
-    assert!(text.starts_with("frame 7: 64x48 pixels") && !text.contains("to be turned"), "{text}");
+    assert!(text.starts_with("frame 7: 64x48 pixels") && !text.contains("rotates the image"), "{text}");
 }
 
-/// A JPEG as phones write it: the samples as the sensor lies, and a note by how much to turn them.
+/// A JPEG as phones write it: pixels in sensor orientation, with an EXIF orientation.
 fn turned_jpeg(folder: &Path, orientation: u8) -> PathBuf {
     let plain = std::fs::read(saved(folder, "plain.jpg", ImageFormat::Jpeg)).expect("just written");
     // TIFF, big endian, one directory with one entry: orientation (0x0112), one short.
@@ -219,25 +220,25 @@ fn turned_jpeg(folder: &Path, orientation: u8) -> PathBuf {
 }
 
 #[test]
-fn a_turned_file_is_named_and_never_turned() {
+fn exif_orientation_is_reported_and_never_applied() {
     let folder = tempfile::tempdir().expect("temporary folder");
     for (orientation, degrees) in [(6, Some("90\u{b0}")), (8, Some("270\u{b0}")), (1, None), (3, None)] {
         let path = turned_jpeg(folder.path(), orientation);
         let stored = load_gray(&path).expect("an image");
         assert_eq!((stored.width(), stored.height()), (64, 48), "as it is stored");
         let extract = |camera| extract_image(&path, Some(camera), &Sift::default(), LIMITS);
-        assert!(extract((64, 48)).is_ok(), "it fits as it is stored, whatever it says");
+        assert!(extract((64, 48)).is_ok(), "it fits as it is stored, whatever the orientation");
         let text = extract((48, 64)).expect_err("turned").to_string();
         match degrees {
-            Some(degrees) => assert!(text.contains(&format!("is to be turned by {degrees}")), "{text}"),
-            None => assert!(!text.contains("to be turned"), "{orientation}: {text}"),
+            Some(degrees) => assert!(text.contains(&format!("rotates the image by {degrees}")), "{text}"),
+            None => assert!(!text.contains("rotates the image"), "{orientation}: {text}"),
         }
         let other = extract((100, 64)).expect_err("not even turned").to_string();
-        assert!(!other.contains("to be turned"), "{other}");
+        assert!(!other.contains("rotates the image"), "{other}");
     }
 }
 
-/// An extractor from outside: one keypoint in the middle, its brightness as descriptor.
+/// An external extractor: one keypoint in the middle, its brightness as descriptor.
 struct Middle {
     rows: usize,
 }
@@ -260,7 +261,7 @@ impl Extractor for Middle {
 }
 
 #[test]
-fn an_extractor_from_outside_is_found_by_name_and_held_to_its_promise() {
+fn external_extractor_is_found_by_name_and_checked() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = saved(folder.path(), "a.png", ImageFormat::Png);
     let extractors = Extractors::default().with(Middle { rows: 1 });
@@ -271,7 +272,7 @@ fn an_extractor_from_outside_is_found_by_name_and_held_to_its_promise() {
     assert_eq!(found.features.descriptors.kind(), kind);
     let other = DescriptorKind::new("middle", 8, Encoding::Signed, 100).expect("a kind");
     let unknown = extractors.of_kind(other).err().expect("the same name, another kind").to_string();
-    assert!(unknown.contains("there are: sift, compact, middle"), "{unknown}");
+    assert!(unknown.contains("available: sift, compact, middle"), "{unknown}");
     let broken = extract_image(&path, None, &Middle { rows: 2 }, LIMITS);
     assert!(matches!(broken, Err(FeatureError::Extractor { .. })), "{broken:?}");
 }

@@ -1,4 +1,4 @@
-//! Gaussian blobs at known places: position without bias in every octave, scale in proportion, mirror symmetry.
+//! Gaussian blobs at known positions: unbiased position in every octave, proportional scale, mirror symmetry.
 
 use veiloc_features::{Features, GrayImage, SiftOptions, extract_sift};
 
@@ -32,7 +32,7 @@ fn nearest(features: &Features, u: f64, v: f64) -> [f64; 3] {
     [best.pixel.u - u, best.pixel.v - v, f64::from(best.scale)]
 }
 
-/// A blob at 64 places within 4x4 pixels, for one sigma; mean and largest offset, and mean scale over sigma.
+/// A blob at 64 positions within 4x4 pixels, for one sigma; mean and largest offset, and mean scale relative to sigma.
 fn check_offsets(sigma: f64, upsample: bool, largest_allowed: f64) {
     let mut sum = [0.0; 2];
     let mut largest = 0.0f64;
@@ -66,18 +66,18 @@ fn blob_positions_have_no_bias_in_any_octave() {
 
 #[test]
 fn a_mirrored_image_has_mirrored_keypoints() {
-    let places: Vec<[f64; 3]> = (0..12)
+    let centres: Vec<[f64; 3]> = (0..12)
         .map(|i| {
             let (column, row) = (f64::from(i % 4), f64::from(i / 4));
             [30.3 + 44.7 * column, 33.6 + 41.2 * row, 1.5 + 0.5 * f64::from(i)]
         })
         .collect();
-    // Widths that are no multiple of a power of two.
+    // Widths that are not multiples of a power of two.
     let (width, height) = (203, 157);
-    let mirrored: Vec<[f64; 3]> = places.iter().map(|&[u, v, s]| [f64::from(width) - u, v, s]).collect();
-    let here = extract_sift(&blobs(width, height, &places), &options(true));
+    let mirrored: Vec<[f64; 3]> = centres.iter().map(|&[u, v, s]| [f64::from(width) - u, v, s]).collect();
+    let here = extract_sift(&blobs(width, height, &centres), &options(true));
     let there = extract_sift(&blobs(width, height, &mirrored), &options(true));
-    for [u, v, sigma] in places {
+    for [u, v, sigma] in centres {
         let [eu, ev, scale] = nearest(&here, u, v);
         let [mu, mv, mirrored_scale] = nearest(&there, f64::from(width) - u, v);
         assert!((eu + mu).abs() < 0.04 * sigma, "blob {sigma}: {eu} against {mu}");
@@ -88,7 +88,7 @@ fn a_mirrored_image_has_mirrored_keypoints() {
 
 #[test]
 fn orientation_is_the_direction_of_the_gradient() {
-    // A blob on a ramp: the gradient of the ramp decides.
+    // A blob on a ramp: the gradient of the ramp determines the orientation.
     for degrees in [-170.0f64, -90.0, -31.0, 0.0, 45.0, 120.0, 180.0] {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let blob = blobs(64, 64, &[[32.3, 31.8, 3.0]]);

@@ -1,4 +1,4 @@
-//! Cameras from EXIF: what real cameras write, what cannot be used, and bytes from anybody.
+//! Cameras from EXIF: data of real cameras, unusable data, and arbitrary bytes.
 
 use image::DynamicImage;
 use veiloc_features::{FeatureError, exif_camera, guessed_camera};
@@ -27,13 +27,13 @@ fn focal(size: (u32, u32), exif: &[Field]) -> Result<f64, FeatureError> {
 }
 
 #[test]
-fn focal_lengths_as_cameras_write_them() {
+fn focal_length_from_exif_of_cameras() {
     let close = |size, fields: &[Field], expected: f64| {
-        let got = focal(size, fields).unwrap_or_else(|e| panic!("{fields:?}: {e}"));
-        assert!((got / expected - 1.0).abs() < 1e-9, "{fields:?}: {got} instead of {expected}");
+        let computed = focal(size, fields).unwrap_or_else(|e| panic!("{fields:?}: {e}"));
+        assert!((computed / expected - 1.0).abs() < 1e-9, "{fields:?}: {computed} instead of {expected}");
     };
     let diagonal = 36.0_f64.hypot(24.0);
-    // 26 mm of film on a 4:3 sensor, whole and as a smaller copy, upright and lying.
+    // 26 mm of film on a 4:3 sensor, at full size and as a scaled-down copy, upright and lying.
     close((400, 300), &[Short(FOCAL_35MM, 26)], 26.0 * 500.0 / diagonal);
     close((300, 400), &[Short(FOCAL_35MM, 26)], 26.0 * 500.0 / diagonal);
     close(
@@ -41,9 +41,9 @@ fn focal_lengths_as_cameras_write_them() {
         &[Long(PIXEL_X, 4000), Long(PIXEL_Y, 3000), Short(FOCAL_35MM, 26)],
         26.0 * 500.0 / diagonal,
     );
-    // On film itself the width says the same as the diagonal.
+    // On film itself the width gives the same as the diagonal.
     close((360, 240), &[Short(FOCAL_35MM, 50)], 500.0);
-    // A reflex camera: 18 mm, 4438.356 pixels an inch of its sensor, 3888 pixels wide.
+    // A reflex camera: 18 mm, 4438.356 pixels per inch of its sensor, 3888 pixels wide.
     let reflex = |unit, resolution: (u32, u32), zoom: Option<(u32, u32)>| {
         let zoom = zoom.map(|(a, b)| Rational(DIGITAL_ZOOM, a, b));
         let rest = [
@@ -62,7 +62,7 @@ fn focal_lengths_as_cameras_write_them() {
     close((486, 324), &reflex(2, (4_438_356, 1000), Some((3, 2))), 1.5 * expected / 8.0);
     close((486, 324), &reflex(2, (4_438_356, 1000), Some((0, 1))), expected / 8.0);
     close((3888, 2592), &reflex(3, (1_747_384, 1000), None), 18.0 * 1747.384 / 10.0);
-    // Both: the one that needs no more to be right.
+    // Both: the one that needs fewer assumptions.
     let both: Vec<Field> = reflex(2, (1, 1), None).into_iter().chain([Short(FOCAL_35MM, 29)]).collect();
     close((486, 324), &both, 29.0 * 486.0_f64.hypot(324.0) / diagonal);
     // Unknown is written as 0.
@@ -72,40 +72,43 @@ fn focal_lengths_as_cameras_write_them() {
 }
 
 #[test]
-fn what_does_not_tell_is_refused_with_the_reason() {
+fn unusable_exif_is_rejected_with_a_reason() {
     let refused = |found: Result<f64, FeatureError>, word: &str| {
         let error = found.expect_err("refused");
         assert!(matches!(error, FeatureError::NoFocal { .. }), "{error}");
-        let said = error.to_string();
-        assert!(said.contains("a.jpg") && said.contains(word) && said.contains("camera"), "{word}: {said}");
+        let message = error.to_string();
+        assert!(
+            message.contains("a.jpg") && message.contains(word) && message.contains("camera"),
+            "{word}: {message}"
+        );
     };
     refused(camera_of("a.jpg", (40, 30), None).map(|_| 0.0), "no EXIF");
     refused(camera_of("a.jpg", (40, 30), Some(b"nonsense".to_vec())).map(|_| 0.0), "damaged");
     let tell = |fields: &[Field]| focal((400, 300), fields);
-    refused(tell(&[]), "does not tell");
-    refused(tell(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not tell");
-    refused(tell(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not tell");
+    refused(tell(&[]), "does not give");
+    refused(tell(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not give");
+    refused(tell(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not give");
     let unit =
         |unit| [Rational(FOCAL_LENGTH, 4, 1), Rational(PLANE_X_RESOLUTION, 4000, 1), Short(PLANE_UNIT, unit)];
-    refused(tell(&unit(9)), "does not tell");
-    refused(tell(&[Short(FOCAL_35MM, 60_000)]), "impossible");
-    refused(tell(&[Short(FOCAL_35MM, 1)]), "impossible");
+    refused(tell(&unit(9)), "does not give");
+    refused(tell(&[Short(FOCAL_35MM, 60_000)]), "possible range");
+    refused(tell(&[Short(FOCAL_35MM, 1)]), "possible range");
     refused(tell(&[Long(PIXEL_X, 4000), Long(PIXEL_Y, 4000), Short(FOCAL_35MM, 26)]), "cropped");
 }
 
 #[test]
-fn the_orientation_turns_nothing() {
+fn exif_orientation_is_ignored() {
     for orientation in 1..=8 {
         let metadata = made::tiff(&[Short(ORIENTATION, orientation)], &[Short(FOCAL_35MM, 28)]);
         for name in ["a.jpg", "a.png"] {
-            let camera = camera_of(name, (400, 300), Some(metadata.clone())).expect("told");
+            let camera = camera_of(name, (400, 300), Some(metadata.clone())).expect("a camera");
             assert_eq!((camera.width, camera.height), (400, 300), "{name} {orientation}");
         }
     }
 }
 
 #[test]
-fn a_guess_is_one_of_the_longer_side() {
+fn guessed_focal_length_is_from_the_longer_side() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("a.jpg");
     made::save(&path, &DynamicImage::new_rgb8(300, 400), None);
@@ -116,9 +119,9 @@ fn a_guess_is_one_of_the_longer_side() {
     }
 }
 
-/// Every cut and many changed bytes: refused, or read as some camera; never a panic.
+/// Truncated metadata and many changed bytes: rejected, or read as some camera; never a panic.
 #[test]
-fn any_metadata_is_refused_or_read() {
+fn arbitrary_metadata_never_panics() {
     let fields =
         [Rational(FOCAL_LENGTH, 18, 1), Short(PIXEL_X, 400), Short(PIXEL_Y, 300), Short(FOCAL_35MM, 27)];
     let whole = made::tiff(&[Short(ORIENTATION, 6)], &fields);

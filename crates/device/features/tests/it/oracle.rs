@@ -1,10 +1,10 @@
-//! Agreement with pycolmap and OpenCV on a drawn image; files made by `scripts/oracle_features.py --fixture`.
+//! Agreement with pycolmap and OpenCV on a synthetic image; `scripts/oracle_features.py --fixture` made the files.
 
 use std::path::Path;
 
 use veiloc_features::{Features, SiftOptions, extract_sift, load_gray};
 
-/// Keypoints and RootSIFT bytes that another program found.
+/// Keypoints and RootSIFT bytes of another program.
 struct Reference {
     /// `[N]` of u, v, scale, orientation
     keypoints: Vec<[f64; 4]>,
@@ -31,14 +31,14 @@ fn cosine(a: &[u8], b: &[u8]) -> f64 {
     dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
 }
 
-/// How ours answers another program's keypoints.
+/// Agreement of our features with another program's keypoints.
 #[derive(Debug)]
 struct Agreement {
     /// Share with one of ours within 1.5 px and a quarter of the scale.
     repeated: f64,
     /// Share of those whose best has the orientation too, within 15 degrees.
     oriented: f64,
-    /// Mean of our position minus theirs, pixels.
+    /// Share of those whose best match has the orientation too, within 15 degrees.
     bias: [f64; 2],
     /// Median cosine of the descriptors of the oriented ones.
     cosine: f64,

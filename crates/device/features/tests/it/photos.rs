@@ -12,7 +12,7 @@ fn apply([a, b, c, d, e, f]: Affine, u: f64, v: f64) -> (f64, f64) {
     (a * u + b * v + c, d * u + e * v + f)
 }
 
-/// Turns by `degrees` and scales about the centre of an image.
+/// Rotates by `degrees` and scales about the centre of an image.
 fn about_centre(image: &GrayImage, degrees: f64, scale: f64) -> Affine {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (cu, cv) = (f64::from(image.width()) / 2.0, f64::from(image.height()) / 2.0);
@@ -20,7 +20,7 @@ fn about_centre(image: &GrayImage, degrees: f64, scale: f64) -> Affine {
     [cos, -sin, cu - cos * cu + sin * cv, sin, cos, cv - sin * cu - cos * cv]
 }
 
-/// The image moved by `affine`: nine bilinear samples averaged for each pixel, the border continued.
+/// The warped image: nine bilinear samples averaged per pixel, the border continued.
 fn warped(image: &GrayImage, affine: Affine) -> GrayImage {
     let [a, b, c, d, e, f] = affine;
     let det = a * e - b * d;
@@ -48,7 +48,7 @@ fn warped(image: &GrayImage, affine: Affine) -> GrayImage {
     GrayImage::new(width, height, (0..width * height).map(pixel).collect()).expect("finite")
 }
 
-/// Share of keypoints that stay 16 px inside and have one of the other image's within 1.5 px; mean offset of those.
+/// Share of keypoints (at least 16 px inside) with one of the other image's within 1.5 px; mean offset of those.
 fn repeatability(
     here: &Features,
     there: &Features,
@@ -72,7 +72,7 @@ fn repeatability(
 }
 
 #[real_data_test]
-fn keypoints_of_images_are_found_again(data: &Path) {
+fn keypoints_are_repeatable(data: &Path) {
     let mut options = SiftOptions::default();
     options.max_keypoints = 1024;
     for photo in

@@ -1,11 +1,12 @@
-//! How far a SIFT descriptor looks: not beyond `Extractor::reach`, and nearly as far; and what it sees beyond the border.
+//! The window of a SIFT descriptor: not beyond `Extractor::reach`, and nearly as large; and its content beyond the
+//! border.
 
 use veiloc_features::{Extractor, Features, GrayImage, Image, Keypoint, Sift};
 use veiloc_geometry::Pixel;
 
 const SIDE: u32 = 240;
 
-/// A texture with keypoints of several scales; beyond `radius` pixels from `centre` it is another one.
+/// A texture with keypoints of several scales; beyond `radius` pixels from `centre` it is different.
 fn texture(centre: Pixel, radius: f64) -> GrayImage {
     let value = |x: u32, y: u32| {
         let (u, v) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -21,8 +22,8 @@ fn features(centre: Pixel, radius: f64) -> Features {
     Sift::default().extract(&Image::from(texture(centre, radius)), 4096).expect("extracted")
 }
 
-/// The largest difference of a byte between the descriptor of a keypoint and what has its place, scale and orientation
-/// in other features; `None` when nothing has.
+/// The largest byte difference between the descriptor of a keypoint and the one with its position, scale and
+/// orientation in other features; `None` when there is none.
 fn difference(here: &Features, index: usize, there: &Features) -> Option<u8> {
     let wanted = &here.keypoints[index];
     let same = |k: &Keypoint| {
@@ -36,30 +37,30 @@ fn difference(here: &Features, index: usize, there: &Features) -> Option<u8> {
 }
 
 #[test]
-fn descriptors_look_as_far_as_their_reach() {
+fn descriptor_window_extends_to_the_reach() {
     let reach = Sift::default().reach();
     let middle = Pixel::new(120.0, 120.0);
     let here = features(middle, f64::INFINITY);
-    let (mut looked_at, mut nearer) = (0, 0);
+    let (mut checked, mut nearer) = (0, 0);
     for index in 0..here.keypoints.len() {
         let Keypoint { pixel, scale, .. } = here.keypoints[index];
         let scale = f64::from(scale);
-        // The blur looks a few scales farther than the gradients that count.
+        // The blur reads a few scales farther than the weighted gradients.
         let far = (reach + 4.5) * scale;
-        if far + (pixel.u - middle.u).hypot(pixel.v - middle.v) > 100.0 || looked_at == 12 {
+        if far + (pixel.u - middle.u).hypot(pixel.v - middle.v) > 100.0 || checked == 12 {
             continue;
         }
-        looked_at += 1;
+        checked += 1;
         let beyond = difference(&here, index, &features(pixel, far));
-        assert!(beyond.is_some_and(|d| d <= 1), "{beyond:?} from beyond its reach");
-        // Well inside of it there is something to see.
+        assert!(beyond.is_some_and(|d| d <= 1), "{beyond:?} from pixels beyond its reach");
+        // A change well inside must be visible.
         nearer += usize::from(difference(&here, index, &features(pixel, 0.55 * reach * scale)) > Some(3));
     }
-    assert!(looked_at == 12 && nearer > 8, "{nearer} of {looked_at} look nearly as far as they say");
+    assert!(checked == 12 && nearer > 8, "{nearer} of {checked} have nearly the declared reach");
 }
 
 #[test]
-fn whole_features_are_those_whose_disc_is_in_the_image() {
+fn whole_features_have_their_disc_in_the_image() {
     let all = features(Pixel::new(0.0, 0.0), f64::INFINITY);
     let whole = all.clone().whole((SIDE, SIDE), 10.0);
     let side = f64::from(SIDE);
@@ -71,13 +72,13 @@ fn whole_features_are_those_whose_disc_is_in_the_image() {
     assert!(!expected.is_empty() && expected.len() < all.keypoints.len(), "{} of them", expected.len());
     assert_eq!(whole.keypoints, expected.iter().map(|i| all.keypoints[*i]).collect::<Vec<_>>());
     assert!(whole.descriptors == all.descriptors.select(expected));
-    // Without reach nothing is left out.
+    // With zero reach nothing is dropped.
     assert!(all.clone().whole((SIDE, SIDE), 0.0) == all);
 }
 
-/// A mirrored border is that of the image continued by its mirror image, and changes nothing inside.
+/// A mirrored border equals that of the image continued by its mirror image, and changes nothing inside.
 #[test]
-fn sealed_descriptors_are_those_of_the_continued_image() {
+fn sealing_mirrors_the_border() {
     const MARGIN: u32 = 80;
     let image = texture(Pixel::new(0.0, 0.0), f64::INFINITY);
     let mirrored = Sift::for_sealing().extract(&Image::from(image.clone()), 4096).expect("extracted");
@@ -108,7 +109,7 @@ fn sealed_descriptors_are_those_of_the_continued_image() {
             assert_eq!(difference(&mirrored, index, &cut), Some(0), "{keypoint:?}");
         } else if nearest < 0.5 * reach * f64::from(keypoint.scale) {
             over += 1;
-            // The blur of the scale space sees the border as well, so that some keypoints move.
+            // The blur of the scale space also reads the border, so that some keypoints move.
             found += usize::from(difference(&mirrored, index, &there).is_some_and(|d| d <= 12));
             changed += usize::from(difference(&mirrored, index, &cut).is_none_or(|d| d > 12));
         }

@@ -18,7 +18,7 @@ fn with_threads(count: usize, image: &GrayImage, options: &SiftOptions) -> Featu
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn result_is_independent_of_the_thread_count() {
     for upsample in [false, true] {
         let mut options = SiftOptions::default();
         options.upsample = upsample;
@@ -34,7 +34,7 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn strongest_first_and_fewer_are_a_prefix() {
+fn fewer_keypoints_are_a_prefix_of_more() {
     let image = texture(160, 120);
     let mut options = SiftOptions::default();
     let all = extract_sift(&image, &options);
@@ -54,7 +54,7 @@ fn strongest_first_and_fewer_are_a_prefix() {
 }
 
 #[test]
-fn scaled_features_move_by_the_same_factor() {
+fn scaled_features_are_in_scaled_pixels() {
     let features = extract_sift(&texture(160, 120), &SiftOptions::default());
     let larger = features.clone().scaled(2.0, 2.0);
     assert_eq!(larger.keypoints[3].pixel.u, 2.0 * features.keypoints[3].pixel.u);

@@ -116,7 +116,7 @@ fn unknown_descriptor_kind_is_an_error() {
     let camera = camera();
     let error = extract("no-such-file.png".as_ref(), &camera, &hostile, &SealOptions::default());
     let text = error.expect_err("unknown").to_string();
-    assert!(text.contains("everything") && text.contains("there are: sift"), "{text}");
+    assert!(text.contains("everything") && text.contains("available: sift"), "{text}");
     assert!(matches!(sealed(&hostile, &SealOptions::default(), 300), Err(SealError::Query(_))));
     let missing = extract("no-such-file.png".as_ref(), &camera, &profile(), &SealOptions::default());
     assert!(matches!(missing, Err(SealError::Image(_))), "{missing:?}");

@@ -54,7 +54,7 @@ fn lists_and_images_that_cannot_be_used_are_named() {
     }
     let unknown = BuildOptions { features: "orb".to_owned(), ..BuildOptions::default() };
     let error = refused(&model, dir.path(), &["a.png"], &unknown);
-    assert!(error.to_string().contains("orb") && error.to_string().contains("there are: sift"), "{error}");
+    assert!(error.to_string().contains("orb") && error.to_string().contains("available: sift"), "{error}");
     let blank = refused(&posed("PINHOLE,1,1,1,1,0.5,0.5"), dir.path(), &["a.png"], &options);
     assert!(matches!(blank, MappingError::NoKeypoints { images: 1, .. }), "{blank}");
     let empty = ColmapModel::new(Vec::new(), Vec::new(), Vec::new()).unwrap();

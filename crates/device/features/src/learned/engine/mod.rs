@@ -1,4 +1,4 @@
-//! What runs a network: rten, which is part of the program, or ONNX Runtime, which is faster and a library of the user's. Each is a
+//! Engines for networks: rten, which is part of the program, or the user's ONNX Runtime, which is faster. Each is a
 //! cargo feature.
 
 #[cfg(feature = "onnxruntime")]
@@ -12,18 +12,20 @@ use std::str::FromStr;
 use crate::FeatureError;
 pub(crate) use run::{Input, Run};
 
-/// What runs networks. An engine rounds in its own way: a device and its map do best with one.
+/// An engine for networks. Engines round differently: a device and its map should use the same one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Engine {
-    /// rten: pure Rust, part of the program. Results do not depend on the number of threads. Needs the cargo feature `rten`.
+    /// rten: pure Rust, part of the program. Results do not depend on the number of threads. Requires the cargo feature
+    /// `rten`.
     #[default]
     Rten,
-    /// ONNX Runtime, as a library that the environment variable `ORT_DYLIB_PATH` names. Needs the cargo feature `onnxruntime`.
+    /// ONNX Runtime, a library named by the environment variable `ORT_DYLIB_PATH`. Requires the cargo feature
+    /// `onnxruntime`.
     OnnxRuntime,
 }
 
 impl Engine {
-    /// All of them, whether this program has them or not.
+    /// All engines, whether this program includes them or not.
     pub const ALL: [Self; 2] = [Self::Rten, Self::OnnxRuntime];
 
     /// The name on the command line.
@@ -34,7 +36,7 @@ impl Engine {
         }
     }
 
-    /// Reads an ONNX model; what is wrong with it, or with the engine, in words.
+    /// Reads an ONNX model; the error describes the problem with the model or the engine.
     #[cfg_attr(
         not(any(feature = "rten", feature = "onnxruntime")),
         expect(unused_variables, reason = "no engine reads it")
@@ -53,7 +55,7 @@ impl Engine {
     }
 }
 
-/// What a program without an engine says of it.
+/// The error for an engine that is not included.
 #[cfg(not(all(feature = "rten", feature = "onnxruntime")))]
 fn absent(engine: &str, feature: &str) -> String {
     format!("this program was built without {engine}; build it with `--features {feature}`")

@@ -1,6 +1,6 @@
-//! ONNX Runtime as an engine: a library of the user's, loaded when the first network is.
+//! ONNX Runtime as an engine: the user's library, loaded together with the first network.
 //!
-//! The library is the one that `ORT_DYLIB_PATH` names, and no other: what is found somewhere on a system is not run.
+//! Only the library that `ORT_DYLIB_PATH` names is loaded; the system is not searched.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -12,17 +12,17 @@ use super::run::{Input, Run};
 use crate::learned::onnx::with_outputs;
 use crate::learned::{Layer, Tensor};
 
-/// Where the library is.
+/// The environment variable with the path of the library.
 const LIBRARY: &str = "ORT_DYLIB_PATH";
 
-/// A network. A session gives the outputs that its model declares, so a layer that is none needs a model that says it is one.
+/// A network. A session returns the declared outputs of its model, so an inner layer requires a model that declares it.
 pub(super) struct OnnxRuntime {
     onnx: Vec<u8>,
     inputs: Vec<Input>,
-    /// Names of what the file itself declares.
+    /// Names of the outputs that the file declares.
     outputs: Vec<String>,
     threads: usize,
-    /// One for each set of inner layers that was asked for; the first is of none.
+    /// One session per requested set of inner layers; the first has none.
     sessions: Mutex<Vec<(Vec<String>, Session)>>,
 }
 
@@ -98,11 +98,9 @@ fn library() -> Result<(), String> {
     let load = || {
         let path = std::env::var_os(LIBRARY).filter(|path| !path.is_empty()).map(PathBuf::from);
         let path = path.ok_or_else(|| {
-            format!(
-                "{LIBRARY} names no library of ONNX Runtime (libonnxruntime.so, or as the system calls it)"
-            )
+            format!("{LIBRARY} names no library of ONNX Runtime (for example libonnxruntime.so)")
         })?;
-        // Some builds report who runs what: not from a device that is to keep its images to itself.
+        // Some builds send telemetry: a device must not reveal its use.
         ort::init_from(&path).map_err(words)?.with_telemetry(false).commit();
         Ok(())
     };

@@ -1,6 +1,7 @@
 //! rten as an engine.
 //!
-//! Equal inputs give equal outputs, with any number of threads: rten shares out rows and channels of a result, and never a sum.
+//! Equal inputs give equal outputs, with any number of threads: rten divides rows and channels of a result between
+//! threads, never a sum.
 
 use std::sync::Arc;
 
@@ -63,16 +64,16 @@ impl Run for Rten {
         };
         let outputs = layers.iter().map(of).collect::<Result<Vec<_>, _>>()?;
         let options = RunOptions::default().with_thread_pool(Some(Arc::clone(&self.threads)));
-        // On a thread of its own. One of rayon's would take up other images while it waits for this one, and hold the layers of
-        // all of them in memory, one upon the other.
+        // On a separate thread: a rayon thread would process other images while it waits for this one, and keep the
+        // layers of all of them in memory.
         let run = || self.model.run(inputs, &outputs, Some(options));
         let results = match std::thread::scope(|scope| scope.spawn(run).join()) {
             Ok(results) => results.map_err(|error| error.to_string())?,
-            Err(_) => return Err("it does not fit what it is given".to_owned()),
+            Err(_) => return Err("it does not accept this input".to_owned()),
         };
         let tensor = |value: rten::Value| {
             let tensor: rten_tensor::Tensor<f32> =
-                value.try_into().map_err(|_| "its output is no table of numbers".to_owned())?;
+                value.try_into().map_err(|_| "its output is not a table of numbers".to_owned())?;
             Ok(Tensor { shape: tensor.shape().to_vec(), data: tensor.into_data() })
         };
         results.into_iter().map(tensor).collect()

@@ -1,4 +1,4 @@
-//! What an engine does with a network.
+//! The interface of an engine.
 
 use crate::learned::{Layer, Tensor};
 
@@ -6,7 +6,7 @@ use crate::learned::{Layer, Tensor};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Input {
     pub(crate) name: String,
-    /// Its sides; `None` for a side that is open.
+    /// Its sides; `None` for an open side.
     pub(crate) sides: Vec<Option<usize>>,
 }
 
@@ -18,10 +18,10 @@ pub(crate) trait Run: Send + Sync {
     /// Names of its outputs, in the file's order.
     fn outputs(&self) -> Vec<String>;
 
-    /// What the file says of itself under a key.
+    /// The file's metadata under a key.
     fn metadata(&self, key: &str) -> Option<String>;
 
-    /// Results of these layers; `inputs` in the file's order, no more than it has, each with as many numbers as its shape says.
-    /// What went wrong in words.
+    /// Results of these layers. `inputs` are in the file's order, not more than it has, each with as many numbers as
+    /// its shape requires. The error is a text.
     fn run(&self, inputs: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, String>;
 }

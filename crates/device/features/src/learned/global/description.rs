@@ -1,25 +1,25 @@
-//! What makes a vector of a whole image: a short text file (TOML), or one of those built in (`globals/`).
+//! Description of a global descriptor: a short text file (TOML), or one of the built-in ones (`globals/`).
 //!
 //! ```toml
 //! name = "mine"                     # of the model of global descriptors
-//! source = "https://…"              # where its files are got
-//! export = "python …"               # what makes them of what is got there; left out where nothing need be made
+//! source = "https://…"              # where to get its files
+//! export = "python …"               # command that makes the files from the source; optional
 //! licence = "MIT"
-//! numbers = 512                     # of a vector
+//! numbers = 512                     # dimension of a vector
 //!
-//! [[networks]]                      # one, or several run one after the other
-//! files = ["mine.onnx"]             # the first that is found is taken
-//! inputs = ["image"]                # in the file's order: "image", and "before" for what the network before gave.
-//!                                   # left out: "image" of the first, "before" of the others
-//! layer = 0                         # what it gives: a layer's name, or the number of an output
+//! [[networks]]                      # one, or several that run one after the other
+//! files = ["mine.onnx"]             # the first that is found is used
+//! inputs = ["image"]                # in the file's order: "image", and "before" for the previous result.
+//!                                   # default: "image" for the first, "before" for the others
+//! layer = 0                         # its result: a layer's name, or the number of an output
 //! channels_last = false             # [1, C, H, W]; true: [1, H, W, C]
-//! middle = [80, 60]                 # of what it gives so many columns and rows in the middle; left out: all
+//! middle = [80, 60]                 # crop of the result: columns and rows in the middle; optional
 //!
-//! [networks.image]                  # what "image" is; sides that the file says are kept
+//! [networks.image]                  # the "image" input; fixed sides of the file have priority
 //! channels = 3                      # 1: gray; 3: gray in all three
 //! normalize = "none"                # as for local features (`description.rs`)
-//! size = [640, 480]                 # made so wide and high, whatever its shape; left out: as it is
-//! longest_side = 1024               # larger images are made smaller; left out: as large as they come
+//! size = [640, 480]                 # resize to this width and height; optional
+//! longest_side = 1024               # larger images are scaled down; optional
 //! multiple = 1                      # sides are multiples of it
 //! ```
 
@@ -32,10 +32,10 @@ use crate::FeatureError;
 use crate::learned::Layer;
 use crate::learned::description::{Input, Normalize, parsed};
 
-/// Most networks that are run one after the other.
-const MOST_NETWORKS: usize = 8;
+/// Maximum number of networks that run one after the other.
+const MAX_NETWORKS: usize = 8;
 
-/// A model of global descriptors: where its files are got, and how its numbers are meant.
+/// A model of global descriptors: the source of its files, and the meaning of its outputs.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GlobalDescription {
@@ -46,36 +46,36 @@ pub struct GlobalDescription {
     export: Option<String>,
     licence: String,
     numbers: usize,
-    pub(super) networks: Vec<Part>,
+    pub(super) networks: Vec<NetworkPart>,
 }
 
 /// One of the networks.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Part {
+pub(super) struct NetworkPart {
     pub(super) files: Vec<String>,
     #[serde(default)]
-    inputs: Vec<From>,
+    inputs: Vec<InputSource>,
     #[serde(default = "first")]
     pub(super) layer: Layer,
     #[serde(default)]
     pub(super) channels_last: bool,
     pub(super) middle: Option<[usize; 2]>,
-    pub(super) image: Option<Seen>,
+    pub(super) image: Option<ImageInput>,
 }
 
-/// What an input is given.
+/// The source of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum From {
+pub(super) enum InputSource {
     Image,
     Before,
 }
 
-/// An image as a network wants it.
+/// The image input of a network.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Seen {
+pub(super) struct ImageInput {
     channels: usize,
     #[serde(default)]
     normalize: Normalize,
@@ -93,19 +93,19 @@ const fn first() -> Layer {
     Layer::Output(0)
 }
 
-impl Seen {
+impl ImageInput {
     pub(super) fn input(&self) -> Input {
         let Self { channels, normalize, longest_side, multiple, .. } = self.clone();
         Input { channels, normalize, multiple, longest_side, margin: 0 }
     }
 }
 
-impl Part {
-    /// What its inputs are given; `is_first` of the networks.
-    pub(super) fn inputs(&self, is_first: bool) -> &[From] {
+impl NetworkPart {
+    /// The sources of its inputs; `is_first` for the first network.
+    pub(super) fn inputs(&self, is_first: bool) -> &[InputSource] {
         match &self.inputs[..] {
-            [] if is_first => &[From::Image],
-            [] => &[From::Before],
+            [] if is_first => &[InputSource::Image],
+            [] => &[InputSource::Before],
             own => own,
         }
     }
@@ -119,12 +119,15 @@ impl Part {
             return refused("networks.files", "names of files without folders, one or more");
         }
         let inputs = self.inputs(is_first);
-        let of = |from: From| inputs.iter().filter(|own| **own == from).count();
-        if of(From::Before) > usize::from(!is_first) || of(From::Image) > 1 {
-            return refused("networks.inputs", "the image, and what the network before gave, each once");
+        let of = |from: InputSource| inputs.iter().filter(|own| **own == from).count();
+        if of(InputSource::Before) > usize::from(!is_first) || of(InputSource::Image) > 1 {
+            return refused(
+                "networks.inputs",
+                "the image, and the result of the previous network, each once",
+            );
         }
-        if (of(From::Image) == 1) != self.image.is_some() {
-            return refused("networks.image", "there for networks that are given the image, and no others");
+        if (of(InputSource::Image) == 1) != self.image.is_some() {
+            return refused("networks.image", "given for networks with an image input only");
         }
         if self.middle.is_some_and(|sides| sides.iter().any(|side| !(1..=8192).contains(side))) {
             return refused("networks.middle", "1 to 8192");
@@ -139,10 +142,10 @@ impl Part {
 }
 
 impl GlobalDescription {
-    /// Reads a description.
+    /// Parses a description.
     ///
     /// # Errors
-    /// [`FeatureError::Description`] naming the file, or what stands for it.
+    /// [`FeatureError::Description`] naming the file.
     pub fn parse(text: &str, file: &Path) -> Result<Self, FeatureError> {
         parsed(text, file, Self::check)
     }
@@ -150,8 +153,8 @@ impl GlobalDescription {
     fn check(&self) -> Result<(), String> {
         self.checked_model()?;
         let count = self.networks.len();
-        if !(1..=MOST_NETWORKS).contains(&count) {
-            return Err(format!("networks must be 1 to {MOST_NETWORKS}"));
+        if !(1..=MAX_NETWORKS).contains(&count) {
+            return Err(format!("networks must be 1 to {MAX_NETWORKS}"));
         }
         let mut parts = self.networks.iter().enumerate();
         parts.try_for_each(|(at, part)| part.check(at == 0))
@@ -166,32 +169,32 @@ impl GlobalDescription {
         &self.name
     }
 
-    /// In a few words.
+    /// A short text.
     pub fn about(&self) -> &str {
         &self.about
     }
 
-    /// Where its files are got.
+    /// Where to get its files.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// The command that makes its files of what is got there; `None` where nothing need be made.
+    /// The command that makes its files from the source; `None` when it is not needed.
     pub fn export(&self) -> Option<&str> {
         self.export.as_deref()
     }
 
-    /// On what terms.
+    /// The licence.
     pub fn licence(&self) -> &str {
         &self.licence
     }
 
-    /// For each of its networks, names of files that would do, the best first.
+    /// For each of its networks, the possible file names, the best first.
     pub fn files(&self) -> impl Iterator<Item = &[String]> {
         self.networks.iter().map(|part| &part.files[..])
     }
 
-    /// The model that maps and profiles name.
+    /// The model, as named by maps and profiles.
     pub fn model(&self) -> NamedGlobal {
         self.checked_model().expect("it was checked when it was read")
     }

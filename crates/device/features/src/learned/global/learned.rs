@@ -6,17 +6,17 @@ use crate::{FeatureError, GlobalExtractor, GrayImage, Image};
 use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
 
 use super::GlobalDescription;
-use super::description::{From, Part, Seen};
+use super::description::{ImageInput, InputSource, NetworkPart};
 use crate::learned::prepare::{prepare, resized};
 use crate::learned::{Engine, Network, Tensor};
 
-/// Part of the root of the numbers: with 4 standard deviations of a number in a random direction a byte is full.
+/// Factor on the root of the dimension: a byte covers 4 standard deviations of a component in a random direction.
 const LENGTH: f64 = 32.0;
 
-/// A learned global descriptor: a description and the networks it is of.
+/// A learned global descriptor: a description and its networks.
 ///
-/// Its codes are a unit vector times 32 √numbers in bytes. It is made of the image in gray, at the networks' size, from border to
-/// border. What leaves a device of it: rule L14 of docs/reference/privacy-rules.md.
+/// Its codes are a unit vector times 32 √numbers in bytes. It is computed from the gray image at the networks' size,
+/// including its border. Rule L14 of docs/privacy.md limits what is sent of it.
 pub struct LearnedGlobal {
     description: GlobalDescription,
     model: NamedGlobal,
@@ -30,10 +30,10 @@ impl std::fmt::Debug for LearnedGlobal {
 }
 
 impl LearnedGlobal {
-    /// Reads the networks of a description from these files, one for each.
+    /// Opens the networks of a description from these files, one each.
     ///
     /// # Errors
-    /// [`FeatureError`] for a file that is no network, is damaged, or is not what the description says.
+    /// [`FeatureError`] for a file that is not a network, is damaged, or does not match the description.
     pub fn open(
         description: GlobalDescription,
         files: &[PathBuf],
@@ -41,7 +41,7 @@ impl LearnedGlobal {
     ) -> Result<Self, FeatureError> {
         let count = description.networks.len();
         if files.len() != count {
-            let reason = format!("{} files are given for {count} networks", files.len());
+            let reason = format!("{} files were given for {count} networks", files.len());
             return Err(FeatureError::Network { path: files.first().cloned().unwrap_or_default(), reason });
         }
         let networks = files.iter().map(|file| Network::open(file, engine)).collect::<Result<_, _>>()?;
@@ -50,12 +50,12 @@ impl LearnedGlobal {
         Ok(all)
     }
 
-    /// What it is.
+    /// The description.
     pub fn description(&self) -> &GlobalDescription {
         &self.description
     }
 
-    /// Its networks, in the order in which they are run.
+    /// Its networks, in execution order.
     pub fn networks(&self) -> &[Network] {
         &self.networks
     }
@@ -66,7 +66,7 @@ impl LearnedGlobal {
             let refused = |reason: String| Err(FeatureError::Network { path: file.clone(), reason });
             let (expected, actual) = (part.inputs(at == 0).len(), network.ends()[0]);
             if expected != actual {
-                return refused(format!("it has {actual} inputs and not {expected}"));
+                return refused(format!("it has {actual} inputs instead of {expected}"));
             }
             for input in 0..actual {
                 if !matches!(network.sides_of(input), [None | Some(1), _, _, _]) {
@@ -77,7 +77,7 @@ impl LearnedGlobal {
         Ok(())
     }
 
-    /// The vector of an image, of length 1; all zeros where the networks say nothing. `[numbers]`
+    /// The vector of an image, of length 1; all zeros if the networks return zeros. `[numbers]`
     ///
     /// # Errors
     /// [`FeatureError::NetworkRun`].
@@ -88,7 +88,7 @@ impl LearnedGlobal {
         }
         let last = before.map(|tensor| tensor.data).unwrap_or_default();
         if last.len() != self.model.dim() || last.iter().any(|number| !number.is_finite()) {
-            let reason = format!("its vector is not {} numbers", self.model.dim());
+            let reason = format!("its vector does not have {} numbers", self.model.dim());
             return Err(FeatureError::NetworkRun { reason });
         }
         let length = last.iter().map(|number| f64::from(*number).powi(2)).sum::<f64>().sqrt();
@@ -97,9 +97,9 @@ impl LearnedGlobal {
     }
 }
 
-/// What a network gives of the image, and of what the network before it gave.
+/// The result of a network, from the image and the result of the previous network.
 fn step(
-    part: &Part,
+    part: &NetworkPart,
     network: &Network,
     is_first: bool,
     image: &GrayImage,
@@ -108,29 +108,30 @@ fn step(
     let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
     let seen = match &part.image {
         Some(seen) => {
-            let input = part.inputs(is_first).iter().position(|from| *from == From::Image).unwrap_or(0);
-            Some(shown(image, seen, network.sides_of(input)))
+            let input =
+                part.inputs(is_first).iter().position(|from| *from == InputSource::Image).unwrap_or(0);
+            Some(image_input(image, seen, network.sides_of(input)))
         }
         None => None,
     };
     let given = part.inputs(is_first).iter().map(|from| match from {
-        From::Image => seen.as_ref().ok_or_else(|| broken("it is given no image")),
-        From::Before => before.as_ref().ok_or_else(|| broken("there is no network before it")),
+        InputSource::Image => seen.as_ref().ok_or_else(|| broken("it has no image")),
+        InputSource::Before => before.as_ref().ok_or_else(|| broken("there is no previous network")),
     });
     let given: Vec<&Tensor> = given.collect::<Result<_, _>>()?;
     let result = network.run_on(&given, std::slice::from_ref(&part.layer))?.pop();
-    let mut result = result.ok_or_else(|| broken("it gives nothing"))?;
+    let mut result = result.ok_or_else(|| broken("it has no result"))?;
     if part.channels_last {
-        result = result.channels_first().ok_or_else(|| broken("what it gives is no image"))?;
+        result = result.channels_first().ok_or_else(|| broken("its result is not an image"))?;
     }
     match part.middle {
-        Some(sides) => middle(&result, sides).ok_or_else(|| broken("what it gives is too small")),
+        Some(sides) => middle(&result, sides).ok_or_else(|| broken("its result is too small")),
         None => Ok(result),
     }
 }
 
-/// The image as a network wants it.
-fn shown(image: &GrayImage, seen: &Seen, sides: &[Option<usize>]) -> Tensor {
+/// The image input of a network.
+fn image_input(image: &GrayImage, seen: &ImageInput, sides: &[Option<usize>]) -> Tensor {
     let fixed = match sides {
         [_, _, Some(height), Some(width)] => Some([*width, *height]),
         _ => None,
@@ -142,7 +143,7 @@ fn shown(image: &GrayImage, seen: &Seen, sides: &[Option<usize>]) -> Tensor {
     prepare(made.as_ref().unwrap_or(image), &seen.input(), fixed).0
 }
 
-/// So many columns and rows in the middle of `[1, C, H, W]`.
+/// The middle columns and rows of `[1, C, H, W]`.
 fn middle(tensor: &Tensor, [columns, rows]: [usize; 2]) -> Option<Tensor> {
     let [channels, height, width] = tensor.image()?;
     let (left, upper) = (width.checked_sub(columns)? / 2, height.checked_sub(rows)? / 2);

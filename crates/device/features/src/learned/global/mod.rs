@@ -1,4 +1,4 @@
-//! Learned global descriptors: one vector of a whole image, by networks that users bring.
+//! Learned global descriptors: one vector per image, computed by user-provided networks.
 
 mod description;
 mod learned;

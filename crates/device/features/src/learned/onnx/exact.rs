@@ -1,11 +1,12 @@
-//! Convolutions in whole numbers, computed in floats: a change to the model before it is run.
+//! Rewrites integer convolutions as float convolutions before a model is run.
 //!
-//! `ConvInteger` of rten 0.24 continues images by a byte of 128 where ONNX wants the zero point, which halves the scores of a
-//! quantized YOLO, and on processors without VNNI its sums saturate. The same convolution of the bytes less their zero points
-//! as floats is exact but for the rounding of sums beyond 2²⁴, and is continued by what zero stands for. The
-//! detector's `tests/oracle.rs` is the judge. To be dropped when a version that fits our minimum Rust continues images right.
+//! `ConvInteger` of rten 0.24 pads images with a byte of 128 where ONNX requires the zero point, which halves the
+//! scores of a quantized YOLO, and on processors without VNNI its sums saturate. The same convolution of the bytes
+//! minus their zero points as floats is exact except for the rounding of sums beyond 2²⁴, and pads correctly. The
+//! detector's `tests/oracle.rs` checks it. To be removed when a version with correct padding fits our minimum Rust
+//! version.
 //!
-//! Protocol buffers are changed where that takes it and copied elsewhere; field numbers are those of ONNX's `onnx.proto`.
+//! Protocol buffers are changed where necessary and copied otherwise; field numbers are those of ONNX's `onnx.proto`.
 
 use std::collections::BTreeSet;
 
@@ -17,11 +18,11 @@ use super::protobuf::{Field, fields, put, text};
 
 /// The data type of floats.
 const FLOAT: u64 = 1;
-/// The shape that makes a zero point for each channel, or one for all, broadcast over a kernel.
+/// The shape that broadcasts a zero point, per channel or common, over a kernel.
 const SHAPE: &str = "veiloc:shape";
 
-/// The model with every `ConvInteger` as a `Conv` of floats, and every `Conv` of one channel as the first of two
-/// ([`one_channel`]); `None` when the bytes are no protocol buffer.
+/// The model with every `ConvInteger` as a float `Conv`, and every `Conv` of one channel as the first of two
+/// ([`one_channel`]); `None` when the bytes are not a protocol buffer.
 pub(crate) fn exact(model: &[u8]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(model.len() + model.len() / 8);
     for field in fields(model)? {
@@ -71,8 +72,8 @@ fn exact_graph(graph: &[u8]) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// A convolution of images that says nothing of its strides, or dilations, with those that are meant then: rten takes what is left
-/// out for an empty list. `None` for any other node.
+/// A 2D convolution without strides or dilations, with their defaults added: rten treats omitted ones as an empty list.
+/// `None` for any other node.
 fn with_steps(node: &[u8], kernels: &BTreeSet<String>) -> Option<Vec<u8>> {
     if text(node, OPERATOR) != Some("Conv") {
         return None;
@@ -96,7 +97,7 @@ fn with_steps(node: &[u8], kernels: &BTreeSet<String>) -> Option<Vec<u8>> {
     Some(node)
 }
 
-/// The nodes that take the place of one `ConvInteger`.
+/// The nodes that replace one `ConvInteger`.
 fn convolution(node: &[u8]) -> Option<Vec<Vec<u8>>> {
     let all = fields(node)?;
     let texts = |number: u64| {
@@ -136,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_has_no_whole_numbers_stays_as_it_is() {
+    fn nodes_without_integers_are_unchanged() {
         let model = include_bytes!("../../../tests/data/learned/two-boxes.onnx");
         assert_eq!(exact(model).as_deref(), Some(&model[..]));
         assert_eq!(exact(&model[..model.len() / 2]), None);
@@ -145,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_convolution_of_bytes_becomes_one_of_floats() {
+    fn byte_convolution_becomes_float_convolution() {
         let stride = b"\x0a\x07strides";
         let node = operator("ConvInteger", &["x", "w", "", "wz"], "y", &[stride.to_vec()]);
         let nodes = convolution(&node).expect("a node");

@@ -1,4 +1,4 @@
-//! ONNX files as bytes: what must change in a file before it is run.
+//! ONNX files as bytes: the necessary changes to a file before it is run.
 
 #[cfg(feature = "rten")]
 mod exact;

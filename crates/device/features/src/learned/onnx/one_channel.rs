@@ -1,9 +1,9 @@
-//! Convolutions of one channel, computed as the first of two.
+//! Convolutions with one output channel, computed as the first of two channels.
 //!
-//! rten 0.24 multiplies a matrix of one row in pieces, as many as there are threads, and rounds the columns at the end of a piece
-//! otherwise than those within it: the same image gave other scores with two threads than with one. Matrices of two rows and
-//! more are summed alike however they are cut (`tests/oracle.rs`, `any_number_of_threads_gives_the_same_features`). Products with
-//! vectors (`MatMul`, `Gemm`) of one row are left as they are; no local feature known here has one.
+//! rten 0.24 multiplies a matrix of one row in as many pieces as there are threads, and rounds the columns at the end
+//! of a piece differently: the same image had different scores with two threads than with one. Matrices of two or more
+//! rows are summed equally for all divisions (`tests/oracle.rs`, `any_number_of_threads_gives_the_same_features`).
+//! Products with vectors (`MatMul`, `Gemm`) of one row are not changed; no known local feature has one.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ pub(super) fn kernels(graph: &[Field<'_>]) -> BTreeSet<String> {
     named(graph, |first| first == 1)
 }
 
-/// Names of the graph's tensors of four sides whose first is such a one.
+/// Names of the graph's four-dimensional tensors whose first side satisfies `such`.
 pub(super) fn named(graph: &[Field<'_>], such: impl Fn(u64) -> bool) -> BTreeSet<String> {
     let of = |field: &Field<'_>| {
         let tensor = field.payload.filter(|_| field.number == INITIALIZER)?;
@@ -27,7 +27,7 @@ pub(super) fn named(graph: &[Field<'_>], such: impl Fn(u64) -> bool) -> BTreeSet
     graph.iter().filter_map(of).collect()
 }
 
-/// The first side of a tensor of four (`dims` 1), packed or one by one.
+/// The first side of a four-dimensional tensor (`dims` 1), packed or one by one.
 fn first_side(tensor: &[u8]) -> Option<u64> {
     let mut sides = Vec::new();
     for field in fields(tensor)?.iter().filter(|field| field.number == 1) {
@@ -39,7 +39,7 @@ fn first_side(tensor: &[u8]) -> Option<u64> {
     (sides.len() == 4).then(|| sides[0])
 }
 
-/// The nodes that take the place of one `Conv` with such a kernel; `None` for any other.
+/// The nodes that replace one `Conv` with such a kernel; `None` for any other.
 pub(super) fn first_of_two(node: &[u8], kernels: &BTreeSet<String>) -> Option<Vec<Vec<u8>>> {
     let all = fields(node)?;
     let texts = |number: u64| {
@@ -68,7 +68,7 @@ pub(super) fn first_of_two(node: &[u8], kernels: &BTreeSet<String>) -> Option<Ve
     Some(nodes)
 }
 
-/// From where, to where and along which axis the first channel lies.
+/// Start, end and axis of the slice that selects the first channel.
 pub(super) fn ends() -> [Vec<u8>; 2] {
     [numbers(ZERO, &[0]), numbers(ONE, &[1])]
 }

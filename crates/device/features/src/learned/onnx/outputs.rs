@@ -1,4 +1,4 @@
-//! Inner layers of a model as outputs of it.
+//! Inner layers of a model as additional outputs.
 
 use super::nodes::GRAPH;
 use super::protobuf::{Field, fields, put};
@@ -8,9 +8,9 @@ const GRAPH_OUTPUT: u64 = 12;
 /// `ValueInfoProto.name`.
 const NAME: u64 = 1;
 
-/// The model with these layers as outputs after its own; `None` when the bytes are no protocol buffer.
+/// The model with these layers as outputs after its own; `None` when the bytes are not a protocol buffer.
 ///
-/// What is added has no type: engines find it by following the graph.
+/// The added outputs have no type: engines infer it from the graph.
 pub(crate) fn with_outputs(model: &[u8], layers: &[String]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(model.len());
     for field in fields(model)? {

@@ -4,15 +4,15 @@
 pub(crate) struct Field<'a> {
     /// Its number.
     pub(crate) number: u64,
-    /// What is in it, where it has a length.
+    /// Its content, for a length-delimited field.
     pub(crate) payload: Option<&'a [u8]>,
-    /// The number it is, where it is one of no fixed size.
+    /// Its value, for a varint field.
     pub(crate) value: Option<u64>,
-    /// With its tag, as it stands.
+    /// The whole field with its tag.
     pub(crate) whole: &'a [u8],
 }
 
-/// The fields of a message in their order; `None` when it is none.
+/// The fields of a message in their order; `None` when the bytes are not a message.
 pub(crate) fn fields(message: &[u8]) -> Option<Vec<Field<'_>>> {
     let mut all = Vec::new();
     let mut rest = message;
@@ -38,7 +38,7 @@ pub(crate) fn fields(message: &[u8]) -> Option<Vec<Field<'_>>> {
     Some(all)
 }
 
-/// Numbers one after the other.
+/// A sequence of varints.
 pub(crate) fn varints(mut packed: &[u8]) -> Option<Vec<u64>> {
     let mut all = Vec::new();
     while !packed.is_empty() {
@@ -47,7 +47,7 @@ pub(crate) fn varints(mut packed: &[u8]) -> Option<Vec<u64>> {
     Some(all)
 }
 
-/// The first text of this number; `None` when there is none, or the message is none.
+/// The first text with this field number; `None` when there is none, or the bytes are not a message.
 pub(crate) fn text(message: &[u8], number: u64) -> Option<&str> {
     let all = fields(message)?;
     let payload = all.iter().find(|field| field.number == number)?.payload?;
@@ -74,13 +74,13 @@ fn put_varint(out: &mut Vec<u8>, mut value: u64) {
     out.push(value as u8);
 }
 
-/// Appends a whole number.
+/// Appends a varint field.
 pub(crate) fn put_number(out: &mut Vec<u8>, number: u64, value: u64) {
     put_varint(out, number << 3);
     put_varint(out, value);
 }
 
-/// Appends what has a length.
+/// Appends a length-delimited field.
 pub(crate) fn put(out: &mut Vec<u8>, number: u64, payload: &[u8]) {
     put_varint(out, number << 3 | 2);
     put_varint(out, payload.len() as u64);

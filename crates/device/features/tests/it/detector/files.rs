@@ -1,4 +1,4 @@
-//! Detector files that cannot be used, and one that can: `scripts/oracle_detector.py` makes them.
+//! Detector files, invalid ones and one valid one; `scripts/oracle_detector.py` makes them.
 
 use std::path::PathBuf;
 
@@ -15,19 +15,23 @@ fn image(width: u32, height: u32) -> ColourImage {
 }
 
 #[test]
-fn boxes_are_told_in_pixels_of_the_file() {
+fn boxes_are_in_pixels_of_the_file() {
     let detector = Detector::open(&file("two-boxes.onnx")).expect("a detector");
     assert_eq!(detector.names(), ["person", "car"]);
-    // 64 x 64 holds the image in rows 16 to 48, half as large.
+    // 64 x 64 contains the image in rows 16 to 48, at half size.
     let found = detector.detect(&image(128, 64), 0.25).expect("it runs");
-    let told: Vec<(usize, [f32; 4])> = found.iter().map(|d| (d.class, d.corners)).collect();
-    assert_eq!(told, [(0, [20.0, -8.0, 44.0, 72.0]), (1, [76.0, 22.0, 116.0, 42.0])]);
-    assert_eq!(detector.detect(&image(128, 64), 0.7).expect("it runs").len(), 1, "the surer one");
+    let boxes: Vec<(usize, [f32; 4])> = found.iter().map(|d| (d.class, d.corners)).collect();
+    assert_eq!(boxes, [(0, [20.0, -8.0, 44.0, 72.0]), (1, [76.0, 22.0, 116.0, 42.0])]);
+    assert_eq!(
+        detector.detect(&image(128, 64), 0.7).expect("it runs").len(),
+        1,
+        "the one with the higher score"
+    );
     assert!(!format!("{found:?}{detector:?}").contains("20"), "L8: no positions");
 }
 
 #[test]
-fn files_that_are_no_detectors_are_refused() {
+fn invalid_detector_files_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let whole = std::fs::read(file("two-boxes.onnx")).expect("a detector");
     let cut = folder.path().join("cut.onnx");
@@ -36,9 +40,9 @@ fn files_that_are_no_detectors_are_refused() {
     std::fs::write(&empty, []).expect("written");
     std::fs::write(&text, "no model").expect("written");
     for (path, part) in [
-        (cut, "no detector"),
-        (empty, "no detector"),
-        (text, "no detector"),
+        (cut, "cannot be used"),
+        (empty, "cannot be used"),
+        (text, "cannot be used"),
         (file("no-names.onnx"), "names of its classes"),
         (file("any-size.onnx"), "fixed size"),
     ] {
@@ -48,9 +52,8 @@ fn files_that_are_no_detectors_are_refused() {
     }
     let gone = Detector::open(&folder.path().join("gone.onnx"));
     assert!(matches!(gone, Err(FeatureError::ReadDetector { .. })), "{gone:?}");
-    // Their form shows only when they run; numbers that are none must not pass for nothing found.
-    for (name, part) in [("three-names.onnx", "instead of 7"), ("not-a-number.onnx", "numbers that are none")]
-    {
+    // Their format is checked only when they run; NaN must not be treated as no detection.
+    for (name, part) in [("three-names.onnx", "instead of 7"), ("not-a-number.onnx", "NaN or infinity")] {
         let refused =
             Detector::open(&file(name)).expect("opened").detect(&image(64, 64), 0.25).expect_err("refused");
         assert!(
@@ -61,13 +64,13 @@ fn files_that_are_no_detectors_are_refused() {
 }
 
 #[test]
-fn classes_are_named_as_the_file_names_them() {
+fn class_names_come_from_the_file() {
     let open = |classes: &[&str]| {
         let classes: Vec<String> = classes.iter().map(|c| (*c).to_owned()).collect();
         Hider::open(&file("two-boxes.onnx"), &classes, HideOptions::default())
     };
     let refused = open(&["person", "dog"]).expect_err("unknown");
-    assert_eq!(refused.to_string(), "the detector knows no class dog; it knows: person, car");
+    assert_eq!(refused.to_string(), "the detector has no class dog; its classes: person, car");
     assert!(matches!(open(&[]), Err(FeatureError::NoClass { .. })));
     open(&["car"]).expect("a class");
 }

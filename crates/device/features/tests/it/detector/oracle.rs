@@ -1,5 +1,5 @@
-//! The boxes of a real detector file against another runtime's (`scripts/oracle_detector.py`). Needs `VEILOC_DATA`, and beside it
-//! `weights/yolo/yolo11n_int8.onnx`, which the user brings.
+//! The boxes of a real detector file against those of another runtime (`scripts/oracle_detector.py`). Needs
+//! `VEILOC_DATA`, and beside it `weights/yolo/yolo11n_int8.onnx`, provided by the user.
 
 use std::path::Path;
 
@@ -15,11 +15,11 @@ fn overlap(a: [f32; 4], b: &[f64]) -> f64 {
     shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)
 }
 
-/// Decoders of JPEG differ by a gray level here and there, and a network in whole numbers rounds what it sees: the most that scores
-/// differ by is 0.10, the least overlap 0.89. With `ConvInteger` as rten has it (`features/src/learned/onnx/exact.rs`) they differ by 0.27, and two trains
-/// are not found.
+/// JPEG decoders differ by a gray level here and there, and a quantized network rounds its values: scores differ by at
+/// most 0.10, overlaps are at least 0.89. With rten's own `ConvInteger` (`features/src/learned/onnx/exact.rs`) scores
+/// differ by 0.27, and two trains are not found.
 #[real_data_test]
-fn boxes_are_those_of_another_runtime(data: &Path) {
+fn boxes_agree_with_onnx_runtime(data: &Path) {
     let weights = data.join("../weights/yolo/yolo11n_int8.onnx");
     let detector = Detector::open(&weights).expect("a detector beside the data");
     let oracle: Value =
@@ -30,7 +30,7 @@ fn boxes_are_those_of_another_runtime(data: &Path) {
     let mut compared = 0;
     for (photo, theirs) in oracle["photos"].as_object().expect("photographs") {
         let image = load_colour(&data.join("photos").join(photo)).expect("a photograph");
-        // A little below the oracle's least score: one that is near it may fall on either side.
+        // Slightly below the oracle's minimum score: a score near it may fall on either side.
         let ours = detector.detect(&image, 0.2).expect("it runs");
         for their in theirs.as_array().expect("boxes") {
             let corners: Vec<f64> = their["corners"]

@@ -1,4 +1,4 @@
-//! Engines: by name, and what is said of one that is not there.
+//! Engines: by name, and the error for an unavailable one.
 
 use super::common;
 
@@ -16,12 +16,12 @@ fn engines_are_known_by_name() {
         assert_eq!(engine.name().parse::<Engine>().ok(), Some(engine));
     }
     let error = "tensorflow".parse::<Engine>().unwrap_err().to_string();
-    assert_eq!(error, "no engine of the name \"tensorflow\" is known; there are: rten, onnxruntime");
+    assert_eq!(error, "unknown engine \"tensorflow\"; known: rten, onnxruntime");
 }
 
-/// Not rten in its place: who asked for an engine is told that it is not there.
+/// An unavailable engine is reported and not replaced by rten.
 #[real_data_test]
-fn an_engine_that_is_not_there_is_an_error(data: &Path) {
+fn unavailable_engine_is_an_error(data: &Path) {
     if engines().contains(&Engine::OnnxRuntime) {
         return;
     }
@@ -36,9 +36,9 @@ fn an_engine_that_is_not_there_is_an_error(data: &Path) {
     assert!(matches!(&error, FeatureError::Network { reason, .. } if reason.contains(expected)), "{error}");
 }
 
-/// A file that is no network is an error in every engine, and so is an image that does not fit.
+/// A file that is not a network is an error in every engine, and so is an image of the wrong size.
 #[test]
-fn what_is_no_network_is_an_error_in_every_engine() {
+fn invalid_network_is_an_error_in_every_engine() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("xfeat_640x640.onnx");
     for bytes in [&b""[..], b"not a network", &[8, 8, 58, 2, 10]] {
@@ -50,9 +50,9 @@ fn what_is_no_network_is_an_error_in_every_engine() {
     }
 }
 
-/// Rounding alone: most keypoints are the same, to a hundredth of a pixel.
+/// Engines differ only by rounding: most keypoints are the same, to a hundredth of a pixel.
 #[real_data_test]
-fn engines_find_the_same_keypoints(data: &Path) {
+fn engines_agree(data: &Path) {
     let image = Image::from(drawn(300, 200));
     for (name, file) in [("xfeat", "xfeat/xfeat_640x640.onnx")] {
         let of = |engine: Engine| {

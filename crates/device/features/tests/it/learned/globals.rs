@@ -1,5 +1,5 @@
-//! Global descriptors of networks: against ONNX Runtime (`scripts/global_descriptors.py`), under masks, with any number of
-//! threads, and described wrongly.
+//! Global descriptors of networks: compared with ONNX Runtime (`scripts/global_descriptors.py`), under masks, with any
+//! number of threads, and with invalid descriptions.
 
 use super::common;
 
@@ -20,7 +20,7 @@ fn data(name: &str) -> PathBuf {
     folder().join("tests/data/learned").join(name)
 }
 
-/// A built-in description with a part of it replaced.
+/// A built-in description with a replaced part.
 fn described(name: &str, part: &str, by: &str) -> Result<GlobalDescription, FeatureError> {
     let text = std::fs::read_to_string(folder().join(format!("globals/{name}.toml"))).expect("a description");
     assert!(text.contains(part), "{part}");
@@ -41,26 +41,26 @@ fn numbers(value: &Value) -> Vec<f64> {
 fn one_file_is_needed_for_each_network() {
     let description = described("netvlad", "", "").expect("a description");
     let text = LearnedGlobal::open(description, &[], Engine::Rten).expect_err("no file").to_string();
-    assert!(text.contains("0 files are given for 1 networks"), "{text}");
+    assert!(text.contains("0 files were given for 1 networks"), "{text}");
 }
 
 #[test]
-fn one_thread_or_several_give_the_same_codes() {
+fn codes_are_independent_of_the_thread_count() {
     let image = Image::from(drawn(100, 84));
     let of = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| corner_map().describe(&image).expect("described"))
     };
     let one = of(1);
-    assert!(one.as_codes().iter().any(|code| *code > 5), "codes are not all nothing");
+    assert!(one.as_codes().iter().any(|code| *code > 5), "not all codes are zero");
     for threads in [2, 3, 7] {
         assert_eq!(of(threads), one, "{threads} threads");
     }
 }
 
-/// What is under a mask is nowhere in the vector; what is beside it, is.
+/// Pixels under a mask have no influence on the vector; others have.
 #[test]
-fn l14_what_a_mask_hides_changes_no_code() {
+fn l14_hidden_pixels_have_no_influence_on_codes() {
     let learned = corner_map();
     let hides = |x: u32, y: u32| (40..80).contains(&x) && (20..60).contains(&y);
     let mask = Mask::new(100, 84, hides).expect("a part");
@@ -82,13 +82,13 @@ fn l14_what_a_mask_hides_changes_no_code() {
     let beneath = other(&hides);
     assert_eq!(masked(plain.clone()), masked(beneath.clone()));
     let unmasked = |image: GrayImage| learned.describe(&Image::from(image)).expect("described");
-    assert_ne!(unmasked(plain.clone()), unmasked(beneath), "the measure sees it without the mask");
+    assert_ne!(unmasked(plain.clone()), unmasked(beneath), "without the mask the measure sees the change");
     let beside = other(&|x, y| x < 30 && y < 30);
-    assert_ne!(masked(plain), masked(beside), "what is beside the mask is seen");
+    assert_ne!(masked(plain), masked(beside), "pixels beside the mask have influence");
 }
 
 #[test]
-fn what_is_no_description_is_refused_by_its_fault() {
+fn invalid_description_is_rejected_with_its_fault() {
     for (name, part, by, says) in [
         ("netvlad", "numbers = 4096", "numbers = 20000", "global dim"),
         ("netvlad", "name = \"netvlad\"", "name = \"vlad\"", "vlad"),
@@ -111,7 +111,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
 }
 
 #[test]
-fn files_that_are_not_there_are_named_with_their_source() {
+fn error_of_a_missing_file_has_its_source() {
     let folder = tempfile::tempdir().expect("a folder");
     let models = Models::new(vec![folder.path().to_owned()]);
     let found: Vec<(String, usize)> = models
@@ -125,7 +125,7 @@ fn files_that_are_not_there_are_named_with_their_source() {
     }
     let text = models.open_global("gem").expect_err("unknown").to_string();
     assert!(text.contains("\"gem\"") && text.contains("vlad, netvlad, xfeat-netvlad"), "{text}");
-    // Networks that are not what is said.
+    // Networks that do not match their description.
     std::fs::write(folder.path().join("netvlad.onnx"), "no network").expect("written");
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("xfeat_640x640.onnx")).expect("copied");
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("xfeat_nv.onnx")).expect("copied");
@@ -133,12 +133,12 @@ fn files_that_are_not_there_are_named_with_their_source() {
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("netvlad.onnx")).expect("copied");
     assert!(models.globals().nth(1).expect("xfeat-netvlad").files.iter().all(Option::is_some));
     let text = models.open_global("xfeat-netvlad").expect_err("one input").to_string();
-    assert!(text.contains("has 1 inputs and not 2"), "{text}");
+    assert!(text.contains("has 1 inputs instead of 2"), "{text}");
 }
 
-/// Any network from an image to a vector fits: here the middle of a layer.
+/// Any network from an image to a vector can be described: here the middle of a layer.
 #[test]
-fn a_network_of_ones_own_needs_a_description_alone() {
+fn own_network_needs_only_a_description() {
     let learned = corner_map();
     let codes = learned.describe(&Image::from(drawn(128, 96))).expect("described");
     assert_eq!((codes.len(), learned.model().name()), (720, "corner-map"));
@@ -147,9 +147,9 @@ fn a_network_of_ones_own_needs_a_description_alone() {
     assert!(learned.describe(&flat).expect("described").as_codes().iter().all(|code| *code == 0));
 }
 
-/// XFeat's three networks, against the same files in ONNX Runtime with an input made by NumPy.
+/// XFeat's three networks, compared with the same files in ONNX Runtime with an input made by NumPy.
 #[real_data_test]
-fn xfeat_netvlad_is_that_of_another_engine(data: &Path) {
+fn xfeat_netvlad_agrees_with_onnx_runtime(data: &Path) {
     let models = Models::new(vec![data.join("../weights")]);
     let learned = models.open_global("xfeat-netvlad").expect("files beside the data");
     let oracle: Value =

@@ -1,4 +1,4 @@
-//! Descriptions, where files are looked for, and networks that are not what they are said to be.
+//! Descriptions, search folders, and networks that do not match their description.
 
 use super::common;
 
@@ -13,7 +13,7 @@ fn data(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned").join(name)
 }
 
-/// The built-in description of XFeat, with a part replaced.
+/// The built-in description of XFeat, with a replaced part.
 fn described(part: &str, by: &str) -> Result<Description, FeatureError> {
     let text = std::fs::read_to_string(models_folder().join("xfeat.toml")).expect("a description");
     assert!(part.is_empty() || text.contains(part), "{part}");
@@ -43,7 +43,7 @@ fn all_descriptions_are_read_and_built_in() {
 }
 
 #[test]
-fn what_is_no_description_is_refused_by_its_fault() {
+fn invalid_description_is_rejected_with_its_fault() {
     described("", "").expect("a description");
     for (part, by, says) in [
         ("name = \"xfeat\"", "name = \"X feat\"", "name"),
@@ -59,7 +59,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
         ("threshold = 0.05", "threshold = nan", "threshold"),
         ("form = \"cells\"", "form = \"map\"", "stride"),
         ("sight = 32", "sight = -1", "sight"),
-        ("files = [", "files = [\"../elsewhere.onnx\", ", "without folders"),
+        ("files = [", "files = [\"../other.onnx\", ", "without folders"),
         ("[descriptors]\nlayer = 0", "[descriptors]", "layer"),
         ("[scores]", "[score]", "score"),
     ] {
@@ -71,7 +71,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
 }
 
 #[test]
-fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
+fn error_of_a_missing_file_has_its_source_and_searched_folders() {
     let folder = tempfile::tempdir().expect("a folder");
     let models = Models::new(vec![folder.path().to_owned()]);
     let text = models.open("xfeat", None).expect_err("no file").to_string();
@@ -87,7 +87,7 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
         "{unknown}"
     );
     assert!(matches!(models.open("gone.toml", None), Err(FeatureError::Read { .. })));
-    // Found in the folder, and in its sub-folder of the model's name.
+    // Found in the folder, and in its sub-folder with the model's name.
     std::fs::write(folder.path().join("alike-n.onnx"), "no network").expect("written");
     std::fs::create_dir(folder.path().join("xfeat")).expect("made");
     std::fs::write(folder.path().join("xfeat/xfeat_640x640.onnx"), "no network").expect("written");
@@ -95,14 +95,14 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
     assert_eq!(
         found,
         [true, true, true, false, false, false],
-        "compact kinds have the file of the plain ones"
+        "compact kinds use the file of the plain ones"
     );
     assert!(matches!(models.open("alike", None), Err(FeatureError::Network { .. })));
     assert!(matches!(models.open("xfeat", None), Err(FeatureError::Network { .. })));
 }
 
 #[test]
-fn networks_that_are_not_what_they_are_said_to_be_are_refused() {
+fn network_must_match_its_description() {
     let folder = tempfile::tempdir().expect("a folder");
     let own = folder.path().join("own.toml");
     let models = Models::new(Vec::new());
@@ -113,7 +113,7 @@ fn networks_that_are_not_what_they_are_said_to_be_are_refused() {
             .expect("written");
         models.open(own.to_str().expect("text"), Some(&data("two-boxes.onnx")))
     };
-    // A detector of boxes: three channels, one output of another form.
+    // A box detector: three channels, one output of another shape.
     let refused = with("channels = 1", "channels = 1").expect_err("three channels").to_string();
     assert!(refused.contains("number of channels"), "{refused}");
     let opened = with("channels = 1", "channels = 3").expect("its input fits");
@@ -124,7 +124,7 @@ fn networks_that_are_not_what_they_are_said_to_be_are_refused() {
     assert!(!format!("{opened:?}").is_empty());
 }
 
-/// The description of corners with a projection in a folder of its own, beside what `file` holds.
+/// The description of corners with a projection, in its own folder beside the content of `file`.
 fn projected(part: &str, by: &str, file: Option<&[u8]>) -> Result<Description, FeatureError> {
     let folder = tempfile::tempdir().expect("a folder");
     let text = std::fs::read_to_string(data("corners-compact.toml")).expect("a description");
@@ -136,21 +136,26 @@ fn projected(part: &str, by: &str, file: Option<&[u8]>) -> Result<Description, F
 }
 
 #[test]
-fn what_is_no_projection_is_refused_by_name() {
+fn error_names_an_invalid_projection() {
     let whole = std::fs::read(data("corners-compact.bin")).expect("a projection");
     let kind = projected("", "", Some(&whole)).expect("a description").kind();
     assert_eq!((kind.dim(), kind.encoding(), kind.packed_len()), (24, Encoding::Coarse, 12));
     let oversized = vec![0; 2 << 20];
     let overflow = [&whole[..2 * 24 * 25], &[0xff, 0xff, 0xff, 0x7f].repeat(24)].concat();
     for (part, by, file, says) in [
-        ("", "", None, &["own.toml", "\"corners-compact.bin\" is no file beside", "xfeat-compact.bin"][..]),
+        (
+            "",
+            "",
+            None,
+            &["own.toml", "\"corners-compact.bin\" is neither a file beside", "xfeat-compact.bin"][..],
+        ),
         (
             "",
             "",
             Some(&whole[1..]),
             &["corners-compact.bin", "it has 1295 bytes", "25 numbers to 24 has 1296"],
         ),
-        ("", "", Some(&oversized), &["corners-compact.bin", "2097152 bytes", "more than any"]),
+        ("", "", Some(&oversized), &["corners-compact.bin", "2097152 bytes", "more than the maximum"]),
         ("numbers = 24", "numbers = 22", Some(&whole), &["corners-compact.bin", "25 numbers to 22 has 1188"]),
         ("numbers = 24", "numbers = 23", Some(&whole), &["own.toml", "dim", "even"]),
         ("numbers = 24", "numbers = 5000", Some(&whole), &["own.toml", "dim", "512"]),
@@ -158,7 +163,7 @@ fn what_is_no_projection_is_refused_by_name() {
         ("", "", Some(&overflow), &["corners-compact.bin", "overflow"]),
         ("file = \"c", "file = \"../c", Some(&whole), &["own.toml", "projection.file", "without folders"]),
         ("shift = 16", "shifts = 16", Some(&whole), &["own.toml", "unknown field"]),
-        // A built-in projection is of descriptors of another length.
+        // A built-in projection is for descriptors of another dimension.
         (
             "corners-compact.bin",
             "xfeat-compact.bin",
@@ -171,9 +176,9 @@ fn what_is_no_projection_is_refused_by_name() {
     }
 }
 
-/// The same keypoints as the model it is of, and its descriptors' numbers within a step of the matrix times theirs.
+/// The same keypoints as the base model, with projected descriptors within a step of the matrix product.
 #[test]
-fn a_projected_network_finds_the_same_keypoints() {
+fn projected_network_has_the_same_keypoints() {
     let of = |name: &str| {
         let description = data(&format!("{name}.toml"));
         Models::new(Vec::new()).open(description.to_str().expect("text"), None).expect("a network")
@@ -204,7 +209,7 @@ fn a_projected_network_finds_the_same_keypoints() {
 }
 
 #[test]
-fn a_description_of_another_says_only_what_differs() {
+fn derived_description_has_only_the_differences() {
     let parse = |text: &str| Description::parse(text, Path::new("own.toml"));
     let own = parse("name = \"mine\"\nof = \"alike-t-compact\"\n").expect("a description");
     let models = Models::new(Vec::new());
@@ -224,15 +229,15 @@ fn a_description_of_another_says_only_what_differs() {
     }
 }
 
-/// What ONNX lets a file leave out means the same as what is said.
+/// Attributes that ONNX allows to omit have their default values.
 #[test]
-fn strides_that_are_left_out_are_one() {
+fn default_strides_are_one() {
     let description = data("corners.toml");
     let of = |file: &str| {
         let learned = Models::new(Vec::new()).open(description.to_str().expect("text"), Some(&data(file)));
         learned.expect("a network").extract(&Image::from(drawn(120, 90)), 200).expect("extracted")
     };
-    let said = of("corners.onnx");
-    assert!(said.keypoints.len() > 20, "{}", said.keypoints.len());
-    assert!(of("corners-plain.onnx") == said);
+    let features = of("corners.onnx");
+    assert!(features.keypoints.len() > 20, "{}", features.keypoints.len());
+    assert!(of("corners-plain.onnx") == features);
 }

@@ -1,11 +1,11 @@
-//! Layers, keypoints and descriptors of XFeat against ONNX Runtime (`scripts/oracle_networks.py`). Needs
-//! `VEILOC_DATA`, and `weights/` beside it, which the user brings.
+//! Layers, keypoints and descriptors of XFeat compared with ONNX Runtime (`scripts/oracle_networks.py`). Needs
+//! `VEILOC_DATA`, and `weights/` beside it, provided by the user.
 
 use super::common;
 
 use std::path::Path;
 
-use common::{drawn, engines, made_up_alike, model, model_in};
+use common::{drawn, engines, model, model_in, synthetic_alike};
 use serde_json::Value;
 use veiloc_features::learned::{Engine, Layer, Learned, Tensor};
 use veiloc_features::{Extractor, Image};
@@ -13,7 +13,7 @@ use veiloc_testdata::real_data_test;
 
 const MARGIN: usize = 32;
 
-/// A model with the margin that the oracle has.
+/// A model with the margin of the oracle.
 fn as_the_oracle(engine: Engine, data: &Path, name: &str) -> Learned {
     model_in(engine, &data.join("../weights"), name, &[("margin = 48", "margin = 32")])
 }
@@ -33,7 +33,7 @@ fn size(oracle: &Value) -> [usize; 2] {
     [size[0] as usize, size[1] as usize]
 }
 
-/// The network's input, made as the oracle makes it and not as the room does.
+/// The network's input, computed as in the oracle and independently of the crate.
 fn input(size: [usize; 2], channels: usize, multiple: usize, normalized: bool) -> Tensor {
     let image = drawn(size[0] as u32, size[1] as u32);
     let mut samples: Vec<f64> = image.data().iter().map(|s| f64::from(*s)).collect();
@@ -59,8 +59,8 @@ fn input(size: [usize; 2], channels: usize, multiple: usize, normalized: bool) -
     Tensor { shape: vec![1, channels, whole[1], whole[0]], data }
 }
 
-/// The largest difference of any layer of the oracle, in its mean or in some of its numbers, over the largest number of the layer.
-/// Shapes must be equal.
+/// The largest difference of any layer of the oracle, in its mean or in single values, relative to the largest value of
+/// the layer. Shapes must be equal.
 fn layers_off(learned: &Learned, oracle: &Value, input: &Tensor) -> f64 {
     let layers = oracle["layers"].as_object().expect("layers");
     assert!(layers.len() >= 10, "{} layers", layers.len());
@@ -111,14 +111,14 @@ fn check_keypoints(learned: &Learned, oracle: &Value) {
         assert!(off < 0.55, "a descriptor is off by {off} of {}", kind.norm());
         found += 1;
     }
-    // Of two scores that differ in the last bit either may be the larger.
+    // For two scores that differ only in the last bit, either may be larger.
     assert!(found * 100 >= points.len() * 97, "{found} of {} keypoints", points.len());
     let strongest = features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response);
     assert!(strongest, "not in the order of strength");
 }
 
-/// A network in each engine. `channels` of the input, of which number its sides are multiples, and whether it is normalized.
-fn is_that_of_another_engine(data: &Path, name: &str, channels: usize, multiple: usize, normalized: bool) {
+/// A network in each engine. `channels` of the input, `multiple` of its sides, and whether it is normalized.
+fn agrees_with_the_oracle(data: &Path, name: &str, channels: usize, multiple: usize, normalized: bool) {
     for engine in engines() {
         let (learned, oracle) = (as_the_oracle(engine, data, name), oracle(name));
         assert_eq!(learned.network().engine(), engine);
@@ -129,13 +129,13 @@ fn is_that_of_another_engine(data: &Path, name: &str, channels: usize, multiple:
 }
 
 #[real_data_test]
-fn xfeat_is_that_of_another_engine(data: &Path) {
-    is_that_of_another_engine(data, "xfeat", 1, 1, true);
+fn xfeat_agrees_with_onnx_runtime(data: &Path) {
+    agrees_with_the_oracle(data, "xfeat", 1, 1, true);
 }
 
-/// The measure sees a network that is a little another.
+/// The measure detects a slightly different input.
 #[real_data_test]
-fn another_input_is_another_result(data: &Path) {
+fn different_input_gives_different_layers(data: &Path) {
     let (learned, oracle) = (as_the_oracle(Engine::Rten, data, "xfeat"), oracle("xfeat"));
     let mut input = input(size(&oracle), 1, 1, true);
     input.data = input.data.iter().map(|sample| sample * 1.01).collect();
@@ -145,18 +145,18 @@ fn another_input_is_another_result(data: &Path) {
 
 /// One thread or several: the same bytes.
 #[real_data_test]
-fn any_number_of_threads_gives_the_same_features(data: &Path) {
+fn features_are_independent_of_the_thread_count(data: &Path) {
     let image = Image::from(drawn(200, 150));
-    threads_change_nothing(&|| model(&data.join("../weights"), "xfeat"), &image);
+    check_thread_independence(&|| model(&data.join("../weights"), "xfeat"), &image);
 }
 
-/// The same of a network with convolutions of one channel, which need care (`one_channel.rs`).
+/// The same for a network with one-channel convolutions, which need special treatment (`one_channel.rs`).
 #[test]
-fn any_number_of_threads_gives_the_same_features_of_a_made_up_network() {
-    threads_change_nothing(&|| made_up_alike(&[]), &Image::from(drawn(200, 150)));
+fn features_of_a_synthetic_network_are_independent_of_the_thread_count() {
+    check_thread_independence(&|| synthetic_alike(&[]), &Image::from(drawn(200, 150)));
 }
 
-fn threads_change_nothing(open: &(dyn Fn() -> Learned + Sync), image: &Image) {
+fn check_thread_independence(open: &(dyn Fn() -> Learned + Sync), image: &Image) {
     let of = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| open().extract(image, 300).expect("extracted"))

@@ -1,12 +1,12 @@
-//! The rules of docs/reference/privacy-rules.md with learned features: what a network says beside descriptors leaves no device. Each test also
-//! builds the leak and shows that its own measure finds it.
+//! The rules of docs/privacy.md with learned features: only descriptors of a network's output are sent. Each test also
+//! builds the leak and shows that its own measure detects it.
 
 use super::common;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use common::{drawn, made_up_alike, made_up_compact};
+use common::{drawn, synthetic_alike, synthetic_compact};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{Descriptors, Encoding, Vocabulary};
@@ -26,7 +26,7 @@ fn camera() -> Intrinsics {
     "SIMPLE_PINHOLE,320,240,256,160,120".parse().expect("valid")
 }
 
-/// A profile that asks for the kind of these features: two of their rows are its words.
+/// A profile for the kind of these features: two of their rows are its words.
 fn profile(features: &Features) -> Profile {
     Profile::vlad(Vocabulary::new(features.descriptors.select([0, 1])).expect("two words"))
 }
@@ -38,15 +38,15 @@ fn options(scheme: &str, learned: &Arc<Learned>) -> SealOptions {
 }
 
 fn learned() -> Arc<Learned> {
-    Arc::new(made_up_alike(&[]))
+    Arc::new(synthetic_alike(&[]))
 }
 
-/// A network as it is, and one whose descriptors are projected.
+/// A network, and one whose descriptors are projected.
 fn both() -> [Arc<Learned>; 2] {
-    [learned(), Arc::new(made_up_compact())]
+    [learned(), Arc::new(synthetic_compact())]
 }
 
-/// Features as a device extracts them, and what they are sealed with.
+/// Features as a device extracts them, and their profile.
 fn extracted(learned: &Arc<Learned>, image: Image) -> (Features, Profile) {
     let first = learned.extract(&image, 600).expect("extracted");
     let profile = profile(&first);
@@ -59,10 +59,10 @@ fn extracted(learned: &Arc<Learned>, image: Image) -> (Features, Profile) {
 
 #[test]
 fn l4_scores_scales_and_orientations_of_a_network_are_not_sent() {
-    both().iter().for_each(says_no_more_than_rows);
+    both().iter().for_each(only_rows_are_sent);
 }
 
-fn says_no_more_than_rows(learned: &Arc<Learned>) {
+fn only_rows_are_sent(learned: &Arc<Learned>) {
     let (plain, profile) = extracted(learned, drawn(320, 240).into());
     let mut other = plain.clone();
     for (i, keypoint) in other.keypoints.iter_mut().enumerate() {
@@ -90,10 +90,10 @@ fn says_no_more_than_rows(learned: &Arc<Learned>) {
 
 #[test]
 fn l3_the_order_of_a_networks_scores_is_not_sent() {
-    both().iter().for_each(tells_no_order);
+    both().iter().for_each(order_is_not_sent);
 }
 
-fn tells_no_order(learned: &Arc<Learned>) {
+fn order_is_not_sent(learned: &Arc<Learned>) {
     let (features, profile) = extracted(learned, drawn(320, 240).into());
     let strongest_first = features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response);
     assert!(strongest_first, "the leak is an order of strength");
@@ -118,7 +118,7 @@ fn tells_no_order(learned: &Arc<Learned>) {
 }
 
 #[test]
-fn l5_decoys_of_a_network_are_no_copies_and_as_long() {
+fn l5_decoys_of_a_network_are_no_copies_with_equal_norms() {
     both().iter().for_each(decoys_are_no_copies);
 }
 
@@ -129,7 +129,7 @@ fn decoys_are_no_copies(learned: &Arc<Learned>) {
     let kind = learned.kind();
     let mut descriptors = features.descriptors.select(some.iter().copied());
     if kind.encoding() == Encoding::Coarse {
-        // Rows of a network that is made up are the same in coarse numbers, and so would be what is mixed of them.
+        // Rows of a synthetic network are equal after coarse quantization, and so would be blends of them.
         let (mut rng, steps) = (rng(), f64::from(kind.norm()) / (kind.dim() as f64).sqrt());
         let number =
             |rng: &mut ChaCha8Rng| (0..4).map(|_| rng.random_range(-0.87..0.87)).sum::<f64>() * steps;
@@ -158,13 +158,13 @@ fn decoys_are_no_copies(learned: &Arc<Learned>) {
     assert!((of_decoys / of_real - 1.0).abs() < 0.03, "{of_decoys} {of_real}");
 }
 
-/// What is under a mask changes nothing that is sent, and no descriptor looks there.
+/// Pixels under a mask change nothing that is sent, and no descriptor window touches them.
 #[test]
-fn l13_what_a_mask_hides_is_not_seen_by_a_network() {
-    both().iter().for_each(sees_nothing_under_a_mask);
+fn l13_hidden_pixels_have_no_influence_on_a_network() {
+    both().iter().for_each(mask_hides_pixels);
 }
 
-fn sees_nothing_under_a_mask(learned: &Arc<Learned>) {
+fn mask_hides_pixels(learned: &Arc<Learned>) {
     let hides = |x: u32, y: u32| (120..200).contains(&x) && (60..150).contains(&y);
     let mask = Mask::new(320, 240, hides).expect("a part");
     let plain = drawn(320, 240);
@@ -181,7 +181,7 @@ fn sees_nothing_under_a_mask(learned: &Arc<Learned>) {
         for keypoint in &features.keypoints {
             let (u, v) = (keypoint.pixel.u as f32, keypoint.pixel.v as f32);
             let (du, dv) = ((120.0 - u).max(u - 200.0).max(0.0), (60.0 - v).max(v - 150.0).max(0.0));
-            assert!(image_is_open(&mask, &features) || du.hypot(dv) >= sight * keypoint.scale);
+            assert!(mask_is_not_applied(&mask, &features) || du.hypot(dv) >= sight * keypoint.scale);
         }
         seal(features, &camera, &profile, &options, &mut rng()).expect("sealed").encode()
     };
@@ -190,26 +190,26 @@ fn sees_nothing_under_a_mask(learned: &Arc<Learned>) {
     assert_eq!(hidden(plain), hidden(other));
 }
 
-/// Whether some keypoint lies under the mask: no mask was given.
-fn image_is_open(mask: &Mask, features: &Features) -> bool {
+/// Whether some keypoint lies under the mask, that is, no mask was applied.
+fn mask_is_not_applied(mask: &Mask, features: &Features) -> bool {
     features.keypoints.iter().any(|k| mask.hides(k.pixel.u as u32, k.pixel.v as u32))
 }
 
-/// A device that has no such network, or one of another kind, sends nothing.
+/// A device without this network, or with one of another kind, sends nothing.
 #[test]
-fn features_of_another_kind_are_refused() {
+fn features_of_another_kind_are_rejected() {
     let learned = learned();
     let (features, profile) = extracted(&learned, drawn(320, 240).into());
     let image = || Image::from(drawn(320, 240));
     let without = extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &SealOptions::default());
     let text = without.expect_err("SIFT alone").to_string();
-    assert!(text.contains("made-up") && text.contains("there are: sift"), "{text}");
-    // The same name and another length of the vectors.
-    let other = Arc::new(made_up_alike(&[("length = 128", "length = 120")]));
+    assert!(text.contains("made-up") && text.contains("available: sift"), "{text}");
+    // The same name with another vector length.
+    let other = Arc::new(synthetic_alike(&[("length = 128", "length = 120")]));
     let with_other = options("dcl", &other);
     assert!(extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &with_other).is_err());
-    // The same keypoints described otherwise.
-    let compact = options("dcl", &Arc::new(made_up_compact()));
+    // The same keypoints with another descriptor.
+    let compact = options("dcl", &Arc::new(synthetic_compact()));
     let text = extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &compact)
         .expect_err("compact alone")
         .to_string();
@@ -221,7 +221,7 @@ fn features_of_another_kind_are_refused() {
     assert!(seal(features, &camera(), &of_sift, &SealOptions::default(), &mut rng()).is_err());
 }
 
-/// Half a byte a number, and both sides say which kind it is.
+/// Half a byte per number; both messages name the kind.
 #[test]
 fn messages_carry_a_compact_kind() {
     let [plain, compact] = both().map(|learned| {
@@ -240,11 +240,11 @@ fn messages_carry_a_compact_kind() {
     assert!((compact - plain - 8.0).abs() < 1.0, "{plain} and {compact} bytes a row");
 }
 
-/// How much descriptors differ between an image and the same continued by its mirror image: the mean difference, over the length of
-/// a descriptor, of those within 16 pixels of the border and of those in the middle. What lies beyond the border shows as far as
-/// the first is larger than the second: a network that joins sizes corner upon corner sees a larger image a little otherwise
+/// Difference of descriptors between an image and the same image continued by its mirror image: the mean, relative to
+/// the length of a descriptor, within 16 pixels of the border and in the middle. The border is visible as far as the
+/// first exceeds the second: a network that aligns corners during resizing sees a larger image slightly differently
 /// everywhere.
-fn border_shows(learned: &Learned, image: &GrayImage, beyond: u32) -> [f64; 2] {
+fn border_visibility(learned: &Learned, image: &GrayImage, beyond: u32) -> [f64; 2] {
     let (width, height) = (image.width(), image.height());
     let fold = |at: u32, side: u32| {
         let at = (i64::from(at) - i64::from(beyond)).rem_euclid(2 * i64::from(side)) as u32;
@@ -277,8 +277,8 @@ fn border_shows(learned: &Learned, image: &GrayImage, beyond: u32) -> [f64; 2] {
     sums.map(|(sum, count)| sum / f64::from(count.max(1)))
 }
 
-/// L11: convolutions continue an image by zeros, and descriptors near the border would show it. Of a network by a formula, whose
-/// descriptors are of patches of 17 pixels.
+/// L11: convolutions pad an image with zeros, and descriptors near the border would show it. Tested with a network with
+/// weights from a formula, whose descriptors cover patches of 17 pixels.
 #[test]
 fn l11_descriptors_of_a_network_do_not_show_the_border() {
     let image = drawn(384, 256);
@@ -290,12 +290,12 @@ fn l11_descriptors_of_a_network_do_not_show_the_border() {
         assert!(text.contains(margin), "{margin}");
         let description = Description::parse(&text, Path::new("own.toml")).expect("a description");
         let network = Learned::open(description, &folder.join("corners.onnx"), Engine::Rten);
-        border_shows(&network.expect("a network"), &image, 64)
+        border_visibility(&network.expect("a network"), &image, 64)
     };
-    let ([leak, _], [shown, middle]) = (shows("margin = 0"), shows("margin = 32"));
+    let ([leak, _], [visible, middle]) = (shows("margin = 0"), shows("margin = 32"));
     println!(
-        "{shown:.4} of the length near the border, {middle:.4} in the middle, {leak:.4} without a margin"
+        "{visible:.4} of the length near the border, {middle:.4} in the middle, {leak:.4} without a margin"
     );
     assert!(leak > 0.1, "the measure does not see the leak: {leak}");
-    assert!(shown < 0.02, "{shown}");
+    assert!(visible < 0.02, "{visible}");
 }

@@ -1,4 +1,4 @@
-//! The drawn image of the oracles, a network that is made up, and the real one beside the real images.
+//! The synthetic image of the oracles, a synthetic network, and the real one beside the real images.
 #![allow(dead_code)] // each test binary uses its own part
 
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use veiloc_features::learned::{Description, Engine, Learned};
 use veiloc_features::{Extractor, GrayImage, Image};
 
-/// Blocks with noise, in whole numbers.
+/// Blocks with noise, with integer values.
 pub(crate) fn drawn(width: u32, height: u32) -> GrayImage {
     let sample = |x: u32, y: u32| {
         let (a, b) = (x / 11, y / 13);
@@ -21,12 +21,12 @@ pub(crate) fn models_folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("models")
 }
 
-/// A built-in description, with parts of it replaced.
+/// A built-in description with replaced parts.
 fn described(name: &str, changes: &[(&str, &str)]) -> Description {
     described_in(&models_folder().join(format!("{name}.toml")), name, changes)
 }
 
-/// The same as if it were in another file.
+/// The same, as if it were in another file.
 fn described_in(file: &Path, name: &str, changes: &[(&str, &str)]) -> Description {
     let own = models_folder().join(format!("{name}.toml"));
     let mut text = std::fs::read_to_string(own).expect("a description");
@@ -37,7 +37,7 @@ fn described_in(file: &Path, name: &str, changes: &[(&str, &str)]) -> Descriptio
     Description::parse(&text, file).expect("a description")
 }
 
-/// The engines of this build: ONNX Runtime where the cargo feature is on and `ORT_DYLIB_PATH` names its library.
+/// The engines of this build: ONNX Runtime only with its cargo feature and `ORT_DYLIB_PATH`.
 pub(crate) fn engines() -> Vec<Engine> {
     let runtime = cfg!(feature = "onnxruntime") && std::env::var_os("ORT_DYLIB_PATH").is_some();
     [Engine::Rten].into_iter().chain(runtime.then_some(Engine::OnnxRuntime)).collect()
@@ -48,17 +48,18 @@ pub(crate) fn model(weights: &Path, name: &str) -> Learned {
     model_in(Engine::Rten, weights, name, &[])
 }
 
-/// The same in an engine, with parts of its description replaced.
+/// The same in an engine, with replaced parts of its description.
 pub(crate) fn model_in(engine: Engine, weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
     let file = weights.join("xfeat/xfeat_800x576.onnx");
     Learned::open(described(name, changes), &file, engine).expect("a file beside the data")
 }
 
-/// The made-up ALIKE with its 16 numbers projected to 48 of 4 bits (a real network has more than 16, and a row of so few coarse
-/// numbers is easily met twice): signs by a formula, less the mean of the drawn image's descriptors, in steps of 0.4 deviations.
-pub(crate) fn made_up_compact() -> Learned {
+/// The synthetic ALIKE with its 16 numbers projected to 48 of 4 bits (a real network has more than 16, and rows of so
+/// few coarse numbers are often equal): signs from a formula, minus the mean of the synthetic image's descriptors, in
+/// steps of 0.4 deviations.
+pub(crate) fn synthetic_compact() -> Learned {
     let folder = tempfile::tempdir().expect("a folder");
-    let features = made_up_alike(&[]).extract(&Image::from(drawn(320, 240)), 600).expect("extracted");
+    let features = synthetic_alike(&[]).extract(&Image::from(drawn(320, 240)), 600).expect("extracted");
     let sign =
         |i: usize, j: usize| if (i * 16 + j).wrapping_mul(0x9e37_79b9) >> 19 & 1 == 0 { 1.0 } else { -1.0 };
     let count = features.descriptors.len() as f64;
@@ -79,17 +80,17 @@ pub(crate) fn made_up_compact() -> Learned {
     let projection =
         "sight = 32\n[projection]\nfile = \"signs.bin\"\nnumbers = 48\nshift = 16\nlength = 275\n";
     let changes = [("\"made-up\"", "\"made-up-compact\""), ("sight = 32", projection)];
-    made_up_alike_in(&folder.path().join("own.toml"), &changes)
+    synthetic_alike_in(&folder.path().join("own.toml"), &changes)
 }
 
-/// A network of ALIKE's form with few channels and weights by a formula (`scripts/tiny_networks.py`): something for tests that
-/// need no real one.
-pub(crate) fn made_up_alike(changes: &[(&str, &str)]) -> Learned {
-    made_up_alike_in(&models_folder().join("alike.toml"), changes)
+/// A network of ALIKE's architecture with few channels and weights from a formula (`scripts/tiny_networks.py`), for
+/// tests that need no real network.
+pub(crate) fn synthetic_alike(changes: &[(&str, &str)]) -> Learned {
+    synthetic_alike_in(&models_folder().join("alike.toml"), changes)
 }
 
-/// The same, with files of its description looked for beside this one.
-fn made_up_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
+/// The same, with files of its description searched beside this one.
+fn synthetic_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
     let own = [
         ("name = \"alike\"", "name = \"made-up\""),
         ("numbers = 128", "numbers = 16"),

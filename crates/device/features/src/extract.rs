@@ -1,4 +1,4 @@
-//! The one door from an image, in a file or in memory, to features: read, check the size, make smaller, extract.
+//! The entry point from an image, in a file or in memory, to features: read, check the size, scale down, extract.
 
 use std::path::Path;
 
@@ -9,16 +9,16 @@ use crate::{Extractor, FeatureError, Features, Image, load_gray, orientation};
 pub struct Limits {
     /// Most keypoints, strongest first.
     pub max_keypoints: usize,
-    /// Longest side of the image, pixels; larger images are made smaller first.
+    /// Longest side of the image, pixels; larger images are scaled down first.
     pub max_side: u32,
 }
 
-/// Features of an image, and what was done to it.
+/// Features of an image, with the sizes of the image.
 #[derive(Debug, Clone)]
 pub struct ExtractedImage {
-    /// In the image that was extracted from, which may be smaller than the file.
+    /// Features in pixels of the image used for extraction, which may be smaller than the file.
     pub features: Features,
-    /// Width and height of the image extracted from, pixels.
+    /// Width and height of the image used for extraction, pixels.
     pub size: (u32, u32),
     /// Width and height of the image in the file, pixels.
     pub size_in_file: (u32, u32),
@@ -34,12 +34,12 @@ impl ExtractedImage {
 
 /// Features of an image file.
 ///
-/// `camera_size`: width and height of the images of the camera it is said to be of, pixels; `None` when no camera is
-/// given. Of the file nothing but its pixels is read, with one exception: when it fits the camera only with its sides
-/// swapped, the message says what the file's EXIF orientation says. It is never applied.
+/// `camera_size`: width and height of the camera's images, pixels; `None` when no camera is given. Only the pixels of
+/// the file are read, with one exception: when the image fits the camera only with swapped sides, the error message
+/// states the file's EXIF orientation. The orientation is never applied.
 ///
 /// # Errors
-/// [`FeatureError`]: no image, too large, not of the camera's size, or what the extractor says.
+/// [`FeatureError`]: not an image, too large, not of the camera's size, or an error of the extractor.
 pub fn extract_image(
     path: &Path,
     camera_size: Option<(u32, u32)>,
@@ -49,12 +49,13 @@ pub fn extract_image(
     extract_loaded(Image::from(load_gray(path)?), path, camera_size, extractor, limits)
 }
 
-/// As [`extract_image`], of an image that is in memory already: `path` is the file it came from, or what messages are to
-/// call it. Of what a mask hid ([`Image::without`]) there is nothing in the features: no keypoint that looks there is kept.
+/// As [`extract_image`], for an image that is already in memory. `path` is the file it came from, or the name for
+/// messages. Pixels that a mask hid ([`Image::without`]) have no influence on the features: keypoints whose descriptor
+/// window touches them are dropped.
 ///
 /// # Errors
-/// [`FeatureError`]: not of the camera's size, or what the extractor says; features that are stored ([`Extractor::stored`]) of an
-/// image that a mask hides a part of.
+/// [`FeatureError`]: not of the camera's size, or an error of the extractor; stored features ([`Extractor::stored`])
+/// for an image with a mask.
 pub fn extract_loaded(
     image: Image,
     path: &Path,
@@ -72,8 +73,8 @@ pub fn extract_loaded(
     let kind = extractor.kind();
     let mut features = match extractor.stored() {
         Some(_) if image.hidden().is_some() => {
-            let reason = "they were made of the whole image, and a mask hides a part of it; extract them of the image \
-                          without that part, or seal it with features that are made here";
+            let reason = "they were made from the whole image, but a mask hides a part of it; extract them from the \
+                          image without that part, or use an extractor that is available here";
             return Err(FeatureError::Extractor { name: kind.name().to_owned(), reason: reason.to_owned() });
         }
         Some(stored) => {
