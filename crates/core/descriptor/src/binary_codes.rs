@@ -1,19 +1,19 @@
 //! A global descriptor in an eighth of its bytes: the signs of its codes after a fixed rotation.
 //!
-//! A rotation that mixes all codes makes them alike: each is a sum of many, and its sign tells a bit of the direction.
-//! The angle between a vector and one whose signs are kept comes out right to about `1 / √n` of `n` codes (Gao and Long,
-//! *RaBitQ*, SIGMOD 2024, with its Theorem 3.2). Unlike a basis that is learned from the images of a map, the rotation
-//! takes no bytes, and does not change when images join.
+//! The rotation mixes all codes, so that each rotated code is a sum of many and its sign is one bit of the direction.
+//! The error of the angle between a vector and one reduced to signs is about `1 / √n` for `n` codes (Gao and Long,
+//! *RaBitQ*, SIGMOD 2024, with its Theorem 3.2). Unlike a basis learned from the images of a map, the rotation needs no
+//! storage and does not change when images are added.
 //!
-//! The rotation: codes change places and signs, each as fixed numbers say, then a Hadamard transform of each block of a
-//! power of two; all in integers, equal on every machine.
+//! The rotation: a fixed pseudorandom permutation and fixed pseudorandom signs, then a Hadamard transform of each block
+//! of a power of two; all in integers, equal on every machine.
 
 use veiloc_simd::hadamard;
 
 use crate::GlobalDescriptor;
 
 impl GlobalDescriptor {
-    /// Bytes of the signs of so many codes.
+    /// Number of bytes of the signs of `codes` codes.
     pub const fn signs_len(codes: usize) -> usize {
         codes.div_ceil(8)
     }
@@ -23,8 +23,8 @@ impl GlobalDescriptor {
         Mixing::new(self.len()).signs(self.as_codes()).collect()
     }
 
-    /// The descriptor of `codes` codes that such signs stand for: it has these very signs, and the same angles to others up
-    /// to what was lost. `None` when the signs are not those of so many codes.
+    /// The descriptor of `codes` codes that has these signs; its angles to others are approximations. `None` when the
+    /// length of `signs` does not match `codes`.
     pub fn from_signs(signs: &[u8], codes: usize) -> Option<Self> {
         let beyond =
             (!codes.is_multiple_of(8)).then(|| signs.last().map(|last| last >> (codes % 8))).flatten();
@@ -37,7 +37,7 @@ impl GlobalDescriptor {
         let mixing = Mixing::new(codes);
         let mut own = vec![0; codes];
         for (block, values) in blocks(codes).zip(block_values(&values)) {
-            // Of values that are sums of so many signs, this is the spread.
+            // The spread of sums of this many signs.
             let scale = SPREAD / (values.len() as f64).sqrt();
             for ((to, sign), value) in mixing.order[block].iter().zip(values) {
                 let code = f64::from(value * sign) * scale;
@@ -48,18 +48,18 @@ impl GlobalDescriptor {
     }
 }
 
-/// Root mean square of the codes that signs stand for: rounding then takes little, and codes up to four times as large have
-/// room.
+/// Root mean square of the codes restored from signs: the rounding error is small, and codes up to four times as large
+/// fit.
 const SPREAD: f64 = 31.0;
 
-/// Which code comes from where, and with which sign.
+/// The permutation and the signs.
 #[derive(Clone)]
 pub(crate) struct Mixing {
     order: Vec<(usize, i32)>,
 }
 
 impl Mixing {
-    /// That of descriptors of so many codes.
+    /// For descriptors of `codes` codes.
     pub(crate) fn new(codes: usize) -> Self {
         let mut state = 0x7665_696c_6f63_0001_u64;
         let mut order: Vec<(usize, i32)> =
@@ -70,7 +70,7 @@ impl Mixing {
         Self { order }
     }
 
-    /// The rotated codes of a descriptor of as many; those of a block of `n` are `√n` times as long.
+    /// The rotated codes of a descriptor with the same number of codes; those of a block of `n` are `√n` times as long.
     pub(crate) fn rotated(&self, codes: &[i8]) -> Vec<i32> {
         let mut rotated: Vec<i32> =
             self.order.iter().map(|(from, sign)| i32::from(codes[*from]) * sign).collect();
@@ -78,7 +78,7 @@ impl Mixing {
         rotated
     }
 
-    /// The signs of a descriptor of as many codes, eight a byte.
+    /// The signs of a descriptor with the same number of codes, eight per byte.
     pub(crate) fn signs(&self, codes: &[i8]) -> impl Iterator<Item = u8> + use<> {
         let bytes: Vec<u8> = self.rotated(codes).iter().map(|value| u8::from(*value >= 0)).collect();
         let count = bytes.len().div_ceil(8);
@@ -92,7 +92,7 @@ impl Mixing {
     }
 }
 
-/// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): fixed numbers, not chance.
+/// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): fixed numbers, not randomness.
 fn next(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -100,7 +100,7 @@ fn next(state: &mut u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The powers of two that sum up to `len`, largest first, as ranges.
+/// `len` as a sum of powers of two, largest first, as ranges.
 pub(crate) fn blocks(len: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     let mut start = 0;
     std::iter::from_fn(move || {
@@ -143,25 +143,25 @@ mod tests {
     }
 
     #[test]
-    fn angles_survive() {
+    fn angles_are_preserved() {
         let a = random(4096, 1);
         for cosine in [0.0, 0.1, 0.3, 0.6, 0.9] {
             let b = at_cosine(&a, cosine, 2);
-            let kept = GlobalDescriptor::from_signs(&b.to_signs(), 4096).expect("as many");
+            let restored = GlobalDescriptor::from_signs(&b.to_signs(), 4096).expect("as many");
             let before = a.similarity(b.as_codes());
-            // Signs keep √(2/π) of a vector's length in its own direction, whatever the vector.
-            let after = a.similarity(kept.as_codes()) / std::f32::consts::FRAC_2_PI.sqrt();
+            // Signs keep √(2/π) of a vector's length in its own direction, for any vector.
+            let after = a.similarity(restored.as_codes()) / std::f32::consts::FRAC_2_PI.sqrt();
             assert!((before - after).abs() < 3.0 / 64.0, "{cosine}: {before} {after}");
         }
     }
 
     #[test]
-    fn a_single_large_code_is_spread_over_all_signs() {
+    fn rotation_spreads_a_single_large_code() {
         let mut codes = vec![0; 1024];
         codes[77] = 127;
         let lone = GlobalDescriptor::new(codes);
-        let kept = GlobalDescriptor::from_signs(&lone.to_signs(), 1024).expect("as many");
-        assert!(lone.similarity(kept.as_codes()) > 0.95);
+        let restored = GlobalDescriptor::from_signs(&lone.to_signs(), 1024).expect("as many");
+        assert!(lone.similarity(restored.as_codes()) > 0.95);
     }
 
     #[test]
@@ -173,19 +173,19 @@ mod tests {
     }
 
     #[test]
-    fn signs_of_other_lengths_are_refused() {
+    fn signs_of_other_lengths_are_rejected() {
         assert_eq!(GlobalDescriptor::from_signs(&[0; 2], 8), None);
-        assert_eq!(GlobalDescriptor::from_signs(&[0x10], 4), None, "bits of no code");
+        assert_eq!(GlobalDescriptor::from_signs(&[0x10], 4), None, "bits beyond the codes");
         assert!(GlobalDescriptor::from_signs(&[0x0f], 4).is_some());
         assert_eq!(GlobalDescriptor::from_signs(&[], 0), Some(GlobalDescriptor::new(Vec::new())));
     }
 
     proptest! {
         #[test]
-        fn what_signs_stand_for_has_these_signs(codes in 1_usize..700, seed in any::<u64>()) {
+        fn restored_descriptor_has_the_same_signs(codes in 1_usize..700, seed in any::<u64>()) {
             let signs = random(codes, seed).to_signs();
-            let kept = GlobalDescriptor::from_signs(&signs, codes).expect("as many");
-            prop_assert_eq!(kept.to_signs(), signs);
+            let restored = GlobalDescriptor::from_signs(&signs, codes).expect("as many");
+            prop_assert_eq!(restored.to_signs(), signs);
         }
     }
 }

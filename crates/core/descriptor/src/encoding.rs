@@ -1,17 +1,17 @@
-//! What number a byte of a descriptor stands for.
+//! The numbers that the bytes of a descriptor represent.
 
-/// How the numbers of a descriptor are kept, one byte each.
+/// Representation of the numbers of a descriptor, one byte each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Encoding {
-    /// 0 to 255, as they are.
+    /// 0 to 255, unchanged.
     Unsigned,
-    /// -128 to 127, kept as the value plus 128 (offset binary). The offset cancels in differences, so Euclidean
+    /// -128 to 127, stored as the value plus 128 (offset binary). The offset cancels in differences, so Euclidean
     /// distances, nearest neighbours, means and residuals are computed on the bytes as for [`Encoding::Unsigned`];
-    /// whatever looks at one vector alone (lengths, cosines) must take it off first: [`Encoding::value`].
+    /// functions of a single vector (lengths, cosines) must subtract it first: [`Encoding::value`].
     Signed,
-    /// Sixteen steps of -120 to 120, kept like [`Encoding::Signed`]; 4 bits each in messages, see
-    /// [`DescriptorKind::packed_len`](crate::DescriptorKind::packed_len). What is computed of rows, as words of a vocabulary, may
-    /// lie between the steps.
+    /// Sixteen steps of -120 to 120, stored like [`Encoding::Signed`]; 4 bits each in messages, see
+    /// [`DescriptorKind::packed_len`](crate::DescriptorKind::packed_len). Values computed from rows, for example words
+    /// of a vocabulary, may lie between the steps.
     Coarse,
 }
 
@@ -24,12 +24,12 @@ impl Encoding {
         }
     }
 
-    /// The number a byte stands for.
+    /// The number that a byte represents.
     pub const fn value(self, byte: u8) -> i16 {
         byte as i16 - self.zero() as i16
     }
 
-    /// The byte of a number, rounded to the nearest that there is; not a number counts as 0.
+    /// The byte of a number, rounded to the nearest representable one; NaN counts as 0.
     pub fn byte(self, value: f64) -> u8 {
         let value = if value.is_nan() { 0.0 } else { value };
         let value = (value + f64::from(self.zero())).clamp(0.0, 255.0);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn coarse_numbers_are_the_nearest_of_sixteen() {
+    fn coarse_numbers_are_rounded_to_sixteen_steps() {
         let encoding = Encoding::Coarse;
         assert_eq!(Encoding::from_code(encoding.code()), Some(encoding));
         let steps: Vec<i16> = (0..16).map(|step| encoding.value(coarse(step))).collect();

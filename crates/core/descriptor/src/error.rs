@@ -1,86 +1,86 @@
-//! What can be wrong with descriptors and vocabularies.
+//! Errors of descriptors and vocabularies.
 
-/// Why descriptors, or a vocabulary, were refused.
+/// Why descriptors or a vocabulary were rejected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DescriptorError {
-    /// Not a name.
+    /// The name is invalid.
     #[error("a name has 1 to 31 characters a-z, 0-9 and -, beginning with a letter")]
     Name,
     /// A number of a kind or of a global model is out of range.
     #[error("descriptor kind: {field} is {value}; allowed is {allowed}")]
     Kind {
-        /// Which number.
+        /// The number.
         field: &'static str,
         /// Its value.
         value: u64,
-        /// What it may be.
+        /// The allowed values.
         allowed: &'static str,
     },
-    /// Something built in has this name, and other numbers.
-    #[error("the name {name} belongs to something built in, with other numbers; choose another name")]
+    /// A built-in kind has this name and other numbers.
+    #[error("the name {name} is built in with other numbers; choose another name")]
     NameTaken {
         /// The name.
         name: String,
     },
-    /// The bytes are no global model: neither a vocabulary nor a named one.
-    #[error("not a global model: the first bytes are no mark of one")]
+    /// The bytes are not a global model: neither a vocabulary nor a named one.
+    #[error("not a global model: unknown magic bytes")]
     NotAGlobalModel,
-    /// The bytes of a named global model are not as many as they must be.
-    #[error("a named global model has {expected} bytes, {found} are there")]
+    /// Wrong length of a named global model.
+    #[error("a named global model has {expected} bytes, but {found} were given")]
     GlobalModelLength {
-        /// How many it has.
+        /// Its length.
         expected: usize,
-        /// How many there were.
+        /// The given length.
         found: usize,
     },
     /// The bytes are not a whole number of descriptors.
     #[error("{bytes} bytes are not a whole number of descriptors of {dim} bytes")]
     Length {
-        /// How many bytes there were.
+        /// Number of bytes.
         bytes: usize,
         /// Bytes of one descriptor.
         dim: usize,
     },
-    /// A vocabulary of no words, or of more than is supported, was asked for or read.
+    /// A vocabulary without words, or with more than supported.
     #[error("a vocabulary of {words} words; supported are 1 to {max}")]
     WordCount {
-        /// How many words.
+        /// Number of words.
         words: usize,
-        /// The most there may be.
+        /// Maximum number.
         max: usize,
     },
-    /// Fewer different samples than words: each word needs one of its own.
+    /// Fewer distinct samples than words: each word needs its own sample.
     #[error(
         "{distinct} different samples (of {samples}) cannot train {words} words; give more images or fewer words"
     )]
     TooFewSamples {
-        /// How many samples there were.
+        /// Number of samples.
         samples: usize,
-        /// How many of them differ from each other.
+        /// Number of distinct samples.
         distinct: usize,
-        /// How many words were asked for.
+        /// Requested number of words.
         words: usize,
     },
-    /// The bytes do not begin like a vocabulary.
-    #[error("not a vocabulary: the first bytes are not its mark")]
+    /// The bytes do not start with the magic bytes of a vocabulary.
+    #[error("not a vocabulary: unknown magic bytes")]
     NotAVocabulary,
-    /// The vocabulary is of a version this program does not know.
+    /// This program does not know the version of the vocabulary.
     #[error(
-        "vocabulary of version {found}, but this program reads version {supported}; train it again with this program"
+        "the vocabulary has version {found}, but this program reads version {supported}; train it again with it"
     )]
     VocabularyVersion {
-        /// The version found.
+        /// The version of the vocabulary.
         found: u32,
-        /// The one that is read.
+        /// The supported version.
         supported: u32,
     },
-    /// A vocabulary's bytes were cut short, or something follows them.
-    #[error("a vocabulary of {expected} bytes was announced, {found} are there")]
+    /// A vocabulary is truncated, or has extra bytes.
+    #[error("the vocabulary should have {expected} bytes by its header, but has {found}")]
     VocabularyLength {
-        /// How long it should be by its header (or the header itself).
+        /// Length by its header (or of the header itself).
         expected: usize,
-        /// How many bytes there were.
+        /// Actual length.
         found: usize,
     },
 }

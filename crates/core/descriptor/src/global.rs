@@ -2,16 +2,16 @@
 
 use veiloc_simd::dot_i8;
 
-/// An image's descriptors summed up in one vector, `[K * dim]` for a vocabulary of K words; see
+/// An image's descriptors aggregated into one vector, `[K * dim]` for a vocabulary of K words; see
 /// [`Vocabulary::aggregate`](crate::Vocabulary::aggregate).
 ///
-/// Only its direction means something: images are compared by the cosine between their vectors.
+/// Only its direction is significant: images are compared by the cosine between their vectors.
 #[derive(Clone, PartialEq, Eq)]
 pub struct GlobalDescriptor {
     codes: Vec<i8>,
 }
 
-// It tells what place an image shows: logs may know its length, and no more (leak L8).
+// It reveals the place in the image: only its length may be logged (leak L8).
 impl std::fmt::Debug for GlobalDescriptor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "GlobalDescriptor({})", self.codes.len())
@@ -34,7 +34,7 @@ impl GlobalDescriptor {
         self.codes.len()
     }
 
-    /// True when there are no codes at all.
+    /// True when there are no codes.
     pub const fn is_empty(&self) -> bool {
         self.codes.is_empty()
     }
@@ -42,12 +42,12 @@ impl GlobalDescriptor {
     /// Cosine of the angle to another global descriptor, in \[-1, 1\].
     ///
     /// 0 when either is all zeros (an image without descriptors), or when the lengths differ: vectors of different
-    /// vocabularies have nothing in common.
+    /// vocabularies are not comparable.
     pub fn similarity(&self, codes: &[i8]) -> f32 {
         self.similarity_of_square(dot_i8(&self.codes, &self.codes), codes)
     }
 
-    /// [`Self::similarity`], its own squared length given.
+    /// [`Self::similarity`] with its own squared length given.
     fn similarity_of_square(&self, square: i64, codes: &[i8]) -> f32 {
         if self.codes.len() != codes.len() {
             return 0.0;
@@ -59,8 +59,8 @@ impl GlobalDescriptor {
         (dot_i8(&self.codes, codes) as f64 / norms).clamp(-1.0, 1.0) as f32
     }
 
-    /// The `count` most similar of these images, each with its number and its codes: numbers and [`Self::similarity`], the most
-    /// similar first, of equals the smaller number.
+    /// The `count` most similar of these images, each with its index and its codes: indices and [`Self::similarity`],
+    /// the most similar first, of equal ones the smaller index first.
     pub fn most_similar<'a>(
         &self,
         images: impl IntoIterator<Item = (usize, &'a [i8])>,
@@ -70,7 +70,7 @@ impl GlobalDescriptor {
         let similarity = |(image, codes)| (image, self.similarity_of_square(square, codes));
         let mut all: Vec<(usize, f32)> = images.into_iter().map(similarity).collect();
         let better = |a: &(usize, f32), b: &(usize, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-        // Only the best need be in order: of a city they are few.
+        // Only the best must be sorted: for a city they are few.
         if (1..all.len()).contains(&count) {
             all.select_nth_unstable_by(count - 1, better);
         }
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_similar_come_first_and_equals_by_their_numbers() {
+    fn most_similar_first_and_ties_by_index() {
         let x = GlobalDescriptor::new(vec![100, 0]);
         let images: [&[i8]; 4] = [&[0, 1], &[5, 5], &[9, 0], &[1, 1]];
         let found = |count| {
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn zeros_and_other_lengths_have_nothing_in_common() {
+    fn similarity_of_zeros_and_other_lengths_is_zero() {
         let x = GlobalDescriptor::new(vec![1, 2]);
         assert_eq!(x.similarity(&[0, 0]), 0.0);
         assert_eq!(x.similarity(&[1, 2, 3]), 0.0);

@@ -1,17 +1,17 @@
-//! How the one vector of an image is made.
+//! How the global descriptor of an image is computed.
 
 use crate::{DescriptorError, DescriptorView, GlobalDescriptor, Name, Vocabulary, vocabulary};
 
-/// Where the global descriptors of a map and its queries come from.
+/// The source of the global descriptors of a map and its queries.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum GlobalModel {
-    /// Aggregated from the rows that are sent, and so telling nothing that they do not.
+    /// Aggregated from the rows that are sent, so that it contains no further information.
     Vlad(Vocabulary),
-    /// Computed from the image by an extractor both sides know by name.
+    /// Computed from the image by an extractor that both sides know by name.
     Named(NamedGlobal),
 }
 
-/// A global descriptor some extractor computes: a unit vector times 127, rounded to `i8`, `[dim]`.
+/// A global descriptor of an extractor: a unit vector times 127, rounded to `i8`, `[dim]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct NamedGlobal {
     name: Name,
@@ -53,10 +53,10 @@ impl NamedGlobal {
 }
 
 impl GlobalModel {
-    /// Most codes any model's descriptors have.
+    /// Maximum number of codes of any model's descriptors.
     pub const MAX_LEN: usize = Vocabulary::MAX_LEN * crate::DescriptorKind::MAX_DIM;
 
-    /// The name of aggregation by a vocabulary.
+    /// The name of aggregation with a vocabulary.
     pub const VLAD: &str = "vlad";
 
     /// Number of codes of its descriptors.
@@ -75,7 +75,7 @@ impl GlobalModel {
         }
     }
 
-    /// The vocabulary, when descriptors are aggregated by one.
+    /// The vocabulary, if descriptors are aggregated with one.
     pub const fn vocabulary(&self) -> Option<&Vocabulary> {
         match self {
             Self::Vlad(vocabulary) => Some(vocabulary),
@@ -83,18 +83,18 @@ impl GlobalModel {
         }
     }
 
-    /// The global descriptor that follows from an image's rows alone; `None` for models that need the image.
+    /// The global descriptor computed from an image's rows alone; `None` for models that need the image.
     pub fn of_rows(&self, rows: DescriptorView<'_>) -> Option<GlobalDescriptor> {
         self.vocabulary().map(|vocabulary| vocabulary.aggregate(rows))
     }
 
-    /// For files and messages: a vocabulary as [`Vocabulary::to_bytes`] writes it; else the mark `GLOB`, dim as
-    /// little-endian `u32`, and the name `[32]`.
+    /// For files and messages: a vocabulary as [`Vocabulary::to_bytes`] writes it; otherwise the magic bytes `GLOB`,
+    /// dim as little-endian `u32`, and the name `[32]`.
     pub fn to_bytes(&self) -> Vec<u8> {
         match self {
             Self::Vlad(vocabulary) => vocabulary.to_bytes(),
             Self::Named(named) => {
-                let mut bytes = NAMED_MARK.to_vec();
+                let mut bytes = NAMED_MAGIC.to_vec();
                 bytes.extend(named.dim.to_le_bytes());
                 bytes.extend(named.name.to_bytes());
                 bytes
@@ -102,14 +102,14 @@ impl GlobalModel {
         }
     }
 
-    /// Reads what [`Self::to_bytes`] gave, and nothing else.
+    /// Reads the output of [`Self::to_bytes`], and nothing else.
     ///
     /// # Errors
-    /// What is wrong with the bytes.
+    /// [`DescriptorError`] for invalid bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DescriptorError> {
         match bytes.first_chunk() {
-            Some(vocabulary::MARK) => Vocabulary::from_bytes(bytes).map(Self::Vlad),
-            Some(NAMED_MARK) => {
+            Some(vocabulary::MAGIC) => Vocabulary::from_bytes(bytes).map(Self::Vlad),
+            Some(NAMED_MAGIC) => {
                 let expected = NamedGlobal::BYTES;
                 let length = DescriptorError::GlobalModelLength { expected, found: bytes.len() };
                 let Ok(bytes) = <&[u8; NamedGlobal::BYTES]>::try_from(bytes) else { return Err(length) };
@@ -128,7 +128,7 @@ impl From<Vocabulary> for GlobalModel {
     }
 }
 
-const NAMED_MARK: &[u8; 4] = b"GLOB";
+const NAMED_MAGIC: &[u8; 4] = b"GLOB";
 
 #[cfg(test)]
 mod tests {
@@ -136,7 +136,7 @@ mod tests {
     use crate::test_data::random_descriptors;
 
     #[test]
-    fn both_kinds_come_back_and_say_how_long_their_descriptors_are() {
+    fn both_kinds_round_trip_with_their_lengths() {
         let vlad = GlobalModel::Vlad(Vocabulary::new(random_descriptors(4, 1)).expect("words"));
         let named = GlobalModel::Named(NamedGlobal::new("netvlad", 4096).expect("a model"));
         for (model, len) in [(&vlad, 4 * 128), (&named, 4096)] {
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn other_bytes_are_refused() {
+    fn other_bytes_are_rejected() {
         let good = GlobalModel::Named(NamedGlobal::new("netvlad", 4096).expect("a model")).to_bytes();
         assert_eq!(GlobalModel::from_bytes(b"abc"), Err(DescriptorError::NotAGlobalModel));
         assert_eq!(GlobalModel::from_bytes(b"ABCDE"), Err(DescriptorError::NotAGlobalModel));

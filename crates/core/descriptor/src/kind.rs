@@ -1,16 +1,16 @@
-//! What a descriptor is: its name, its numbers, and everything that follows from its kind, in this one file.
+//! The kind of a descriptor: its name, its numbers, and all properties that depend on the kind, in this one file.
 //!
-//! A kind is a value, not a case of an enum: an extractor described by a file at run time has one too. What only
-//! measurements can tell of a kind (its prior, how near rows of one point are) stands in [`MEASURED`]; a kind that is not there gets
-//! cautious general figures.
+//! A kind is a value and not a case of an enum: an extractor described by a file at run time has one too. Measured
+//! properties of a kind (its prior, distances between rows of one point) are in [`MEASURED`]; a kind that is not there
+//! has cautious defaults.
 
 use crate::{DescriptorError, Encoding, MatchPrior, Name, PriorModel};
 
-/// Which extractor made a descriptor, and so what its bytes mean.
+/// The extractor of a descriptor, which defines what its bytes mean.
 ///
 /// Descriptors of one kind are vectors of the same number of components and about the same Euclidean length
-/// ([`Self::norm`]), compared by Euclidean distance. Kinds are equal when all their parts are: a name alone does not
-/// make two kinds one.
+/// ([`Self::norm`]), compared by Euclidean distance. Kinds are equal when all their parts are: an equal name is not
+/// enough.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DescriptorKind {
     name: Name,
@@ -19,7 +19,7 @@ pub struct DescriptorKind {
     norm: u16,
 }
 
-/// What was measured of a kind.
+/// Measured properties of a kind.
 struct Measured {
     kind: DescriptorKind,
     prior: MatchPrior,
@@ -31,22 +31,24 @@ impl DescriptorKind {
     pub const ROOT_SIFT: Self =
         Self { name: literal("sift"), dim: 128, encoding: Encoding::Unsigned, norm: 512 };
 
-    /// RootSIFT projected to 64 numbers that discriminate, 4 bits each in messages (`veiloc_features::Compact`).
+    /// RootSIFT projected to 64 discriminative numbers, 4 bits each in messages (`veiloc_features::Compact`).
     pub const COMPACT: Self =
         Self { name: literal("compact"), dim: 64, encoding: Encoding::Coarse, norm: 374 };
 
     /// XFeat's 64 numbers, a unit vector times 256 (`veiloc_features::learned`, `models/xfeat.toml`).
     pub const XFEAT: Self = Self { name: literal("xfeat"), dim: 64, encoding: Encoding::Signed, norm: 256 };
 
-    /// The 64 numbers of the smallest ALIKE, a unit vector times 256 (`veiloc_features::learned`, `models/alike-t.toml`).
+    /// The 64 numbers of the smallest ALIKE, a unit vector times 256 (`veiloc_features::learned`,
+    /// `models/alike-t.toml`).
     pub const ALIKE_T: Self =
         Self { name: literal("alike-t"), dim: 64, encoding: Encoding::Signed, norm: 256 };
 
-    /// XFeat's numbers projected to 48, 4 bits each in messages (`veiloc_features::learned`, `models/xfeat-compact.toml`).
+    /// XFeat's numbers projected to 48, 4 bits each in messages (`veiloc_features::learned`,
+    /// `models/xfeat-compact.toml`).
     pub const XFEAT_COMPACT: Self =
         Self { name: literal("xfeat-compact"), dim: 48, encoding: Encoding::Coarse, norm: 273 };
 
-    /// The same of the smallest ALIKE (`models/alike-t-compact.toml`).
+    /// The same for the smallest ALIKE (`models/alike-t-compact.toml`).
     pub const ALIKE_T_COMPACT: Self =
         Self { name: literal("alike-t-compact"), dim: 48, encoding: Encoding::Coarse, norm: 273 };
 
@@ -55,15 +57,15 @@ impl DescriptorKind {
     /// Bytes of a kind in files and messages.
     pub const BYTES: usize = Name::BYTES + 8;
 
-    /// A kind of one's own.
+    /// A user-defined kind.
     ///
-    /// - `name`: see [`Name::new`]. A name in [`Self::built_in`] stands for that very kind.
+    /// - `name`: see [`Name::new`]. A name in [`Self::built_in`] means that kind.
     /// - `dim`: components of a vector, 1 to [`Self::MAX_DIM`].
     /// - `norm`: Euclidean length of a vector in code units. An extractor of unit vectors chooses it such that hardly
-    ///   any component is cut off; it must normalize what has no fixed length.
+    ///   any component is clipped; it must normalize vectors without a fixed length.
     ///
     /// # Errors
-    /// [`DescriptorError::Name`], [`DescriptorError::Kind`] naming the number that is out of range, and
+    /// [`DescriptorError::Name`], [`DescriptorError::Kind`] with the number that is out of range, and
     /// [`DescriptorError::NameTaken`].
     pub fn new(name: &str, dim: usize, encoding: Encoding, norm: u32) -> Result<Self, DescriptorError> {
         Self::from_parts(Name::new(name)?, dim as u64, encoding, norm.into())
@@ -94,7 +96,7 @@ impl DescriptorKind {
         }
     }
 
-    /// The kinds that need no description.
+    /// The built-in kinds.
     pub fn built_in() -> impl Iterator<Item = Self> {
         MEASURED.iter().map(|m| m.kind)
     }
@@ -104,7 +106,7 @@ impl DescriptorKind {
         self.name.as_str()
     }
 
-    /// Components of a vector, which is the bytes of one descriptor, other than in messages.
+    /// Components of a vector, equal to the bytes of one descriptor except in messages.
     pub const fn dim(self) -> usize {
         self.dim as usize
     }
@@ -114,12 +116,12 @@ impl DescriptorKind {
         self.dim() * self.encoding.bits() as usize / 8
     }
 
-    /// What number a byte stands for.
+    /// Representation of its numbers.
     pub const fn encoding(self) -> Encoding {
         self.encoding
     }
 
-    /// Euclidean length of a vector, code units. Rows are not refused for being off it.
+    /// Euclidean length of a vector, code units. Rows of another length are not rejected.
     pub const fn norm(self) -> u32 {
         self.norm as u32
     }
@@ -135,7 +137,7 @@ impl DescriptorKind {
         bytes
     }
 
-    /// Reads what [`Self::to_bytes`] gave; nothing else is accepted.
+    /// Reads the output of [`Self::to_bytes`]; nothing else is accepted.
     ///
     /// # Errors
     /// As [`Self::new`]; [`DescriptorError::Kind`] also for bytes that must be zero.
@@ -157,26 +159,26 @@ impl DescriptorKind {
         MEASURED.iter().find(|m| m.kind == self)
     }
 
-    /// What its matches are worth before geometry is asked. For a kind that was not measured: RootSIFT's slopes halved
-    /// about the same middle, so that the ratio orders matches but decides little.
+    /// Prior of its matches, before geometry. For a kind without measurements: RootSIFT's slopes halved about the same
+    /// middle, so that the ratio orders matches but decides little.
     pub fn match_prior(self) -> MatchPrior {
         self.measured().map_or(UNMEASURED_PRIOR, |m| m.prior)
     }
 
-    /// The same of a kind that is known by its name alone, as files of matches have it.
+    /// The same for the name of a kind, as in files of matches.
     pub fn match_prior_of(name: &str) -> MatchPrior {
         MEASURED.iter().find(|m| m.kind.name() == name).map_or(UNMEASURED_PRIOR, |m| m.prior)
     }
 
-    /// Squared distance, squared code units, up to which a keypoint where a map point projects is taken for that point
-    /// without a ratio test.
+    /// Maximum squared distance, squared code units, for a keypoint where a map point projects to be taken for that
+    /// point without a ratio test.
     pub fn same_point_distance(self) -> u32 {
         let part = self.measured().map_or(SAME_POINT, |m| m.same_point);
         (f64::from(self.norm) * part).powi(2) as u32
     }
 
-    /// Whether decoys of it can be made of its rows: vectors of fewer than 16 numbers give themselves away when they are blended,
-    /// and no query of few keypoints of such a kind is sent.
+    /// Whether decoys can be blended from its rows: with fewer than 16 numbers blended rows are recognizable, and
+    /// queries of few keypoints of such a kind are never sent.
     pub const fn can_be_blended(self) -> bool {
         self.dim() >= BLEND_MIN_DIM
     }
@@ -201,8 +203,8 @@ const fn literal(text: &str) -> Name {
     }
 }
 
-/// Part of the norm: 200 of RootSIFT's 512. Half of all verified matches are nearer than about 150, keypoints of other
-/// places hardly nearer than 300.
+/// Share of the norm: 200 of RootSIFT's 512. Half of all verified matches are nearer than about 150, keypoints of other
+/// places rarely nearer than 300.
 const SAME_POINT: f64 = 0.390_625;
 
 /// See [`DescriptorKind::can_be_blended`].
@@ -219,15 +221,15 @@ const UNMEASURED_PRIOR: MatchPrior = MatchPrior {
     full: model(3.66, -5.69, 0.28, 0.0),
 };
 
-/// Learned kinds, fitted on held-out map images of three places alike (`scripts/fit_prior.py`). The length of tracks is left
-/// out: what it says of one place is wrong of another. How near one point's descriptors are was not measured.
+/// Learned kinds, fitted on held-out map images of three places together (`scripts/fit_prior.py`). The length of tracks
+/// is left out: its effect differs between places. Distances between descriptors of one point were not measured.
 const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorModel) -> Measured {
     let prior = MatchPrior { ratio, ratio_votes, full: ratio_votes };
     Measured { kind, prior, same_point: SAME_POINT }
 }
 
-/// Their projections, fitted as they are. `same_point`: nearer than all but one in a hundred of the nearest keypoints of another
-/// image, as `scripts/train_compact.py` prints them.
+/// Projections of them, fitted in the same way. `same_point`: nearer than 99 % of the nearest keypoints of another
+/// image, as `scripts/train_compact.py` prints.
 const fn projected(
     kind: DescriptorKind,
     same_point: f64,
@@ -237,11 +239,11 @@ const fn projected(
     Measured { same_point, ..learned(kind, ratio, ratio_votes) }
 }
 
-/// The built-in kinds. `same_point` is a part of the norm.
+/// The built-in kinds. `same_point` is a share of the norm.
 static MEASURED: &[Measured] = &[
     Measured {
         kind: DescriptorKind::ROOT_SIFT,
-        // Fitted by scripts/fit_prior.py; veiloc_pose::prior says on what.
+        // Fitted by scripts/fit_prior.py; see veiloc_pose::prior for the data.
         prior: MatchPrior {
             ratio: model(8.521, -12.493, 0.0, 0.0),
             ratio_votes: model(7.310, -11.384, 0.557, 0.0),
@@ -251,13 +253,13 @@ static MEASURED: &[Measured] = &[
     },
     Measured {
         kind: DescriptorKind::COMPACT,
-        // Fitted as RootSIFT's, on problems of its own (`scripts/training_problems.sh FOLDER compact`).
+        // Fitted like RootSIFT's, on its own problems (`scripts/training_problems.sh FOLDER compact`).
         prior: MatchPrior {
             ratio: model(9.629, -13.448, 0.0, 0.0),
             ratio_votes: model(8.103, -12.039, 0.653, 0.0),
             full: model(8.685, -11.891, 0.748, -0.507),
         },
-        // Half of all pairs are nearer than 155, keypoints of other places hardly nearer than 310.
+        // Half of all pairs are nearer than 155, keypoints of other places rarely nearer than 310.
         same_point: 0.748,
     },
     learned(DescriptorKind::XFEAT, model(6.145, -8.166, 0.0, 0.0), model(2.182, -4.496, 1.348, 0.0)),
@@ -291,11 +293,11 @@ mod tests {
         let mut bytes = [0; 40];
         bytes[..4].copy_from_slice(b"sift");
         (bytes[32], bytes[37]) = (128, 2);
-        assert_eq!(kind.to_bytes(), bytes, "files hold this");
+        assert_eq!(kind.to_bytes(), bytes, "files contain this");
     }
 
     #[test]
-    fn a_kind_of_ones_own_gets_general_figures() {
+    fn user_defined_kind_has_default_figures() {
         let kind = DescriptorKind::new("superpoint", 256, Encoding::Signed, 512).expect("a kind");
         assert!(kind.can_be_blended());
         assert_ne!(kind.match_prior(), DescriptorKind::ROOT_SIFT.match_prior());
@@ -313,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_kind_is_refused_by_name() {
+    fn error_names_the_fault_of_an_invalid_kind() {
         let field = |dim, encoding, norm| match DescriptorKind::new("own", dim, encoding, norm) {
             Err(DescriptorError::Kind { field, .. }) => Some(field),
             Err(other) => panic!("{other}"),
@@ -332,7 +334,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bytes_have_one_form(at in 0_usize..40, value: u8, dim in 1_usize..=512, signed: bool) {
+        fn bytes_are_canonical(at in 0_usize..40, value: u8, dim in 1_usize..=512, signed: bool) {
             let encoding = if signed { Encoding::Signed } else { Encoding::Unsigned };
             let kind = DescriptorKind::new("own-kind", dim, encoding, 100).expect("a kind");
             prop_assert_eq!(DescriptorKind::from_bytes(&kind.to_bytes()), Ok(kind));

@@ -8,21 +8,20 @@ use veiloc_simd::{Backend, PackedRows, dot_u8};
 
 use crate::{DescriptorError, DescriptorView, neighbours::nearest_rows};
 
-/// Rounds of assignment and update at most; gains beyond 20 rounds are below a percent of the total distance.
+/// Maximum number of rounds of assignment and update; gains after 20 rounds are below a percent of the total distance.
 const MAX_ROUNDS: usize = 30;
 
-/// Samples summed at once by one thread. Integer sums are the same for every grouping.
+/// Samples summed at once by one thread. Integer sums do not depend on the grouping.
 const CHUNK: usize = 4096;
 
-/// `k` centroids of the samples `[N, dim]`, one after another `[k, dim]`.
+/// `k` centroids of the samples `[N, dim]`, row by row `[k, dim]`.
 ///
-/// Seeds by k-means++ (each next centroid is a sample, drawn with probability proportional to its squared distance to the
-/// nearest centroid so far), then Lloyd's rounds. Centroids are rounded to bytes in every round, so that the published
-/// ones are those that were optimized. A centroid that no sample is nearest to moves to the sample that is farthest from
-/// its own.
+/// Seeds by k-means++ (each next centroid is a sample, drawn with probability proportional to its squared distance to
+/// the nearest centroid so far), then Lloyd's rounds. Centroids are rounded to bytes in every round, so that the
+/// rounded ones are optimized. A centroid without samples moves to the sample farthest from its own centroid.
 ///
 /// # Errors
-/// [`DescriptorError::TooFewSamples`] when fewer than `k` samples differ from each other.
+/// [`DescriptorError::TooFewSamples`] for fewer than `k` distinct samples.
 pub(crate) fn train(
     samples: DescriptorView<'_>,
     k: usize,

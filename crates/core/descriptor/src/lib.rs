@@ -1,22 +1,22 @@
-//! Descriptors without positions: kinds, storage, distances, nearest neighbours, and the vectors of whole images.
+//! Descriptors without positions: kinds, storage, distances, nearest neighbours, and global descriptors of images.
 //!
-//! This room knows nothing of where a descriptor was seen; both the device and the server use it.
+//! This crate has no positions of descriptors; both the device and the server use it.
 //!
-//! - [`DescriptorKind`]: what the bytes of a descriptor mean, and all that follows from it. RootSIFT is built in; an
-//!   extractor described at run time brings a kind of its own.
+//! - [`DescriptorKind`]: what the bytes of a descriptor mean, and all properties that depend on it. RootSIFT is built
+//!   in; an extractor described at run time has its own kind.
 //! - [`Descriptors`], [`DescriptorView`]: rows of bytes of one kind.
 //! - [`two_nearest`], [`match_descriptors`]: exact nearest neighbours by brute force, for every kind.
-//! - [`GlobalModel`]: how the one [`GlobalDescriptor`] of an image is made, by a [`Vocabulary`] from its rows or by an
+//! - [`GlobalModel`]: how the [`GlobalDescriptor`] of an image is computed, by a [`Vocabulary`] from its rows or by an
 //!   extractor known by name.
-//! - [`GlobalIndex`]: which of many global descriptors are worth comparing with one.
+//! - [`GlobalIndex`]: finds global descriptors similar to a given one.
 //!
-//! Everything is computed in integers up to the last step, so results are the same on every machine and for every
-//! number of threads.
+//! All computations are in integers up to the last step, so results are the same on every machine and for any number of
+//! threads.
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, MatchOptions, match_descriptors};
 //!
-//! // Unit vectors of 4 numbers, kept as signed bytes: 100 times the number.
+//! // Unit vectors of 4 numbers, stored as signed bytes: 100 times the number.
 //! let kind = DescriptorKind::new("my-network", 4, Encoding::Signed, 100)?;
 //! let code = |vector: [f64; 4]| vector.map(|x| kind.encoding().byte(100.0 * x));
 //! let query = Descriptors::new(kind, code([0.6, -0.8, 0.0, 0.0]).to_vec())?;

@@ -5,7 +5,7 @@ use crate::{
     neighbours::{TwoNearest, both_ways, two_nearest},
 };
 
-/// A pair proposed by descriptors.
+/// A pair of matching descriptors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
     /// Row in the query.
@@ -14,20 +14,20 @@ pub struct Match {
     pub database: u32,
     /// Euclidean distance in code units (RootSIFT codes are 512 times the unit vector).
     pub distance: f32,
-    /// Distance to the nearest over distance to the second nearest, in \[0, 1\]; 1 (says nothing) when there is no
+    /// Distance to the nearest over distance to the second nearest, in \[0, 1\]; 1 (no information) when there is no
     /// second or both are zero.
     pub ratio: f32,
 }
 
-/// Which nearest neighbours are matches.
+/// Conditions on matches.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct MatchOptions {
     /// Keep a pair only when each is the nearest of the other. Default true: a map point belongs to one keypoint, and
-    /// without it frequent descriptors collect wrong partners.
+    /// without it frequent descriptors have many wrong matches.
     pub mutual: bool,
-    /// Keep a pair only when its [`Match::ratio`] is at most this. Default `None`: the pose estimator weighs matches by
-    /// their ratio, so that throwing away is left to it. 0.8 is the customary value. NaN keeps nothing.
+    /// Keep a pair only when its [`Match::ratio`] is at most this. Default `None`: the pose estimator weights matches
+    /// by their ratio and rejects them itself. 0.8 is a common value. NaN keeps nothing.
     pub max_ratio: Option<f32>,
 }
 
@@ -53,8 +53,8 @@ impl MatchOptions {
 
 /// Matches each query descriptor to at most one database descriptor, sorted by query.
 ///
-/// Among equally near descriptors the lowest index wins, in both directions. Both directions come from one pass over the
-/// pairs. Descriptors of different kinds never match. Equal for every number of threads.
+/// Of equally near descriptors the lowest index wins, in both directions. Both directions are computed in one pass over
+/// the pairs. Descriptors of different kinds never match. Results do not depend on the number of threads.
 pub fn match_descriptors(
     query: DescriptorView<'_>,
     database: DescriptorView<'_>,
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
     use crate::{DescriptorKind, Descriptors, test_data::random_descriptors};
 
-    /// Rows whose first component is given and whose others are zero.
+    /// Rows with the given first component and zeros.
     fn line(values: &[u8]) -> Descriptors {
         let mut rows = Descriptors::empty(DescriptorKind::ROOT_SIFT);
         for &value in values {
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn mutual_pairs_only() {
-        // 12 is nearer to 10 than 15 is, so 15 goes away.
+        // 12 is nearer to 10 than 15 is, so 15 is dropped.
         assert_eq!(pairs(&[15, 12, 200], &[10, 190], &MatchOptions::default()), [(1, 0), (2, 1)]);
         let one_way = MatchOptions::default().with_mutual(false);
         assert_eq!(pairs(&[15, 12, 200], &[10, 190], &one_way), [(0, 0), (1, 0), (2, 1)]);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ratio_that_says_nothing_is_one() {
+    fn undefined_ratio_is_one() {
         let one = |database: &[u8]| {
             match_descriptors(line(&[10]).view(), line(database).view(), &MatchOptions::default())[0].ratio
         };
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_matches_nothing() {
+    fn empty_sets_have_no_matches() {
         assert_eq!(pairs(&[], &[], &MatchOptions::default()), []);
         assert_eq!(pairs(&[1], &[], &MatchOptions::default()), []);
         assert_eq!(pairs(&[], &[1], &MatchOptions::default()), []);
@@ -169,7 +169,7 @@ mod tests {
         }
 
         #[test]
-        fn a_lower_ratio_keeps_a_subset(n in 0_usize..100, m in 0_usize..100, seed: u64, max in 0.0_f32..1.0) {
+        fn lower_ratio_gives_a_subset(n in 0_usize..100, m in 0_usize..100, seed: u64, max in 0.0_f32..1.0) {
             let (a, b) = (random_descriptors(n, seed), random_descriptors(m, !seed));
             let options = MatchOptions::default().with_mutual(false);
             let all = match_descriptors(a.view(), b.view(), &options);

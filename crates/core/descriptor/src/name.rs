@@ -1,27 +1,28 @@
-//! Short names that travel in files and messages: of descriptor kinds and of global models.
+//! Short names in files and messages: of descriptor kinds and of global models.
 
 use crate::DescriptorError;
 
-/// A name of 1 to 31 characters from `a`–`z`, `0`–`9` and `-`, beginning with a letter. Held inline, so that what
-/// carries it can be copied; 32 bytes, the rest zeros.
+/// A name of 1 to 31 characters from `a`–`z`, `0`–`9` and `-`, beginning with a letter. Stored inline, so that types
+/// with it are `Copy`; 32 bytes, padded with zeros.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Name([u8; Name::BYTES]);
 
 impl Name {
     /// Bytes in files and messages, padded with zeros.
     pub const BYTES: usize = 32;
-    /// Longest name, characters.
+    /// Maximum length, characters.
     pub const MAX_LEN: usize = Self::BYTES - 1;
 
     /// Checks a name.
     ///
     /// # Errors
-    /// [`DescriptorError::Name`] when it is empty, too long, begins with no letter or holds another character.
+    /// [`DescriptorError::Name`] when it is empty, too long, does not begin with a letter or contains another
+    /// character.
     pub fn new(text: &str) -> Result<Self, DescriptorError> {
         Self::checked(text).ok_or(DescriptorError::Name)
     }
 
-    /// The same for names that are written in the code.
+    /// The same for names in the code.
     pub(crate) const fn checked(text: &str) -> Option<Self> {
         let text = text.as_bytes();
         if text.is_empty() || text.len() > Self::MAX_LEN || !text[0].is_ascii_lowercase() {
@@ -39,10 +40,10 @@ impl Name {
         Some(Self(bytes))
     }
 
-    /// Reads what [`Self::to_bytes`] gave.
+    /// Reads the output of [`Self::to_bytes`].
     ///
     /// # Errors
-    /// [`DescriptorError::Name`] for bytes that are no name, or no zeros behind it.
+    /// [`DescriptorError::Name`] for bytes that are not a name padded with zeros.
     pub fn from_bytes(bytes: &[u8; Self::BYTES]) -> Result<Self, DescriptorError> {
         let length = bytes.iter().position(|b| *b == 0).unwrap_or(Self::BYTES);
         let text = std::str::from_utf8(&bytes[..length]).map_err(|_| DescriptorError::Name)?;
@@ -58,7 +59,7 @@ impl Name {
     /// As text.
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|b| *b == 0).unwrap_or(Self::BYTES);
-        std::str::from_utf8(&self.0[..length]).expect("the constructors let ASCII through only")
+        std::str::from_utf8(&self.0[..length]).expect("the constructors accept ASCII only")
     }
 }
 
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_come_back_and_others_are_refused() {
+    fn names_round_trip_and_invalid_ones_are_rejected() {
         let longest = "a".repeat(31);
         for text in ["sift", "superpoint-256", "a", &longest] {
             let name = Name::new(text).expect("a name");
@@ -100,10 +101,10 @@ mod tests {
     }
 
     #[test]
-    fn bytes_have_one_form() {
+    fn bytes_are_canonical() {
         let mut bytes = Name::new("sift").expect("a name").to_bytes();
         bytes[20] = b'x';
-        assert_eq!(Name::from_bytes(&bytes), Err(DescriptorError::Name), "something behind the end");
+        assert_eq!(Name::from_bytes(&bytes), Err(DescriptorError::Name), "bytes after the end");
         assert_eq!(Name::from_bytes(&[0; 32]), Err(DescriptorError::Name));
         assert_eq!(Name::from_bytes(&[b'a'; 32]), Err(DescriptorError::Name), "no end");
         assert_eq!(Name::from_bytes(&[0xFF; 32]), Err(DescriptorError::Name));

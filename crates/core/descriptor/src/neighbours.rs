@@ -1,4 +1,4 @@
-//! The nearest descriptors of each descriptor, exactly, in one pass over all pairs.
+//! The nearest neighbours of each descriptor, exact, in one pass over all pairs.
 
 use rayon::prelude::*;
 use veiloc_simd::{Backend, BestTwo, ColumnBest, PackedRows, best_two, best_two_with_columns};
@@ -14,12 +14,12 @@ pub struct Neighbour {
     pub distance: u32,
 }
 
-/// The nearest descriptor, and how far the runner-up is.
+/// The nearest descriptor, and the distance of the second nearest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TwoNearest {
-    /// The nearest descriptor; the one with the lowest index of several equally near.
+    /// The nearest descriptor; of several equally near, the one with the lowest index.
     pub nearest: Neighbour,
-    /// Squared distance of the second nearest; `None` when the database has one row only.
+    /// Squared distance of the second nearest; `None` when the database has only one row.
     pub second: Option<u32>,
 }
 
@@ -31,9 +31,9 @@ impl From<BestTwo> for TwoNearest {
 
 /// The two nearest database descriptors of each query descriptor, `[N_query]`.
 ///
-/// `None` for every query when the database is empty, or holds descriptors of another kind: those have no distance.
-/// Exact, and equal for every number of threads (rayon's current pool is used). Cost: about 0.5 ns per pair of
-/// 128 bytes and thread with AVX-512 VNNI (`cargo bench -p veiloc-benches --bench matching`).
+/// `None` for every query when the database is empty or has descriptors of another kind, to which there is no distance.
+/// Exact, and independent of the number of threads (rayon's current pool is used). Cost: about 0.5 ns per pair of 128
+/// bytes and thread with AVX-512 VNNI (`cargo bench -p veiloc-benches --bench matching`).
 pub fn two_nearest(query: DescriptorView<'_>, database: DescriptorView<'_>) -> Vec<Option<TwoNearest>> {
     if query.kind() != database.kind() {
         return vec![None; query.len()];
@@ -57,7 +57,7 @@ pub(crate) struct BothWays {
     pub(crate) of_database: ColumnBest,
 }
 
-/// As [`two_nearest`], and at the same time the nearest query of each database row. Kinds must be equal.
+/// As [`two_nearest`], with the nearest query of each database row from the same pass. Kinds must be equal.
 pub(crate) fn both_ways(query: DescriptorView<'_>, database: DescriptorView<'_>) -> BothWays {
     let dim = query.kind().dim();
     let packed = pack(database);
@@ -85,13 +85,13 @@ pub(crate) fn pack(rows: DescriptorView<'_>) -> PackedRows {
     PackedRows::new(Backend::best(), rows.as_bytes(), rows.kind().dim())
 }
 
-/// Query rows handed to a thread at once. Depends on the number of threads; results do not, because every query is on its
-/// own and merged columns do not depend on how queries were grouped.
+/// Query rows per task. Depends on the number of threads; results do not, because queries are independent and merged
+/// columns do not depend on the grouping of queries.
 fn block_rows(queries: usize) -> usize {
     queries.div_ceil(4 * rayon::current_num_threads()).max(MIN_BLOCK_ROWS)
 }
 
-/// Below this, handing over costs more than it gains, and merging columns costs as much as searching.
+/// For fewer rows, parallelism costs more than it gains, and merging columns costs as much as searching.
 const MIN_BLOCK_ROWS: usize = 64;
 
 #[cfg(test)]
@@ -117,8 +117,8 @@ mod tests {
         assert_eq!(found, [Some(TwoNearest { nearest: Neighbour { index: 0, distance: 0 }, second: None })]);
     }
 
-    /// Squared distances of the numbers themselves, in plain loops over `i16`.
-    fn signed_twin(query: &Descriptors, database: &Descriptors) -> Vec<Option<TwoNearest>> {
+    /// Squared distances of the numbers themselves, in simple loops over `i16`.
+    fn signed_reference(query: &Descriptors, database: &Descriptors) -> Vec<Option<TwoNearest>> {
         let numbers = |rows: &Descriptors, i| rows.view().values(i).collect::<Vec<i16>>();
         let all: Vec<Vec<i16>> = (0..database.len()).map(|i| numbers(database, i)).collect();
         let nearest = |own: &[i16]| {
@@ -135,24 +135,24 @@ mod tests {
     }
 
     #[test]
-    fn signed_numbers_of_any_length_are_as_far_apart_as_their_bytes() {
+    fn signed_distances_equal_byte_distances() {
         for (dim, seed) in [(1, 1), (7, 2), (64, 3), (256, 4), (512, 5)] {
             let kind = DescriptorKind::new("own", dim, crate::Encoding::Signed, 64).expect("a kind");
             let (query, database) = (random_bytes(kind, 40, seed), random_bytes(kind, 90, seed + 10));
             let found = two_nearest(query.view(), database.view());
-            assert_eq!(found, signed_twin(&query, &database), "{dim}");
+            assert_eq!(found, signed_reference(&query, &database), "{dim}");
         }
     }
 
     #[test]
-    fn kinds_of_one_length_are_still_two_kinds() {
+    fn kinds_of_equal_length_do_not_match() {
         let own = DescriptorKind::new("own", 128, crate::Encoding::Unsigned, 512).expect("a kind");
         let query = random_bytes(own, 3, 1);
         assert_eq!(two_nearest(query.view(), random_descriptors(5, 1).view()), [None; 3]);
     }
 
     #[test]
-    fn the_number_of_threads_does_not_matter() {
+    fn result_is_independent_of_the_thread_count() {
         let (query, database) = (random_descriptors(700, 3), random_descriptors(333, 4));
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -1,11 +1,11 @@
-//! Descriptors as messages carry them: numbers of 4 bits two a byte, others as they are.
+//! Descriptors in messages: numbers of 4 bits two per byte, others unchanged.
 
 use crate::encoding::coarse;
 use crate::{DescriptorError, DescriptorKind, Descriptors, Encoding};
 
 impl Descriptors {
-    /// `[N, packed_len]`, row by row; of two numbers in a byte the first is in the lower half. What lies between the steps
-    /// of [`Encoding::Coarse`] is cut to its step.
+    /// `[N, packed_len]`, row by row; the first of two numbers in a byte is in the lower half. Values between the steps
+    /// of [`Encoding::Coarse`] are reduced to their step.
     pub fn packed(&self) -> Vec<u8> {
         match self.kind().encoding() {
             Encoding::Unsigned | Encoding::Signed => self.as_bytes().to_vec(),
@@ -15,7 +15,7 @@ impl Descriptors {
         }
     }
 
-    /// As whoever reads the message has them.
+    /// The descriptors as a reader of the message has them.
     #[must_use]
     pub fn settled(self) -> Self {
         match self.kind().encoding() {
@@ -24,7 +24,7 @@ impl Descriptors {
         }
     }
 
-    /// From what [`Self::packed`] gave.
+    /// From the output of [`Self::packed`].
     ///
     /// # Errors
     /// [`DescriptorError::Length`] when the bytes are not whole rows.
@@ -67,7 +67,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_message_has_one_form(bytes in proptest::collection::vec(any::<u8>(), 32 * 3)) {
+        fn messages_are_canonical(bytes in proptest::collection::vec(any::<u8>(), 32 * 3)) {
             for kind in [DescriptorKind::COMPACT, DescriptorKind::new("own", 32, Encoding::Signed, 99).expect("a kind")] {
                 let rows = Descriptors::from_packed(kind, &bytes).expect("whole rows");
                 prop_assert_eq!(rows.packed(), &bytes[..]);

@@ -1,4 +1,4 @@
-//! Descriptors as rows of bytes: what is extracted, sent and stored is one and the same code.
+//! Descriptors as rows of bytes, for extraction, messages and storage.
 
 use crate::{DescriptorError, DescriptorKind};
 
@@ -9,7 +9,7 @@ pub struct Descriptors {
     bytes: Vec<u8>,
 }
 
-// Descriptors betray what is in an image: a log may know how many there are, and no more (leak L8).
+// Descriptors reveal the content of an image: only their number may be logged (leak L8).
 impl std::fmt::Debug for Descriptors {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Descriptors({}, {})", self.kind, self.len())
@@ -17,7 +17,7 @@ impl std::fmt::Debug for Descriptors {
 }
 
 impl Descriptors {
-    /// From rows one after another.
+    /// From consecutive rows.
     ///
     /// # Errors
     /// [`DescriptorError::Length`] when the bytes are not whole rows.
@@ -26,7 +26,7 @@ impl Descriptors {
         Ok(Self { kind, bytes })
     }
 
-    /// None at all.
+    /// No descriptors.
     pub const fn empty(kind: DescriptorKind) -> Self {
         Self { kind, bytes: Vec::new() }
     }
@@ -41,7 +41,7 @@ impl Descriptors {
         self.kind
     }
 
-    /// How many there are.
+    /// Number of descriptors.
     pub const fn len(&self) -> usize {
         self.bytes.len() / self.kind.dim()
     }
@@ -56,7 +56,7 @@ impl Descriptors {
         self.view().row(index)
     }
 
-    /// The chosen rows, in the order given.
+    /// The selected rows, in the given order.
     pub fn select(&self, indices: impl IntoIterator<Item = usize>) -> Self {
         let bytes = indices.into_iter().flat_map(|i| self.row(i).iter().copied()).collect();
         Self { kind: self.kind, bytes }
@@ -65,7 +65,7 @@ impl Descriptors {
     /// Appends one row; its length must be `dim`.
     ///
     /// # Errors
-    /// [`DescriptorError::Length`] when it is not.
+    /// [`DescriptorError::Length`] for another length.
     pub fn push(&mut self, row: &[u8]) -> Result<(), DescriptorError> {
         if row.len() != self.kind.dim() {
             return Err(DescriptorError::Length { bytes: row.len(), dim: self.kind.dim() });
@@ -74,13 +74,13 @@ impl Descriptors {
         Ok(())
     }
 
-    /// All rows one after another.
+    /// All rows, consecutive.
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes
     }
 }
 
-/// Descriptors that live elsewhere, in a map file for example; `[N, dim]`, row by row.
+/// Borrowed descriptors, for example of a map file; `[N, dim]`, row by row.
 #[derive(Clone, Copy)]
 pub struct DescriptorView<'a> {
     kind: DescriptorKind,
@@ -94,7 +94,7 @@ impl std::fmt::Debug for DescriptorView<'_> {
 }
 
 impl<'a> DescriptorView<'a> {
-    /// Borrows rows one after another.
+    /// Borrows consecutive rows.
     ///
     /// # Errors
     /// [`DescriptorError::Length`] when the bytes are not whole rows.
@@ -110,7 +110,7 @@ impl<'a> DescriptorView<'a> {
         self.kind
     }
 
-    /// How many there are.
+    /// Number of descriptors.
     pub const fn len(&self) -> usize {
         self.bytes.len() / self.kind.dim()
     }
@@ -126,7 +126,7 @@ impl<'a> DescriptorView<'a> {
         &self.bytes[index * dim..(index + 1) * dim]
     }
 
-    /// The numbers of descriptor `index`, `[dim]`: what its bytes stand for.
+    /// The numbers of descriptor `index`, `[dim]`, decoded from its bytes.
     pub fn values(&self, index: usize) -> impl Iterator<Item = i16> + use<'a> {
         let encoding = self.kind.encoding();
         self.row(index).iter().map(move |byte| encoding.value(*byte))
@@ -138,7 +138,7 @@ impl<'a> DescriptorView<'a> {
         Self { kind: self.kind, bytes: &self.bytes[range.start * dim..range.end * dim] }
     }
 
-    /// All rows one after another.
+    /// All rows, consecutive.
     pub const fn as_bytes(&self) -> &'a [u8] {
         self.bytes
     }

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{DescriptorKind, Descriptors};
 
-/// `count` rows shaped like RootSIFT: squares of the components sum to about 512 squared, a few components are large.
+/// `count` rows similar to RootSIFT: squares of the components sum to about 512 squared, a few components are large.
 pub(crate) fn random_descriptors(count: usize, seed: u64) -> Descriptors {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut rows = Descriptors::empty(DescriptorKind::ROOT_SIFT);
@@ -37,7 +37,7 @@ fn rootsift_like(rng: &mut ChaCha8Rng) -> [u8; 128] {
     histogram.map(|h| ((h / total).sqrt() * 512.0).round().min(255.0) as u8)
 }
 
-/// `count` rows of any bytes.
+/// `count` rows of random bytes.
 pub(crate) fn random_bytes(kind: DescriptorKind, count: usize, seed: u64) -> Descriptors {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let bytes = (0..count * kind.dim()).map(|_| rng.random()).collect();

@@ -1,4 +1,4 @@
-//! VLAD: how the descriptors of an image differ from the nearest of a few fixed words, summed up.
+//! VLAD: sums of the differences between the descriptors of an image and the nearest of a few fixed words.
 
 use rand::Rng;
 use veiloc_simd::PackedRows;
@@ -13,7 +13,7 @@ use crate::{
 /// # Method
 /// VLAD (Jégou et al., *Aggregating local descriptors into a compact image representation*, CVPR 2010) with
 /// intra-normalization (Arandjelović and Zisserman, *All about VLAD*, CVPR 2013), which replaces the signed square root
-/// there and does better: no single word with many repetitive descriptors drowns the others.
+/// and is better: a single word with many repetitive descriptors does not dominate the others.
 ///
 /// ```text
 /// V_k = sum of (x - c_k) over the descriptors x whose nearest word is c_k     exact, in integers
@@ -21,10 +21,10 @@ use crate::{
 /// codes = round(127 v)                                                        [K * dim]
 /// ```
 ///
-/// Each `v_k` is a unit vector, so no component is beyond 1 and no code saturates. The usual last step, dividing the whole
-/// vector by its length, is left out: the cosine does not see a common factor, and dividing first would leave codes of
-/// one or two. A code is off by at most half of one, `v` by at most 1/254 per component; the cosine is off by less than
-/// 0.002 in the tests.
+/// Each `v_k` is a unit vector, so no component is above 1 and no code saturates. The usual last step, division of the
+/// whole vector by its length, is left out: the cosine does not depend on a common factor, and after the division codes
+/// would be only one or two. The error of a code is at most one half, of `v` at most 1/254 per component; the error of
+/// the cosine is below 0.002 in the tests.
 #[derive(Clone)]
 pub struct Vocabulary {
     words: Descriptors,
@@ -46,7 +46,7 @@ impl PartialEq for Vocabulary {
 impl Eq for Vocabulary {}
 
 impl Vocabulary {
-    /// The most words a vocabulary may have: a global descriptor of 1 MiB for RootSIFT, 4 MiB at most.
+    /// Maximum number of words of a vocabulary: a global descriptor of 1 MiB for RootSIFT, 4 MiB at most.
     pub const MAX_LEN: usize = 8192;
 
     /// From its words.
@@ -59,21 +59,21 @@ impl Vocabulary {
         Ok(Self { words, packed })
     }
 
-    /// Learns `k` words from descriptors of many images by k-means.
+    /// Trains `k` words on descriptors of many images by k-means.
     ///
-    /// Equal samples and an equal generator give equal words, on every machine and for every number of threads. 1000
-    /// samples per word are plenty; the time grows with `samples * k`.
+    /// Equal samples and an equal generator give equal words, on every machine and for any number of threads. 1000
+    /// samples per word are sufficient; the time is proportional to `samples * k`.
     ///
     /// # Errors
     /// - [`DescriptorError::WordCount`] when `k` is 0 or more than [`Vocabulary::MAX_LEN`].
-    /// - [`DescriptorError::TooFewSamples`] when fewer than `k` samples differ from each other.
+    /// - [`DescriptorError::TooFewSamples`] for fewer than `k` distinct samples.
     pub fn train(samples: DescriptorView<'_>, k: usize, rng: &mut impl Rng) -> Result<Self, DescriptorError> {
         check_word_count(k)?;
         let words = kmeans::train(samples, k, rng)?;
         Self::new(Descriptors::new(samples.kind(), words)?)
     }
 
-    /// Kind of the descriptors it is for.
+    /// Kind of its descriptors.
     pub const fn kind(&self) -> DescriptorKind {
         self.words.kind()
     }
@@ -83,7 +83,7 @@ impl Vocabulary {
         self.words.len()
     }
 
-    /// Never: a vocabulary has at least one word.
+    /// Always false: a vocabulary has at least one word.
     pub const fn is_empty(&self) -> bool {
         self.words.is_empty()
     }
@@ -93,12 +93,12 @@ impl Vocabulary {
         self.words.view()
     }
 
-    /// Number of codes of the global descriptors it makes, `K * dim`.
+    /// Number of codes of its global descriptors, `K * dim`.
     pub const fn global_len(&self) -> usize {
         self.len() * self.kind().dim()
     }
 
-    /// Sums up the descriptors of one image. No descriptors, or ones of another kind, give all zeros.
+    /// Aggregates the descriptors of one image. Without descriptors, or for another kind, all zeros.
     ///
     /// The order of the descriptors does not matter.
     pub fn aggregate(&self, descriptors: DescriptorView<'_>) -> GlobalDescriptor {
@@ -112,7 +112,7 @@ impl Vocabulary {
         GlobalDescriptor::new(codes.collect())
     }
 
-    /// `V_k` of the type's doc, `[K, dim]`.
+    /// `V_k` in the documentation of the type, `[K, dim]`.
     fn residuals(&self, descriptors: DescriptorView<'_>) -> Vec<i64> {
         let dim = self.kind().dim();
         let mut residuals = vec![0_i64; self.global_len()];
@@ -130,27 +130,27 @@ impl Vocabulary {
         residuals
     }
 
-    /// Its bytes, for a file: the mark `VLAD`, then as little-endian `u32` the version, 1, and K, then the kind `[40]` (see
-    /// [`DescriptorKind::to_bytes`]), then the words `[K, dim]`.
+    /// Its bytes, for a file: the magic bytes `VLAD`, then as little-endian `u32` the version, 1, and K, then the kind
+    /// `[40]` (see [`DescriptorKind::to_bytes`]), then the words `[K, dim]`.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = MARK.to_vec();
+        let mut bytes = MAGIC.to_vec();
         bytes.extend([VERSION, self.len() as u32].into_iter().flat_map(u32::to_le_bytes));
         bytes.extend(self.kind().to_bytes());
         bytes.extend_from_slice(self.words.as_bytes());
         bytes
     }
 
-    /// Reads what [`Vocabulary::to_bytes`] wrote, and nothing else.
+    /// Reads the output of [`Vocabulary::to_bytes`], and nothing else.
     ///
     /// # Errors
-    /// What is wrong with the bytes: mark, version, kind, number of words or length.
+    /// [`DescriptorError`] for wrong magic bytes, version, kind, number of words or length.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DescriptorError> {
-        if !bytes.iter().zip(MARK).all(|(a, b)| a == b) {
+        if !bytes.iter().zip(MAGIC).all(|(a, b)| a == b) {
             return Err(DescriptorError::NotAVocabulary);
         }
         let too_short = |expected| DescriptorError::VocabularyLength { expected, found: bytes.len() };
         let cut = || too_short(HEADER + DescriptorKind::BYTES);
-        let rest = bytes.get(MARK.len()..).ok_or_else(cut)?;
+        let rest = bytes.get(MAGIC.len()..).ok_or_else(cut)?;
         let (version, rest) = rest.split_first_chunk().ok_or_else(cut)?;
         let found = u32::from_le_bytes(*version);
         if found != VERSION {
@@ -175,9 +175,9 @@ fn check_word_count(words: usize) -> Result<(), DescriptorError> {
     Err(DescriptorError::WordCount { words, max: Vocabulary::MAX_LEN })
 }
 
-pub(crate) const MARK: &[u8; 4] = b"VLAD";
+pub(crate) const MAGIC: &[u8; 4] = b"VLAD";
 const VERSION: u32 = 1;
-/// Mark, version and K.
+/// Magic bytes, version and K.
 const HEADER: usize = 12;
 
 #[cfg(test)]

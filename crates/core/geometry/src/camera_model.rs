@@ -2,60 +2,61 @@
 
 use crate::distortion::{Distortion, Planar};
 
-/// Why intrinsics were refused.
+/// Why intrinsics were rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IntrinsicsError {
-    /// The model has no such name, or is one that is not supported.
+    /// The model name is unknown or not supported.
     #[error("camera model {name:?} is not supported; supported are {}", CameraModel::NAMES)]
     UnknownModel {
-        /// The name as given.
+        /// The given name.
         name: String,
     },
-    /// The model takes another number of parameters.
+    /// Wrong number of parameters for the model.
     #[error("camera model {model} takes {expected} parameters ({order}), {actual} were given")]
     ParameterCount {
         /// COLMAP's name of the model.
         model: &'static str,
         /// Its parameters in order.
         order: &'static str,
-        /// How many there should be.
+        /// Expected number.
         expected: usize,
-        /// How many were given.
+        /// Given number.
         actual: usize,
     },
     /// A number is NaN, infinite, or not positive where it must be.
     #[error("camera {what} is {value}, which no camera has")]
     BadValue {
-        /// Which number.
+        /// The number.
         what: &'static str,
         /// Its value.
         value: f64,
     },
-    /// A text did not follow `MODEL,WIDTH,HEIGHT,PARAMS…`.
+    /// The text is not of the form `MODEL,WIDTH,HEIGHT,PARAMS…`.
     #[error(
         "camera {text:?} does not read as MODEL,WIDTH,HEIGHT,PARAMS… (for example PINHOLE,640,480,525,525,320,240)"
     )]
     Syntax {
-        /// The text as given.
+        /// The given text.
         text: String,
     },
 }
 
-/// How a ray becomes a pixel; parameters in COLMAP's order, focal lengths and principal point in pixels.
+/// Projection of a ray to a pixel; parameters in COLMAP's order, focal lengths and principal point in pixels.
 ///
-/// Distortion takes the position on the plane `z = 1`, at distance `r` from the axis (`θ = atan r`), to where it is seen:
+/// Distortion maps the position on the plane `z = 1`, at distance `r` from the axis (`θ = atan r`), to the observed
+/// position:
 ///
-/// | models | seen at |
+/// | models | observed at |
 /// |---|---|
 /// | pinhole | `r` |
 /// | radial, `OpenCv` | `r (1 + k1 r² + k2 r⁴)`, and tangential terms |
 /// | `FullOpenCv` | `r (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`, and tangential terms |
-/// | fisheye | `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, as far as the model has them |
+/// | fisheye | `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, with the terms that the model has |
 /// | `ThinPrismFisheye` | the same, and tangential and prism terms |
 /// | `Fov` | `atan(2 r tan(ω/2)) / ω` |
 ///
-/// A ray of 90° from the axis or more has no position on the plane, and no pixel here, however wide the lens.
+/// A ray at 90° from the axis or more has no position on the plane, and thus no pixel, for every lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum CameraModel {
@@ -100,11 +101,11 @@ const ROWS: [Row; 11] = [
     (10, "THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1"),
 ];
 
-/// Largest field of view that [`CameraModel::Fov`] may have, radians.
+/// Maximum field of view of [`CameraModel::Fov`], radians.
 const WIDEST_FOV: f64 = std::f64::consts::PI;
 
 impl CameraModel {
-    /// Most parameters that a model has.
+    /// Maximum number of parameters of a model.
     pub const MAX_PARAMS: usize = 12;
     /// Names of all models, for messages.
     pub const NAMES: &'static str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, \
@@ -113,7 +114,7 @@ impl CameraModel {
     /// Builds a model from COLMAP's name and parameters.
     ///
     /// # Errors
-    /// [`IntrinsicsError`] when the name is unknown, the count is wrong, or a value is impossible.
+    /// [`IntrinsicsError`] for an unknown name, a wrong number of parameters, or an invalid value.
     pub fn new(name: &str, params: &[f64]) -> Result<Self, IntrinsicsError> {
         let row = ROWS.iter().find(|row| row.1 == name);
         let Some(&(id, model, order)) = row else {
@@ -204,7 +205,7 @@ impl CameraModel {
         }
     }
 
-    /// Whether one focal length stands for both axes.
+    /// Whether both axes share one focal length.
     const fn has_one_focal(&self) -> bool {
         matches!(
             self,
@@ -236,7 +237,7 @@ impl CameraModel {
         self
     }
 
-    /// What the lens does to the plane `z = 1`.
+    /// The distortion of the lens on the plane `z = 1`.
     pub(crate) const fn distortion(&self) -> Distortion {
         const NONE: Planar = Planar::NONE;
         match *self {

@@ -1,10 +1,10 @@
-//! What lenses do to the plane `z = 1`, and the way back.
+//! Lens distortion on the plane `z = 1`, and its inverse.
 
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Vector2};
 
-/// From a position on the plane to where the lens shows it, in units of the focal length.
+/// From a position on the plane to the observed position, in units of the focal length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Distortion {
     None,
@@ -19,9 +19,9 @@ pub(crate) enum Distortion {
 /// Brown and Conrady's distortion with a divisor and thin prisms: COLMAP's terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Planar {
-    /// Of `r²`, `r⁴`, `r⁶`, `r⁸`.
+    /// Coefficients of `r²`, `r⁴`, `r⁶`, `r⁸`.
     pub(crate) radial: [f64; 4],
-    /// Of `r²`, `r⁴`, `r⁶`, in the divisor.
+    /// Coefficients of `r²`, `r⁴`, `r⁶`, in the divisor.
     pub(crate) divisor: [f64; 3],
     /// `p1, p2`
     pub(crate) tangential: [f64; 2],
@@ -29,11 +29,11 @@ pub(crate) struct Planar {
     pub(crate) prism: [f64; 2],
 }
 
-/// Below this `ω²` or `r²` the first terms of the series say more than the quotient.
+/// Below this `ω²` or `r²` the first terms of the series are more accurate than the quotient.
 const SMALL: f64 = 1e-8;
 
 impl Distortion {
-    /// Where the lens shows a position of the plane.
+    /// The observed position of a position on the plane.
     pub(crate) fn distort(&self, p: Vector2<f64>) -> Vector2<f64> {
         match self {
             Self::None => p,
@@ -43,8 +43,8 @@ impl Distortion {
         }
     }
 
-    /// The position of the plane that the lens shows there; `None` beyond a fold, at 90° from the axis or more, or for what is not
-    /// finite.
+    /// The position on the plane for an observed position; `None` beyond a fold, at 90° from the axis or more, and for
+    /// values that are not finite.
     pub(crate) fn undistort(&self, target: Vector2<f64>) -> Option<Vector2<f64>> {
         if !(target.x.is_finite() && target.y.is_finite()) {
             return None;
@@ -62,7 +62,7 @@ impl Distortion {
                 if seen * omega.abs() >= FRAC_PI_2 - 1e-6 {
                     return None;
                 }
-                Some(target * fov_back(*omega, seen))
+                Some(target * fov_inverse(*omega, seen))
             }
         }
     }
@@ -80,7 +80,7 @@ fn tan_over(theta: f64) -> f64 {
 
 /// `atan(2 r tan(ω/2)) / (ω r)`
 fn fov(omega: f64, r: f64) -> f64 {
-    // Of a field of view that is nearly none, this is nearly the pinhole.
+    // For a field of view near zero this is nearly the pinhole model.
     if omega * omega < SMALL {
         return 1.0 + omega * omega * (1.0 / 12.0 - r * r / 3.0);
     }
@@ -89,7 +89,7 @@ fn fov(omega: f64, r: f64) -> f64 {
 }
 
 /// `tan(ω s) / (2 s tan(ω/2))`
-fn fov_back(omega: f64, seen: f64) -> f64 {
+fn fov_inverse(omega: f64, seen: f64) -> f64 {
     if omega * omega < SMALL {
         return 1.0 + omega * omega * (seen * seen / 3.0 - 1.0 / 12.0);
     }
@@ -136,7 +136,7 @@ impl Planar {
         )
     }
 
-    /// Newton's method, from the distorted position; strictly checked at the end.
+    /// Newton's method from the distorted position; the result is strictly checked.
     fn undistort(&self, target: Vector2<f64>) -> Option<Vector2<f64>> {
         if *self == Self::NONE {
             return Some(target);
@@ -150,7 +150,7 @@ impl Planar {
                 break;
             }
         }
-        // Beyond its fold a polynomial distortion has other roots; the true one keeps the orientation of the plane.
+        // Beyond the fold a polynomial distortion has other roots; the true one preserves the orientation of the plane.
         let solved = (self.distort(p) - target).norm() < 1e-10 * (1.0 + target.norm());
         let unfolded = self.jacobian(p).determinant() > 0.0 && p.dot(&target) >= 0.0;
         (solved && unfolded).then_some(p)
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn small_and_large_positions_come_back() {
+    fn distortion_is_invertible() {
         let lenses = ALL.into_iter().flat_map(|p| [Distortion::Plane(p), Distortion::Fisheye(p)]);
         let fovs = [0.0, 1e-5, 1e-3, 0.9, -0.9, 1.8].map(Distortion::Fov);
         for lens in lenses.chain(fovs).chain([Distortion::None]) {

@@ -1,10 +1,10 @@
-//! Coordinate frames as types: points that know their frame, and rigid transforms that know both of theirs.
+//! Coordinate frames as types: points know their frame, and rigid transforms know both of theirs.
 
 use std::marker::PhantomData;
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
-/// The frame of the map: whatever frame and unit its poses were given in.
+/// The frame of the map, with the frame and unit of its input poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum World {}
 
@@ -12,11 +12,11 @@ pub enum World {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Camera {}
 
-/// The frame in which a device tells how its images were taken: that of its body, or of one of its images.
+/// The frame of a device's image poses: the frame of its body, or of one of its images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rig {}
 
-/// A camera whose axes were turned about its own centre, as the radial solvers do.
+/// A camera whose axes were rotated about its centre, as in the radial solvers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TurnedCamera {}
 
@@ -29,7 +29,7 @@ pub struct Point3<F> {
     frame: PhantomData<F>,
 }
 
-// Written out because a derive would ask the marker types for the same traits.
+// Written out because a derive would require the same traits of the marker types.
 impl<F> Clone for Point3<F> {
     fn clone(&self) -> Self {
         *self
@@ -50,7 +50,7 @@ impl<F> Point3<F> {
         Self { coords: Vector3::new(x, y, z), frame: PhantomData }
     }
 
-    /// The same from a vector.
+    /// The same, from a vector.
     pub const fn from_vector(coords: Vector3<f64>) -> Self {
         Self { coords, frame: PhantomData }
     }
@@ -73,11 +73,11 @@ impl Point3<Camera> {
     }
 }
 
-/// A rigid transform that takes points of frame `In` to frame `Out`: `x_out = R x_in + t`.
+/// A rigid transform of points of frame `In` to frame `Out`: `x_out = R x_in + t`.
 ///
 /// ```text
 /// | R  t |      R: rotation, orthonormal, det +1
-/// | 0  1 |      t: the origin of `In`, seen in `Out`
+/// | 0  1 |      t: the origin of `In` in `Out`
 /// ```
 #[derive(Debug)]
 pub struct Rigid3<Out, In> {
@@ -92,7 +92,7 @@ pub type CameraFromWorld = Rigid3<Camera, World>;
 /// The pose of a rig in the map, `x_rig = R x_world + t`.
 pub type RigFromWorld = Rigid3<Rig, World>;
 
-/// Where on its rig an image was taken, `x_cam = R x_rig + t`.
+/// Pose of an image on its rig, `x_cam = R x_rig + t`.
 pub type CameraFromRig = Rigid3<Camera, Rig>;
 
 impl<Out, In> Clone for Rigid3<Out, In> {
@@ -128,7 +128,7 @@ impl<Out, In> Rigid3<Out, In> {
         Some(Self::new(UnitQuaternion::from_quaternion(q).to_rotation_matrix(), Vector3::from(translation)))
     }
 
-    /// From a matrix that is a rotation up to rounding; the nearest rotation is kept.
+    /// From a matrix that is a rotation up to rounding; the result is the nearest rotation.
     ///
     /// `None` when it is not finite or not within about 1e-3 of a rotation.
     pub fn from_matrix(rotation: Matrix3<f64>, translation: Vector3<f64>) -> Option<Self> {
@@ -141,7 +141,7 @@ impl<Out, In> Rigid3<Out, In> {
         Some(Self::new(Rotation3::from_matrix_unchecked(nearest), translation))
     }
 
-    /// The transform that changes nothing.
+    /// The identity transform.
     pub fn identity() -> Self {
         Self::new(Rotation3::identity(), Vector3::zeros())
     }
@@ -151,7 +151,7 @@ impl<Out, In> Rigid3<Out, In> {
         &self.rotation
     }
 
-    /// `t`, the origin of `In` seen in `Out`, map units.
+    /// `t`, the origin of `In` in `Out`, map units.
     pub const fn translation(&self) -> &Vector3<f64> {
         &self.translation
     }
@@ -163,12 +163,12 @@ impl<Out, In> Rigid3<Out, In> {
         [sign * q.w, sign * q.i, sign * q.j, sign * q.k]
     }
 
-    /// Takes a point from `In` to `Out`.
+    /// Transforms a point from `In` to `Out`.
     pub fn transform(&self, point: &Point3<In>) -> Point3<Out> {
         Point3::from_vector(self.rotation * point.coords + self.translation)
     }
 
-    /// The transform the other way round.
+    /// The inverse transform.
     pub fn inverse(&self) -> Rigid3<In, Out> {
         let rotation = self.rotation.inverse();
         Rigid3::new(rotation, -(rotation * self.translation))
@@ -181,7 +181,7 @@ impl<Out, In> Rigid3<Out, In> {
 
     /// Angle of the rotation between two transforms, in degrees, 0 to 180.
     ///
-    /// Accurate for tiny angles too (the usual arc cosine of the trace loses half the digits there).
+    /// Accurate for tiny angles too (the arc cosine of the trace loses half of the digits there).
     pub fn rotation_error_degrees(&self, other: &Self) -> f64 {
         let between = self.rotation.inverse() * other.rotation;
         UnitQuaternion::from_rotation_matrix(&between).angle().to_degrees()
@@ -194,40 +194,41 @@ impl<Out, In> Rigid3<Out, In> {
 }
 
 impl<Out> Rigid3<Out, World> {
-    /// The origin of `Out` in the map, `-Rᵀ t`, map units: of a camera, its projection centre.
+    /// The origin of `Out` in the map, `-Rᵀ t`, map units: for a camera, its projection centre.
     pub fn center(&self) -> Point3<World> {
         Point3::from_vector(-(self.rotation.inverse() * self.translation))
     }
 
-    /// Distance between the two origins, for cameras between the projection centres, `‖Rᵀt − R̂ᵀt̂‖`, in map units (the paper's translation error).
+    /// Distance between the two origins (for cameras, the projection centres), `‖Rᵀt − R̂ᵀt̂‖`, in map units: the
+    /// paper's translation error.
     pub fn translation_error(&self, other: &Self) -> f64 {
         self.center().distance(&other.center())
     }
 
     /// The pose with the tangent step `[ω, v]` applied on the left: `R' = exp(ω) R`, `t' = exp(ω) t + v`.
     ///
-    /// `ω` is in radians about the axes of `Out`, such as the camera's, `v` in map units along them. Refinement and covariance use
-    /// this chart, so the first three rows of a pose covariance are rotation, the last three translation.
+    /// `ω` is in radians about the axes of `Out` (for example the camera's), `v` in map units along them. Refinement
+    /// and covariance use this chart, so the first three rows of a pose covariance are rotation, the last three
+    /// translation.
     pub fn perturbed(&self, step: &[f64; 6]) -> Self {
         let turn = Rotation3::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
         Self::new(turn * self.rotation, turn * self.translation + Vector3::new(step[3], step[4], step[5]))
     }
 
-    /// The step of [`Self::perturbed`] that leads from this pose to another: `self.perturbed(&self.step_to(other))` is
-    /// `other`.
+    /// The step of [`Self::perturbed`] from this pose to another: `self.perturbed(&self.step_to(other))` is `other`.
     pub fn step_to(&self, other: &Self) -> [f64; 6] {
         let turn = other.rotation * self.rotation.inverse();
         let shift = other.translation - turn * self.translation;
-        // As a quaternion: the arc cosine of a matrix's trace loses half the digits of small turns.
+        // As a quaternion: the arc cosine of a matrix's trace loses half of the digits of small rotations.
         let turn = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
         [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
     }
 
-    /// Covariance of the camera centre in the world frame, map units squared, from that of the pose in the chart of
-    /// [`Self::perturbed`].
+    /// Covariance of the camera centre in the world frame, map units squared, from the covariance of the pose in the
+    /// chart of [`Self::perturbed`].
     ///
-    /// The centre moves by `−Rᵀ v` to first order. Infinite on the diagonal, and 0 beside it, when the translation's part
-    /// is not finite: turning infinities would mix them into NaN.
+    /// The centre moves by `−Rᵀ v` to first order. When the translation block is not finite, infinite on the diagonal
+    /// and 0 elsewhere: rotating infinities would give NaN.
     pub fn center_covariance(&self, covariance: &[[f64; 6]; 6]) -> [[f64; 3]; 3] {
         let shift = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
         if !shift.iter().all(|c| c.is_finite()) {
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn quaternion_round_trip_and_refusals() {
+    fn quaternions_round_trip_and_invalid_ones_are_rejected() {
         for i in 0..100 {
             let a = pose(f64::from(i) * 0.31);
             let t = a.translation();
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_leads_where_it_was_measured_to() {
+    fn step_to_gives_the_other_pose() {
         for i in 0..100 {
             let (a, b) = (pose(f64::from(i) * 0.31), pose(f64::from(i) * 0.17 + 1.0));
             let there = a.perturbed(&a.step_to(&b));
@@ -287,18 +288,18 @@ mod tests {
     }
 
     #[test]
-    fn errors_measure_what_they_say() {
+    fn errors_have_known_values() {
         let a = pose(0.4);
         let b = a.perturbed(&[0.0, 0.02_f64.to_radians(), 0.0, 0.0, 0.0, 0.0]);
         assert!((a.rotation_error_degrees(&b) - 0.02).abs() < 1e-9);
-        // Turning the whole camera frame about its own centre leaves the centre where it was.
+        // Rotating the camera frame about its centre leaves the centre unchanged.
         assert!(a.translation_error(&b) < 1e-12);
         let c = a.perturbed(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]);
         assert!((a.translation_error(&c) - 0.5).abs() < 1e-12);
     }
 
     #[test]
-    fn a_step_leads_to_where_it_was_measured() {
+    fn step_to_is_the_inverse_of_perturbed() {
         for i in 0..50 {
             let (a, b) = (pose(f64::from(i) * 0.3), pose(f64::from(i) * 0.7 + 2.0));
             let there = a.perturbed(&a.step_to(&b));
@@ -308,9 +309,9 @@ mod tests {
     }
 
     #[test]
-    fn the_covariance_of_the_centre_is_that_of_its_finite_differences() {
+    fn centre_covariance_agrees_with_finite_differences() {
         let pose = pose(0.7);
-        // Any symmetric positive matrix: A Aᵀ of a full A.
+        // An arbitrary symmetric positive matrix: A Aᵀ for a full A.
         let a = |i: usize, j: usize| (1.3 * i as f64 + 0.7 * (j * j) as f64).sin() + f64::from(i == j);
         let covariance: [[f64; 6]; 6] =
             std::array::from_fn(|i| std::array::from_fn(|j| (0..6).map(|k| a(i, k) * a(j, k)).sum()));

@@ -1,4 +1,4 @@
-//! Calibrated cameras: from a ray to a pixel and back.
+//! Calibrated cameras: projection of rays to pixels and its inverse.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use crate::camera_model::{CameraModel, IntrinsicsError};
 use crate::pixel::{Pixel, PlanePoint};
 
-/// A calibrated camera: its model and the size of its images.
+/// A calibrated camera: its model and its image size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Projection and distortion.
@@ -23,7 +23,7 @@ impl Intrinsics {
     /// From COLMAP's model name, image size and parameters.
     ///
     /// # Errors
-    /// [`IntrinsicsError`] for an unknown model, a wrong count, or an impossible value.
+    /// [`IntrinsicsError`] for an unknown model, a wrong number of parameters, or an invalid value.
     pub fn new(name: &str, width: u32, height: u32, params: &[f64]) -> Result<Self, IntrinsicsError> {
         if width == 0 || height == 0 {
             return Err(IntrinsicsError::BadValue { what: "image size", value: 0.0 });
@@ -38,10 +38,10 @@ impl Intrinsics {
         Pixel::new(fx * d.x + cx, fy * d.y + cy)
     }
 
-    /// The position on the plane `z = 1` that projects to this pixel: distortion undone.
+    /// The position on the plane `z = 1` that projects to this pixel, undistorted.
     ///
-    /// `None` when no such position is found (a pixel beyond where the distortion folds back, 90° from the axis or
-    /// more, or not finite).
+    /// `None` when there is no such position (a pixel beyond the fold of the distortion, 90° from the axis or more, or
+    /// not finite).
     pub fn unproject(&self, pixel: Pixel) -> Option<PlanePoint> {
         let ([fx, fy], [cx, cy]) = self.model.pinhole_parts();
         let distorted = Vector2::new((pixel.u - cx) / fx, (pixel.v - cy) / fy);
@@ -49,18 +49,18 @@ impl Intrinsics {
         Some(PlanePoint::new(p.x, p.y))
     }
 
-    /// The same camera without its distortion: where lines in space are lines in the image.
+    /// The same camera without distortion, in which lines in space are lines in the image.
     pub fn pinhole(&self) -> Pinhole {
         let (focal, principal) = self.model.pinhole_parts();
         Pinhole { width: self.width, height: self.height, focal, principal }
     }
 
-    /// The pixel the same ray has in [`Self::pinhole`]; `None` as for [`Self::unproject`].
+    /// The pixel of the same ray in [`Self::pinhole`]; `None` as for [`Self::unproject`].
     pub fn undistort_pixel(&self, pixel: Pixel) -> Option<Pixel> {
         self.unproject(pixel).map(|p| self.pinhole().project(p))
     }
 
-    /// The same camera with focal lengths so many times as long; the size of the image stays.
+    /// The same camera with focal lengths multiplied by `factor`; the image size is unchanged.
     pub fn zoomed(&self, factor: f64) -> Self {
         let (focal, principal) = self.model.pinhole_parts();
         Self { model: self.model.with_pinhole_parts(focal.map(|f| f * factor), principal), ..*self }
@@ -76,7 +76,7 @@ impl Intrinsics {
     }
 }
 
-/// `MODEL,WIDTH,HEIGHT,PARAMS…`, as on the command line.
+/// `MODEL,WIDTH,HEIGHT,PARAMS…`, the command line format.
 impl FromStr for Intrinsics {
     type Err = IntrinsicsError;
 
@@ -125,7 +125,7 @@ impl Pinhole {
         )
     }
 
-    /// Whether a pixel lies in the image, or at most `margin` pixels outside it.
+    /// Whether a pixel is in the image, or at most `margin` pixels outside it.
     pub fn contains(&self, pixel: Pixel, margin: f64) -> bool {
         pixel.u >= -margin
             && pixel.v >= -margin
@@ -171,12 +171,12 @@ mod tests {
                     assert!(back.distance(&pixel) < 1e-8, "{text} {pixel:?} -> {back:?}");
                 }
             }
-            assert_eq!(camera.to_string().parse::<Intrinsics>().expect("prints what it reads"), camera);
+            assert_eq!(camera.to_string().parse::<Intrinsics>().expect("its text is readable"), camera);
         }
     }
 
     #[test]
-    fn impossible_cameras_are_refused() {
+    fn invalid_cameras_are_rejected() {
         let count = Intrinsics::new("PINHOLE", 640, 480, &[1.0, 2.0, 3.0]).expect_err("three of four");
         assert!(matches!(count, IntrinsicsError::ParameterCount { expected: 4, actual: 3, .. }));
         assert!(Intrinsics::new("PINHOLE", 640, 480, &[1.0, f64::NAN, 3.0, 4.0]).is_err());
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn every_model_has_colmaps_number_and_as_many_parameters() {
+    fn models_have_colmaps_ids_and_parameter_counts() {
         for (id, text) in (0..).zip(["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]) {
             assert_eq!(CameraModel::from_colmap_id(id).map(|row| row.0), Some(text));
         }
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_resized_camera_shows_the_same_ray_at_the_same_share_of_the_image() {
+    fn resized_camera_has_the_same_field_of_view() {
         for text in CAMERAS {
             let camera: Intrinsics = text.parse().expect("valid");
             let half = camera.resized(camera.width / 2, camera.height / 2);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_beyond_the_fold_has_no_ray() {
+    fn pixels_beyond_the_fold_have_no_ray() {
         let strong: Intrinsics = "SIMPLE_RADIAL,1000,1000,500,500,500,-0.5".parse().expect("valid");
         assert!(strong.unproject(Pixel::new(1000.0, 1000.0)).is_none());
         assert!(strong.unproject(Pixel::new(600.0, 600.0)).is_some());

@@ -1,12 +1,12 @@
 //! Frames, camera models, poses and 2D lines.
 //!
-//! Every other room stands on this one; it does no I/O, draws no random numbers, and also builds for wasm.
+//! The base of all other crates; it does no I/O, uses no random numbers, and also builds for wasm.
 //!
 //! # Conventions
 //! - Poses are world-to-camera, `x_cam = R x_world + t`, and are named `cam_from_world`.
 //! - Pixels follow COLMAP: the centre of the first pixel is (0.5, 0.5), `u` to the right, `v` down.
 //! - Camera axes: `x` right, `y` down, `z` forward. A point is in front of the camera when its depth `z > 0`.
-//! - A 2D line is homogeneous and of unit normal, so that its product with a point is a signed distance.
+//! - A 2D line is homogeneous with unit normal, so that its product with a point is a signed distance.
 #![forbid(unsafe_code)]
 
 mod camera_model;
@@ -26,5 +26,5 @@ pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPlace, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
 
-/// The linear algebra library behind the types of this crate, so that callers use the same version.
+/// The linear algebra library of the types of this crate, so that callers use the same version.
 pub use nalgebra;

@@ -1,9 +1,9 @@
-//! 2D lines: in the image, and on the plane one unit in front of the camera.
+//! 2D lines: in the image, and on the plane at `z = 1`.
 //!
-//! A line is stored as its homogeneous coordinates with a unit normal, `a u + b v + c = 0`, `a² + b² = 1`, so
-//! that its product with `(u, v, 1)` is a signed distance. Scaling it carries no meaning, and must not: the
-//! plain cross product of a keypoint and an anchor has the keypoint's distance from the anchor as its norm, which
-//! is the very thing obfuscation hides (leak L1). The constructors therefore always normalize.
+//! A line is stored as homogeneous coordinates with a unit normal, `a u + b v + c = 0`, `a² + b² = 1`, so that its
+//! product with `(u, v, 1)` is a signed distance. Its scale must not carry information: the norm of the plain cross
+//! product of a keypoint and an anchor is the keypoint's distance from the anchor, which obfuscation must hide (leak
+//! L1). Therefore the constructors always normalize.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -63,7 +63,7 @@ impl PixelLine {
         Pixel::new(pixel.u - d * self.coefficients.x, pixel.v - d * self.coefficients.y)
     }
 
-    /// Where two lines meet; `None` when they are parallel up to rounding.
+    /// The intersection of two lines; `None` when they are parallel up to rounding.
     pub fn intersection(&self, other: &Self) -> Option<Pixel> {
         let p = self.coefficients.cross(&other.coefficients);
         (p.z.abs() > 1e-12).then(|| Pixel::new(p.x / p.z, p.y / p.z))
@@ -112,8 +112,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_holds_no_trace_of_the_points_that_made_it() {
-        // L1: the same line made from a near and from a far keypoint is the same to the last useful bit.
+    fn lines_do_not_depend_on_their_points() {
+        // L1: the same line from a near and from a far keypoint is equal to the last significant bit.
         let anchor = Pixel::new(320.0, 0.0);
         let toward =
             |r: f64| PixelLine::joining(anchor, Pixel::new(320.0 - 0.6 * r, 0.8 * r)).expect("apart");

@@ -1,4 +1,4 @@
-//! Where something is in an image: in pixels, or on the plane one unit in front of the camera.
+//! Positions in an image: in pixels, or on the plane at `z = 1`.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -6,8 +6,8 @@ use crate::frames::{Camera, Point3};
 
 /// A position in an image, COLMAP's convention: the centre of the first pixel is (0.5, 0.5).
 ///
-/// Programs that put it at (0, 0) (OpenCV, hloc's keypoint files, 7Scenes) are converted at the door with
-/// [`Pixel::from_center_at_zero`] and nowhere else.
+/// Positions of programs that put it at (0, 0) (OpenCV, hloc's keypoint files, 7Scenes) are converted with
+/// [`Pixel::from_center_at_zero`] when they are read, and nowhere else.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pixel {
     /// To the right.
@@ -22,12 +22,12 @@ impl Pixel {
         Self { u, v }
     }
 
-    /// From coordinates whose origin is the centre of the first pixel, as OpenCV has them.
+    /// From coordinates with their origin at the centre of the first pixel, as in OpenCV.
     pub const fn from_center_at_zero(x: f64, y: f64) -> Self {
         Self { u: x + 0.5, v: y + 0.5 }
     }
 
-    /// Coordinates whose origin is the centre of the first pixel: the way back.
+    /// Coordinates with their origin at the centre of the first pixel: the inverse.
     pub const fn center_at_zero(&self) -> [f64; 2] {
         [self.u - 0.5, self.v - 0.5]
     }
@@ -53,7 +53,7 @@ impl Pixel {
     }
 }
 
-/// A position on the plane `z = 1` of the camera, free of intrinsics and distortion.
+/// A position on the plane `z = 1` of the camera, independent of intrinsics and distortion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanePoint {
     /// Along the camera's `x` axis.
@@ -68,7 +68,7 @@ impl PlanePoint {
         Self { x, y }
     }
 
-    /// Where the ray to a point meets the plane; `None` when the point is not in front of the camera.
+    /// Intersection of the ray to a point with the plane; `None` when the point is not in front of the camera.
     pub fn from_camera_point(point: &Point3<Camera>) -> Option<Self> {
         let z = point.depth();
         (z > 0.0).then(|| Self::new(point.coords.x / z, point.coords.y / z))

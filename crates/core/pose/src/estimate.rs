@@ -101,21 +101,21 @@ fn has_one_side(problem: &PoseProblem) -> bool {
 /// As [`estimate_pose`]; the refined pose must agree with enough correspondences.
 pub fn optimize_pose(
     problem: &PoseProblem,
-    guess: &CameraFromWorld,
+    initial: &CameraFromWorld,
     options: &PoseOptions,
 ) -> Result<PoseEstimate, PoseError> {
     options.check()?;
     problem.check()?;
-    if !guess.is_finite() {
-        return Err(PoseError::NotFinite { what: "guess", index: 0 });
+    if !initial.is_finite() {
+        return Err(PoseError::NotFinite { what: "initial pose", index: 0 });
     }
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let search = search(&matches, problem, options);
-    let descended = search.descend(guess);
-    let start = if search.cost(&descended, f64::INFINITY) < search.cost(guess, f64::INFINITY) {
+    let descended = search.descend(initial);
+    let start = if search.cost(&descended, f64::INFINITY) < search.cost(initial, f64::INFINITY) {
         descended
     } else {
-        *guess
+        *initial
     };
     let start = Some(PoseWithFocal { pose: start, factor: 1.0 });
     conclude(search, &matches, start, 0, problem.focal, options)

@@ -1,10 +1,10 @@
-//! Logarithm, exponential and what belongs to angles, the same on every machine; most of it the compiler can turn into
-//! vector instructions.
+//! Logarithm, exponential and angle functions with equal results on every machine; the compiler can vectorize most of
+//! them.
 
-/// Natural logarithm of a positive normal number, to about 1e-5; zero gives about −88, anything else something finite.
+/// Natural logarithm of a positive normal number, to about 1e-5; about −88 for zero, finite for all other inputs.
 ///
-/// Exponent from the bits, mantissa by a polynomial of degree five that is exact at 1 (so nothing jumps between
-/// octaves). A score needs no more: a whole inlier is worth about five.
+/// Exponent from the bits, mantissa by a polynomial of degree five that is exact at 1 (continuous between octaves).
+/// Scores need no more precision: an inlier adds about five.
 #[inline(always)]
 pub(crate) fn ln(x: f32) -> f32 {
     let bits = x.to_bits();
@@ -15,16 +15,16 @@ pub(crate) fn ln(x: f32) -> f32 {
     (exponent as f32 + p * (m - 1.0)) * std::f32::consts::LN_2
 }
 
-/// Exponential of a number between −80 and 0, to about 1e-6 of its value; outside, of the nearer end.
+/// Exponential of a number between −80 and 0, to about 1e-6 of its value; other inputs are clamped.
 ///
 /// Power of two from the integer part, a polynomial of degree six for the rest.
 #[inline(always)]
 pub(crate) fn exp_of_negative(x: f32) -> f32 {
-    // Written so that NaN takes the lower end.
+    // NaN becomes the lower end.
     let x = if x > -80.0 { x } else { -80.0 };
     let x = if x < 0.0 { x } else { 0.0 };
     let scaled = x * std::f32::consts::LOG2_E;
-    // Adding 1.5 · 2²³ rounds to the nearest integer, which then stands in the low bits.
+    // Adding 1.5 · 2²³ rounds to the nearest integer, which is then in the low bits.
     let shifted = scaled + 12_582_912.0;
     let whole = shifted - 12_582_912.0;
     let r = (scaled - whole) * std::f32::consts::LN_2;
@@ -33,7 +33,7 @@ pub(crate) fn exp_of_negative(x: f32) -> f32 {
     p * power
 }
 
-/// Angle of `(x, y)` from the `x` axis in `[−π, π]`, to about 1e-5; something finite or NaN where there is none.
+/// Angle of `(x, y)` from the `x` axis in `[−π, π]`, to about 1e-5; a finite number or NaN where it is undefined.
 ///
 /// Polynomial of degree eleven for the octant, the rest by symmetry.
 #[inline(always)]
@@ -52,7 +52,7 @@ pub(crate) fn atan2(y: f32, x: f32) -> f32 {
     if y < 0.0 { -p } else { p }
 }
 
-/// Two to the power of a number, to a few units of the last place, for numbers whose power is neither infinite nor
+/// Two to the power of a number, accurate to a few units in the last place, if the result is neither infinite nor
 /// subnormal.
 pub fn exp2(x: f64) -> f64 {
     let whole = x.round();
@@ -79,9 +79,9 @@ pub(crate) fn cos_sin(angle: f32) -> [f32; 2] {
     [cos as f32, sin as f32]
 }
 
-/// A number less the nearest integer, for numbers below a million.
+/// Difference of a number to the nearest integer, for numbers below a million.
 #[inline(always)]
-pub(crate) fn beside_integer(x: f32) -> f32 {
+pub(crate) fn from_nearest_integer(x: f32) -> f32 {
     // Adding 1.5 · 2²³ rounds to the nearest integer.
     x - ((x + 12_582_912.0) - 12_582_912.0)
 }
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_logarithm_agrees_with_the_library() {
+    fn ln_agrees_with_the_library() {
         let mut x = 1e-30_f32;
         while x < 1e30 {
             assert!((ln(x) - x.ln()).abs() < 3e-5, "{x}: {} against {}", ln(x), x.ln());
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_arc_tangent_agrees_with_the_library() {
+    fn atan2_agrees_with_the_library() {
         for i in 0..20_000 {
             let angle = (i as f32 * 0.000_31) - 3.1;
             for radius in [1e-3, 1.0, 700.0] {
@@ -110,12 +110,12 @@ mod tests {
             }
         }
         for (x, beside) in [(2.25, 0.25), (-3.75, 0.25), (0.4, 0.4), (7.6, -0.4)] {
-            assert!((beside_integer(x) - beside).abs() < 1e-6, "{x}");
+            assert!((from_nearest_integer(x) - beside).abs() < 1e-6, "{x}");
         }
     }
 
     #[test]
-    fn powers_and_turns_agree_with_the_library() {
+    fn exp2_and_cos_sin_agree_with_the_library() {
         for i in -4000..4000 {
             let x = f64::from(i) * 0.0137;
             assert!((exp2(x) / x.exp2() - 1.0).abs() < 1e-15, "{x}");
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exponential_agrees_with_the_library() {
+    fn exp_agrees_with_the_library() {
         let mut x = 0.0_f32;
         while x > -79.0 {
             let (found, expected) = (f64::from(exp_of_negative(x)), f64::from(x).exp());

@@ -1,13 +1,13 @@
-//! Which instruction set a kernel runs on: detected once, carried as a value.
+//! The instruction set of a kernel: detected once, passed as a value.
 
-/// An instruction set that this machine has been seen to support.
+/// An instruction set that was detected on this machine.
 ///
-/// The value is the evidence: it can only be had from [`Backend::best`], [`Backend::available`] or
-/// [`Backend::PORTABLE`], so whoever holds one may run its instructions.
+/// The value is the proof of support: it is only returned by [`Backend::best`] and [`Backend::available`], or is
+/// [`Backend::PORTABLE`], so code with a value may run its instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Backend(Kind);
 
-/// The instruction sets there are kernels for, slowest first.
+/// The supported instruction sets, slowest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Portable,
@@ -18,10 +18,10 @@ pub(crate) enum Kind {
 }
 
 impl Backend {
-    /// Plain Rust, on every machine; the twin the others are tested against.
+    /// Plain Rust, on every machine; the reference for tests of the others.
     pub const PORTABLE: Self = Self(Kind::Portable);
 
-    /// The fastest one here. The answer of the CPU is cached, so asking again costs a load and a branch.
+    /// The fastest available one. The CPU detection is cached, so a call costs a load and a branch.
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
@@ -35,7 +35,7 @@ impl Backend {
         Self::PORTABLE
     }
 
-    /// All that run here, slowest first; the first is always [`Backend::PORTABLE`].
+    /// All available ones, slowest first; the first is always [`Backend::PORTABLE`].
     pub fn available() -> Vec<Self> {
         #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "only x86-64 has more than one"))]
         let mut all = vec![Self::PORTABLE];
@@ -62,7 +62,7 @@ impl Backend {
         }
     }
 
-    /// What kernels dispatch on.
+    /// The value that kernels dispatch on.
     pub(crate) const fn kind(self) -> Kind {
         self.0
     }

@@ -1,25 +1,25 @@
-//! Loops that are plain Rust and compiled once per instruction set.
+//! Loops in plain Rust that are compiled once per instruction set.
 
 use crate::backend::{Backend, Kind};
 
-/// Work whose loops the compiler turns into vector instructions.
+/// A computation whose loops the compiler vectorizes.
 ///
-/// `run` must be `#[inline(always)]`, and so must all that it calls in its loops: only then do they get the instructions
-/// of the function that they end up in.
+/// `run` must be `#[inline(always)]`, and so must everything that it calls in its loops: only then is it compiled for
+/// the instruction set of the calling function.
 pub(crate) trait Kernel {
-    /// What comes of it.
+    /// The result.
     type Output;
 
-    /// Does the work.
+    /// Runs the computation.
     fn run(self) -> Self::Output;
 }
 
-/// Runs the copy of `kernel` that is compiled for `backend`.
+/// Runs the copy of `kernel` compiled for `backend`.
 #[inline]
 pub(crate) fn run<K: Kernel>(backend: Backend, kernel: K) -> K::Output {
     match backend.kind() {
         Kind::Portable => kernel.run(),
-        // SAFETY: the backend's value is the evidence that the CPU has these features (see `Backend`).
+        // SAFETY: the backend's value proves that the CPU has these features (see `Backend`).
         #[cfg(target_arch = "x86_64")]
         Kind::Avx2 => unsafe { avx2(kernel) },
         // SAFETY: as above.

@@ -1,19 +1,19 @@
 //! One dot product of two byte vectors.
 //!
-//! The loop is plain Rust; dispatch only decides which instructions the compiler may vectorize it with.
+//! The loop is plain Rust; dispatch only selects the instructions for the compiler's vectorization.
 
 use crate::backend::{Backend, Kind};
 
 /// Sum of `a[i] * b[i]`, exact up to 66 000 components.
 ///
-/// Both must have the same length; the longer one's tail is not looked at.
+/// Both must have the same length; the rest of a longer one is ignored.
 pub fn dot_u8(a: &[u8], b: &[u8]) -> u32 {
     dispatch(Backend::best(), a, b, DotU8)
 }
 
 /// Sum of `a[i] * b[i]`, exact for every length that fits in memory.
 ///
-/// Both must have the same length; the longer one's tail is not looked at.
+/// Both must have the same length; the rest of a longer one is ignored.
 pub fn dot_i8(a: &[i8], b: &[i8]) -> i64 {
     dispatch(Backend::best(), a, b, DotI8)
 }
@@ -28,7 +28,7 @@ struct DotU8;
 impl Loop<u8, u32> for DotU8 {
     #[inline(always)]
     fn run(self, a: &[u8], b: &[u8]) -> u32 {
-        // i16 holds every u8, and products of i16 pairs summed to i32 are one instruction everywhere.
+        // i16 can represent every u8, and products of i16 pairs summed to i32 are one instruction everywhere.
         let product = |(&x, &y): (&u8, &u8)| i32::from(i16::from(x)) * i32::from(i16::from(y));
         a.iter().zip(b).map(product).fold(0_i32, i32::wrapping_add) as u32
     }

@@ -3,8 +3,8 @@
 use crate::backend::Backend;
 use crate::dispatch::{self, Kernel};
 
-/// The Hadamard transform of as many values as a power of two, in place, without the factor that keeps lengths: its own
-/// inverse up to that. Sums that do not fit wrap.
+/// The Hadamard transform in place, without the normalizing factor: its own inverse up to a factor. Sums wrap on
+/// overflow.
 ///
 /// # Panics
 /// When the number of values is not a power of two.
@@ -24,13 +24,13 @@ impl Kernel for Hadamard<'_> {
 
     #[inline(always)]
     fn run(self) {
-        // The passes may be done in any order. Those within sixteen neighbours are done on a table of sixteen by sixteen that
-        // is turned, so that they too are sums of whole vectors.
+        // The passes may be done in any order. Those within sixteen neighbours are done on transposed tables of sixteen
+        // by sixteen, so that they too are sums of whole vectors.
         let (tables, rest) = self.0.as_chunks_mut::<{ SIDE * SIDE }>();
         for table in tables {
-            let mut turned = turn(table);
-            passes(&mut turned, SIDE);
-            *table = turn(&turned);
+            let mut transposed = transpose(table);
+            passes(&mut transposed, SIDE);
+            *table = transpose(&transposed);
             passes(table, SIDE);
         }
         passes(rest, 1);
@@ -38,7 +38,7 @@ impl Kernel for Hadamard<'_> {
     }
 }
 
-/// The passes whose partners lie so far apart and more.
+/// The passes between partners at least this far apart.
 #[inline(always)]
 fn passes(values: &mut [i32], nearest: usize) {
     let mut apart = nearest;
@@ -54,17 +54,17 @@ fn passes(values: &mut [i32], nearest: usize) {
 }
 
 #[inline(always)]
-fn turn(table: &[i32; SIDE * SIDE]) -> [i32; SIDE * SIDE] {
-    let mut turned = [0; SIDE * SIDE];
+fn transpose(table: &[i32; SIDE * SIDE]) -> [i32; SIDE * SIDE] {
+    let mut transposed = [0; SIDE * SIDE];
     for row in 0..SIDE {
         for column in 0..SIDE {
-            turned[column * SIDE + row] = table[row * SIDE + column];
+            transposed[column * SIDE + row] = table[row * SIDE + column];
         }
     }
-    turned
+    transposed
 }
 
-/// Values that a vector of 512 bits has room for.
+/// Values in a vector of 512 bits.
 const SIDE: usize = 16;
 
 #[cfg(test)]
@@ -72,10 +72,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_backend_sums_as_the_matrix_says() {
+    fn every_backend_agrees_with_the_matrix() {
         for count in [1, 2, 4, 32, 128, 256, 512, 2048] {
             let values: Vec<i32> = (0..count).map(|i| (i * 7919 % 255) - 127).collect();
-            // Entry (i, k) of the matrix is 1 or -1 as i & k has an even or an odd number of bits.
+            // Entry (i, k) of the matrix is 1 for an even and -1 for an odd number of bits of i & k.
             let expected: Vec<i32> = (0..count)
                 .map(|i| {
                     (0..count)
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn twice_gives_the_values_back() {
+    fn transform_is_its_own_inverse() {
         let mut values: Vec<i32> = (0..4096).map(|i| i % 251 - 125).collect();
         let before = values.clone();
         hadamard(&mut values);

@@ -1,29 +1,29 @@
-//! How many bits differ: distances between vectors of signs, and from numbers of a few bits to signs.
+//! Hamming distances between vectors of signs, and distances from numbers of a few bits to signs.
 
 use crate::backend::{Backend, Kind};
 
-/// Writes to `distances` how many bits of each row differ from those of the query, `[N]`.
+/// Writes to `distances` the number of bits of each row that differ from the query, `[N]`.
 ///
-/// `rows` is `[N, query.len()]`, row by row; `distances` has N entries, and what is beyond the shorter of the two is left
-/// alone. A query of no words leaves everything alone.
+/// `rows` is `[N, query.len()]`, row by row; `distances` has N entries; if their lengths differ, the rest of the longer
+/// one is ignored. An empty query changes nothing.
 pub fn hamming(query: &[u64], rows: &[u64], distances: &mut [u32]) {
     hamming_on(Backend::best(), query, rows, distances);
 }
 
-/// Writes to `distances` how far numbers of three bits are from the signs of each row, `[N]`: a bit that is 0 is a number of
-/// 0, a bit that is 1 is one of 7, and distances between numbers are added up.
+/// Writes to `distances` the distances of numbers of three bits from the signs of each row, `[N]`: the sum of absolute
+/// differences, where a 0 bit counts as 0 and a 1 bit as 7.
 ///
-/// `planes` is `[3, words]`: the lowest bit of every number, the second, the third. `rows` is `[N, words]`. Otherwise as
+/// `planes` is `[3, words]`: the lowest, second and third bit of every number. `rows` is `[N, words]`. Otherwise like
 /// [`hamming`].
 ///
 /// # Panics
-/// When `planes` is not three times `words` long.
+/// When the length of `planes` is not three times `words`.
 pub fn hamming_of_three_bits(planes: &[u64], words: usize, rows: &[u64], distances: &mut [u32]) {
     three_bits_on(Backend::best(), planes, words, rows, distances);
 }
 
 fn hamming_on(backend: Backend, query: &[u64], rows: &[u64], distances: &mut [u32]) {
-    // Of a length that is known the loop unrolls; the passes over all rows have these.
+    // The loop is unrolled for known lengths, which the passes over all rows have.
     match query.len() {
         0 => {}
         8 => run(backend, OfLength::<1, 8>([query.as_chunks().0[0]]), rows, distances),
@@ -50,7 +50,7 @@ trait Loop {
     fn run(self, rows: &[u64], distances: &mut [u32]);
 }
 
-/// Planes of a length that the compiler knows.
+/// Planes of a length known at compile time.
 struct OfLength<const PLANES: usize, const WORDS: usize>([[u64; WORDS]; PLANES]);
 
 impl<const PLANES: usize, const WORDS: usize> Loop for OfLength<PLANES, WORDS> {
@@ -87,16 +87,15 @@ impl<const PLANES: usize> Loop for OfAnyLength<'_, PLANES> {
 fn run(backend: Backend, body: impl Loop, rows: &[u64], distances: &mut [u32]) {
     match backend.kind() {
         Kind::Portable => body.run(rows, distances),
-        // SAFETY: the backend's value is the evidence that the CPU has AVX2, and POPCNT is asked for with it when the
-        // backend is detected.
+        // SAFETY: the backend's value proves that the CPU has AVX2; POPCNT is part of the detection of the backend.
         #[cfg(target_arch = "x86_64")]
         Kind::Avx2 => unsafe { run_popcnt(body, rows, distances) },
-        // SAFETY: as above for AVX-512; that it counts bits in vectors has just been asked.
+        // SAFETY: as above for AVX-512; vectorized bit counts have just been detected.
         #[cfg(target_arch = "x86_64")]
         Kind::Avx512Vnni if is_x86_feature_detected!("avx512vpopcntdq") => unsafe {
             run_vpopcntdq(body, rows, distances);
         },
-        // SAFETY: a CPU with AVX-512 has AVX2 and POPCNT, which are asked for with it.
+        // SAFETY: a CPU with AVX-512 has AVX2 and POPCNT, which are part of its detection.
         #[cfg(target_arch = "x86_64")]
         Kind::Avx512Vnni => unsafe { run_popcnt(body, rows, distances) },
     }

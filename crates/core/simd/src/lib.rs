@@ -1,24 +1,24 @@
-//! The only room with unsafe code: vectorized kernels and memory-mapped files, behind safe functions.
+//! The only crate with unsafe code: vectorized kernels and memory-mapped files, behind safe functions.
 //!
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
-//! - [`hamming`]: how many bits differ; [`hamming_of_three_bits`]: how far numbers of three bits are from signs.
+//! - [`hamming`]: number of differing bits; [`hamming_of_three_bits`]: distances of numbers of three bits from signs.
 //! - [`hadamard`]: the Hadamard transform.
 //! - [`pose`]: scores and normal equations of camera poses.
-//! - [`sift`]: the loops of the extraction of features.
-//! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
+//! - [`sift`]: the loops of feature extraction.
+//! - `MappedFile`: a file as one slice; not on WebAssembly, which has no files to map.
 //!
-//! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
-//! x86-64 run. All results are equal on every backend, to the bit; the tests hold each one against naive loops.
+//! Every kernel has a portable version without intrinsics ([`Backend::PORTABLE`]), which is also used on machines other
+//! than x86-64. All results are equal on every backend, bit for bit; tests compare each one with naive loops.
 //!
-//! Who calls this crate picks a [`Backend`] once ([`Backend::best`]) and hands over plain slices; shapes stand beside
-//! each function.
+//! Callers select a [`Backend`] once ([`Backend::best`]) and pass plain slices; shapes are documented for each
+//! function.
 //!
 //! # Example
 //! ```
 //! use veiloc_simd::{Backend, PackedRows, best_two};
 //!
-//! // Three rows of two bytes each; the query lies nearest to the second.
+//! // Three rows of two bytes each; the nearest one to the query is the second.
 //! let rows = PackedRows::new(Backend::best(), &[0, 0, 10, 0, 0, 20], 2);
 //! let nearest = best_two(&[9, 1], &rows)[0].expect("there are rows");
 //! assert_eq!((nearest.index, nearest.distance), (1, 1 + 1));

@@ -1,4 +1,4 @@
-//! A file read as one slice, without copying it into memory first, or copied into memory that no other program can change.
+//! A file as one slice, mapped or copied into memory that no other program can change.
 
 use std::{
     fs::File,
@@ -12,16 +12,16 @@ use memmap2::{Mmap, MmapMut};
 /// The bytes of a file, mapped read-only into memory; the operating system loads pages when they are first read.
 ///
 /// # The hazard
-/// The slice is the file. If another program writes into the file, or cuts it short, while it is mapped, the bytes
-/// change under a reader that was promised constant ones, or the read ends the process with a bus error. No check at
-/// opening time can rule this out.
+/// The slice is the file. If another program writes into the file or truncates it while it is mapped, the bytes change
+/// although Rust assumes that they are constant, or the read ends the process with a bus error. No check during opening
+/// can rule this out.
 ///
 /// This project avoids it by never writing into a file in place: a new version is written beside the old one, flushed,
-/// and renamed over it. The old version lives on, unchanged, for everyone who has it mapped. Files handed to this type
-/// must be treated the same way by whoever else can write to them; do not map files that others can write.
+/// and renamed over it. Existing mappings keep the old version, unchanged. All other writers of files used with this
+/// type must do the same; do not map files that others can write.
 #[derive(Debug)]
 pub struct MappedFile {
-    // An empty file has nothing to map, and some systems refuse to.
+    // An empty file cannot be mapped on some systems.
     map: Option<Mmap>,
 }
 
@@ -29,8 +29,8 @@ impl MappedFile {
     /// Maps the file at `path`; an empty file gives an empty slice.
     ///
     /// # Errors
-    /// The operating system's, when the file cannot be opened or mapped; `path` is not part of the message. A directory
-    /// is refused.
+    /// Errors of the operating system, when the file cannot be opened or mapped; `path` is not part of the message. A
+    /// directory is rejected.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
         let metadata = file.metadata()?;
@@ -40,16 +40,16 @@ impl MappedFile {
         if metadata.len() == 0 {
             return Ok(Self { map: None });
         }
-        // SAFETY: the mapping is read-only and private to this value, which owns it until it is dropped. That nobody
-        // else writes into the file meanwhile is this project's rule for the files it maps (see the type's doc).
+        // SAFETY: the mapping is read-only and private to this value, which owns it until it is dropped. No other
+        // writer of the file is this project's rule for mapped files (see the type's documentation).
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self { map: Some(map) })
     }
 
-    /// The same bytes in memory of this process: what becomes of the file afterwards does not touch them.
+    /// The same bytes in memory of this process; later changes of the file have no effect.
     ///
-    /// It costs as much memory as the file has bytes, and the time to read them. Of a file that is written into meanwhile
-    /// they are a mixture, which whoever reads them must be able to tell by a checksum.
+    /// It needs memory for the whole file and the time to read it. If the file is written meanwhile, the bytes are a
+    /// mixture, which readers must detect by a checksum.
     ///
     /// # Errors
     /// As [`Self::open`]; [`io::ErrorKind::UnexpectedEof`] when the file became shorter while it was read.
@@ -63,10 +63,10 @@ impl MappedFile {
         Self::in_memory(length, |bytes| file.read_exact(bytes))
     }
 
-    /// The same of no file: `length` bytes of memory, aligned to a page as a file's are, zero but for what `fill` writes.
+    /// The same without a file: `length` bytes of memory, page-aligned like a file, zero except for what `fill` writes.
     ///
     /// # Errors
-    /// The operating system's, when there is no memory, and those of `fill`.
+    /// Errors of the operating system, when there is no memory, and those of `fill`.
     pub fn in_memory(length: usize, fill: impl FnOnce(&mut [u8]) -> io::Result<()>) -> io::Result<Self> {
         if length == 0 {
             fill(&mut [])?;
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_does_not_change_with_its_file() {
+    fn copy_is_independent_of_its_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("some.bin");
         let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();

@@ -1,4 +1,4 @@
-//! Database rows in the order the kernels read them.
+//! Database rows in the memory layout of the kernels.
 
 use crate::{
     Backend,
@@ -6,20 +6,21 @@ use crate::{
     tile::{LANES, Lanes, STEP, TILE_PANELS},
 };
 
-/// The longest rows supported: their squared distance stays below [`PADDING`].
+/// Maximum row length: squared distances stay below [`PADDING`].
 pub const MAX_DIM: usize = 16_384;
 
-/// Distance offset of rows that only fill up a panel: no true distance is as large.
+/// Distance offset of padding rows in a panel: no true distance is as large.
 pub(crate) const PADDING: i32 = 1 << 30;
 
-/// Rows of bytes `[N, dim]`, rearranged so that one vector register holds the same four components of 16 rows.
+/// Rows of bytes `[N, dim]`, rearranged so that one vector register contains the same four components of 16 rows.
 ///
 /// ```text
 /// panels[panel][step][lane][4] = rows[16 panel + lane][4 step .. 4 step + 4]
 /// ```
 ///
 /// A dot product then needs no sum across a register. `dim` is padded with zero components to a multiple of 4 and the
-/// number of panels to a multiple of the tile. Packing costs about as much as searching for 70 queries (`packing` in `benches/matching.rs`).
+/// number of panels to a multiple of the tile. Packing costs about as much as searching for 70 queries (`packing` in
+/// `benches/matching.rs`).
 #[derive(Clone)]
 pub struct PackedRows {
     backend: Backend,
@@ -36,7 +37,7 @@ impl std::fmt::Debug for PackedRows {
 }
 
 impl PackedRows {
-    /// Packs rows `[N, dim]` that lie one after another; bytes after the last whole row are not looked at.
+    /// Packs consecutive rows `[N, dim]`; bytes after the last whole row are ignored.
     ///
     /// # Panics
     /// When `dim` is 0 or more than [`MAX_DIM`].
@@ -64,7 +65,7 @@ impl PackedRows {
         Self { backend, dim, len, panels, offsets }
     }
 
-    /// The instruction set the rows were packed for.
+    /// The instruction set that the rows are packed for.
     pub const fn backend(&self) -> Backend {
         self.backend
     }
@@ -94,7 +95,7 @@ impl PackedRows {
         &self.panels
     }
 
-    /// Per panel and lane, what is added to a squared distance: see [`offset`].
+    /// Per panel and lane, the number that is added to a squared distance: see [`offset`].
     pub(crate) fn offsets(&self) -> &[Lanes] {
         &self.offsets
     }

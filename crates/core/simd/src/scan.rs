@@ -1,4 +1,4 @@
-//! Exact nearest neighbours: every query against every packed row, in one pass.
+//! Exact nearest neighbours: every query and every packed row, in one pass.
 
 use crate::{
     PackedRows,
@@ -7,14 +7,14 @@ use crate::{
     tile::{LANES, Lanes, Portable, STEP, TILE_PANELS, TILE_QUERIES, Tile, TileDots},
 };
 
-/// The nearest row of one query, and how far the second nearest is.
+/// The nearest row of one query, and the distance of the second nearest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BestTwo {
     /// The nearest row; of several equally near, the one with the lowest index.
     pub index: u32,
     /// Its squared Euclidean distance.
     pub distance: u32,
-    /// Squared distance of the nearest among the other rows; `None` when there is no other.
+    /// Squared distance of the nearest of the other rows; `None` when there is no other.
     pub second: Option<u32>,
 }
 
@@ -27,7 +27,7 @@ pub struct ColumnBest {
 }
 
 impl ColumnBest {
-    /// No query seen yet for any row.
+    /// Before any query.
     pub fn new(rows: &PackedRows) -> Self {
         let panels = rows.offsets().len();
         Self {
@@ -37,8 +37,8 @@ impl ColumnBest {
         }
     }
 
-    /// The query nearest to `row`, and its squared distance; the lowest index of several. `None` when no query was seen,
-    /// or there is no such row.
+    /// The query nearest to `row`, and its squared distance; of several equally near, the one with the lowest index.
+    /// `None` before any query, or without such a row.
     pub fn nearest(&self, row: usize) -> Option<(u32, u32)> {
         if row >= self.len {
             return None;
@@ -48,7 +48,7 @@ impl ColumnBest {
         (distance < PADDING).then(|| (self.queries[panel].0[lane] as u32, distance as u32))
     }
 
-    /// Takes over what another pass over the same rows has seen. The order of merging does not matter.
+    /// Merges the results of another pass over the same rows. The order of merging does not matter.
     pub fn merge(&mut self, other: &Self) {
         let mine = self.distances.iter_mut().zip(&mut self.queries);
         for ((distances, queries), (d, q)) in mine.zip(other.distances.iter().zip(&other.queries)) {
@@ -62,9 +62,10 @@ impl ColumnBest {
     }
 }
 
-/// The nearest row of each query, and the distance of the second nearest; `None` for every query when there are no rows.
+/// The nearest row of each query, and the distance of the second nearest; `None` for every query when there are no
+/// rows.
 ///
-/// `queries` is `[N, dim]`, one after another; bytes after the last whole query are not looked at. Distances are exact.
+/// `queries` is `[N, dim]`, consecutive; bytes after the last whole query are ignored. Distances are exact.
 pub fn best_two(queries: &[u8], rows: &PackedRows) -> Vec<Option<BestTwo>> {
     dispatch::<false>(
         queries,
@@ -74,13 +75,13 @@ pub fn best_two(queries: &[u8], rows: &PackedRows) -> Vec<Option<BestTwo>> {
     )
 }
 
-/// As [`best_two`]; in the same pass also keeps the nearest query of each row.
+/// Like [`best_two`]; the same pass also updates the nearest query of each row.
 ///
-/// The queries are known to `columns` as `first_query`, `first_query + 1` and so on. Queries may be given in several
-/// calls in ascending order, or to several [`ColumnBest`] merged afterwards.
+/// The queries have the indices `first_query`, `first_query + 1` and so on in `columns`. Queries may be given in
+/// several calls in ascending order, or to several [`ColumnBest`] that are merged afterwards.
 ///
 /// # Panics
-/// When `columns` was made for other rows.
+/// When `columns` is for other rows.
 pub fn best_two_with_columns(
     queries: &[u8],
     first_query: u32,
@@ -100,7 +101,7 @@ fn dispatch<const COLUMNS: bool>(
     match rows.backend().kind() {
         // SAFETY: needs no CPU feature.
         Kind::Portable => unsafe { scan::<Portable, COLUMNS>(queries, first_query, rows, columns) },
-        // SAFETY: the rows hold a backend value, which proves that the CPU has these features.
+        // SAFETY: the rows contain a backend value, which proves that the CPU has these features.
         #[cfg(target_arch = "x86_64")]
         Kind::Avx2 => unsafe { scan_avx2::<COLUMNS>(queries, first_query, rows, columns) },
         // SAFETY: as above.
@@ -133,7 +134,8 @@ fn scan_avx512<const COLUMNS: bool>(
     unsafe { scan::<crate::tile::Avx512Vnni, COLUMNS>(queries, first_query, rows, columns) }
 }
 
-/// Panels visited by all queries before the next ones: 512 rows of 128 bytes are 64 KiB, well inside a second-level cache.
+/// Panels visited by all queries before the next ones: 512 rows of 128 bytes are 64 KiB, well inside a second-level
+/// cache.
 const BLOCK_BYTES: usize = 1 << 16;
 
 /// The pass itself, compiled once per instruction set.
@@ -158,7 +160,7 @@ unsafe fn scan<T: Tile, const COLUMNS: bool>(
             let here = group * TILE_QUERIES..packed.count.min((group + 1) * TILE_QUERIES);
             let (norms, best) = (&packed.norms[here.clone()], &mut best[here.clone()]);
             for (tile, panels) in block_panels.chunks_exact(tile_bytes).enumerate() {
-                // SAFETY: the caller vouches for the features.
+                // SAFETY: the caller guarantees the features.
                 unsafe { T::dots(queries, panels, &mut dots) };
                 for (p, dots) in dots.iter().enumerate() {
                     let panel = (block * block_tiles + tile) * TILE_PANELS + p;
@@ -188,7 +190,7 @@ unsafe fn scan<T: Tile, const COLUMNS: bool>(
 
 /// Squared distances of one query to the rows of one panel, `|q|^2 + offset - 2 dot`.
 ///
-/// Single terms may leave the range of 32 bits for the longest rows, the result never does: hence the wrapping sums.
+/// Single terms may exceed 32 bits for the longest rows, the result never does: hence the wrapping sums.
 #[inline(always)]
 fn distances(dots: &Lanes, norm: i32, offsets: &Lanes) -> Lanes {
     Lanes(std::array::from_fn(|lane| {
@@ -196,8 +198,8 @@ fn distances(dots: &Lanes, norm: i32, offsets: &Lanes) -> Lanes {
     }))
 }
 
-/// Queries as the tile wants them, `[tile][step][TILE_QUERIES][4]` with zeros where there are no more queries or components,
-/// and their squared norms `[N]`.
+/// Queries in the layout of the tile, `[tile][step][TILE_QUERIES][4]`, padded with zeros, and their squared norms
+/// `[N]`.
 struct PackedQueries<C> {
     count: usize,
     padded_dim: usize,
@@ -228,7 +230,7 @@ impl<C: Copy> PackedQueries<C> {
     }
 }
 
-/// The running two best of one query, apart for each lane.
+/// The running two best of one query, per lane.
 #[derive(Clone, Copy)]
 struct LaneBest {
     distance: Lanes,
@@ -254,7 +256,7 @@ impl LaneBest {
         }
     }
 
-    /// Joins the lanes; rows that only fill up a panel are left out by their distance.
+    /// Combines the lanes; padding rows are excluded by their distance.
     fn reduce(&self) -> Option<BestTwo> {
         let key = |lane: usize| (self.distance.0[lane], self.panel.0[lane] as usize * LANES + lane);
         let winner = (0..LANES).min_by_key(|&lane| key(lane))?;

@@ -1,7 +1,6 @@
-//! What is asked for, as numbers of three bits: signs are all that is kept of an image, and more can be kept of a query.
+//! The query in three bits per code: only signs are stored of images, but more can be kept of the query.
 //!
-//! Three bits a code of the query leave about half of the error that its signs alone would leave (docs/results/scale.md), for three
-//! times the work on each word that is read.
+//! Three bits per code leave about half of the error of signs (docs/scale.md), for three times the work per word.
 
 use veiloc_simd::{dot_i8, hamming_of_three_bits};
 
@@ -10,12 +9,12 @@ use crate::binary_codes::{Mixing, blocks};
 /// The rotated codes of a query in three bits each.
 pub(super) struct AsymmetricQuery {
     words: usize,
-    /// `[3, words]`, as [`hamming_of_three_bits`] takes them.
+    /// `[3, words]`, the input of [`hamming_of_three_bits`].
     planes: Vec<u64>,
 }
 
 impl AsymmetricQuery {
-    /// Of a descriptor of as many codes as the rotation is for.
+    /// For a descriptor with as many codes as the rotation.
     pub(super) fn new(mixing: &Mixing, codes: &[i8]) -> Self {
         let rotated = mixing.rotated(codes);
         let words = rotated.len().div_ceil(64);
@@ -34,13 +33,13 @@ impl AsymmetricQuery {
         Self { words, planes }
     }
 
-    /// Only some of its words.
+    /// Only some of the words.
     pub(super) fn part(&self, words: std::ops::Range<usize>) -> Self {
         let planes = self.planes.chunks_exact(self.words.max(1)).flat_map(|plane| &plane[words.clone()]);
         Self { planes: planes.copied().collect(), words: words.len() }
     }
 
-    /// How far each row of as many words of signs is from it, `[N]`; the less, the more alike.
+    /// Distance of each row of as many words of signs, `[N]`; smaller is more similar.
     pub(super) fn distances(&self, rows: &[u64], distances: &mut [u32]) {
         hamming_of_three_bits(&self.planes, self.words, rows, distances);
     }
@@ -51,6 +50,6 @@ impl AsymmetricQuery {
     }
 }
 
-/// Steps of a number in the spread of the codes. Of numbers that spread normally the outermost three in a hundred then get the
+/// Steps per standard deviation of the codes. For normally distributed codes the outermost three percent have the
 /// lowest and the highest step.
 const STEPS: f64 = 1.82;

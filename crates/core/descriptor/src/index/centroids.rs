@@ -1,8 +1,9 @@
-//! Images that look alike in one list: a query then looks at some lists, and at no more of them the more images there are.
+//! Lists of similar images: a query is compared with the images of some lists, of which the share falls with the number
+//! of images.
 //!
-//! Each list has a centroid, which is a vector of signs as those of images are: of each sign, the one that most of its images
-//! have (k-majority; Grana and others, *A fast approach for integrating ORB descriptors in the bag of words model*, SPIE
-//! 2013). All in integers and without chance: equal images give equal lists, whatever the number of threads.
+//! Each list has a centroid, a vector of signs like those of images: each sign is the majority among its images
+//! (k-majority; Grana and others, *A fast approach for integrating ORB descriptors in the bag of words model*, SPIE
+//! 2013). All in integers and without randomness: equal images give equal lists for any number of threads.
 
 use rayon::prelude::*;
 use veiloc_simd::hamming;
@@ -13,16 +14,16 @@ pub(super) struct Centroids {
     words: usize,
     /// `[K, words]`
     all: Vec<u64>,
-    /// `[K, FIRST]`, the first words alone: they tell which centroids are near at all.
+    /// `[K, FIRST]`, the first words only: enough to find the centroids that may be near.
     first: Vec<u64>,
 }
 
 impl Centroids {
-    /// `count` centroids of signs `[N, words]`: as many images, evenly spaced, then each the majority of the images that are
-    /// nearest to it, several times over.
+    /// `count` centroids of signs `[N, words]`: initially evenly spaced images, then several rounds in which each
+    /// becomes the majority of the images nearest to it.
     pub(super) fn of(signs: &[u64], words: usize, count: usize) -> Self {
         let images = signs.len() / words;
-        // One of so many images that are evenly spaced.
+        // A sample of evenly spaced images.
         let row = |i: usize, of: usize| &signs[i * images / of * words..][..words];
         let mut centroids = Self::new(words, (0..count).flat_map(|i| row(i, count)).copied().collect());
         for samples in ROUNDS {
@@ -47,7 +48,7 @@ impl Centroids {
         Self { words, all, first }
     }
 
-    /// All of them, `[K, words]`.
+    /// All centroids, `[K, words]`.
     pub(super) fn rows(&self) -> &[u64] {
         &self.all
     }
@@ -62,19 +63,19 @@ impl Centroids {
         (self.all.len() + self.first.len()) * size_of::<u64>()
     }
 
-    /// For each row of signs its list, in the order of the rows.
+    /// The list of each row of signs, in the order of the rows.
     pub(super) fn nearest_of<'a>(&self, rows: impl IndexedParallelIterator<Item = &'a [u64]>) -> Vec<u32> {
-        rows.map_init(|| vec![0; self.len()], |room, row| self.nearest(row, room)).collect()
+        rows.map_init(|| vec![0; self.len()], |scratch, row| self.nearest(row, scratch)).collect()
     }
 
-    /// The nearest centroid by Hamming distance, of equals the first. Only those are compared in whole whose first signs
-    /// are about as near as any; the others are hardly ever nearer.
-    fn nearest(&self, row: &[u64], room: &mut [u32]) -> u32 {
+    /// The nearest centroid by Hamming distance, of equal ones the first. Only centroids whose first signs are about as
+    /// near as the nearest are compared completely; the others are very rarely nearer.
+    fn nearest(&self, row: &[u64], scratch: &mut [u32]) -> u32 {
         let first = FIRST.min(self.words);
-        hamming(&row[..first], &self.first, room);
-        let near = room.iter().min().copied().unwrap_or(0) + MARGIN;
+        hamming(&row[..first], &self.first, scratch);
+        let near = scratch.iter().min().copied().unwrap_or(0) + MARGIN;
         let mut best = (u32::MAX, 0);
-        for (list, distance) in (0..).zip(room.iter()) {
+        for (list, distance) in (0..).zip(scratch.iter()) {
             if *distance <= near {
                 let mut whole = [0];
                 hamming(row, &self.all[list as usize * self.words..][..self.words], &mut whole);
@@ -85,9 +86,9 @@ impl Centroids {
     }
 }
 
-/// Makes a centroid the majority of these rows; a sign that half of them have stays as it was, and all do when there are none.
+/// Makes a centroid the majority of these rows; ties keep the old sign, and so does an empty list.
 fn majority<'a>(centroid: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
-    // How many rows have a sign, in binary: the first plane has the lowest bit of each number, the next the second.
+    // Number of rows with each sign, in binary: the first plane has the lowest bits, the next the second bits.
     let mut planes: Vec<Vec<u64>> = Vec::new();
     let mut count = 0_u32;
     let mut carried = vec![0; centroid.len()];
@@ -115,11 +116,12 @@ fn majority<'a>(centroid: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
     }
 }
 
-/// Rounds of learning, by how many images a centroid is learned from in each: the first move centroids far, whatever the images.
+/// For each round of learning the maximum number of images per centroid: early rounds move centroids far in any case.
 const ROUNDS: [usize; 5] = [16, 16, 32, 32, 64];
-/// Words that tell which centroids are near at all: 512 signs.
+/// Words that are used to find the near centroids: 512 signs.
 const FIRST: usize = 8;
-/// Signs of these by which the nearest centroid may be farther than another: by chance alone they spread by eleven.
+/// Maximum difference in these signs between the nearest centroid and another: the standard deviation by chance is
+/// eleven.
 const MARGIN: u32 = 14;
 
 #[cfg(test)]
@@ -136,13 +138,13 @@ mod tests {
         majority(&mut centroid, rows.into_iter());
         assert_eq!(centroid, [0b0110]);
         majority(&mut centroid, rows[1..].iter().copied());
-        assert_eq!(centroid, [0b0110], "two of four have the third sign, which stays");
+        assert_eq!(centroid, [0b0110], "the third sign has a tie and stays");
         let mut none = [0b1001];
         majority(&mut none, rows[..0].iter().copied());
         assert_eq!(none, [0b1001]);
     }
 
-    /// Twenty groups, each of signs that differ from a row of its own in one of eight.
+    /// Twenty groups of signs, each with an eighth of the signs of its own row flipped.
     fn groups(words: usize) -> Vec<u64> {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let own: Vec<u64> = (0..20 * words).map(|_| rng.random()).collect();
@@ -157,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn alike_images_share_a_list_whatever_the_number_of_threads() {
+    fn similar_images_share_a_list_for_any_thread_count() {
         let words = 24;
         let rows = groups(words);
         let listed = |threads: usize| {
@@ -170,7 +172,7 @@ mod tests {
         };
         let (centroids, lists) = listed(1);
         assert_eq!((&centroids, &lists), (&listed(3).0, &listed(3).1));
-        // Centroids begin as images, so some groups have two lists and some share one; no list is between groups.
+        // Centroids start as images, so some groups have two lists and some share one; no list mixes parts of groups.
         let pure = (0..20).filter(|group| {
             let of = |image: &usize| lists[*image];
             let own: Vec<usize> = (0..600).filter(|image| image * 7 % 20 == *group).collect();

@@ -1,13 +1,14 @@
-//! Which of many images may look like one, without reading every global descriptor.
+//! An index of global descriptors: finds similar images without reading every descriptor.
 //!
-//! Of each image the signs of its rotated codes are kept (`signs`), one bit a code, and images that look alike lie in one list
-//! (`lists`). A query is compared with the centroids of the lists, then with the first 2048 signs of the images of the lists
-//! that are most like it, then with all signs of the best of these; what remains is worth comparing code by code. A query is
-//! not made signs for that: three bits of each of its codes are (`query_code`).
+//! For each image the signs of its rotated codes are stored (`signs`), one bit per code, and similar images are in one
+//! list (`lists`). A query is compared with the centroids of the lists, then with the first 2048 signs of the images in
+//! the most similar lists, then with all signs of the best of these; the rest is to be compared code by code. The query
+//! itself has three bits per code (`query_code`).
 //!
-//! A query that is like some lists and unlike the rest looks at few images. One that all lists are about as unlike as each
-//! other looks at eight times as many. Beyond that nothing grows with the number of images but the number of lists, which
-//! grows with its square root. `docs/results/scale.md` has what that costs and loses, beside a graph (HNSW) and reading everything.
+//! A query that is similar to some lists and dissimilar to the rest is compared with few images; a query about equally
+//! similar to all lists with eight times as many. Apart from that only the number of lists grows with the number of
+//! images, as its square root. `docs/scale.md` has costs and recall, compared with a graph (HNSW) and exhaustive
+//! search.
 
 mod asymmetric_query;
 mod centroids;
@@ -25,19 +26,19 @@ pub struct GlobalIndex {
     /// Codes of a descriptor.
     codes: usize,
     mixing: Mixing,
-    /// `[N]`, the images list by list, within a list in their order.
+    /// `[N]`, the images sorted by list, within a list in their order.
     images: Vec<u32>,
-    /// `[N, FIRST]`, the first words of their signs, as many as there are.
+    /// `[N, FIRST]`, the first words of their signs, or all if there are fewer.
     first: Vec<u64>,
-    /// `[N, words - FIRST]`, the others.
+    /// `[N, words - FIRST]`, the other words.
     rest: Vec<u64>,
-    /// None of few images, which are one list.
+    /// `None` for few images, which are one list.
     centroids: Option<Centroids>,
-    /// `[K]`, where each list ends.
+    /// `[K]`, end of each list.
     ends: Vec<usize>,
 }
 
-// As for the descriptors themselves: how many, and no more (leak L8).
+// As for the descriptors themselves: only the number may be logged (leak L8).
 impl std::fmt::Debug for GlobalIndex {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "GlobalIndex({} of {} codes)", self.len(), self.codes)
@@ -45,10 +46,10 @@ impl std::fmt::Debug for GlobalIndex {
 }
 
 impl GlobalIndex {
-    /// Of these descriptors, `[N, codes]`.
+    /// The index of these descriptors, `[N, codes]`.
     ///
     /// # Panics
-    /// When `codes` is 0 or `all` is not made of whole descriptors, or when there are 2³² and more.
+    /// When `codes` is 0, `all` does not consist of whole descriptors, or there are 2³² or more.
     pub fn new(all: &[i8], codes: usize) -> Self {
         assert!(codes > 0 && all.len().is_multiple_of(codes), "whole descriptors of at least one code");
         let (mixing, words, count) = (Mixing::new(codes), codes.div_ceil(64), all.len() / codes);
@@ -56,7 +57,8 @@ impl GlobalIndex {
         let mut signs = vec![0; count as usize * words];
         let rows = signs.par_chunks_exact_mut(words).zip(all.par_chunks_exact(codes));
         rows.for_each(|(own, codes)| write_signs(&mixing, codes, own));
-        let centroids = (count >= LISTED).then(|| Centroids::of(&signs, words, 4 * count.isqrt() as usize));
+        let centroids =
+            (count >= MIN_FOR_LISTS).then(|| Centroids::of(&signs, words, 4 * count.isqrt() as usize));
         let lists = match &centroids {
             None => vec![0; count as usize],
             Some(centroids) => centroids.nearest_of(signs.par_chunks_exact(words)),
@@ -83,7 +85,7 @@ impl GlobalIndex {
         Self { codes, mixing, images, first, rest, centroids, ends }
     }
 
-    /// Images from which on an index is worth its memory; of fewer, comparing all takes no longer.
+    /// Minimum number of images for which an index saves time; for fewer, comparing all takes no longer.
     pub const WORTHWHILE: usize = 8192;
 
     /// Number of images.
@@ -104,14 +106,14 @@ impl GlobalIndex {
         words + self.images.len() * size_of::<u32>() + lists
     }
 
-    /// How many candidates to compare code by code to have the best `count`.
+    /// The number of candidates to compare code by code for the best `count`.
     pub const fn candidates_for(count: usize) -> usize {
-        let some = CANDIDATES_OF_EACH * count;
+        let some = CANDIDATES_PER_IMAGE * count;
         if some < CANDIDATES { CANDIDATES } else { some }
     }
 
-    /// Up to `count` images that look most like the query as far as signs tell, the most alike first, of equals the first;
-    /// none for a query of another number of codes. [`Self::candidates_for`] says how many to ask for.
+    /// Up to `count` images most similar to the query by their signs, the most similar first, of equal ones the first;
+    /// none for a query with another number of codes. See [`Self::candidates_for`] for the number to request.
     pub fn candidates(&self, query: &GlobalDescriptor, count: usize) -> Vec<usize> {
         if query.len() != self.codes {
             return Vec::new();
@@ -121,15 +123,15 @@ impl GlobalIndex {
         let (first, rest) = (query_code.part(0..FIRST.min(words)), query_code.part(FIRST.min(words)..words));
         let lists = self.lists_for(&query_code, count);
         let mut distances = vec![0; lists.iter().map(|list| list.len()).sum()];
-        let mut room = distances.as_mut_slice();
+        let mut remaining = distances.as_mut_slice();
         for list in &lists {
-            let (own, others) = room.split_at_mut(list.len());
+            let (own, others) = remaining.split_at_mut(list.len());
             let width = FIRST.min(words);
             first.distances(&self.first[list.start * width..list.end * width], own);
-            room = others;
+            remaining = others;
         }
         let places: Vec<usize> =
-            nearest(&distances, first.largest(), SECOND_LOOKS.saturating_mul(count)).collect();
+            nearest(&distances, first.largest(), SECOND_COMPARISONS.saturating_mul(count)).collect();
         let mut second = Vec::with_capacity(places.len());
         let (mut list, mut before) = (0, 0);
         for place in places {
@@ -148,7 +150,7 @@ impl GlobalIndex {
         second.into_iter().map(|(_, image)| image as usize).collect()
     }
 
-    /// The lists to search for `count` candidates: those with the nearest centroids, of equals the first.
+    /// The lists to search for `count` candidates: those with the nearest centroids, of equal ones the first.
     fn lists_for(&self, query_code: &AsymmetricQuery, count: usize) -> Vec<std::ops::Range<usize>> {
         let list = |n: usize| n.checked_sub(1).map_or(0, |before| self.ends[before])..self.ends[n];
         let Some(centroids) = &self.centroids else { return vec![list(0)] };
@@ -156,39 +158,41 @@ impl GlobalIndex {
         query_code.distances(centroids.rows(), &mut distances);
         let mut nearest: Vec<(u32, usize)> = distances.into_iter().zip(0..).collect();
         nearest.sort_unstable();
-        // Rows that have nothing in common with the query are half of the way to its opposite from it.
+        // Unrelated rows have half of the maximum distance from the query.
         let half = (query_code.largest() / 2) as f64;
-        let alike = |distance: u32| half - f64::from(distance);
-        let enough = STANDING_OUT * alike(nearest[0].0);
-        let (few, many) = (LOOKS.saturating_mul(count), MOST_LOOKS.saturating_mul(count));
-        let mut looked_at = 0;
+        let similarity = |distance: u32| half - f64::from(distance);
+        let minimum = SIMILAR_SHARE * similarity(nearest[0].0);
+        let (few, many) =
+            (FIRST_COMPARISONS.saturating_mul(count), MAX_FIRST_COMPARISONS.saturating_mul(count));
+        let mut compared = 0;
         let wanted = nearest.into_iter().take_while(|(distance, n)| {
-            let wanted = looked_at < few || (looked_at < many && alike(*distance) > enough);
-            looked_at += list(*n).len();
+            let wanted = compared < few || (compared < many && similarity(*distance) > minimum);
+            compared += list(*n).len();
             wanted
         });
         wanted.map(|(_, n)| list(n)).collect()
     }
 }
 
-/// The `count` smallest of these distances, none above `largest`, by their indices in rising order; of equals the first.
+/// The indices of the `count` smallest of these distances, none above `largest`, in rising order; of equal ones the
+/// first.
 fn nearest(distances: &[u32], largest: usize, count: usize) -> impl Iterator<Item = usize> {
     let mut of_distance = vec![0_usize; largest + 1];
     for distance in distances {
         of_distance[*distance as usize] += 1;
     }
-    let mut room = count;
+    let mut remaining = count;
     let limit = of_distance.iter().position(|there| {
-        let fits = *there <= room;
-        room -= if fits { *there } else { 0 };
+        let fits = *there <= remaining;
+        remaining -= if fits { *there } else { 0 };
         !fits
     });
-    // Of those at the limit so many as there is room for.
+    // Of those at the limit as many as still fit.
     let limit = limit.map_or(u32::MAX, |limit| limit as u32);
     distances.iter().enumerate().filter_map(move |(image, distance)| {
-        let in_room = *distance == limit && room > 0;
-        room -= usize::from(in_room);
-        (*distance < limit || in_room).then_some(image)
+        let still_fits = *distance == limit && remaining > 0;
+        remaining -= usize::from(still_fits);
+        (*distance < limit || still_fits).then_some(image)
     })
 }
 
@@ -199,22 +203,22 @@ fn write_signs(mixing: &Mixing, codes: &[i8], words: &mut [u64]) {
     }
 }
 
-/// For each image that is wanted so many are compared code by code,
-const CANDIDATES_OF_EACH: usize = 30;
-/// and so many at least.
+/// Candidates compared code by code, for each requested image,
+const CANDIDATES_PER_IMAGE: usize = 30;
+/// and their minimum number.
 const CANDIDATES: usize = 300;
-/// Words of the first look: 2048 signs.
+/// Words of the first comparison: 2048 signs.
 const FIRST: usize = 32;
-/// For each candidate so many images have a second look,
-const SECOND_LOOKS: usize = 2;
-/// so many the first look where some lists stand out,
-const LOOKS: usize = 28;
-/// and so many where none does.
-const MOST_LOOKS: usize = 8 * LOOKS;
-/// A list stands out when it is more than so much as like the query as the list is that is most like it.
-const STANDING_OUT: f64 = 0.5;
-/// Images from which on they lie in lists; fewer are looked at all.
-const LISTED: u32 = 1 << 15;
+/// Images in the second comparison, for each candidate,
+const SECOND_COMPARISONS: usize = 2;
+/// images in the first comparison if some lists are similar,
+const FIRST_COMPARISONS: usize = 28;
+/// and if none is.
+const MAX_FIRST_COMPARISONS: usize = 8 * FIRST_COMPARISONS;
+/// A list is similar when its similarity to the query is more than this share of the largest one.
+const SIMILAR_SHARE: f64 = 0.5;
+/// Minimum number of images for lists; fewer images are all compared.
+const MIN_FOR_LISTS: u32 = 1 << 15;
 
 #[cfg(test)]
 mod tests {
@@ -227,21 +231,21 @@ mod tests {
         (0..codes).map(|_| rng.random_range(-60..=60)).collect()
     }
 
-    /// The same image seen again: half of it is something else.
-    fn again(rng: &mut impl Rng, codes: &[i8]) -> GlobalDescriptor {
+    /// The same image again, half of it changed.
+    fn similar(rng: &mut impl Rng, codes: &[i8]) -> GlobalDescriptor {
         let other = random(rng, codes.len());
         GlobalDescriptor::new(codes.iter().zip(other).map(|(a, b)| a / 2 + b / 2).collect())
     }
 
     #[test]
-    fn finds_what_comparing_all_finds() {
+    fn agrees_with_exhaustive_search() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for codes in [4096, 1088, 100] {
             let images: Vec<Vec<i8>> = (0..3000).map(|_| random(&mut rng, codes)).collect();
             let index = GlobalIndex::new(&images.concat(), codes);
             assert_eq!((index.len(), index.is_empty()), (3000, false));
             for image in [0, 17, 2999] {
-                let query = again(&mut rng, &images[image]);
+                let query = similar(&mut rng, &images[image]);
                 let found = index.candidates(&query, 50);
                 assert_eq!(found.len(), 50);
                 assert!(found[..3].contains(&image), "{image} of {codes}: {found:?}");
@@ -250,45 +254,49 @@ mod tests {
                     all
                 };
                 let all = sorted(index.candidates(&query, 5000));
-                assert_eq!(all, (0..3000).collect::<Vec<_>>(), "all of them when all are asked for");
+                assert_eq!(all, (0..3000).collect::<Vec<_>>(), "all of them when all are requested");
             }
         }
     }
 
     #[test]
-    fn finds_in_lists_what_comparing_all_finds() {
+    fn lists_agree_with_exhaustive_search() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let codes = 1024;
-        let places: Vec<Vec<i8>> = (0..LISTED as usize / 8).map(|_| random(&mut rng, codes)).collect();
-        let images: Vec<i8> = (0..LISTED as usize + 5)
-            .flat_map(|i| again(&mut rng, &places[i % places.len()]).as_codes().to_vec())
+        let places: Vec<Vec<i8>> = (0..MIN_FOR_LISTS as usize / 8).map(|_| random(&mut rng, codes)).collect();
+        let images: Vec<i8> = (0..MIN_FOR_LISTS as usize + 5)
+            .flat_map(|i| similar(&mut rng, &places[i % places.len()]).as_codes().to_vec())
             .collect();
         let index = GlobalIndex::new(&images, codes);
-        assert_eq!((index.len(), index.ends.last()), (LISTED as usize + 5, Some(&(LISTED as usize + 5))));
+        assert_eq!(
+            (index.len(), index.ends.last()),
+            (MIN_FOR_LISTS as usize + 5, Some(&(MIN_FOR_LISTS as usize + 5)))
+        );
         let in_lists = index.byte_count() - index.len() * (codes / 8 + 4);
         assert!(in_lists > 700 * codes / 8, "{in_lists} bytes of lists");
-        let mut kept = 0;
+        let mut found_same = 0;
         for place in (0..places.len()).step_by(512) {
-            let query = again(&mut rng, &places[place]);
-            let looked_at: usize = index
+            let query = similar(&mut rng, &places[place]);
+            let compared: usize = index
                 .lists_for(&AsymmetricQuery::new(&index.mixing, query.as_codes()), 20)
                 .iter()
                 .map(|l| l.len())
                 .sum();
-            // Places outnumber lists here, so no list stands out far: more than the least, and no more than a tenth of all.
-            assert!((20 * LOOKS..index.len() / 10).contains(&looked_at), "{looked_at}");
+            // There are more places than lists here, so no list stands out: more than the minimum, and at most a tenth
+            // of all.
+            assert!((20 * FIRST_COMPARISONS..index.len() / 10).contains(&compared), "{compared}");
             let found = index.candidates(&query, 20);
-            kept += found.iter().filter(|image| **image % places.len() == place).count();
+            found_same += found.iter().filter(|image| **image % places.len() == place).count();
             let mut all = index.candidates(&query, index.len());
             all.sort_unstable();
-            assert!(all.into_iter().eq(0..index.len()), "all of them when all are asked for");
+            assert!(all.into_iter().eq(0..index.len()), "all of them when all are requested");
         }
-        // Of eight places eight images each. One in twenty-three is looked at, so that chance would keep three.
-        assert!(kept >= 32, "{kept} of 64");
+        // Eight places with eight images each. One image in 23 is compared, so that three would be found by chance.
+        assert!(found_same >= 32, "{found_same} of 64");
     }
 
     #[test]
-    fn no_images_and_other_descriptors_give_none() {
+    fn no_candidates_without_images_or_for_other_descriptors() {
         let empty = GlobalIndex::new(&[], 64);
         assert!(empty.is_empty() && empty.candidates(&GlobalDescriptor::new(vec![1; 64]), 10).is_empty());
         let one = GlobalIndex::new(&[1; 64], 64);
@@ -298,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_of_equals_are_the_first() {
+    fn ties_go_to_the_first() {
         let found = |count| nearest(&[3, 1, 2, 1, 2, 2, 0], 3, count).collect::<Vec<_>>();
         assert_eq!(found(0), [0; 0]);
         assert_eq!(found(1), [6]);

@@ -11,7 +11,7 @@ fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// VLAD as in the doc of [`Vocabulary`], in f64 and with loops a reader can check; `[K * dim]`, unit length.
+/// VLAD as documented for [`Vocabulary`], in f64 and with simple loops; `[K * dim]`, unit length.
 fn reference(words: DescriptorView<'_>, rows: DescriptorView<'_>) -> Vec<f64> {
     let dim = words.kind().dim();
     let numbers = |of: DescriptorView<'_>, i| of.values(i).map(f64::from).collect::<Vec<f64>>();
@@ -47,7 +47,7 @@ fn cosine(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[test]
-fn clusters_are_found_again() {
+fn training_finds_clusters() {
     let samples = clustered_descriptors(4000, 16, 3, 7);
     let vocabulary = Vocabulary::train(samples.view(), 16, &mut rng(1)).unwrap();
     let nearest = crate::two_nearest(samples.view(), vocabulary.words());
@@ -56,7 +56,7 @@ fn clusters_are_found_again() {
 }
 
 #[test]
-fn training_is_the_same_for_every_number_of_threads() {
+fn training_is_independent_of_the_thread_count() {
     let samples = random_descriptors(9000, 3);
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -82,7 +82,7 @@ fn lloyd_improves_on_its_seeds() {
 
 #[test]
 fn as_many_words_as_different_samples() {
-    // Each of 8 rows three times: each word must be one of them, and none may be left out.
+    // Each of 8 rows three times: each word must be one of them, and each must be a word.
     let rows = random_descriptors(8, 21);
     let samples = rows.select((0..24).map(|i| i % 8));
     let vocabulary = Vocabulary::train(samples.view(), 8, &mut rng(1)).unwrap();
@@ -93,7 +93,7 @@ fn as_many_words_as_different_samples() {
 #[test]
 fn a_word_without_samples_moves_to_the_farthest_sample() {
     let samples = clustered_descriptors(300, 3, 2, 5);
-    // The second word is a copy of the first, so nothing is nearest to it (ties go to the lowest index).
+    // The second word is a copy of the first, so it has no samples (ties go to the lowest index).
     let words = samples.select([0, 0, 1]);
     let next = kmeans::lloyd_round(samples.view(), words.as_bytes());
     let before = crate::two_nearest(samples.view(), words.view());
@@ -103,7 +103,7 @@ fn a_word_without_samples_moves_to_the_farthest_sample() {
 }
 
 #[test]
-fn too_few_samples_are_refused() {
+fn too_few_samples_are_rejected() {
     let few = random_descriptors(5, 1);
     let refused = |samples: DescriptorView<'_>, k| Vocabulary::train(samples, k, &mut rng(1)).unwrap_err();
     assert_eq!(refused(few.view(), 6), DescriptorError::TooFewSamples { samples: 5, distinct: 5, words: 6 });
@@ -120,7 +120,7 @@ fn too_few_samples_are_refused() {
 }
 
 #[test]
-fn cosines_of_codes_are_those_of_exact_vectors() {
+fn cosines_of_codes_agree_with_exact_vectors() {
     let vocabulary = Vocabulary::train(random_descriptors(3000, 1).view(), 64, &mut rng(1)).unwrap();
     // Images that share some, all or none of their descriptors; with 1 to 2000 descriptors.
     let all = random_descriptors(4000, 2);
@@ -137,7 +137,7 @@ fn cosines_of_codes_are_those_of_exact_vectors() {
 }
 
 #[test]
-fn signed_numbers_are_aggregated_as_they_are() {
+fn signed_numbers_are_aggregated() {
     let kind = DescriptorKind::new("own", 64, crate::Encoding::Signed, 100).unwrap();
     let words = Vocabulary::train(random_bytes(kind, 300, 1).view(), 8, &mut rng(1)).unwrap();
     let (a, b) = (random_bytes(kind, 50, 2), random_bytes(kind, 60, 3));
@@ -162,13 +162,13 @@ fn no_descriptors_give_zeros() {
     let global = vocabulary.aggregate(Descriptors::empty(DescriptorKind::ROOT_SIFT).view());
     assert_eq!(global.as_codes(), [0; 4 * 128]);
     assert_eq!(global.len(), vocabulary.global_len());
-    // A descriptor that is a word leaves no residual either.
+    // A descriptor that equals a word has no residual either.
     let global = vocabulary.aggregate(vocabulary.words());
     assert_eq!(global.as_codes(), [0; 4 * 128]);
 }
 
 #[test]
-fn the_order_of_descriptors_does_not_matter() {
+fn result_is_independent_of_the_order() {
     let vocabulary = Vocabulary::new(random_descriptors(16, 1)).unwrap();
     let rows = random_descriptors(500, 2);
     let reversed = rows.select((0..500).rev());
@@ -185,7 +185,7 @@ fn bytes_are_pinned() {
 }
 
 #[test]
-fn the_kind_of_the_words_comes_back() {
+fn kind_of_the_words_round_trips() {
     let kind = DescriptorKind::new("own", 3, crate::Encoding::Signed, 100).unwrap();
     let vocabulary = Vocabulary::new(Descriptors::new(kind, vec![1, 2, 3, 4, 5, 6]).unwrap()).unwrap();
     let bytes = vocabulary.to_bytes();
@@ -199,7 +199,7 @@ fn the_kind_of_the_words_comes_back() {
 }
 
 #[test]
-fn damaged_bytes_are_refused_by_name() {
+fn error_names_the_fault_of_damaged_bytes() {
     let good = Vocabulary::new(random_descriptors(3, 1)).unwrap().to_bytes();
     let refused = |at: usize, value: u8| {
         let mut bytes = good.clone();
@@ -221,13 +221,13 @@ fn damaged_bytes_are_refused_by_name() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn bytes_come_back(words in 1_usize..20, seed: u64) {
+    fn bytes_round_trip(words in 1_usize..20, seed: u64) {
         let vocabulary = Vocabulary::new(random_descriptors(words, seed)).unwrap();
         prop_assert_eq!(Vocabulary::from_bytes(&vocabulary.to_bytes()).unwrap(), vocabulary);
     }
 
     #[test]
-    fn cut_or_longer_bytes_are_refused(words in 1_usize..4, cut: prop::sample::Index, more in 1_usize..300) {
+    fn bytes_of_wrong_length_are_rejected(words in 1_usize..4, cut: prop::sample::Index, more in 1_usize..300) {
         let mut bytes = Vocabulary::new(random_descriptors(words, 1)).unwrap().to_bytes();
         prop_assert!(Vocabulary::from_bytes(&bytes[..cut.index(bytes.len())]).is_err());
         bytes.resize(bytes.len() + more, 0);
@@ -235,11 +235,11 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         let _ = Vocabulary::from_bytes(&bytes);
-        let with_mark = [b"VLAD\x01\0\0\0\x01\0\0\0", &bytes[..]].concat();
-        let _ = Vocabulary::from_bytes(&with_mark);
-        let with_kind = [&with_mark[..12], &DescriptorKind::ROOT_SIFT.to_bytes(), &bytes].concat();
+        let with_magic = [b"VLAD\x01\0\0\0\x01\0\0\0", &bytes[..]].concat();
+        let _ = Vocabulary::from_bytes(&with_magic);
+        let with_kind = [&with_magic[..12], &DescriptorKind::ROOT_SIFT.to_bytes(), &bytes].concat();
         let _ = Vocabulary::from_bytes(&with_kind);
     }
 }

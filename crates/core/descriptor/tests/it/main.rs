@@ -1,3 +1,3 @@
-//! Tests of `veiloc-descriptor` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-descriptor`, one executable to save linking time.
 
 mod oracle;

@@ -1,4 +1,4 @@
-//! Matching and VLAD against NumPy: `scripts/oracle_matching.py` wrote `data/matching_oracle.json`.
+//! Matching and VLAD compared with NumPy: `scripts/oracle_matching.py` wrote `data/matching_oracle.json`.
 
 use serde::Deserialize;
 use veiloc_descriptor::{
@@ -32,7 +32,7 @@ fn descriptors(hex: &str) -> Descriptors {
 }
 
 #[test]
-fn nearest_and_second_are_numpys() {
+fn nearest_and_second_agree_with_numpy() {
     let fixture = fixture();
     let (query, database) = (descriptors(&fixture.query), descriptors(&fixture.database));
     let found = two_nearest(query.view(), database.view());
@@ -45,7 +45,7 @@ fn nearest_and_second_are_numpys() {
 }
 
 #[test]
-fn mutual_matches_are_numpys() {
+fn mutual_matches_agree_with_numpy() {
     let fixture = fixture();
     let (query, database) = (descriptors(&fixture.query), descriptors(&fixture.database));
     let found = match_descriptors(query.view(), database.view(), &MatchOptions::default());
@@ -60,7 +60,7 @@ fn mutual_matches_are_numpys() {
 }
 
 #[test]
-fn vlad_is_numpys() {
+fn vlad_agrees_with_numpy() {
     let fixture = fixture();
     let vocabulary = Vocabulary::new(descriptors(&fixture.words)).unwrap();
     let of_query = vocabulary.aggregate(descriptors(&fixture.query).view());

@@ -1,73 +1,74 @@
-//! A layout: where the anchors are and how the directions of sight are shared among them, before any camera is chosen.
+//! A layout: positions of the anchors and assignment of viewing directions to them, independent of the camera.
 //!
-//! Everything is told in the frame of an upright camera, the **layout frame**: `x` right, `y` down, `z` ahead. In the paper's
-//! scheme that is the camera itself; for the later frames of a session it is the camera of the first one, and their
-//! orientation says how they are turned against it.
+//! Everything is in the frame of an upright camera, the **layout frame**: `x` right, `y` down, `z` ahead. In the
+//! paper's scheme that is the camera itself; for later frames of a session it is the camera of the first one, and their
+//! orientation is the rotation against it.
 
 use nalgebra::{Vector2, Vector3};
 
-/// One of the anchors of a layout, by number.
+/// An anchor of a layout, by index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Anchor(u8);
 
 impl Anchor {
-    /// Anchors that a layout has at most.
+    /// Maximum number of anchors of a layout.
     pub const MOST: usize = 4;
     /// The first.
     pub const FIRST: Self = Self(0);
-    /// The second: every layout has one.
+    /// The second; every layout has one.
     pub const SECOND: Self = Self(1);
     /// The two of the paper's layout.
     pub const BOTH: [Self; 2] = [Self::FIRST, Self::SECOND];
 
-    /// The anchor of this number; `None` from [`Self::MOST`] on.
+    /// The anchor with this index; `None` from [`Self::MOST`] on.
     pub const fn new(index: usize) -> Option<Self> {
         if index < Self::MOST { Some(Self(index as u8)) } else { None }
     }
 
-    /// Its number, from 0.
+    /// Its index, from 0.
     pub const fn index(self) -> usize {
         self.0 as usize
     }
 
-    /// The first so many.
+    /// The first `count` anchors.
     pub fn first(count: usize) -> impl ExactSizeIterator<Item = Self> + DoubleEndedIterator + Clone {
         (0..count.min(Self::MOST) as u8).map(Self)
     }
 }
 
-/// Where an anchor lies on the image plane of the layout frame.
+/// Position of an anchor in the image plane of the layout frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AnchorPlace {
-    /// This far from the image's centre, in image heights: `[right, down]`.
+    /// Offset from the image's centre, in image heights: `[right, down]`.
     At([f64; 2]),
-    /// Infinitely far, in the direction of this angle (radians, from right towards down): its lines are parallel.
+    /// At infinity, in the direction of this angle (radians, from right towards down): its lines are parallel.
     Toward(f64),
 }
 
-/// Equal sectors about an axis that lies in the image plane: planes through the camera's centre that all hold the axis. In the
-/// image they are stripes along the axis, and there are so many in the whole circle.
+/// Equal sectors about an axis in the image plane, between planes through the camera's centre that contain the axis. In
+/// the image they are stripes along the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sectors {
     /// Direction of the axis in the image, radians from right towards down.
     pub axis: f64,
-    /// How many there are in the whole circle; even or otherwise a multiple of the number of anchors.
+    /// Number of sectors in the full circle; a multiple of the number of anchors.
     pub count: u16,
-    /// Where the first begins, as a share of a sector: 0 begins at the image's centre.
+    /// Start of the first, as a share of a sector: 0 is the image's centre.
     pub shift: f64,
 }
 
 impl Sectors {
-    /// Unit vectors of the layout frame from which angles about the axis are counted, and a quarter turn on.
+    /// Unit vectors of the layout frame at angle 0 and at a quarter turn about the axis.
     pub(super) fn frame(&self) -> [Vector3<f64>; 2] {
         let [sin, cos] = exact_sin_cos(self.axis);
         [Vector3::z(), Vector3::new(-sin, cos, 0.0)]
     }
 }
 
-/// Anchors and the sectors that are joined to them.
+/// Anchors and the sectors assigned to them.
 ///
-/// A direction in sector `i` (and sector `j` of the second family, if there is one) is joined to anchor `(i + j) mod n`.
+/// A direction in sector `i` (and sector `j` of the second family, if there is one) is assigned to anchor `(i + j) mod
+/// n`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
     anchors: [AnchorPlace; Anchor::MOST],
@@ -79,8 +80,8 @@ pub struct Layout {
 impl Layout {
     /// Two to four anchors and one or two families of sectors.
     ///
-    /// `None` when a number is not finite, or when a family does not close: its count must be a multiple of the number of
-    /// anchors, and not 0.
+    /// `None` when a number is not finite, or when the count of a family is 0 or not a multiple of the number of
+    /// anchors.
     pub fn new(anchors: &[AnchorPlace], sectors: Sectors, across: Option<Sectors>) -> Option<Self> {
         let count = anchors.len();
         let finite = |place: &AnchorPlace| match place {
@@ -104,10 +105,10 @@ impl Layout {
         })
     }
 
-    /// The paper's layout: a dividing line through the image's centre in the direction `angle` (radians from right towards
-    /// down; π/2 is the vertical midline), the anchors on it, `s·H/2` from the centre. With `d` its direction the first
-    /// anchor sits against `d` and serves the side where `d × (x − c) ≥ 0`: for the vertical midline left of it to the top
-    /// edge, right of it to the bottom edge.
+    /// The paper's layout: a dividing line through the image's centre in the direction `angle` (radians from right
+    /// towards down; π/2 is the vertical midline), with the anchors on it, `s·H/2` from the centre. With `d` its
+    /// direction, the first anchor is at `-d` and is assigned the side where `d × (x − c) ≥ 0`: for the vertical
+    /// midline the left half has the anchor at the top edge, the right half the one at the bottom edge.
     ///
     /// `None` unless `s` is positive and both numbers are finite.
     pub fn halves(angle: f64, s: f64) -> Option<Self> {
@@ -117,7 +118,7 @@ impl Layout {
         (s > 0.0).then(|| Self::new(&[at(-1.0), at(1.0)], sectors, None)).flatten()
     }
 
-    /// The anchors' places.
+    /// The anchors' positions.
     pub fn anchors(&self) -> &[AnchorPlace] {
         &self.anchors[..self.count]
     }
@@ -147,7 +148,7 @@ impl Layout {
     }
 }
 
-/// Sine and cosine, exact for quarter turns, so that a keypoint exactly on a midline is recognised as such.
+/// Sine and cosine, exact for quarter turns, so that a keypoint exactly on a midline is recognized.
 fn exact_sin_cos(angle: f64) -> [f64; 2] {
     let (sin, cos) = angle.sin_cos();
     [sin, cos].map(|x| if x.abs() < 1e-15 { 0.0 } else { x })
@@ -159,7 +160,7 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     #[test]
-    fn layouts_that_make_no_sense_are_refused() {
+    fn invalid_layouts_are_rejected() {
         let anchors = [AnchorPlace::At([0.0, -0.5]), AnchorPlace::Toward(0.3), AnchorPlace::Toward(1.0)];
         let sectors = |count| Sectors { axis: 1.0, count, shift: 0.25 };
         assert!(Layout::new(&anchors, sectors(6), Some(sectors(3))).is_some());
@@ -180,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_anchors_are_on_its_edges() {
+    fn anchors_of_the_paper_are_on_the_edges() {
         let layout = Layout::halves(FRAC_PI_2, 1.0).expect("finite");
         assert_eq!(layout.anchors(), [AnchorPlace::At([0.0, -0.5]), AnchorPlace::At([0.0, 0.5])]);
     }

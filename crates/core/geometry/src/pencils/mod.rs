@@ -1,12 +1,14 @@
-//! The pencils of Dual Convergent Lines: where the anchors are, which keypoint belongs to which, and the angle of a line.
+//! The pencils of Dual Convergent Lines: positions of the anchors, the anchor of each keypoint, and the angles of
+//! lines.
 //!
-//! An anchor is a **direction** of space. The planes that hold it and the camera's centre cut the image in lines that all run
-//! through the anchor's image: a **pencil**. The directions of sight are shared among the pencils ([`Sectors`]), and the line of
-//! a keypoint is told by its anchor and one angle: that of its half-plane about the anchor's direction, in `[0, 2π)`.
-//! It is a half-plane because the keypoint lies on one side of the anchor, and not in all of it because only what belongs to
-//! the anchor can be joined to it ([`Pencils::spans`]).
+//! An anchor is a **direction** in space. The planes that contain it and the camera's centre intersect the image in
+//! lines through the anchor's image: a **pencil**. Viewing directions are divided among the pencils ([`Sectors`]), and
+//! the line of a keypoint is defined by its anchor and one angle: the angle of its half-plane about the anchor's
+//! direction, in `[0, 2π)`. It is a half-plane because the keypoint is on one side of the anchor, and only the part of
+//! it inside the anchor's sectors can contain the keypoint ([`Pencils::spans`]).
 //!
-//! The paper's scheme is [`Layout::halves`]: two anchors on a dividing line, whose half-planes fill one half of the image each.
+//! The paper's scheme is [`Layout::halves`]: two anchors on a dividing line, whose half-planes fill one half of the
+//! image each.
 
 mod layout;
 
@@ -20,10 +22,10 @@ use crate::intrinsics::Pinhole;
 use crate::line::PixelLine;
 use crate::pixel::Pixel;
 
-/// The pencils of a layout as one camera sees them.
+/// The pencils of a layout in the image of one camera.
 ///
-/// All of it is told in pixels: bearings are those of the device's own camera, and whoever believes in another focal length
-/// still has the same lines.
+/// All positions are in pixels: bearings are those of the device's own camera, and with another assumed focal length
+/// the lines are still the same.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pencils {
     size: [f64; 2],
@@ -37,11 +39,11 @@ pub struct Pencils {
 /// An anchor and the axes about it; functionals act on `(u, v, 1)`.
 #[derive(Debug, Clone, PartialEq)]
 struct Pencil {
-    /// `K d`: where the anchor lies, homogeneous; scaled so that distances from it are pixels.
+    /// `K d`: the image of the anchor, homogeneous; scaled so that distances from it are pixels.
     anchor: Vector3<f64>,
-    /// Unit direction and the directions of angle 0 and of a quarter turn, camera frame.
+    /// Unit direction of the anchor, of angle 0 and of a quarter turn, camera frame.
     frame: [Vector3<f64>; 3],
-    /// Component of a pixel's bearing along each of the latter two.
+    /// Component of a pixel's bearing along the last two.
     zero: Vector3<f64>,
     quarter: Vector3<f64>,
 }
@@ -49,45 +51,45 @@ struct Pencil {
 /// A family of sectors; `zero` and `quarter` as in [`Pencil`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedSectors {
-    /// Gives `cos` of the angle about the axis, times anything positive, of a pixel `(u, v, 1)`.
+    /// `cos` of the angle of a pixel `(u, v, 1)` about the axis, times a positive factor.
     pub zero: Vector3<f64>,
-    /// Gives `sin` of it, times the same.
+    /// `sin` of it, times the same factor.
     pub quarter: Vector3<f64>,
-    /// Sectors in the whole circle.
+    /// Sectors in the full circle.
     pub count: f64,
-    /// Where the first begins, in sectors.
+    /// Start of the first, in sectors.
     pub shift: f64,
 }
 
 impl PlacedSectors {
-    /// Which sector a pixel is in, with how far it is in it.
+    /// The sector of a pixel, plus the position in it as a fraction.
     pub fn position(&self, pixel: &Vector3<f64>) -> f64 {
         self.quarter.dot(pixel).atan2(self.zero.dot(pixel)) * (self.count / TAU) + self.shift
     }
 }
 
-/// The part of a line from which a row can come: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
+/// The part of a line that can contain the keypoint: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// Where it begins.
+    /// Start.
     pub near: f64,
-    /// Where it ends.
+    /// End.
     pub far: f64,
 }
 
 /// A range of angles about an anchor, radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arc {
-    /// Where it begins.
+    /// Start.
     pub from: f64,
-    /// How far it reaches; 2π is all the circle.
+    /// Extent; 2π is the full circle.
     pub length: f64,
 }
 
 impl Arc {
-    /// Where in the arc an angle lies, 0 to 1; outside of it below 0 or above 1.
+    /// Position of an angle in the arc, 0 to 1; outside of it below 0 or above 1.
     pub fn share(&self, angle: f64) -> f64 {
-        // Measured from the middle, so that what lies beside the arc stays on its side.
+        // Relative to the middle, so that angles outside the arc stay on their side.
         let middle = self.from + 0.5 * self.length;
         0.5 + ((angle - middle + PI).rem_euclid(TAU) - PI) / self.length
     }
@@ -96,10 +98,10 @@ impl Arc {
 /// A line of a pencil in the image: the pixels `origin + t · direction`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PencilLine {
-    /// The anchor's image where that is nearer than [`PencilLine::FARTHEST`]; otherwise the line's point nearest to the image's
-    /// centre.
+    /// The anchor's image if it is nearer than [`PencilLine::FARTHEST`]; otherwise the line's point nearest to the
+    /// image's centre.
     pub origin: Pixel,
-    /// Unit direction; away from the anchor, for an origin that is the anchor.
+    /// Unit direction; away from the anchor if the origin is the anchor.
     pub direction: Vector2<f64>,
     /// [`Pencils::distance`] is `offset + slope · t`.
     pub offset: f64,
@@ -108,8 +110,8 @@ pub struct PencilLine {
 }
 
 impl PencilLine {
-    /// Anchors farther from the image's centre than this, pixels, are not used as the origin of lines: numbers would lose
-    /// digits.
+    /// Anchors farther from the image's centre than this, pixels, are not used as the origin of lines, for numerical
+    /// precision.
     pub const FARTHEST: f64 = 1e5;
 
     /// The pixel at `t`.
@@ -119,8 +121,8 @@ impl PencilLine {
 }
 
 impl Pencils {
-    /// Those of a layout for an image whose principal point is its centre, of this focal length (pixels), turned by
-    /// `cam_from_layout`: identity where the layout is fixed in the image.
+    /// The pencils of a layout for an image with its principal point at the centre, this focal length (pixels), and the
+    /// rotation `cam_from_layout`: the identity if the layout is fixed in the image.
     ///
     /// `None` unless the focal length is positive and finite.
     pub fn new(
@@ -133,13 +135,13 @@ impl Pencils {
             return None;
         }
         let size = size.map(f64::from);
-        // Bearings of pixels in the camera frame, as a matrix on (u, v, 1), with z = f: so that components are pixels.
+        // Bearings of pixels in the camera frame, as a matrix on (u, v, 1), with z = f: components are in pixels.
         let bearing = Matrix3::new(1.0, 0.0, -0.5 * size[0], 0.0, 1.0, -0.5 * size[1], 0.0, 0.0, focal);
         let on_pixels = |direction: &Vector3<f64>| bearing.transpose() * direction;
         let pencil = |anchor: Anchor| {
             let d = layout.direction(anchor, focal, size[1]);
-            // Angles are counted from the direction of sight of the layout, or from its vertical for an anchor on it.
-            let from = if d.z.abs() > MOST_AHEAD { Vector3::y() } else { Vector3::z() };
+            // Angles start at the viewing direction of the layout, or at its vertical for an anchor there.
+            let from = if d.z.abs() > MAX_FORWARD_COSINE { Vector3::y() } else { Vector3::z() };
             let zero = (from - d * d.dot(&from)).normalize();
             let frame = [d, zero, d.cross(&zero)].map(|axis| cam_from_layout * axis);
             let at = Vector3::new(
@@ -147,7 +149,7 @@ impl Pencils {
                 focal * frame[0].y + 0.5 * size[1] * frame[0].z,
                 frame[0].z,
             );
-            // In pixels where the anchor is some place in or about the image.
+            // In pixels, if the anchor is a finite position.
             let scale = at.z.abs().max(at.xy().norm() / PencilLine::FARTHEST);
             Pencil { anchor: at / scale, frame, zero: on_pixels(&frame[1]), quarter: on_pixels(&frame[2]) }
         };
@@ -164,26 +166,26 @@ impl Pencils {
         })
     }
 
-    /// The paper's: vertical midline, `s = 1`, for an image of this size, fixed in it.
+    /// The paper's pencils: vertical midline, `s = 1`, for an image of this size, fixed in it.
     ///
-    /// Lines and sides do not depend on the focal length; it is taken to be the longer side.
+    /// Lines and sides do not depend on the focal length; the longer side is used.
     pub fn paper(width: u32, height: u32) -> Self {
         let layout = Layout::halves(std::f64::consts::FRAC_PI_2, 1.0).expect("finite");
         Self::of_image([width, height], &layout)
     }
 
-    /// A layout fixed in an image of which nothing but the size is known: the focal length is taken to be its longer side.
+    /// A layout fixed in an image of which only the size is known; the focal length is its longer side.
     pub fn of_image([width, height]: [u32; 2], layout: &Layout) -> Self {
         let size = [width.max(1), height.max(1)];
         Self::new(size, f64::from(size[0].max(size[1])), layout, &Rotation3::identity()).expect("positive")
     }
 
-    /// How many anchors there are.
+    /// Number of anchors.
     pub const fn len(&self) -> usize {
         self.all.len()
     }
 
-    /// Never: there are two at least.
+    /// Always false: there are at least two.
     pub const fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
@@ -203,26 +205,26 @@ impl Pencils {
         (&self.sectors, self.across.as_ref())
     }
 
-    /// Where an anchor lies in the image plane, `(u, v, 1)` times any number; the last is 0 at infinity.
-    /// [`Self::distance`] is that of `(u, v)` times the last from the first two.
+    /// Position of an anchor in the image plane, `(u, v, 1)` times a factor; the last component is 0 at infinity.
+    /// [`Self::distance`] is the distance between `(u, v)` times the last component and the first two.
     pub fn homogeneous(&self, anchor: Anchor) -> &Vector3<f64> {
         &self.all[anchor.index()].anchor
     }
 
-    /// Where an anchor is; `None` when it is farther than [`PencilLine::FARTHEST`].
+    /// Position of an anchor; `None` when it is farther than [`PencilLine::FARTHEST`].
     pub fn position(&self, anchor: Anchor) -> Option<Pixel> {
         let at = self.homogeneous(anchor);
         let pixel = Pixel::new(at.x / at.z, at.y / at.z);
         (at.z.abs() > 1e-9 && pixel.distance(&self.center()) < PencilLine::FARTHEST).then_some(pixel)
     }
 
-    /// Distance of a pixel from the anchor, pixels; [`PencilLine::FARTHEST`] where it is farther than that.
+    /// Distance of a pixel from the anchor, pixels; at most [`PencilLine::FARTHEST`].
     pub fn distance(&self, anchor: Anchor, pixel: Pixel) -> f64 {
         let at = self.homogeneous(anchor);
         (pixel.vector() * at.z - at.xy()).norm()
     }
 
-    /// The anchor a keypoint at this pixel is joined to.
+    /// The anchor of a keypoint at this pixel.
     pub fn anchor_of(&self, pixel: Pixel) -> Anchor {
         let pixel = pixel.homogeneous();
         let sector = self.sectors.position(&pixel).floor()
@@ -230,12 +232,12 @@ impl Pencils {
         Anchor::first(self.len()).nth(sector.rem_euclid(self.len() as f64) as usize).unwrap_or(Anchor::FIRST)
     }
 
-    /// Whether the keypoint of a row of this anchor may be at this pixel, or at most `margin` pixels away from where it may.
+    /// Whether a row of this anchor can have its keypoint at this pixel, or at most `margin` pixels from it.
     pub fn admits(&self, anchor: Anchor, pixel: Pixel, margin: f64) -> bool {
         let pixel = pixel.homogeneous();
         if self.across.is_none() && self.sectors.count == 2.0 && self.sectors.shift == 0.0 && self.len() == 2
         {
-            // Two halves: on the own side, or within the margin of the plane between them. Spares the arc tangent.
+            // Two halves: on its own side, or within the margin of the plane between them. Avoids the arc tangent.
             let (sin, cos) = (margin / self.focal).sin_cos();
             let over = self.sectors.zero.dot(&pixel).abs() * sin;
             let side = self.sectors.quarter.dot(&pixel) * cos;
@@ -251,7 +253,7 @@ impl Pencils {
         own.iter().any(|a| across.iter().any(|b| is_own(*a, *b)))
     }
 
-    /// How far a pixel is from the nearest border of a sector, as pixels in the middle of the image.
+    /// Distance of a pixel from the nearest border of a sector, in pixels of the middle of the image.
     pub fn clearance(&self, pixel: Pixel) -> f64 {
         let of = |sectors: &PlacedSectors| {
             let position = sectors.position(&pixel.homogeneous());
@@ -260,24 +262,26 @@ impl Pencils {
         of(&self.sectors).min(self.across.as_ref().map_or(f64::INFINITY, of))
     }
 
-    /// So many pixels in the middle of the image as a share of a sector.
+    /// Pixels in the middle of the image as a share of a sector.
     pub fn in_sectors(&self, sectors: &PlacedSectors, pixels: f64) -> f64 {
         pixels / self.focal * sectors.count / TAU
     }
 
-    /// The angle in `[0, 2π)` of the half-plane of an anchor that holds a pixel.
+    /// The angle in `[0, 2π)` of the half-plane of an anchor that contains a pixel.
     pub fn angle_of(&self, anchor: Anchor, pixel: Pixel) -> f64 {
         let (pencil, pixel) = (&self.all[anchor.index()], pixel.homogeneous());
         let angle = pencil.quarter.dot(&pixel).atan2(pencil.zero.dot(&pixel)).rem_euclid(TAU);
         if angle < TAU { angle } else { 0.0 }
     }
 
-    /// The whole line in the image that contains the half-plane of this angle; `None` where the image plane does not meet it.
+    /// The whole line in the image that contains the half-plane of this angle; `None` if the image plane does not meet
+    /// it.
     pub fn line(&self, anchor: Anchor, angle: f64) -> Option<PixelLine> {
         PixelLine::from_homogeneous(self.normal(anchor, angle))
     }
 
-    /// The half-plane's own side of its plane: a pixel of the line is in the half-plane when this is positive on `(u, v, 1)`.
+    /// The half-plane's side of its plane: a pixel of the line is in the half-plane when this is positive on `(u, v,
+    /// 1)`.
     pub fn ahead(&self, anchor: Anchor, angle: f64) -> Vector3<f64> {
         let pencil = &self.all[anchor.index()];
         let (sin, cos) = angle.sin_cos();
@@ -291,9 +295,10 @@ impl Pencils {
         pencil.quarter * cos - pencil.zero * sin
     }
 
-    /// By how many pixels the line of this angle moves per radian, for each pixel of [`Self::distance`].
+    /// Displacement of the line of this angle per radian, in pixels per pixel of [`Self::distance`].
     pub fn pixels_per_radian(&self, anchor: Anchor, angle: f64) -> f64 {
-        // The line moves at a pixel by ahead·x / |normal_xy| a radian; both that and the distance are linear along the line.
+        // The line moves at a pixel by ahead·x / |normal_xy| per radian; that and the distance are linear along the
+        // line.
         let (normal, ahead) = (self.normal(anchor, angle), self.ahead(anchor, angle));
         let Some(line) = PixelLine::from_homogeneous(normal) else { return 0.0 };
         let foot = line.closest_point(self.center());
@@ -304,16 +309,16 @@ impl Pencils {
         let ratio = |pixel: Pixel| {
             ahead.dot(&pixel.homogeneous()).abs() / normal.xy().norm() / self.distance(anchor, pixel)
         };
-        // The anchor itself has neither: of two pixels the farther.
+        // Both are zero at the anchor itself: use the farther one of two pixels.
         if self.distance(anchor, far) > self.distance(anchor, foot) { ratio(far) } else { ratio(foot) }
     }
 
-    /// The angles of the half-planes of an anchor that meet the image: where they begin, and over how much they reach, radians.
+    /// The angles of the half-planes of an anchor that meet the image.
     pub fn arc(&self, anchor: Anchor) -> Arc {
         if self.position(anchor).is_some_and(|position| self.camera().contains(position, -1e-6)) {
             return Arc { from: 0.0, length: TAU };
         }
-        // Seen from outside, the image fills one arc about the middle's angle; its ends are corners.
+        // From outside, the image fills one arc about the middle's angle; its ends are corners.
         let middle = self.angle_of(anchor, self.center());
         let [w, h] = self.size;
         let off = [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]]
@@ -338,8 +343,8 @@ impl Pencils {
         Some(PencilLine { origin, direction, offset, slope })
     }
 
-    /// Where on the line of this angle its keypoint may be: inside the image, in the half-plane, in sectors of the anchor. In
-    /// order of `t` of [`Self::along`]; empty when nowhere.
+    /// The parts of the line of this angle that can contain its keypoint: inside the image, in the half-plane, in
+    /// sectors of the anchor. Sorted by `t` of [`Self::along`]; may be empty.
     pub fn spans(&self, anchor: Anchor, angle: f64) -> Vec<Span> {
         let Some(line) = self.along(anchor, angle) else { return Vec::new() };
         let Some(whole) = self.in_image(&line, &self.ahead(anchor, angle)) else { return Vec::new() };
@@ -373,7 +378,7 @@ impl Pencils {
         spans
     }
 
-    /// The part of a line that lies in the image and on its own side of the anchor.
+    /// The part of a line in the image and on its own side of the anchor.
     fn in_image(&self, line: &PencilLine, ahead: &Vector3<f64>) -> Option<Span> {
         let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
         let mut cut = |offset: f64, slope: f64| {
@@ -402,12 +407,12 @@ impl Pencils {
         Pixel::new(0.5 * self.size[0], 0.5 * self.size[1])
     }
 
-    /// Unit direction of an anchor and those of the angles 0 and a quarter turn about it, in the frame of the device's camera.
+    /// Unit directions of an anchor, of angle 0 and of a quarter turn about it, in the frame of the device's camera.
     pub fn frame(&self, anchor: Anchor) -> &[Vector3<f64>; 3] {
         &self.all[anchor.index()].frame
     }
 
-    /// The camera that the device took the pencils' bearings with.
+    /// The camera of the pencils' bearings.
     pub fn camera(&self) -> Pinhole {
         Pinhole {
             width: self.size[0] as u32,
@@ -418,8 +423,8 @@ impl Pencils {
     }
 }
 
-/// Anchors nearer to the direction of sight than this cosine have their angles counted from the vertical.
-const MOST_AHEAD: f64 = 0.995;
+/// For anchors nearer to the viewing direction than this cosine, angles start at the vertical.
+const MAX_FORWARD_COSINE: f64 = 0.995;
 
 #[cfg(test)]
 mod tests;

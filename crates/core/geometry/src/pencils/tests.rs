@@ -1,4 +1,4 @@
-//! Pencils against closed forms, drawn keypoints and finite differences.
+//! Pencils compared with closed forms, random keypoints and finite differences.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -13,7 +13,7 @@ fn stripes(anchors: &[AnchorPlace]) -> Layout {
     Layout::new(anchors, Sectors { axis: 1.17, count, shift: 0.3 }, None).expect("closes")
 }
 
-/// Layouts of every sort: the paper's, stripes, anchors outside and at infinity, three, a checkerboard.
+/// Layouts of all kinds: the paper's, stripes, anchors outside and at infinity, three anchors, a checkerboard.
 fn layouts() -> Vec<Layout> {
     let at = |x, y| AnchorPlace::At([x, y]);
     let board = Sectors { axis: 0.0, count: 16, shift: 0.5 };
@@ -32,7 +32,7 @@ fn layouts() -> Vec<Layout> {
     ]
 }
 
-/// Identity, a small turn, one that brings the anchors out of sight, one that looks backwards.
+/// Identity, a small rotation, one that moves the anchors out of view, one that looks backwards.
 fn turns() -> [Rotation3<f64>; 4] {
     [[0.0, 0.0, 0.0], [0.1, -0.2, 0.05], [0.3, 1.2, -0.4], [3.0, 0.1, 0.2]]
         .map(|[x, y, z]| Rotation3::from_euler_angles(x, y, z))
@@ -48,7 +48,7 @@ fn all() -> Vec<Pencils> {
 }
 
 #[test]
-fn the_papers_layout_is_the_papers() {
+fn layout_of_the_paper_is_reproduced() {
     let dcl = Pencils::paper(640, 480);
     let near = |a: Option<Pixel>, b: Pixel| a.expect("finite").distance(&b) < 1e-9;
     assert!(near(dcl.position(Anchor::FIRST), Pixel::new(320.0, 0.0)));
@@ -65,7 +65,7 @@ fn the_papers_layout_is_the_papers() {
 }
 
 #[test]
-fn every_keypoint_lies_on_its_line_within_its_spans() {
+fn keypoints_are_on_their_lines_within_the_spans() {
     for pencils in all() {
         for x in pixels() {
             let anchor = pencils.anchor_of(x);
@@ -87,7 +87,7 @@ fn every_keypoint_lies_on_its_line_within_its_spans() {
 }
 
 #[test]
-fn spans_hold_what_is_admitted_and_nothing_else() {
+fn spans_agree_with_admits() {
     for pencils in all() {
         for x in pixels().step_by(7) {
             let anchor = pencils.anchor_of(x);
@@ -109,22 +109,22 @@ fn spans_hold_what_is_admitted_and_nothing_else() {
 }
 
 #[test]
-fn lines_move_as_far_as_they_say() {
+fn pixels_per_radian_agrees_with_finite_differences() {
     for pencils in all() {
         for x in pixels().step_by(3) {
             let anchor = pencils.anchor_of(x);
             let angle = pencils.angle_of(anchor, x);
             let Some(turned) = pencils.line(anchor, angle + 1e-6) else { continue };
             let moved = turned.signed_distance(x).abs() / 1e-6;
-            let said = pencils.pixels_per_radian(anchor, angle) * pencils.distance(anchor, x);
-            assert!((moved - said).abs() < 1e-3 * (1.0 + said), "{moved} {said}");
+            let predicted = pencils.pixels_per_radian(anchor, angle) * pencils.distance(anchor, x);
+            assert!((moved - predicted).abs() < 1e-3 * (1.0 + predicted), "{moved} {predicted}");
         }
     }
 }
 
 #[test]
-fn turning_the_layout_turns_all_of_it() {
-    // A direction of space keeps its anchor and its angle whatever the camera's orientation.
+fn rotating_the_layout_rotates_everything() {
+    // A direction in space keeps its anchor and its angle for every orientation of the camera.
     for layout in layouts() {
         let still = Pencils::new(SIZE, 525.0, &layout, &Rotation3::identity()).expect("possible");
         let turn = Rotation3::from_euler_angles(0.05, -0.12, 0.2);
@@ -147,7 +147,7 @@ fn turning_the_layout_turns_all_of_it() {
 }
 
 #[test]
-fn the_arc_holds_every_angle_of_the_image_and_no_more() {
+fn arc_is_exactly_the_angles_of_the_image() {
     for pencils in all() {
         for anchor in pencils.anchors() {
             let arc = pencils.arc(anchor);
@@ -167,7 +167,7 @@ fn the_arc_holds_every_angle_of_the_image_and_no_more() {
 }
 
 #[test]
-fn margins_reach_over_borders() {
+fn margins_extend_over_borders() {
     let dcl = Pencils::paper(640, 480);
     for (u, margin, both) in
         [(321.0, 2.0, true), (325.0, 2.0, false), (318.5, 2.0, true), (310.0, 0.0, false)]
@@ -179,7 +179,7 @@ fn margins_reach_over_borders() {
 }
 
 #[test]
-fn cameras_that_cannot_be_are_refused() {
+fn invalid_cameras_are_rejected() {
     let layout = layouts()[0];
     for focal in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(Pencils::new(SIZE, focal, &layout, &Rotation3::identity()).is_none());

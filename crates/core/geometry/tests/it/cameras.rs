@@ -1,4 +1,4 @@
-//! All of COLMAP's cameras against pycolmap's (`scripts/oracle_cameras.py`).
+//! All of COLMAP's cameras compared with pycolmap (`scripts/oracle_cameras.py`).
 
 use std::collections::BTreeSet;
 
@@ -6,11 +6,11 @@ use veiloc_geometry::{Intrinsics, Pixel, PlanePoint};
 
 const ORACLE: &str = include_str!("../data/cameras.txt");
 
-/// How far pycolmap's own way back is off: its iterations end at a step. Everywhere else the numbers are those of float64.
-const OWN_WAY_BACK: f64 = 1e-8;
+/// Error of pycolmap's own inverse: its iterations stop at a step size. All other numbers are exact to float64.
+const ORACLE_INVERSE_ERROR: f64 = 1e-8;
 
 #[test]
-fn pixels_and_rays_are_pycolmaps() {
+fn pixels_and_rays_agree_with_pycolmap() {
     let mut camera: Option<Intrinsics> = None;
     let (mut models, mut points) = (BTreeSet::new(), 0);
     for line in ORACLE.lines().filter(|line| !line.starts_with('#')) {
@@ -28,7 +28,7 @@ fn pixels_and_rays_are_pycolmaps() {
         assert!(projected.distance(&Pixel::new(u, v)) < 1e-9, "{camera} {line}: {projected:?}");
         let ray = camera.unproject(Pixel::new(u, v)).expect("a ray");
         assert!((ray.x - x).hypot(ray.y - y) < 1e-12, "{camera} {line}: {ray:?}");
-        assert!((ray.x - back_x).hypot(ray.y - back_y) < OWN_WAY_BACK, "{camera} {line}: {ray:?}");
+        assert!((ray.x - back_x).hypot(ray.y - back_y) < ORACLE_INVERSE_ERROR, "{camera} {line}: {ray:?}");
         points += 1;
     }
     assert_eq!((models.len(), points), (11, 11 * 28));

@@ -1,3 +1,3 @@
-//! Tests of `veiloc-geometry` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-geometry`, one executable to save linking time.
 
 mod cameras;

@@ -117,7 +117,6 @@ impl SplitSampler {
 /// Map points are identified by their coordinates: two points with equal coordinates constrain a pose as one.
 ///
 /// `next` gets the number of entries that are already drawn.
-/// `next` is told how many are drawn already.
 pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
     matches: &Matches<'_>,
     rng: &mut R,

@@ -195,7 +195,7 @@ fn optimize_from_initial_pose_matches_the_search() {
             assert!(found.score <= optimum.score + 0.05, "{} {}", found.score, optimum.score);
             let not_finite = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
             let refused = optimize_pose(&problem, &not_finite, &options);
-            assert_eq!(refused, Err(PoseError::NotFinite { what: "guess", index: 0 }));
+            assert_eq!(refused, Err(PoseError::NotFinite { what: "initial pose", index: 0 }));
         }
     }
 }

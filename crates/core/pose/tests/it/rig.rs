@@ -129,9 +129,9 @@ fn error(scheme: Scheme, sessions: u64, change: impl Fn(&mut Vec<RigFrame>, &mut
         let found = estimate(&frames, seed).expect("a pose");
         assert_eq!(found.confidence.state(), State::Trusted, "{scheme:?} {seed}: {:?}", found.confidence);
         assert_eq!(found.frames.len(), frames.len());
-        for (told, given) in found.frames.iter().zip(&frames) {
-            assert_eq!(told.inliers.len(), given.problem.points.len());
-            assert!(told.cam_from_world.is_finite());
+        for (estimate, given) in found.frames.iter().zip(&frames) {
+            assert_eq!(estimate.inliers.len(), given.problem.points.len());
+            assert!(estimate.cam_from_world.is_finite());
         }
         found.rig_from_world.translation_error(&truth).powi(2)
     });
@@ -163,7 +163,7 @@ fn poor_or_wrong_frames_do_not_increase_the_error() {
             frames.push(few);
         });
         // A third of the frames, with more matches than any other.
-        check("elsewhere", 1.1, &|frames, rng| frames.insert(0, out_of_place_frame(scheme, rng)));
+        check("out of place", 1.1, &|frames, rng| frames.insert(0, out_of_place_frame(scheme, rng)));
         check("slipped", 1.6, &|frames, _| {
             let slip = RigFromWorld::identity().perturbed(&[0.0, 0.1, 0.0, 0.3, 0.3, 0.0]);
             let slipped = Rigid3::new(

@@ -362,7 +362,7 @@ fn version_error_states_the_remedy() {
                 "{refused:?}"
             );
             let text = refused.to_string();
-            assert!(text.contains(&format!("{kind} of version {found}")) && text.contains(remedy), "{text}");
+            assert!(text.contains(&format!("{kind} has version {found}")) && text.contains(remedy), "{text}");
         }
     }
 }

@@ -1,6 +1,6 @@
-//! How correspondences lie in memory: blocks of sixteen, one array a quantity.
+//! Memory layout of correspondences: blocks of sixteen, one array per quantity.
 
-use crate::approx::{atan2, beside_integer};
+use crate::approx::{atan2, from_nearest_integer};
 
 /// Correspondences in a block.
 pub const LANES: usize = 16;
@@ -8,17 +8,17 @@ pub const LANES: usize = 16;
 /// One quantity of a block.
 pub type Lanes = [f32; LANES];
 
-/// What a lane is worth that belongs to no correspondence: it never counts.
+/// Score offset of unused lanes: they never count.
 pub const NEVER: f32 = -1e30;
 
-/// Depth beyond which a pose is no pose: keeps infinities out of sums.
+/// Maximum plausible depth: avoids infinities in sums.
 pub(super) const FARTHEST: f32 = 1e18;
 
 /// Sixteen correspondences.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
 pub struct Block {
-    /// The points, relative to any origin that the poses share.
+    /// The points, relative to any origin shared with the poses.
     pub x: Lanes,
     /// See `x`.
     pub y: Lanes,
@@ -30,12 +30,12 @@ pub struct Block {
     pub b: Lanes,
     /// See `a`.
     pub c: Lanes,
-    /// What does not depend on the pose; [`NEVER`] for lanes that are not used.
+    /// The part of the score that does not depend on the pose; [`NEVER`] for unused lanes.
     pub score_offset: Lanes,
 }
 
 impl Block {
-    /// No correspondence in any lane.
+    /// All lanes unused.
     pub const EMPTY: Self = Self {
         x: [0.0; LANES],
         y: [0.0; LANES],
@@ -51,18 +51,19 @@ impl Block {
 #[derive(Debug, Clone)]
 pub struct Group {
     pub(super) blocks: Vec<Block>,
-    /// Most that the blocks from here on can bring to a score, `[blocks + 1]`.
+    /// Maximum score of the blocks from here on, `[blocks + 1]`.
     pub(super) most: Vec<f32>,
     pub(super) anchor: [f32; 3],
     pub(super) index: f32,
 }
 
 impl Group {
-    /// A group with its anchor, `(x, y, w)` with distances `‖w (u, v) − (x, y)‖`, and the number of its pencil. Both count for
-    /// anchored correspondences only.
+    /// A group with its anchor, `(x, y, w)` with distances `‖w (u, v) − (x, y)‖`, and the index of its pencil. Both are
+    /// used for anchored correspondences only.
     ///
-    /// `extra` is the most that a likelihood gains over `score_offset`: the largest possible `log r` for anchored
-    /// correspondences, 0 for others. Poor poses are dropped soonest when the blocks begin with what is worth most.
+    /// `extra` is the maximum of a likelihood minus `score_offset`: the largest possible `log r` for anchored
+    /// correspondences, 0 for others. Poor poses are dropped soonest when the blocks are sorted by falling
+    /// `score_offset`.
     pub fn new(blocks: Vec<Block>, anchor: [f32; 3], index: usize, extra: f32) -> Self {
         let mut most = vec![0.0_f32; blocks.len() + 1];
         for (k, block) in blocks.iter().enumerate().rev() {
@@ -72,7 +73,7 @@ impl Group {
     }
 }
 
-/// What the observations are.
+/// The type of the observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Observed {
     /// Pixels.
@@ -83,14 +84,14 @@ pub enum Observed {
     Anchored,
 }
 
-/// The image that projections must lie in, pixels from the principal point.
+/// The image that contains the projections, pixels from the principal point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Image {
     /// Its middle.
     pub middle: [f32; 2],
     /// Half its size.
     pub half: [f32; 2],
-    /// How far outside it a projection may lie.
+    /// Maximum distance of a projection outside it.
     pub margin: f32,
 }
 
@@ -105,20 +106,20 @@ impl Image {
 /// A family of sectors about an axis; functionals act on `(u, v, 1)`, pixels from the principal point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sectors {
-    /// Gives the cosine of the angle about the axis, times anything positive.
+    /// The cosine of the angle about the axis, times a positive factor.
     pub zero: [f32; 3],
-    /// Gives the sine, times the same.
+    /// The sine, times the same factor.
     pub quarter: [f32; 3],
-    /// Sectors in a radian.
+    /// Sectors per radian.
     pub per_radian: f32,
-    /// Where the first begins, in sectors.
+    /// Start of the first, in sectors.
     pub shift: f32,
-    /// How far over its border a projection may lie, in sectors.
+    /// Maximum distance of a projection over its border, in sectors.
     pub margin: f32,
 }
 
 impl Sectors {
-    /// Where a projection lies, in sectors.
+    /// Position of a projection, in sectors.
     #[inline(always)]
     pub(super) fn position(&self, u: f32, v: f32) -> f32 {
         let on = |f: &[f32; 3]| f[0] * u + f[1] * v + f[2];
@@ -126,7 +127,7 @@ impl Sectors {
     }
 }
 
-/// Which pencil a projection belongs to: `⌊own⌋ + ⌊across⌋` modulo their number.
+/// The pencil of a projection: `⌊own⌋ + ⌊across⌋` modulo their number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Partition {
     /// Number of pencils.
@@ -138,16 +139,16 @@ pub struct Partition {
 }
 
 impl Partition {
-    /// Whether a pencil may have been seen there.
+    /// Whether a row of this pencil can be observed there.
     #[inline(always)]
     pub(super) fn admits<const ACROSS: bool>(&self, index: f32, u: f32, v: f32) -> bool {
         let position = self.own.position(u, v) - index - 0.5;
         let reach = (0.5 + self.own.margin) / self.pencils;
-        let within = |sector: f32| beside_integer((position + sector) / self.pencils).abs() <= reach;
+        let within = |sector: f32| from_nearest_integer((position + sector) / self.pencils).abs() <= reach;
         match &self.across {
             Some(across) if ACROSS => {
                 let (position, margin) = (across.position(u, v), across.margin);
-                let floor = |x: f32| (x - 0.5) - beside_integer(x - 0.5);
+                let floor = |x: f32| (x - 0.5) - from_nearest_integer(x - 0.5);
                 within(floor(position + margin)) | within(floor(position - margin))
             }
             _ => within(0.0),
@@ -155,7 +156,7 @@ impl Partition {
     }
 }
 
-/// All correspondences of a problem, ready to be scored.
+/// All correspondences of a problem, ready for scoring.
 #[derive(Debug, Clone)]
 pub struct PoseLanes {
     pub(super) observed: Observed,

@@ -5,23 +5,24 @@
 //! - [`PoseLanes::normal_equations`]: the likelihood with its gradient and Gauss–Newton matrix.
 //! - [`RadialLanes`]: a pose whose depth along one ray is not known yet, scored by angles about that ray.
 //!
-//! The loops over lanes have no branches and call nothing, so the compiler turns them into vector instructions; the
-//! same source is compiled once for each [`crate::Backend`]. Multiplications and additions are never fused and lanes
-//! are summed in one order, so every backend gives the same bits. What the numbers mean is for the caller to say: here
-//! a correspondence is a point `x y z`, an observation `a b c` and what it is `score_offset`.
+//! The loops over lanes have no branches and no calls, so the compiler vectorizes them; the same source is compiled
+//! once for each [`crate::Backend`]. Multiplications and additions are never fused and lanes are summed in a fixed
+//! order, so every backend gives the same bits. The caller defines the meaning of the numbers: here a correspondence is
+//! a point `x y z`, an observation `a b c` and a `score_offset`.
 //!
-//! # What is computed
+//! # Computation
 //! With `p = R x + t`, `u = f_x p_x / p_z`, `v = f_y p_y / p_z` (pixels from the principal point):
 //!
 //! | observed | squared residual `e²` | `r²` |
 //! |---|---|---|
 //! | points | `(u − a)² + (v − b)²` | 1 |
 //! | lines | `(a u + b v + c)²` | 1 |
-//! | anchored | `(a u + b v + c)²` | squared distance of `(u, v)` from the group's anchor, times any number |
+//! | anchored | `(a u + b v + c)²` | squared distance of `(u, v)` from the group's anchor, times any factor |
 //!
 //! - truncated: `Σ max(0, score_offset − k e²)` over points in front of the camera;
-//! - likelihood: `llr = score_offset + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed where
-//!   it is positive over points that project into the image and, anchored ones, into a sector of their group's pencil.
+//! - likelihood: `llr = score_offset + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed
+//!   where it is positive over points that project into the image and, for anchored ones, into a sector of their
+//!   group's pencil.
 
 mod layout;
 mod normal;

@@ -1,9 +1,9 @@
 //! Gradient and Gauss–Newton matrix of the soft likelihood `−Σ log(1 + exp llr)`, for Levenberg–Marquardt.
 //!
-//! With `right = 1 / (1 + exp(−llr))`, the probability that a correspondence is right, the loss has the gradient
-//! `Σ right · (6 k / (1 + k e²) · e · J − ∂ log r)` and, with the derivatives of `right` left out,
-//! the matrix `Σ right · 6 k / (1 + k e²) · Jᵀ J`. `J` is by the six numbers of a small motion of the camera frame,
-//! `p ↦ p + ω × p + v`: rotation `ω`, then translation `v`.
+//! With `right = 1 / (1 + exp(−llr))`, the probability that a correspondence is right, the loss has the gradient `Σ
+//! right · (6 k / (1 + k e²) · e · J − ∂ log r)` and, without the derivatives of `right`, the matrix `Σ right · 6 k /
+//! (1 + k e²) · Jᵀ J`. `J` is the derivative by the six numbers of a small motion of the camera frame, `p ↦ p + ω × p +
+//! v`: rotation `ω`, then translation `v`.
 
 use super::layout::{Block, FARTHEST, Group, LANES, Lanes, Observed, PoseLanes};
 use crate::approx::{exp_of_negative, ln};
@@ -27,7 +27,7 @@ pub struct NormalEquations {
     pub gradient: [f64; 6],
     /// Its Gauss–Newton matrix, symmetric.
     pub hessian: [[f64; 6]; 6],
-    /// `Σ right`: how many correspondences agree.
+    /// `Σ right`: number of correspondences that agree.
     pub agreeing: f64,
     /// `Σ right · e² · 6 / (1 + k e²)`: with `Σ right` it gives the next scale of the residuals.
     pub spread: f64,
@@ -35,7 +35,7 @@ pub struct NormalEquations {
 
 const PAIRS: usize = 21;
 
-/// Running sums, a lane each.
+/// Running sums, one per lane.
 struct Sums {
     loss: Lanes,
     agreeing: Lanes,
@@ -55,7 +55,7 @@ impl PoseLanes {
     ) -> NormalEquations {
         match backend.kind() {
             Kind::Portable => choose(self, camera, k, shift),
-            // SAFETY: the backend's value is the evidence that the CPU has these features (see `Backend`).
+            // SAFETY: the backend's value proves that the CPU has these features (see `Backend`).
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => unsafe { avx2(self, camera, k, shift) },
             // SAFETY: as above.
@@ -126,7 +126,7 @@ fn equations<const OBSERVED: u8>(
     finish(&sums)
 }
 
-/// Of one block: residuals, the weight of their squares, and the weight of `−log r`.
+/// For one block: residuals, the weight of their squares, and the weight of `−log r`.
 struct Weights {
     residual: [Lanes; 2],
     radial: Lanes,
@@ -134,7 +134,7 @@ struct Weights {
 }
 
 /// Residuals, weights and Jacobians of one lane. For points `second` is the Jacobian of the second residual; for
-/// anchored lines it is that of `log r`.
+/// anchored lines it is the Jacobian of `log r`.
 #[inline(always)]
 #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
 #[expect(clippy::too_many_arguments, reason = "one loop body, cut out for reading")]
@@ -179,7 +179,7 @@ fn lane<const OBSERVED: u8>(
     let small = exp_of_negative(-llr.abs());
     let softplus = (if llr > 0.0 { llr } else { 0.0 }) + ln(1.0 + small);
     let right = (if llr > 0.0 { 1.0 } else { small }) / (1.0 + small);
-    // Nothing of what cannot have been seen: selected, not multiplied, so that no infinity gets in.
+    // Zero for unobservable points: selected, not multiplied, to keep infinities out.
     let pick = |value: f32| if visible { value } else { 0.0 };
     let weight = pick(right * 6.0 * k / s);
     sums.loss[l] -= pick(softplus);

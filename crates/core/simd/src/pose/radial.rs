@@ -1,21 +1,21 @@
-//! Poses that lack the depth along one ray: scored by the angles about that ray alone.
+//! Poses without the depth along one ray: scored by the angles about that ray only.
 //!
-//! In the camera turned so that the ray is its optical axis, a right correspondence lies in the direction `(u, v)` from
-//! the axis. With `(x, y)` the first two coordinates of `R p + t` there,
-//! `llr = score_offset − 3 log(1 + k (u y − v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
+//! In the camera rotated so that the ray is its optical axis, a right correspondence lies in the direction `(u, v)`
+//! from the axis. With `(x, y)` the first two coordinates of `R p + t` there, `llr = score_offset − 3 log(1 + k (u y −
+//! v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
 
 use super::layout::{LANES, Lanes, NEVER};
 use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
-/// Blocks between two looks at whether the pose can still win.
-const BLOCKS_PER_LOOK: usize = 8;
+/// Blocks between two checks whether the pose can still win.
+const BLOCKS_PER_CHECK: usize = 8;
 
 /// Sixteen correspondences of one anchor.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
 pub struct RadialBlock {
-    /// The points, relative to any origin that the poses share.
+    /// The points, relative to any origin shared with the poses.
     pub x: Lanes,
     /// See `x`.
     pub y: Lanes,
@@ -25,12 +25,12 @@ pub struct RadialBlock {
     pub u: Lanes,
     /// See `u`.
     pub v: Lanes,
-    /// What does not depend on the pose.
+    /// The part of the score that does not depend on the pose.
     pub score_offset: Lanes,
 }
 
 impl RadialBlock {
-    /// No correspondence in any lane.
+    /// All lanes unused.
     pub const EMPTY: Self = Self {
         x: [0.0; LANES],
         y: [0.0; LANES],
@@ -41,7 +41,7 @@ impl RadialBlock {
     };
 }
 
-/// Correspondences of one anchor, ready to be scored.
+/// Correspondences of one anchor, ready for scoring.
 #[derive(Debug, Clone)]
 pub struct RadialLanes {
     blocks: Vec<RadialBlock>,
@@ -49,7 +49,7 @@ pub struct RadialLanes {
 }
 
 impl RadialLanes {
-    /// Poor poses are dropped soonest when the blocks begin with what is worth most.
+    /// Poor poses are dropped soonest when the blocks are sorted by falling `score_offset`.
     pub fn new(blocks: Vec<RadialBlock>) -> Self {
         let mut most = vec![0.0_f32; blocks.len() + 1];
         for (k, block) in blocks.iter().enumerate().rev() {
@@ -58,13 +58,13 @@ impl RadialLanes {
         Self { blocks, most }
     }
 
-    /// `Σ max(0, llr)`; `rows` are the first two of `[R | t]` in the turned camera.
+    /// `Σ max(0, llr)`; `rows` are the first two of `[R | t]` in the rotated camera.
     ///
-    /// Given up early, with any value below it, when `to_beat` cannot be reached any more.
+    /// Stops early, with any value below it, when `to_beat` cannot be reached any more.
     pub fn score(&self, backend: Backend, rows: &[[f32; 4]; 2], k: f32, to_beat: f32) -> f32 {
         match backend.kind() {
             Kind::Portable => sum(self, rows, k, to_beat),
-            // SAFETY: the backend's value is the evidence that the CPU has these features (see `Backend`).
+            // SAFETY: the backend's value proves that the CPU has these features (see `Backend`).
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => unsafe { avx2(self, rows, k, to_beat) },
             // SAFETY: as above.
@@ -90,7 +90,7 @@ fn avx512(lanes: &RadialLanes, rows: &[[f32; 4]; 2], k: f32, to_beat: f32) -> f3
 #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
 fn sum(lanes: &RadialLanes, rows: &[[f32; 4]; 2], k: f32, to_beat: f32) -> f32 {
     let mut total = 0.0_f32;
-    for (look, blocks) in lanes.blocks.chunks(BLOCKS_PER_LOOK).enumerate() {
+    for (look, blocks) in lanes.blocks.chunks(BLOCKS_PER_CHECK).enumerate() {
         let mut sums = [0.0_f32; LANES];
         for block in blocks {
             for l in 0..LANES {
@@ -104,7 +104,7 @@ fn sum(lanes: &RadialLanes, rows: &[[f32; 4]; 2], k: f32, to_beat: f32) -> f32 {
             }
         }
         total += sums.iter().sum::<f32>();
-        let done = look * BLOCKS_PER_LOOK + blocks.len();
+        let done = look * BLOCKS_PER_CHECK + blocks.len();
         if total + lanes.most[done] < to_beat {
             return total;
         }

@@ -1,14 +1,14 @@
-//! How well a pose explains all correspondences: the loop that a search spends its time in.
+//! The score of a pose over all correspondences: the innermost loop of the search.
 //!
-//! Scores are sums of gains that are never negative, so a pose whose gain so far plus the most that the rest can bring
-//! stays under what it has to beat is dropped early, without any loss. NaN gains nothing.
+//! Scores are sums of gains that are never negative, so a pose whose gain so far plus the maximum of the rest stays
+//! below `to_beat` is dropped early, without any loss. NaN gains nothing.
 
 use super::layout::{Block, FARTHEST, Group, Image, LANES, Observed, PoseLanes};
 use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
-/// Blocks between two looks at whether the pose can still win.
-const BLOCKS_PER_LOOK: usize = 8;
+/// Blocks between two checks whether the pose can still win.
+const BLOCKS_PER_CHECK: usize = 8;
 
 /// Rows of `diag(f_x, f_y, 1) [R | t]`.
 pub type ScaledRows = [[f32; 4]; 3];
@@ -32,24 +32,24 @@ struct Task<'a> {
 impl PoseLanes {
     /// `Σ max(0, score_offset − k e²)` over points in front of the camera.
     ///
-    /// Given up early, with any value below it, when `to_beat` cannot be reached any more.
+    /// Stops early, with any value below it, when `to_beat` cannot be reached any more.
     pub fn truncated(&self, backend: Backend, rows: &ScaledRows, k: f32, to_beat: f32) -> f32 {
         run::<false>(backend, Task { lanes: self, rows, k, shift: 0.0, to_beat })
     }
 
-    /// `Σ max(0, llr)` over points that may have been seen; see the module for `llr`.
+    /// `Σ max(0, llr)` over observable points; see the module for `llr`.
     ///
-    /// Given up early, with any value below it, when `to_beat` cannot be reached any more; with a positive `shift`,
-    /// which the bound does not know, `to_beat` must be negative infinity.
+    /// Stops early, with any value below it, when `to_beat` cannot be reached any more; with a positive `shift`, which
+    /// the bound does not include, `to_beat` must be negative infinity.
     pub fn likelihood(&self, backend: Backend, rows: &ScaledRows, k: f32, shift: f32, to_beat: f32) -> f32 {
         run::<true>(backend, Task { lanes: self, rows, k, shift, to_beat })
     }
 }
 
 impl PoseLanes {
-    /// `llr` of every lane in turn, group by group, `−∞` where nothing can have been seen; `out` is cleared first.
+    /// `llr` of every lane in turn, group by group, `−∞` for unobservable points; `out` is cleared first.
     ///
-    /// Lanes that are not used get an entry as well.
+    /// Unused lanes have an entry too.
     pub fn each_likelihood(
         &self,
         backend: Backend,
@@ -62,7 +62,7 @@ impl PoseLanes {
         out.clear();
         match backend.kind() {
             Kind::Portable => choose_each(task, out),
-            // SAFETY: the backend's value is the evidence that the CPU has these features (see `Backend`).
+            // SAFETY: the backend's value proves that the CPU has these features (see `Backend`).
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => unsafe { avx2_each(task, out) },
             // SAFETY: as above.
@@ -111,7 +111,7 @@ fn each<const OBSERVED: u8>(task: Task<'_>, out: &mut Vec<f32>) {
 fn run<const LIKELIHOOD: bool>(backend: Backend, task: Task<'_>) -> f32 {
     match backend.kind() {
         Kind::Portable => choose::<LIKELIHOOD>(task),
-        // SAFETY: the backend's value is the evidence that the CPU has these features (see `Backend`).
+        // SAFETY: the backend's value proves that the CPU has these features (see `Backend`).
         #[cfg(target_arch = "x86_64")]
         Kind::Avx2 => unsafe { avx2::<LIKELIHOOD>(task) },
         // SAFETY: as above.
@@ -148,7 +148,7 @@ fn sum<const OBSERVED: u8, const LIKELIHOOD: bool>(task: Task<'_>) -> f32 {
     let mut rest: f32 = task.lanes.groups.iter().map(|g| g.most[0]).sum();
     for group in &task.lanes.groups {
         rest -= group.most[0];
-        for (look, blocks) in group.blocks.chunks(BLOCKS_PER_LOOK).enumerate() {
+        for (look, blocks) in group.blocks.chunks(BLOCKS_PER_CHECK).enumerate() {
             let mut sums = [0.0_f32; LANES];
             for block in blocks {
                 for l in 0..LANES {
@@ -156,7 +156,7 @@ fn sum<const OBSERVED: u8, const LIKELIHOOD: bool>(task: Task<'_>) -> f32 {
                 }
             }
             total += sums.iter().sum::<f32>();
-            let done = look * BLOCKS_PER_LOOK + blocks.len();
+            let done = look * BLOCKS_PER_CHECK + blocks.len();
             if total + group.most[done] + rest < task.to_beat {
                 return total;
             }
@@ -184,7 +184,7 @@ fn gain<const OBSERVED: u8, const LIKELIHOOD: bool>(
 }
 
 /// A projection and its squared residual.
-struct Seen {
+struct Projection {
     u: f32,
     v: f32,
     z: f32,
@@ -192,7 +192,7 @@ struct Seen {
 }
 
 #[inline(always)]
-fn project<const OBSERVED: u8>(task: &Task<'_>, block: &Block, l: usize) -> Seen {
+fn project<const OBSERVED: u8>(task: &Task<'_>, block: &Block, l: usize) -> Projection {
     let (px, py, pz) = (block.x[l], block.y[l], block.z[l]);
     let row = |r: &[f32; 4]| r[0] * px + r[1] * py + r[2] * pz + r[3];
     let (x, y, z) = (row(&task.rows[0]), row(&task.rows[1]), row(&task.rows[2]));
@@ -205,14 +205,14 @@ fn project<const OBSERVED: u8>(task: &Task<'_>, block: &Block, l: usize) -> Seen
         let e = block.a[l] * u + block.b[l] * v + block.c[l];
         e * e
     };
-    Seen { u, v, z, squared }
+    Projection { u, v, z, squared }
 }
 
-/// The log likelihood ratio, and whether the point may have been seen.
+/// The log likelihood ratio, and whether the point is observable.
 #[inline(always)]
 #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
 fn likelihood<const OBSERVED: u8>(task: &Task<'_>, group: &Group, block: &Block, l: usize) -> (f32, bool) {
-    let Seen { u, v, z, squared } = project::<OBSERVED>(task, block, l);
+    let Projection { u, v, z, squared } = project::<OBSERVED>(task, block, l);
     let image: &Image = &task.lanes.image;
     let mut visible = (z > 0.0) & (z < FARTHEST) & image.holds(u, v);
     let mut radius = 1.0;

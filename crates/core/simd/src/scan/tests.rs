@@ -1,4 +1,4 @@
-//! Every backend against naive loops over the raw rows.
+//! Every backend compared with naive loops over the raw rows.
 
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
@@ -19,7 +19,7 @@ fn ranked(one: &[u8], others: &[u8], dim: usize) -> Vec<(u32, u32)> {
     all
 }
 
-/// Holds all backends, with queries in one piece and in two, against sorted lists of all distances.
+/// Compares all backends, with queries in one call and in two, with sorted lists of all distances.
 fn check(queries: &[u8], rows: &[u8], dim: usize) {
     let expected: Vec<_> = queries
         .chunks_exact(dim)

@@ -3,7 +3,7 @@
 use super::lanes::{LANES, Lanes};
 use crate::{Backend, dispatch};
 
-/// No kernel reaches farther than this many samples.
+/// Maximum radius of a kernel, in samples.
 pub const MAX_RADIUS: usize = 11;
 
 /// A symmetric kernel: weights at 0, 1, 2, ... samples from its centre.
@@ -17,7 +17,7 @@ impl HalfKernel {
     /// From the weights of the centre and of one side.
     ///
     /// # Panics
-    /// When there is none, or one farther than [`MAX_RADIUS`].
+    /// Without weights, or with one farther than [`MAX_RADIUS`].
     pub fn new(weights: &[f32]) -> Self {
         let radius = weights.len().checked_sub(1).expect("a kernel has a centre");
         let mut all = [0.0; MAX_RADIUS + 1];
@@ -25,20 +25,20 @@ impl HalfKernel {
         Self { radius, weights: all }
     }
 
-    /// How far it reaches, in samples.
+    /// Its radius, in samples.
     pub fn radius(&self) -> usize {
         self.radius
     }
 }
 
-/// Some rows of an image blurred down its columns, `[count, length + 2 radius]`: what [`blur_along`] takes, row by row.
+/// Rows of an image blurred down its columns, `[count, length + 2 radius]`: the input of [`blur_along`], row by row.
 ///
-/// `rows` are the rows from `radius` above the first to `radius` below the last, each at least `length` long, a multiple of
-/// [`LANES`]. The first `width` samples are the image's. A row of the result is `length + 2 radius` long: the image's
-/// border samples go on to its left and right.
+/// `rows` are the rows from `radius` above the first to `radius` below the last, each at least `length` long, a
+/// multiple of [`LANES`]. The first `width` samples are the image. A row of the result is `length + 2 radius` long: the
+/// image's border samples are repeated to its left and right.
 ///
 /// # Panics
-/// When lengths are not as said.
+/// When lengths do not match.
 pub fn blur_down(
     backend: Backend,
     kernel: &HalfKernel,
@@ -88,17 +88,17 @@ impl dispatch::Kernel for Down<'_> {
 }
 
 impl Down<'_> {
-    /// `radius` is the kernel's, given so that it may be a constant.
+    /// `radius` is the kernel's, passed so that it may be a constant.
     #[inline(always)]
     fn of_radius(self, radius: usize) {
         let Self { kernel, rows, length, out } = self;
         let weights = &kernel.weights[..=radius];
         let pitch = length + 2 * radius;
-        // All rows of a few columns, whose samples are then still at hand for the next row.
+        // All rows of a few columns, whose samples are then still in cache for the next row.
         for at in (0..length).step_by(LANES) {
             for (y, rows) in rows.windows(2 * radius + 1).enumerate() {
-                // SAFETY: every row of `rows` has `length` samples, a multiple of `LANES`, and `out` has as many rows of
-                // `pitch` as there are windows.
+                // SAFETY: every row of `rows` has `length` samples, a multiple of `LANES`, and `out` has as many rows
+                // of `pitch` as there are windows.
                 unsafe {
                     let mut sum = Lanes::all(weights[0]) * Lanes::load(rows[radius], at);
                     for k in 1..=radius {
@@ -112,11 +112,11 @@ impl Down<'_> {
     }
 }
 
-/// A row blurred along itself: `padded` is longer than `out` by the kernel's radius on each side, and the length of `out`
-/// is a multiple of [`LANES`]. What is written right of the image is finite and means nothing.
+/// A row blurred along itself: `padded` is longer than `out` by the kernel's radius on each side, and the length of
+/// `out` is a multiple of [`LANES`]. Output to the right of the image is finite and undefined.
 ///
 /// # Panics
-/// When lengths are not as said.
+/// When lengths do not match.
 pub fn blur_along(backend: Backend, kernel: &HalfKernel, padded: &[f32], out: &mut [f32]) {
     assert!(out.len().is_multiple_of(LANES) && padded.len() == out.len() + 2 * kernel.radius);
     dispatch::run(backend, Along { kernel, padded, out });
@@ -138,7 +138,7 @@ impl dispatch::Kernel for Along<'_> {
 }
 
 impl Along<'_> {
-    /// `radius` is the kernel's, given so that it may be a constant.
+    /// `radius` is the kernel's, passed so that it may be a constant.
     #[inline(always)]
     fn of_radius(self, radius: usize) {
         let Self { kernel, padded, out } = self;
@@ -157,8 +157,8 @@ impl Along<'_> {
     }
 }
 
-/// Kernels of one length that are not symmetric: down the columns, and along the rows for the even and odd samples of a
-/// row of twice the width.
+/// Asymmetric kernels of one length: down the columns, and along the rows for the even and odd samples of a row of
+/// twice the width.
 #[derive(Debug, Clone, Copy)]
 pub struct Doubling<'a> {
     /// Down the columns.
@@ -169,14 +169,14 @@ pub struct Doubling<'a> {
     pub odd: &'a [f32],
 }
 
-/// One row of an image of twice the width. Sample `k` of a kernel of `2 r + 1` weighs what lies `k - r` samples away.
+/// One row of an image of twice the width. Sample `k` of a kernel of `2 r + 1` is the weight of the sample at `k - r`.
 ///
-/// `rows` are the `2 r + 1` rows around it from top to bottom, each at least half as long as `out`, that half a multiple of
-/// [`LANES`]; the first `width` samples are the image's, and its border samples go on. `scratch` is memory that calls may
-/// share. What is written from `2 width` on is finite and means nothing.
+/// `rows` are the `2 r + 1` rows around it from top to bottom, each at least half as long as `out`, and that half is a
+/// multiple of [`LANES`]; the first `width` samples are the image, and its border samples are repeated. `scratch` is
+/// memory that calls may share. Output from `2 width` on is finite and undefined.
 ///
 /// # Panics
-/// When lengths are not as said.
+/// When lengths do not match.
 pub fn double_row(
     backend: Backend,
     kernels: Doubling<'_>,
@@ -247,7 +247,7 @@ fn doubling_blur(taps: usize, task: Double<'_>) {
     }
 }
 
-/// Continues the `width` samples that start at `radius` to both ends.
+/// Repeats the border samples of the `width` samples from `radius` on to both ends.
 fn continue_ends(padded: &mut [f32], radius: usize, width: usize) {
     let (first, last) = (padded[radius], padded[radius + width - 1]);
     padded[..radius].fill(first);

@@ -1,13 +1,13 @@
-//! Samples of an image on a turned and scaled grid, and the gradients between them.
+//! Samples of an image on a rotated and scaled grid, and the gradients between them.
 //!
-//! The grid has the keypoint's own axes, so what its samples weigh and which cells they belong to is the same for all
-//! keypoints. Samples lie less than the keypoint's own blur apart: nothing is lost between them.
+//! The grid is aligned with the keypoint, so the weights and cells of its samples are the same for all keypoints.
+//! Samples are less than the keypoint's blur apart: nothing is lost between them.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use super::lanes::{LANES, Lanes};
 
-/// A blurred image: `[height, stride]` samples, of each row the first `width`.
+/// A blurred image: `[height, stride]` samples, the first `width` of each row.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     data: &'a [f32],
@@ -17,14 +17,14 @@ pub struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// `None` when there are fewer than two columns or rows, or fewer samples than that.
+    /// `None` when there are fewer than two columns or rows, or too few samples.
     pub fn new(data: &'a [f32], stride: usize, width: usize, height: usize) -> Option<Self> {
         let whole = width >= 2 && height >= 2 && width <= stride && data.len() / stride >= height;
         (whole && i32::try_from(data.len()).is_ok()).then_some(Self { data, stride, width, height })
     }
 }
 
-/// Where a grid lies: its middle, and the step along its first axis, in samples of the image.
+/// Position of a grid: its middle, and the step along its first axis, in samples of the image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Placement {
     pub(super) middle: [f32; 2],
@@ -36,14 +36,14 @@ pub(super) struct Samples<const SIZE: usize> {
     /// Two neighbours in a row, and the two below.
     upper: [[f32; 2]; SIZE],
     lower: [[f32; 2]; SIZE],
-    /// How far right and down of the first, in [0, 1].
+    /// Distance right and down from the first, in [0, 1].
     share: [[f32; SIZE]; 2],
     pub(super) value: [f32; SIZE],
     /// 1 inside the image, 0 outside.
     pub(super) inside: [f32; SIZE],
 }
 
-/// Adding it rounds to the nearest integer, which then stands in the low bits.
+/// Adding it rounds to the nearest integer, which is then in the low bits.
 pub(super) const ROUND: f32 = 12_582_912.0;
 
 impl<const SIZE: usize> Samples<SIZE> {
@@ -55,8 +55,8 @@ impl<const SIZE: usize> Samples<SIZE> {
         inside: [0.0; SIZE],
     };
 
-    /// Samples between pixels, bilinear; `steps[k]` along the first axis and the second, which is the first turned by a
-    /// quarter from the columns' axis to the rows'. True when all are inside the image.
+    /// Samples between pixels, bilinear; `steps[k]` along the first and the second axis, which is the first rotated by
+    /// a quarter turn from the columns' axis to the rows'. True when all are inside the image.
     #[inline(always)]
     pub(super) fn take(&mut self, view: View<'_>, at: Placement, steps: &[[f32; SIZE]; 2]) -> bool {
         let whole = at.middle.map(|m| (m - 0.5 + ROUND) - ROUND);
@@ -88,7 +88,7 @@ impl<const SIZE: usize> Samples<SIZE> {
             }
             for i in 0..LANES {
                 let first = index[i] as usize;
-                // SAFETY: `first` is at most `last`, from where on there are a row and two samples more.
+                // SAFETY: `first` is at most `last`, from which a row and two samples more follow.
                 unsafe {
                     let from = view.data.as_ptr().add(first);
                     self.upper[start + i] = from.cast::<[f32; 2]>().read();
@@ -104,8 +104,8 @@ impl<const SIZE: usize> Samples<SIZE> {
         outside == 0
     }
 
-    /// Lengths and directions, [-π, π] from the first axis towards the second, of the gradients at the `LANES` samples from
-    /// `at` on, by central differences; rows of the grid are `pitch` samples. Where a neighbour is outside the image,
+    /// Lengths and directions, [-π, π] from the first axis towards the second, of the gradients at the `LANES` samples
+    /// from `at` on, by central differences; rows of the grid are `pitch` samples. If a neighbour is outside the image,
     /// the length is 0.
     #[inline(always)]
     pub(super) fn gradients(&self, at: usize, pitch: usize, whole: bool) -> [Lanes; 2] {
@@ -133,7 +133,7 @@ impl<const SIZE: usize> Samples<SIZE> {
     }
 }
 
-/// `atan2` to 3e-5 rad without a branch, 0 where there is no direction.
+/// `atan2` to 3e-5 rad without a branch, 0 for the zero vector.
 ///
 /// Minimax polynomial of odd degree 11 on [0, 1], mirrored into the other octants.
 #[inline(always)]

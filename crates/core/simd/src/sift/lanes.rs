@@ -1,16 +1,16 @@
-//! Sixteen numbers that are worked on side by side.
+//! Sixteen numbers that are processed in parallel.
 //!
-//! Every operation is that of IEEE 754 on each lane, and none are fused: equal bits on every machine.
+//! Every operation is the IEEE 754 operation on each lane, and none are fused: equal bits on every machine.
 
 use std::ops::{Add, Mul, Sub};
 
-/// Numbers in a vector. Rows of samples are this long or a multiple.
+/// Numbers in a vector. Rows of samples have this length or a multiple.
 pub const LANES: usize = 16;
 
 /// One number per lane.
 pub(super) type Lanes = Side<LANES>;
 
-/// `N` numbers side by side.
+/// `N` numbers in parallel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Side<const N: usize>(pub(super) [f32; N]);
 
@@ -28,7 +28,7 @@ impl<const N: usize> Side<N> {
     #[inline(always)]
     pub(super) unsafe fn load(row: &[f32], at: usize) -> Self {
         debug_assert!(at + N <= row.len());
-        // SAFETY: the caller vouches for the length, and an array of numbers may be read from any of their addresses.
+        // SAFETY: the caller guarantees the length, and an array of numbers may be read at any of their addresses.
         Self(unsafe { row.as_ptr().add(at).cast::<[f32; N]>().read() })
     }
 
@@ -43,7 +43,7 @@ impl<const N: usize> Side<N> {
         unsafe { row.as_mut_ptr().add(at).cast::<[f32; N]>().write(self.0) };
     }
 
-    /// The larger number of each lane; none is NaN.
+    /// The larger number of each lane; there is no NaN.
     #[inline(always)]
     pub(super) fn max(self, other: Self) -> Self {
         let mut out = self;
@@ -53,7 +53,7 @@ impl<const N: usize> Side<N> {
         out
     }
 
-    /// The smaller number of each lane; none is NaN.
+    /// The smaller number of each lane; there is no NaN.
     #[inline(always)]
     pub(super) fn min(self, other: Self) -> Self {
         let mut out = self;

@@ -1,4 +1,4 @@
-//! What is seen around a keypoint: the directions of its gradients, and the histogram that describes it.
+//! The surroundings of a keypoint: the directions of its gradients, and the histogram that describes it.
 
 use super::grid::{Placement, ROUND, Samples, View};
 use super::lanes::{LANES, Side};
@@ -7,69 +7,69 @@ use crate::{Backend, dispatch};
 
 /// Bytes of a descriptor: `[CELLS rows, CELLS columns, TURNS]`.
 pub const DESCRIPTOR: usize = CELLS * CELLS * TURNS;
-/// Bins of a full turn that the directions around a keypoint are counted in.
+/// Bins of a full turn in the histogram of directions around a keypoint.
 pub const BINS: usize = 36;
 
 /// Cells along one side.
 const CELLS: usize = 4;
 /// Directions per cell.
 const TURNS: usize = 8;
-/// Directions are told apart by so many steps of a full turn, a power of two: 1.4 degrees.
+/// Resolution of directions in a full turn, a power of two: 1.4 degrees.
 const TURN_STEPS: usize = 32 * TURNS;
 /// Side of a cell, in sigmas of the keypoint.
 const CELL_SIDE: f32 = 3.0;
-/// The weight of a gradient falls off with this sigma, in cells.
+/// Standard deviation of the Gaussian weight of gradients, in cells.
 const WINDOW: f32 = 2.0;
-/// No bin holds more than this share of the length of the whole vector.
+/// Maximum of a bin, as a share of the length of the whole vector.
 const CLIP: f32 = 0.2;
 /// Samples along the side of a cell.
 const PER_CELL: usize = 5;
-/// Samples along the side of the square that counts: the cells, and half a cell around them.
+/// Samples along the side of the square that is used: the cells, and half a cell around them.
 const SIDE: usize = (CELLS + 1) * PER_CELL;
 /// One more on each side, for gradients.
 const PITCH: usize = SIDE + 2;
-/// All samples, and some that mean nothing to the end of the last vector of gradients.
+/// All samples, with padding to the end of the last vector of gradients.
 const SAMPLES: usize = (FIRST + COUNTED + PITCH).next_multiple_of(LANES);
-/// The sample where the square begins, and how many follow to its end.
+/// The first sample of the square, and the number of samples to its end.
 const FIRST: usize = PITCH + 1;
 const COUNTED: usize = (SIDE * PITCH - 2).next_multiple_of(LANES);
 
-/// How far from a keypoint samples count for its descriptor, whatever its orientation, in its sigmas: to the corner of the
-/// grid.
+/// Radius around a keypoint of the samples that its descriptor uses, for every orientation, in its sigmas: to the
+/// corner of the grid.
 pub const REACH: f32 =
     std::f32::consts::SQRT_2 * CELL_SIDE / PER_CELL as f32 * ((SIDE - 1) as f32 / 2.0 + 1.0);
 
-/// The circle that directions are counted in has a radius of so many samples, and of so many sigmas of the keypoint.
+/// Radius of the circle for directions, in samples and in sigmas of the keypoint.
 const ROUND_RADIUS: usize = 8;
 const ROUND_REACH: f32 = 4.5;
-/// Samples along the side of the square around it, with one more on each side for gradients.
+/// Samples along the side of the square around it, and with one more on each side for gradients.
 const ROUND_SIDE: usize = 2 * ROUND_RADIUS + 1;
 const ROUND_PITCH: usize = ROUND_SIDE + 2;
-/// The sample where that square begins, how many follow to its end, and all, as for the descriptor.
+/// The first sample of that square, the number to its end, and of all samples, as for the descriptor.
 const ROUND_FIRST: usize = ROUND_PITCH + 1;
 const ROUND_COUNTED: usize = (ROUND_SIDE * ROUND_PITCH - 2).next_multiple_of(LANES);
 const ROUND_SAMPLES: usize = (ROUND_FIRST + ROUND_COUNTED + ROUND_PITCH).next_multiple_of(LANES);
 /// The window of directions is a Gaussian this many times as wide as the keypoint's own blur.
 const ROUND_WINDOW: f32 = 1.5;
-/// Steps of their grid, in sigmas of the keypoint.
+/// Step of their grid, in sigmas of the keypoint.
 const ROUND_STEP: f32 = ROUND_REACH / ROUND_RADIUS as f32;
 /// Rounds of smoothing of the directions over three bins.
 const SMOOTHINGS: usize = 6;
 
-/// What is the same for all keypoints: grids and the weights of their samples.
+/// Constants for all keypoints: grids and the weights of their samples.
 #[derive(Debug, Clone)]
 pub struct Patches {
     backend: Backend,
     round_steps: Box<[[f32; ROUND_SAMPLES]; 2]>,
     round_weights: Box<[f32; ROUND_COUNTED]>,
-    /// Those that are not 0.
+    /// The nonzero ones.
     round_members: Vec<u16>,
     steps: Box<[[f32; SAMPLES]; 2]>,
     weights: Box<[f32; COUNTED]>,
     shares: Box<[Side<TURNS>; TURN_STEPS]>,
 }
 
-/// Memory that the work on one keypoint after the other shares.
+/// Scratch memory, shared by consecutive keypoints.
 pub struct PatchMemory {
     round: Samples<ROUND_SAMPLES>,
     round_votes: [[f32; 2]; ROUND_COUNTED],
@@ -79,7 +79,7 @@ pub struct PatchMemory {
 }
 
 impl PatchMemory {
-    /// Nothing yet.
+    /// Empty.
     pub fn new() -> Box<Self> {
         Box::new(Self {
             round: Samples::EMPTY,
@@ -92,7 +92,7 @@ impl PatchMemory {
 }
 
 impl Patches {
-    /// Grids and weights for work on `backend`.
+    /// Grids and weights for `backend`.
     pub fn new(backend: Backend) -> Self {
         let gaussian = |square: f32, sigma: f32| exp_of_negative(-square / (2.0 * sigma * sigma));
         let mut round_steps = Box::new([[0.0; ROUND_SAMPLES]; 2]);
@@ -121,7 +121,7 @@ impl Patches {
         Self { backend, round_steps, round_weights, round_members, steps, weights, shares: shares_of_turns() }
     }
 
-    /// Directions of the gradients around a keypoint, `[BINS]` from -π on, by weight and smoothed.
+    /// Directions of the gradients around a keypoint, `[BINS]` from -π on, weighted and smoothed.
     ///
     /// `middle` and `sigma` in samples of `view`. All zero where there is no gradient.
     pub fn directions(
@@ -135,8 +135,8 @@ impl Patches {
         dispatch::run(self.backend, Directions { patches: self, view, at, memory })
     }
 
-    /// The histogram of the gradients around a keypoint as RootSIFT bytes: unit length, clipped, then the square root of
-    /// each bin's share of the sum, times 512, rounded, cut at 255.
+    /// The histogram of the gradients around a keypoint as RootSIFT bytes: unit length, clipped, then the square root
+    /// of each bin's share of the sum, times 512, rounded, clipped at 255.
     ///
     /// `middle` and `sigma` in samples of `view`, `orientation` in radians. All zero where there is no gradient.
     pub fn describe(
@@ -174,7 +174,7 @@ impl dispatch::Kernel for Directions<'_> {
             let [length, angle] = memory.round.gradients(start + ROUND_FIRST, ROUND_PITCH, whole);
             for i in 0..LANES {
                 let vote = length.0[i] * patches.round_weights[start + i];
-                // Shared by the two bins whose centres are nearest; the first stands a second time behind the last.
+                // Divided between the two bins with the nearest centres; the first is repeated after the last.
                 let place = (angle.0[i] + PI) * (BINS as f32 / TAU) + 0.5;
                 let floor = (place - 0.5) + ROUND;
                 let share = place - (floor - ROUND);
@@ -182,7 +182,7 @@ impl dispatch::Kernel for Directions<'_> {
                 memory.round_votes[start + i] = [vote - share * vote, share * vote];
             }
         }
-        // Counted in turns, so that one vote does not wait for the one before it.
+        // Counted in turns, so that a vote does not depend on the previous one.
         let mut turns = [[0.0_f32; BINS + 4]; 4];
         for (k, &member) in patches.round_members.iter().enumerate() {
             let member = usize::from(member);
@@ -191,7 +191,7 @@ impl dispatch::Kernel for Directions<'_> {
             turns[k % 4][bin] += here;
             turns[k % 4][bin + 1] += next;
         }
-        // Bin `k` stands at `k + 1`.
+        // Bin `k` is at `k + 1`.
         let mut bins = [0.0_f32; BINS + 2];
         for k in 0..BINS + 2 {
             bins[k] = (turns[0][k] + turns[1][k]) + (turns[2][k] + turns[3][k]);
@@ -228,7 +228,7 @@ impl dispatch::Kernel for Descriptor<'_> {
             for i in 0..LANES {
                 let k = start + i;
                 let vote = length.0[i] * patches.weights[k];
-                // Against the turn from the first to the second axis.
+                // Opposite to the rotation from the first to the second axis.
                 let turn = TURN_STEPS as f32 - angle.0[i] * (TURN_STEPS as f32 / std::f32::consts::TAU);
                 memory.turns[k] = (turn + ROUND).to_bits() & (TURN_STEPS as u32 - 1);
                 memory.votes[k] = vote;
@@ -238,7 +238,7 @@ impl dispatch::Kernel for Descriptor<'_> {
     }
 }
 
-/// How a vote is shared among the directions of a cell, by the nearest step of its own: two neighbours have it all.
+/// Weights of a vote for the directions of a cell, by the nearest step of its direction: two neighbours have all of it.
 fn shares_of_turns() -> Box<[Side<TURNS>; TURN_STEPS]> {
     let mut shares = Box::new([Side::all(0.0); TURN_STEPS]);
     let per_turn = TURN_STEPS / TURNS;
@@ -250,16 +250,16 @@ fn shares_of_turns() -> Box<[Side<TURNS>; TURN_STEPS]> {
     shares
 }
 
-/// Shares each vote among two directions and the nearest cells, `[CELLS, CELLS, TURNS]`.
+/// Divides each vote among two directions and the nearest cells, `[CELLS, CELLS, TURNS]`.
 #[inline(always)]
 fn cells(
     shares: &[Side<TURNS>; TURN_STEPS],
     turns: &[u32; COUNTED],
     votes: &[f32; COUNTED],
 ) -> [f32; DESCRIPTOR] {
-    // A sample is this far on the way from the centre of one cell to that of the next.
+    // Position of a sample between the centres of two cells.
     let share = |sample: usize| (sample as f32 + 0.5) / PER_CELL as f32;
-    // The first and the last cells of rows and columns have no place in the descriptor: they catch what is outside of it.
+    // The first and the last cells of rows and columns are not in the descriptor: they collect samples outside of it.
     let mut cells = [[Side::<TURNS>::all(0.0); CELLS + 2]; CELLS + 2];
     for row in 0..SIDE {
         let mut columns = [Side::<TURNS>::all(0.0); CELLS + 2];
@@ -288,8 +288,8 @@ fn cells(
     histogram
 }
 
-/// Unit length, clipped (against single strong edges), then the square root of each bin's share of the sum, times
-/// 512, rounded, cut at 255: the code that COLMAP stores too.
+/// Unit length, clipped (against single strong edges), then the square root of each bin's share of the sum, times 512,
+/// rounded, clipped at 255: the same code as COLMAP's.
 #[inline(always)]
 fn root_sift(histogram: &[f32; DESCRIPTOR]) -> [u8; DESCRIPTOR] {
     let mut squares = [0.0_f32; LANES];
@@ -322,9 +322,9 @@ fn root_sift(histogram: &[f32; DESCRIPTOR]) -> [u8; DESCRIPTOR] {
 mod tests {
     use super::*;
 
-    /// The examples of docs/reference/wire-format.md, for whoever writes an extractor of their own.
+    /// The examples of docs/wire-format.md, for authors of other extractors.
     #[test]
-    fn bytes_are_those_of_the_document() {
+    fn bytes_agree_with_the_documentation() {
         assert_eq!(root_sift(&[7.0; DESCRIPTOR]), [45; DESCRIPTOR]);
         let mut single = [0.0; DESCRIPTOR];
         single[17] = 3.0;
@@ -332,7 +332,7 @@ mod tests {
         expected[17] = 255;
         assert_eq!(root_sift(&single), expected);
         assert_eq!(root_sift(&[0.0; DESCRIPTOR]), [0; DESCRIPTOR]);
-        // Clipped at a fifth of the length: 20 numbers of 1 and one of 100, whose length is √(20 + 10000).
+        // Clipped at a fifth of the length: 20 numbers of 1 and one of 100, with length √(20 + 10000).
         let mut strong = [0.0; DESCRIPTOR];
         strong[..20].fill(1.0);
         strong[20] = 100.0;
@@ -340,8 +340,8 @@ mod tests {
         let byte = |g: f64| (512.0 * (g / (20.0 + clipped)).sqrt()).round().min(255.0) as u8;
         assert_eq!((root_sift(&strong)[0], root_sift(&strong)[20]), (byte(1.0), byte(clipped)));
         assert!(byte(1.0) > 70 && byte(clipped) == 255);
-        let document = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
-        let document = std::fs::read_to_string(document).expect("the document is there");
+        let document = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+        let document = std::fs::read_to_string(document).expect("the document exists");
         assert!(document.contains("128 equal numbers become 128 bytes of 45, and a single one becomes 255"));
     }
 }

@@ -1,4 +1,4 @@
-//! Peaks of a stack of rows: differences of levels, and which samples no neighbour exceeds.
+//! Peaks of a stack of rows: differences of levels, and samples that no neighbour exceeds.
 
 use super::lanes::{LANES, Lanes};
 use crate::{Backend, dispatch};
@@ -8,7 +8,7 @@ use crate::{Backend, dispatch};
 /// `rows` are `[N + 1]` rows of one length, a multiple of [`LANES`]; `out` is `[N, length]`.
 ///
 /// # Panics
-/// When lengths are not as said.
+/// When lengths do not match.
 pub fn differences<const ROWS: usize>(backend: Backend, rows: &[&[f32]; ROWS], out: &mut [f32]) {
     let length = rows[0].len();
     assert!(length.is_multiple_of(LANES) && rows.iter().all(|row| row.len() == length));
@@ -45,11 +45,11 @@ impl<const ROWS: usize> dispatch::Kernel for Differences<'_, ROWS> {
 /// Columns of the middle row of `rows[1]` whose sample is farther than `threshold` from 0 and not exceeded by any of
 /// its 26 neighbours: above `threshold` none is larger, below `-threshold` none smaller. Equal ones are all found.
 ///
-/// `rows` are `[3 levels, 3 rows]` of one length, a multiple of [`LANES`]; of them the first `width` samples are looked
-/// at, and the first and last of those have no neighbours and are not found. Columns are appended in their order.
+/// `rows` are `[3 levels, 3 rows]` of one length, a multiple of [`LANES`]; only the first `width` samples are used, and
+/// the first and last of those have no neighbours and are not found. Columns are appended in their order.
 ///
 /// # Panics
-/// When lengths are not as said.
+/// When lengths do not match.
 pub fn peaks(
     backend: Backend,
     rows: &[[&[f32]; 3]; 3],
@@ -79,7 +79,7 @@ impl dispatch::Kernel for Peaks<'_> {
     fn run(self) {
         let Peaks { rows, width, threshold, columns } = self;
         let length = rows[1][1].len();
-        // The last block starts where it still has a neighbour on its right; the one before it may overlap it.
+        // The last block starts where it still has a neighbour on its right; the previous one may overlap it.
         let mut next = 1;
         while next < width - 1 {
             if length < LANES + 2 {
@@ -105,13 +105,13 @@ impl dispatch::Kernel for Peaks<'_> {
     }
 }
 
-/// Which of the samples from `at` on are peaks; `None` when none is.
+/// The samples from `at` on that are peaks; `None` when none is.
 ///
 /// # Safety
 /// `at >= 1` and `at + 1 + LANES` is at most the length of every row.
 #[inline(always)]
 unsafe fn hits(rows: &[[&[f32]; 3]; 3], at: usize, threshold: f32) -> Option<[u32; LANES]> {
-    // SAFETY: the caller vouches for the lengths.
+    // SAFETY: the caller guarantees the lengths.
     unsafe {
         let here = Lanes::load(rows[1][1], at);
         let mut far = 0;

@@ -1,7 +1,7 @@
 //! Dot products with AVX2.
 //!
-//! `maddubs` (bytes to saturated 16 bits) would lose carries: `2 * 255 * 255` does not fit. Rows are widened to 16 bits
-//! and multiplied by `madd`, which adds pairs into 32 bits and cannot overflow for bytes. The widening is shared by four queries.
+//! `maddubs` (bytes to saturated 16 bits) would saturate: `2 * 255 * 255` does not fit. Rows are widened to 16 bits and
+//! multiplied by `madd`, which adds pairs into 32 bits and cannot overflow for bytes. Four queries share the widening.
 
 use std::arch::x86_64::{
     __m256i, _mm_loadu_si128, _mm256_add_epi32, _mm256_cvtepu8_epi16, _mm256_hadd_epi32, _mm256_madd_epi16,
@@ -30,7 +30,7 @@ impl Tile for Avx2 {
 
     #[inline(always)]
     unsafe fn dots(queries: &[i16], panels: &[u8], dots: &mut TileDots) {
-        // SAFETY: the caller vouches for the feature.
+        // SAFETY: the caller guarantees the feature.
         unsafe { dots_avx2(queries, panels, dots) }
     }
 }

@@ -26,7 +26,7 @@ impl Tile for Avx512Vnni {
 
     #[inline(always)]
     unsafe fn dots(queries: &[i8], panels: &[u8], dots: &mut TileDots) {
-        // SAFETY: the caller vouches for the features.
+        // SAFETY: the caller guarantees the features.
         unsafe { dots_avx512(queries, panels, dots) }
     }
 }

@@ -12,7 +12,7 @@ pub(crate) use {avx2::Avx2, avx512::Avx512Vnni};
 
 /// Rows of one panel.
 pub(crate) const LANES: usize = 16;
-/// Components of a row that lie side by side in a panel.
+/// Adjacent components of a row in a panel.
 pub(crate) const STEP: usize = 4;
 /// Queries of one tile.
 pub(crate) const TILE_QUERIES: usize = 8;
@@ -36,11 +36,11 @@ pub(crate) trait Tile {
     fn component(value: u8) -> Self::Component;
 
     /// Dot products of [`TILE_QUERIES`] queries with [`TILE_PANELS`] panels, in the backend's own representation of the
-    /// query (the packed rows' offsets make up for it).
+    /// query (the packed rows' offsets compensate for it).
     ///
     /// `queries` is `[padded dim / 4, TILE_QUERIES, 4]`, `panels` is `[TILE_PANELS, padded dim / 4, 16, 4]`.
     ///
     /// # Safety
-    /// The CPU must have the features the implementation is written for. The slices' lengths are checked.
+    /// The CPU must have the features of the implementation. The slices' lengths are checked.
     unsafe fn dots(queries: &[Self::Component], panels: &[u8], dots: &mut TileDots);
 }

@@ -1,4 +1,4 @@
-//! Dot products in plain Rust: the twin of the others, and the kernel of every machine without them.
+//! Dot products in plain Rust: the reference for the others, and the kernel of every machine without them.
 
 use super::{LANES, STEP, TILE_PANELS, TILE_QUERIES, Tile, TileDots};
 
@@ -22,8 +22,8 @@ impl Tile for Portable {
             for (q, dots) in dots.iter_mut().enumerate() {
                 let mut sums = [0_i32; LANES];
                 for (slab, step) in slabs.iter().zip(steps) {
-                    // One word per row: its four components are then reached by shifts alone, and compilers see that the
-                    // factors are short, for which every machine has a vector product.
+                    // One word per row: its four components are then extracted by shifts only, and compilers see that
+                    // the factors are short, for which every machine has a vector product.
                     let (rows, _) = slab.as_chunks::<STEP>();
                     let query: [i32; STEP] = std::array::from_fn(|i| i32::from(step[q * STEP + i]));
                     for lane in 0..LANES {

@@ -1,4 +1,4 @@
-//! Tests of `veiloc-simd` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-simd`, one executable to save linking time.
 
 mod pose;
 mod sift;

@@ -1,4 +1,4 @@
-//! Pose kernels against readable double-precision twins, on every backend, and bit for bit among backends.
+//! Pose kernels compared with simple double-precision versions, on every backend, and bit for bit between backends.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -74,7 +74,7 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
     Problem { lanes: PoseLanes::new(observed, groups, IMAGE, Some(partition)), all, partition }
 }
 
-/// Whether a pencil may have been seen there.
+/// Whether a pencil can be observed there.
 fn admits(partition: &Partition, group: usize, u: f64, v: f64) -> bool {
     let position = |s: &Sectors| {
         let on = |f: &[f32; 3]| f64::from(f[0]) * u + f64::from(f[1]) * v + f64::from(f[2]);
@@ -89,7 +89,7 @@ fn admits(partition: &Partition, group: usize, u: f64, v: f64) -> bool {
 /// Rows of a small motion `[R | t]`.
 fn motion(rng: &mut ChaCha8Rng) -> [[f32; 4]; 3] {
     let w: [f32; 6] = std::array::from_fn(|_| rng.random_range(-0.02..0.02));
-    // First order is enough: the kernels do not ask for an orthonormal matrix.
+    // First order is enough: the kernels do not require an orthonormal matrix.
     [[1.0, -w[2], w[1], w[3]], [w[2], 1.0, -w[0], w[4]], [-w[1], w[0], 1.0, w[5]]]
 }
 
@@ -97,19 +97,19 @@ fn scaled(rows: &[[f32; 4]; 3]) -> [[f32; 4]; 3] {
     [rows[0].map(|x| x * FOCAL[0]), rows[1].map(|x| x * FOCAL[1]), rows[2]]
 }
 
-struct Seen {
+struct Observation {
     front: bool,
     visible: bool,
     squared: f64,
     radius: f64,
 }
 
-fn see(
+fn observe(
     (observed, partition): (Observed, &Partition),
     group: usize,
     c: &[f64; 7],
     rows: &[[f64; 4]; 3],
-) -> Seen {
+) -> Observation {
     let p = rows.map(|r| r[0] * c[0] + r[1] * c[1] + r[2] * c[2] + r[3]);
     let (u, v) = (f64::from(FOCAL[0]) * p[0] / p[2], f64::from(FOCAL[1]) * p[1] / p[2]);
     let squared = match observed {
@@ -123,11 +123,11 @@ fn see(
         radius = (w * u - x).hypot(w * v - y);
         own = admits(partition, group, u, v);
     }
-    Seen { front: p[2] > 0.0, visible: p[2] > 0.0 && inside && own, squared, radius }
+    Observation { front: p[2] > 0.0, visible: p[2] > 0.0 && inside && own, squared, radius }
 }
 
-fn llr(c: &[f64; 7], seen: &Seen, k: f64, shift: f64) -> f64 {
-    c[6] + shift + seen.radius.ln() - 3.0 * (1.0 + k * seen.squared).ln()
+fn llr(c: &[f64; 7], observation: &Observation, k: f64, shift: f64) -> f64 {
+    c[6] + shift + observation.radius.ln() - 3.0 * (1.0 + k * observation.squared).ln()
 }
 
 fn wide(rows: &[[f32; 4]; 3]) -> [[f64; 4]; 3] {
@@ -135,19 +135,19 @@ fn wide(rows: &[[f32; 4]; 3]) -> [[f64; 4]; 3] {
 }
 
 #[test]
-fn scores_agree_with_their_twins_on_every_backend() {
+fn scores_agree_with_the_reference_on_every_backend() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for observed in KINDS {
         for sizes in [[0, 1], [15, 0], [16, 17], [700, 333]] {
             let problem = problem(&mut rng, observed, sizes);
             for _ in 0..10 {
                 let rows = motion(&mut rng);
-                let seen: Vec<Seen> = problem
+                let observation: Vec<Observation> = problem
                     .all
                     .iter()
-                    .map(|(g, c)| see((observed, &problem.partition), *g, c, &wide(&rows)))
+                    .map(|(g, c)| observe((observed, &problem.partition), *g, c, &wide(&rows)))
                     .collect();
-                let pairs = || problem.all.iter().zip(&seen);
+                let pairs = || problem.all.iter().zip(&observation);
                 let likelihood: f64 =
                     pairs().filter(|(_, s)| s.visible).map(|((_, c), s)| llr(c, s, 0.1, 0.3).max(0.0)).sum();
                 let truncated: f64 = pairs()
@@ -158,7 +158,7 @@ fn scores_agree_with_their_twins_on_every_backend() {
                     problem.lanes.likelihood(Backend::PORTABLE, &scaled(&rows), 0.1, 0.3, f32::NEG_INFINITY),
                     problem.lanes.truncated(Backend::PORTABLE, &scaled(&rows), 0.2, f32::NEG_INFINITY),
                 );
-                // A projection exactly on a gate may fall on either side of it: worth one correspondence.
+                // A projection exactly on a border may fall on either side of it: a difference of one correspondence.
                 for (found, expected) in [(portable.0, likelihood), (portable.1, truncated)] {
                     let error = (f64::from(found) - expected).abs();
                     assert!(error < 1e-3 * (1.0 + expected), "{observed:?} {sizes:?}: {found} {expected}");
@@ -176,7 +176,7 @@ fn scores_agree_with_their_twins_on_every_backend() {
 }
 
 #[test]
-fn each_likelihood_is_what_the_score_sums() {
+fn likelihoods_sum_to_the_score() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for observed in KINDS {
         let problem = problem(&mut rng, observed, [37, 100]);
@@ -188,14 +188,14 @@ fn each_likelihood_is_what_the_score_sums() {
             let sum: f32 = each.iter().map(|llr| llr.max(0.0)).sum();
             let score = problem.lanes.likelihood(backend, &rows, 0.1, 0.0, f32::NEG_INFINITY);
             assert!((sum - score).abs() < 1e-3 * score, "{sum} {score}");
-            // Unused lanes bring nothing.
+            // Unused lanes add nothing.
             assert!(each[37..48].iter().chain(&each[148..]).all(|llr| *llr < -1e9));
         }
     }
 }
 
 #[test]
-fn giving_up_early_is_without_loss() {
+fn early_stop_is_lossless() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for observed in KINDS {
         let problem = problem(&mut rng, observed, [400, 500]);
@@ -221,8 +221,8 @@ fn normal_equations_agree_with_finite_differences() {
         let rows = motion(&mut rng);
         let loss = |rows: &[[f64; 4]; 3]| -> f64 {
             let of = |(g, c): &(usize, [f64; 7])| {
-                let seen = see((observed, &problem.partition), *g, c, rows);
-                if seen.visible { -llr(c, &seen, k, shift).exp().ln_1p() } else { 0.0 }
+                let observation = observe((observed, &problem.partition), *g, c, rows);
+                if observation.visible { -llr(c, &observation, k, shift).exp().ln_1p() } else { 0.0 }
             };
             problem.all.iter().map(of).sum()
         };
@@ -267,7 +267,7 @@ fn normal_equations_agree_with_finite_differences() {
 }
 
 #[test]
-fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
+fn gauss_newton_matrix_is_a_sum_of_outer_products() {
     // One correspondence, far from any other pose: weight times the outer product of its Jacobian.
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for observed in [Observed::Points, Observed::Lines] {
@@ -275,7 +275,7 @@ fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
         let camera = CameraRows { rows: motion(&mut rng), focal: FOCAL };
         let rows = wide(&camera.rows);
         let (_, c) = problem.all[0];
-        if !see((observed, &problem.partition), 0, &c, &rows).visible {
+        if !observe((observed, &problem.partition), 0, &c, &rows).visible {
             continue;
         }
         let residuals = |rows: &[[f64; 4]; 3]| -> [f64; 2] {
@@ -297,9 +297,9 @@ fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
             let (plus, minus) = (at(h), at(-h));
             [0, 1].map(|i| (plus[i] - minus[i]) / (2.0 * h))
         };
-        let seen = see((observed, &problem.partition), 0, &c, &rows);
-        let right = 1.0 / (1.0 + (-llr(&c, &seen, 0.1, 0.0)).exp());
-        let weight = right * 6.0 * 0.1 / (1.0 + 0.1 * seen.squared);
+        let observation = observe((observed, &problem.partition), 0, &c, &rows);
+        let right = 1.0 / (1.0 + (-llr(&c, &observation, 0.1, 0.0)).exp());
+        let weight = right * 6.0 * 0.1 / (1.0 + 0.1 * observation.squared);
         let found = problem.lanes.normal_equations(Backend::best(), &camera, 0.1, 0.0);
         for i in 0..3 {
             for j in 0..3 {
@@ -317,7 +317,7 @@ fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
 }
 
 #[test]
-fn radial_scores_agree_with_their_twin() {
+fn radial_scores_agree_with_the_reference() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     for size in [1, 16, 333] {
         let mut blocks = vec![RadialBlock::EMPTY; usize::div_ceil(size, LANES)];
@@ -371,7 +371,7 @@ fn radial_scores_agree_with_their_twin() {
 }
 
 #[test]
-fn nothing_that_is_not_finite_counts() {
+fn non_finite_values_are_ignored() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     for observed in KINDS {
         let problem = problem(&mut rng, observed, [50, 50]);

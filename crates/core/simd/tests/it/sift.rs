@@ -1,4 +1,4 @@
-//! Kernels of SIFT against readable double-precision twins, on every backend, and bit for bit among backends.
+//! Kernels of SIFT compared with simple double-precision versions, on every backend, and bit for bit between backends.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,11 +19,11 @@ fn slices(rows: &[Vec<f32>]) -> Vec<&[f32]> {
     rows.iter().map(Vec::as_slice).collect()
 }
 
-/// The same bits on every backend; gives what they are.
+/// The same bits on every backend; returns the result.
 fn on_every_backend<T: PartialEq + std::fmt::Debug>(work: impl Fn(Backend) -> T) -> T {
     let expected = work(Backend::PORTABLE);
     for backend in Backend::available() {
-        assert!(work(backend) == expected, "{} differs from the portable twin", backend.name());
+        assert!(work(backend) == expected, "{} differs from the portable version", backend.name());
     }
     expected
 }
@@ -33,7 +33,7 @@ fn bits(numbers: &[f32]) -> Vec<u32> {
 }
 
 #[test]
-fn blurred_rows_are_those_of_a_naive_sum() {
+fn blurred_rows_agree_with_a_naive_sum() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for radius in 1..=MAX_RADIUS {
         let weights: Vec<f32> = (0..=radius).map(|_| rng.random_range(0.0..0.2)).collect();
@@ -74,7 +74,7 @@ fn blurred_rows_are_those_of_a_naive_sum() {
 }
 
 #[test]
-fn doubled_rows_are_those_of_a_naive_sum() {
+fn doubled_rows_agree_with_a_naive_sum() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for (taps, width) in [(3, 5), (7, 16), (7, 37), (9, 64)] {
         let [down, even, odd]: [Vec<f32>; 3] =
@@ -118,7 +118,7 @@ fn differences_are_exact() {
 
 /// Few values, so that many neighbours are equal.
 #[test]
-fn peaks_are_exceeded_by_no_neighbour() {
+fn peaks_are_not_exceeded_by_neighbours() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let mut peaks_found = 0;
     for width in [0_usize, 1, 2, 3, 15, 16, 17, 18, 31, 33, 48, 100] {
@@ -174,7 +174,7 @@ impl Waves {
         View::new(&self.data, self.stride, self.width, self.height).expect("a whole image")
     }
 
-    /// Bilinear; `None` where one of the four samples is outside.
+    /// Bilinear; `None` when one of the four samples is outside.
     fn at(&self, x: f64, y: f64) -> Option<f64> {
         let inside = |at: f64, size: usize| at >= 0.0 && at.floor() as usize + 2 <= size;
         if !(inside(x, self.width) && inside(y, self.height)) {
@@ -186,7 +186,7 @@ impl Waves {
         Some(row(top) * (1.0 - y + top) + row(top + 1.0) * (y - top))
     }
 
-    /// Length and direction, from the first axis towards the second, of the gradient at so many steps of a turned grid.
+    /// Length and direction, from the first axis towards the second, of the gradient at a step of a rotated grid.
     fn gradient(&self, [x, y]: [f64; 2], [cos, sin]: [f64; 2], [a, b]: [f64; 2]) -> Option<(f64, f64)> {
         let at = |a: f64, b: f64| self.at(x + a * cos - b * sin, y + a * sin + b * cos);
         let (da, db) = (at(a + 1.0, b)? - at(a - 1.0, b)?, at(a, b + 1.0)? - at(a, b - 1.0)?);
@@ -203,10 +203,10 @@ fn naive_directions(image: &Waves, middle: [f64; 2], sigma: f64) -> [f64; BINS] 
         let gradient = image.gradient(middle, [step, 0.0], [f64::from(i), f64::from(j)]);
         let Some((length, angle)) = gradient.filter(|_| square <= 64.0) else { continue };
         let vote = length * (-square * step * step / (2.0 * (1.5 * sigma).powi(2))).exp();
-        let place = (angle + PI) / TAU * BINS as f64 - 0.5 + BINS as f64;
-        let share = place - place.floor();
-        bins[place as usize % BINS] += vote * (1.0 - share);
-        bins[(place as usize + 1) % BINS] += vote * share;
+        let position = (angle + PI) / TAU * BINS as f64 - 0.5 + BINS as f64;
+        let share = position - position.floor();
+        bins[position as usize % BINS] += vote * (1.0 - share);
+        bins[(position as usize + 1) % BINS] += vote * share;
     }
     for _ in 0..6 {
         let old = bins;
@@ -243,7 +243,7 @@ fn naive_descriptor(image: &Waves, middle: [f64; 2], sigma: f64, orientation: f6
 }
 
 #[test]
-fn patches_are_those_of_naive_sums() {
+fn patches_agree_with_naive_sums() {
     let image = Waves::new(90, 70);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut at_border = 0;
@@ -254,7 +254,7 @@ fn patches_are_those_of_naive_sums() {
             let (patches, mut memory) = (Patches::new(backend), PatchMemory::new());
             let directions = patches.directions(image.view(), middle, sigma, &mut memory);
             let bytes = patches.describe(image.view(), middle, sigma, orientation, &mut memory);
-            // What was there before does not matter.
+            // Old content of the memory does not matter.
             assert_eq!(bytes, patches.describe(image.view(), middle, sigma, orientation, &mut memory));
             (bits(&directions), bytes)
         });
@@ -267,7 +267,7 @@ fn patches_are_those_of_naive_sums() {
             assert!((found - expected).abs() < 1e-3 * highest, "{middle:?} {k}: {found}, not {expected}");
         }
         let expected = naive_descriptor(&image, wide, f64::from(sigma), f64::from(orientation));
-        // Directions are rounded to 256 of a turn; a byte of a nearly empty bin shows it most.
+        // Directions are rounded to 256 per turn; a byte of a nearly empty bin is most sensitive.
         let apart: Vec<u8> = bytes.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b)).collect();
         let mean = apart.iter().map(|&d| f64::from(d)).sum::<f64>() / DESCRIPTOR as f64;
         assert!(mean < 0.3 && apart.iter().all(|&d| d <= 6), "{middle:?}: {mean}, {apart:?}");
@@ -276,7 +276,7 @@ fn patches_are_those_of_naive_sums() {
 }
 
 #[test]
-fn nothing_is_seen_where_there_is_nothing() {
+fn flat_images_have_zero_histograms() {
     let (patches, mut memory) = (Patches::new(Backend::best()), PatchMemory::new());
     let flat = vec![0.5; 32 * 32];
     let view = View::new(&flat, 32, 32, 32).expect("a whole image");
@@ -286,7 +286,7 @@ fn nothing_is_seen_where_there_is_nothing() {
         assert_eq!(patches.describe(view, outside, 2.0, 1.0, &mut memory), [0; DESCRIPTOR]);
         assert_eq!(patches.directions(view, outside, 2.0, &mut memory), [0.0; BINS]);
     }
-    // Nowhere: nothing is read that is not there.
+    // Outside of the image nothing is read.
     for middle in [[1e9, 3.0], [-1e20, 5.0], [f32::NAN, f32::INFINITY]] {
         patches.describe(view, middle, 2.0, 1.0, &mut memory);
         patches.directions(view, middle, f32::NAN, &mut memory);
@@ -296,7 +296,7 @@ fn nothing_is_seen_where_there_is_nothing() {
     }
 }
 
-/// An image that gets brighter to the right of `from` and is dark left of it, described in its middle.
+/// An image that gets brighter to the right of `from` and is dark to the left of it, described in its middle.
 fn ramp(from: f32, orientation: f32) -> [u8; DESCRIPTOR] {
     let data: Vec<f32> = (0..96 * 96).map(|k| ((k % 96) as f32 - from).max(0.0)).collect();
     let view = View::new(&data, 96, 96, 96).expect("a whole image");
@@ -304,20 +304,20 @@ fn ramp(from: f32, orientation: f32) -> [u8; DESCRIPTOR] {
     Patches::new(Backend::best()).describe(view, [48.0, 48.0], 3.0, orientation, memory)
 }
 
-/// Which byte is which cell and direction, as docs/reference/wire-format.md says.
+/// The cell and direction of each byte, as in docs/wire-format.md.
 #[test]
-fn bytes_are_in_the_order_of_the_document() {
+fn byte_order_agrees_with_the_documentation() {
     for eighth in 0..8 {
         let orientation = eighth as f32 * std::f32::consts::TAU / 8.0;
-        // A gradient along u is turned against the orientation by that angle from v towards u.
+        // A gradient along u has this angle to the orientation, from v towards u.
         let bytes = ramp(0.0, orientation);
         for cell in bytes.chunks_exact(8) {
             let strongest = (0..8).max_by_key(|k| cell[*k]);
             assert_eq!(strongest, Some(eighth), "{cell:?}");
         }
     }
-    // Gradients more than one and a half cells to the right: the last column, and with the axes turned by a quarter the
-    // first row, because rows then run to the left.
+    // Gradients more than one and a half cells to the right: the last column, and with the axes rotated by a quarter
+    // turn the first row, because rows then run to the left.
     let sum = |bytes: &[u8; DESCRIPTOR], of: fn(usize) -> usize, which: usize| {
         let cells = bytes.chunks_exact(8).enumerate().filter(|(cell, _)| of(*cell) == which);
         cells.flat_map(|(_, cell)| cell).map(|byte| u32::from(*byte)).sum::<u32>()
@@ -330,9 +330,9 @@ fn bytes_are_in_the_order_of_the_document() {
     assert!(sum(&turned, row, 0) > 0 && sum(&turned, row, 2) + sum(&turned, row, 3) == 0);
 }
 
-/// No sample farther away changes a byte, and some of those nearly as far do.
+/// No sample farther away changes a byte, but some of those nearly as far do.
 #[test]
-fn patches_look_as_far_as_they_say() {
+fn patches_extend_to_the_reach() {
     let (sigma, middle) = (2.0_f32, [64.0_f32, 64.0]);
     let image = Waves::new(128, 128);
     let described = |radius: f32| {
