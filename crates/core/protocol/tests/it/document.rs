@@ -21,8 +21,8 @@ fn length(scheme: Scheme, class: SizeClass) -> usize {
 
 #[test]
 fn lengths_are_as_documented() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
-    let document = std::fs::read_to_string(path).expect("the document is there");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    let document = std::fs::read_to_string(path).expect("the document exists");
     for scheme in Scheme::ALL {
         let cells: Vec<String> =
             SizeClass::ALL.into_iter().map(|class| length(scheme, class).to_string()).collect();
@@ -55,8 +55,8 @@ fn documented_length_sum_is_exact() {
 }
 
 fn document() -> String {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
-    std::fs::read_to_string(path).expect("the document is there")
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    std::fs::read_to_string(path).expect("the document exists")
 }
 
 /// The dump of a query in the document, as fields: offset, bytes (omitted ones as their count), label.

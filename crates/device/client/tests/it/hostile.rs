@@ -106,21 +106,21 @@ fn profiles_are_cached_revalidated_and_checked() {
         protobuf(&good),
     ]);
     let client = Client::new(&service.url, None, options.clone()).expect("a client");
-    let ask = || client.profile("place");
+    let fetch = || client.profile("place");
     assert!(
-        matches!(ask(), Err(ClientError::Refused(r)) if r.status == 304),
+        matches!(fetch(), Err(ClientError::Refused(r)) if r.status == 304),
         "the request was not conditional"
     );
-    assert!(matches!(ask(), Err(ClientError::BadAnswer { .. })));
-    assert!(matches!(ask(), Err(ClientError::BadAnswer { .. })));
+    assert!(matches!(fetch(), Err(ClientError::BadAnswer { .. })));
+    assert!(matches!(fetch(), Err(ClientError::BadAnswer { .. })));
     assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 0, "nothing was cached");
-    assert_eq!(ask().expect("fetched"), profile);
-    assert_eq!(ask().expect("confirmed"), profile);
+    assert_eq!(fetch().expect("fetched"), profile);
+    assert_eq!(fetch().expect("confirmed"), profile);
     let cached = std::fs::read_dir(folder.path().join("profiles")).expect("there").next().expect("a file");
     let cached = cached.expect("an entry").path();
     assert!(std::fs::read(&cached).expect("kept") == good);
     std::fs::write(&cached, b"damaged").expect("written");
-    assert_eq!(ask().expect("fetched again"), profile);
+    assert_eq!(fetch().expect("fetched again"), profile);
     let tagged: Vec<bool> = service.requests().iter().map(|a| a.head.contains("if-none-match")).collect();
     assert_eq!(tagged, [false, false, false, false, true, false]);
     assert!(std::fs::read(&cached).expect("kept") == good, "whole again");

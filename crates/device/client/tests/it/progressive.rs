@@ -48,7 +48,7 @@ fn answer(trusted: bool, sd: f64) -> Vec<u8> {
     protobuf(&answer.encode())
 }
 
-fn ask(client: &Client, query: &SealedQuery, enough: Enough) -> Result<ProgressiveAnswer, ClientError> {
+fn send(client: &Client, query: &SealedQuery, enough: Enough) -> Result<ProgressiveAnswer, ClientError> {
     client.localize_progressive("place", query, &profile(7), enough, &LocalizeRequest::default())
 }
 
@@ -74,7 +74,7 @@ fn progressive_query_stops_at_a_trusted_pose() {
         (vec![answer(true, 0.02); 3], close, vec![(256, Trusted), (512, Trusted), (1024, Trusted)]),
     ] {
         let service = Service::replying(replies);
-        let found = ask(&service.client(), &query(0), enough).expect("an answer");
+        let found = send(&service.client(), &query(0), enough).expect("an answer");
         assert_eq!(outcomes(&found), expected);
         let requests = service.requests();
         assert_eq!(requests.len(), expected.len());
@@ -104,20 +104,20 @@ fn content_length(body: &[u8]) -> String {
 fn errors_end_a_progressive_query() {
     // No pose with all rows.
     let service = Service::replying(vec![problem("422 No", "not-localized", &[]); 3]);
-    let error = ask(&service.client(), &query(0), Enough::TRUSTED).expect_err("no pose");
+    let error = send(&service.client(), &query(0), Enough::TRUSTED).expect_err("no pose");
     assert!(matches!(error, ClientError::NotLocalized(_)) && service.requests().len() == 3, "{error:?}");
     // An error response that more rows cannot change.
     let service = Service::replying(vec![problem("409 No", "wrong-profile", &[]), answer(true, 0.01)]);
-    let error = ask(&service.client(), &query(0), Enough::TRUSTED).expect_err("refused");
+    let error = send(&service.client(), &query(0), Enough::TRUSTED).expect_err("refused");
     assert!(matches!(error, ClientError::WrongProfile(_)) && service.requests().len() == 1, "{error:?}");
     // Busy: the same bytes are sent again, also in a later call.
     let service =
         Service::replying(vec![reply("503 Busy", &[("retry-after", "0")], b""), answer(true, 0.01)]);
-    ask(&service.client(), &query(0), Enough::TRUSTED).expect("at last");
+    send(&service.client(), &query(0), Enough::TRUSTED).expect("at last");
     let requests = service.requests();
     assert!(requests.len() == 2 && requests[0] == requests[1]);
     let later = Service::replying(vec![answer(true, 0.01)]);
-    ask(&later.client(), &query(0), Enough::TRUSTED).expect("an answer");
+    send(&later.client(), &query(0), Enough::TRUSTED).expect("an answer");
     assert!(later.requests()[0].body == requests[0].body);
 }
 
@@ -125,11 +125,11 @@ fn errors_end_a_progressive_query() {
 fn one_sided_steps_are_not_sent() {
     // The first 256 rows belong to one side: the first step is skipped.
     let service = Service::replying(vec![answer(true, 0.01)]);
-    let found = ask(&service.client(), &query(256), Enough::TRUSTED).expect("an answer");
+    let found = send(&service.client(), &query(256), Enough::TRUSTED).expect("an answer");
     assert_eq!(outcomes(&found), [(512, StepOutcome::Trusted)]);
     // All rows belong to one side, or the query was sealed for another map: nothing is sent.
     let service = Service::replying(Vec::new());
-    let error = ask(&service.client(), &query(1024), Enough::TRUSTED).expect_err("lopsided");
+    let error = send(&service.client(), &query(1024), Enough::TRUSTED).expect_err("lopsided");
     assert!(matches!(error, ClientError::Lopsided(_)), "{error:?}");
     let (client, request) = (service.client(), LocalizeRequest::default());
     let other = client.localize_progressive("place", &query(0), &profile(8), Enough::TRUSTED, &request);

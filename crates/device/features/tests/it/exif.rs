@@ -84,16 +84,16 @@ fn unusable_exif_is_rejected_with_a_reason() {
     };
     refused(camera_of("a.jpg", (40, 30), None).map(|_| 0.0), "no EXIF");
     refused(camera_of("a.jpg", (40, 30), Some(b"nonsense".to_vec())).map(|_| 0.0), "damaged");
-    let tell = |fields: &[Field]| focal((400, 300), fields);
-    refused(tell(&[]), "does not give");
-    refused(tell(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not give");
-    refused(tell(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not give");
+    let camera_from = |fields: &[Field]| focal((400, 300), fields);
+    refused(camera_from(&[]), "does not give");
+    refused(camera_from(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not give");
+    refused(camera_from(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not give");
     let unit =
         |unit| [Rational(FOCAL_LENGTH, 4, 1), Rational(PLANE_X_RESOLUTION, 4000, 1), Short(PLANE_UNIT, unit)];
-    refused(tell(&unit(9)), "does not give");
-    refused(tell(&[Short(FOCAL_35MM, 60_000)]), "possible range");
-    refused(tell(&[Short(FOCAL_35MM, 1)]), "possible range");
-    refused(tell(&[Long(PIXEL_X, 4000), Long(PIXEL_Y, 4000), Short(FOCAL_35MM, 26)]), "cropped");
+    refused(camera_from(&unit(9)), "does not give");
+    refused(camera_from(&[Short(FOCAL_35MM, 60_000)]), "possible range");
+    refused(camera_from(&[Short(FOCAL_35MM, 1)]), "possible range");
+    refused(camera_from(&[Long(PIXEL_X, 4000), Long(PIXEL_Y, 4000), Short(FOCAL_35MM, 26)]), "cropped");
 }
 
 #[test]

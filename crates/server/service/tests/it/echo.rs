@@ -109,7 +109,7 @@ fn refusals_say_which_field_and_what_it_may_be() {
         let detail = server.localize(&bytes, "").json()["detail"].as_str().expect("a detail").to_owned();
         assert!(
             detail.contains("must be")
-                || detail.contains("has not the length")
+                || detail.contains("the length of")
                 || detail.contains("out of range"),
             "{what}: {detail}"
         );

@@ -54,11 +54,11 @@ fn a_detector_that_cannot_be_used_sends_nothing() {
     let with = |classes: &str, file: &str| seal(&format!("--hide {classes} --detector {file}"));
     let good = detector("two-boxes");
     for (command, says) in [
-        (with("dog", &good), &["no class dog", "it knows: person, car"][..]),
+        (with("dog", &good), &["no class dog", "its classes: person, car"][..]),
         (with("Person", &good), &["no class Person", "person, car"]),
         (with("person", "gone.onnx"), &["gone.onnx", "cannot read the detector"]),
-        (with("person", "cut.onnx"), &["cut.onnx", "no detector that can be used"]),
-        (with("person", "place.vprofile"), &["place.vprofile", "no detector that can be used"]),
+        (with("person", "cut.onnx"), &["cut.onnx", "this detector cannot be used"]),
+        (with("person", "place.vprofile"), &["place.vprofile", "this detector cannot be used"]),
         (with("person", &detector("no-names")), &["names of its classes"]),
         (with("person", &detector("not-a-number")), &["query-0.png", "could not run"]),
         (with("person", &good).replace("-o hidden.vquery", &format!("-o {good}")), &["is an input"]),

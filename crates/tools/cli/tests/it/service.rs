@@ -260,7 +260,7 @@ fn what_would_be_a_mistake_is_refused() {
         (
             "query send images/query-0.png --camera PINHOLE,1,1,1,1,1,1 --map a/b --server http://localhost",
             1,
-            "names no map",
+            "is not a map name",
         ),
     ] {
         let run = place.run(arguments);

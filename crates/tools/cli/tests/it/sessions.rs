@@ -100,7 +100,7 @@ fn the_third_start_at_one_place_is_refused() {
     place.run(&seal("wider.png", words, "starts-1.vquery")).succeeded();
     let run = place.run(&seal("widest.png", words, "starts-2.vquery"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("2 images of this place") && run.stderr.contains("orientation"), "{run}");
+    assert!(run.stderr.contains("2 images of this scene") && run.stderr.contains("orientation"), "{run}");
     assert!(!place.path("starts-2.vquery").exists());
 }
 

@@ -83,15 +83,15 @@ fn with_steps(node: &[u8], kernels: &BTreeSet<String>) -> Option<Vec<u8>> {
     if !kernels.contains(std::str::from_utf8(kernel).ok()?) {
         return None;
     }
-    let says = |what: &str| {
+    let has_attribute = |what: &str| {
         all.iter().any(|f| f.number == ATTRIBUTE && f.payload.is_some_and(|a| text(a, 1) == Some(what)))
     };
-    let left_out: Vec<&str> = ["strides", "dilations"].into_iter().filter(|what| !says(what)).collect();
-    if left_out.is_empty() {
+    let omitted: Vec<&str> = ["strides", "dilations"].into_iter().filter(|what| !has_attribute(what)).collect();
+    if omitted.is_empty() {
         return None;
     }
     let mut node = node.to_vec();
-    for what in left_out {
+    for what in omitted {
         put(&mut node, ATTRIBUTE, &list(what, &[1, 1]));
     }
     Some(node)

@@ -89,7 +89,7 @@ fn l14_hidden_pixels_have_no_influence_on_codes() {
 
 #[test]
 fn invalid_description_is_rejected_with_its_fault() {
-    for (name, part, by, says) in [
+    for (name, part, by, expected) in [
         ("netvlad", "numbers = 4096", "numbers = 20000", "global dim"),
         ("netvlad", "name = \"netvlad\"", "name = \"vlad\"", "vlad"),
         ("netvlad", "channels = 3", "channels = 2", "1 or 3"),
@@ -106,7 +106,7 @@ fn invalid_description_is_rejected_with_its_fault() {
         let refused = described(name, part, by).expect_err(by);
         assert!(matches!(refused, FeatureError::Description { .. }), "{by}: {refused}");
         let text = refused.to_string();
-        assert!(text.contains(says) && text.starts_with("own.toml"), "{by}: {text}");
+        assert!(text.contains(expected) && text.starts_with("own.toml"), "{by}: {text}");
     }
 }
 

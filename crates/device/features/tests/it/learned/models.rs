@@ -45,7 +45,7 @@ fn all_descriptions_are_read_and_built_in() {
 #[test]
 fn invalid_description_is_rejected_with_its_fault() {
     described("", "").expect("a description");
-    for (part, by, says) in [
+    for (part, by, expected) in [
         ("name = \"xfeat\"", "name = \"X feat\"", "name"),
         ("name = \"xfeat\"", "name = \"sift\"", "sift"),
         ("channels = 1", "channels = 2", "1 or 3"),
@@ -66,7 +66,7 @@ fn invalid_description_is_rejected_with_its_fault() {
         let refused = described(part, by).expect_err(by);
         assert!(matches!(refused, FeatureError::Description { .. }), "{by}: {refused}");
         let text = refused.to_string();
-        assert!(text.contains(says) && text.starts_with("own.toml"), "{by}: {text}");
+        assert!(text.contains(expected) && text.starts_with("own.toml"), "{by}: {text}");
     }
 }
 
@@ -142,7 +142,7 @@ fn error_names_an_invalid_projection() {
     assert_eq!((kind.dim(), kind.encoding(), kind.packed_len()), (24, Encoding::Coarse, 12));
     let oversized = vec![0; 2 << 20];
     let overflow = [&whole[..2 * 24 * 25], &[0xff, 0xff, 0xff, 0x7f].repeat(24)].concat();
-    for (part, by, file, says) in [
+    for (part, by, file, expected) in [
         (
             "",
             "",
@@ -172,7 +172,7 @@ fn error_names_an_invalid_projection() {
         ),
     ] {
         let refused = projected(part, by, file).expect_err(by).to_string();
-        assert!(says.iter().all(|word| refused.contains(word)), "{says:?}: {refused}");
+        assert!(expected.iter().all(|word| refused.contains(word)), "{expected:?}: {refused}");
     }
 }
 
@@ -217,7 +217,7 @@ fn derived_description_has_only_the_differences() {
     let (own_kind, kind) = (own.kind(), whole.description.kind());
     assert_eq!((own_kind.name(), own_kind.norm()), ("mine", kind.norm()));
     assert_eq!((own.files(), own.licence()), (whole.description.files(), whole.description.licence()));
-    for (text, says) in [
+    for (text, expected) in [
         ("name = \"mine\"\nof = \"orb\"", "\"orb\""),
         ("name = \"mine\"\nof = 3", "no model"),
         ("name = \"mine\"\nof = \"xfeat\"\nscore = 1", "unknown field"),
@@ -225,7 +225,7 @@ fn derived_description_has_only_the_differences() {
     ] {
         let refused = parse(text).expect_err(text);
         assert!(matches!(refused, FeatureError::Description { .. }), "{text}: {refused}");
-        assert!(refused.to_string().contains(says), "{text}: {refused}");
+        assert!(refused.to_string().contains(expected), "{text}: {refused}");
     }
 }
 
