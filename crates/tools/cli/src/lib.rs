@@ -1,7 +1,8 @@
-//! The `veiloc` program as a library: reads a command line, calls the libraries, and tells people how it went.
+//! The `veiloc` program as a library: parses a command line, calls the libraries, and prints the results.
 //!
-//! [`run`] is all of it; the binary calls it, and so does the Python package, which carries the same program. Data goes to stdout (`--json`, tables), talk and progress go to stderr. Exit codes: 0 success, 1 the input was
-//! refused or nothing was localized, 2 wrong usage, 3 results could not be written or our own error.
+//! [`run`] is the whole program; the binary and the Python package call it. Results go to stdout (`--json`, tables);
+//! messages and progress go to stderr. Exit codes: 0 success, 1 the input was refused or nothing was localized, 2 wrong
+//! usage, 3 results could not be written or an internal error.
 #![forbid(unsafe_code)]
 
 pub mod args;
@@ -13,7 +14,7 @@ use std::ffi::OsString;
 use std::sync::Arc;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-// Every command talks by these: they go by the names of their files.
+// Modules that every command uses, at the crate root under their own names.
 use crate::args::{
     camera, extraction_args, faults, feature_args, global_args, json_args, localization_args,
     progressive_args, report_args,
@@ -27,7 +28,7 @@ use crate::ui::Ui;
 #[derive(Parser)]
 #[command(name = "veiloc", version, max_term_width = 110, after_help = exit::EXIT_CODES)]
 struct Cli {
-    /// No progress and no remarks, only results and errors.
+    /// Print no progress and no messages, only results and errors.
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]
@@ -36,52 +37,52 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Render a place, map it, localize hidden queries, attack them, write a report.
+    /// Render a scene, map it, localize hidden queries, attack them, write a report.
     Demo(commands::demo::Args),
     /// Build, import, inspect and change maps.
     #[command(subcommand)]
     Map(commands::map::Command),
-    /// Say which learned features are known, and whether their network files are there.
+    /// List the known models of learned features, and whether their network files exist.
     Models(commands::models::Args),
     /// Extract features of images for other programs.
     #[cfg(feature = "hloc")]
     Features(commands::features::Args),
-    /// Extract features of images for hloc (takes the cargo feature `hloc`).
+    /// Extract features of images for hloc (needs the cargo feature `hloc`).
     #[cfg(not(feature = "hloc"))]
     Features(commands::absent::Args),
-    /// Turn images into sealed queries, as a device does.
+    /// Seal images: convert them to queries that hide the keypoint positions.
     Seal(commands::seal::Args),
-    /// Find where sealed queries were taken.
+    /// Estimate the poses of sealed queries.
     Localize(commands::localize::Args),
-    /// Serve maps: sealed queries in over HTTP, poses out.
+    /// Serve maps over HTTP: sealed queries in, poses out.
     Serve(commands::serve::Args),
-    /// Hold regions of a published map, for a service of many machines.
+    /// Hold regions of a published map, for a service on several machines.
     #[cfg(feature = "cluster")]
     Worker(commands::worker::Args),
-    /// Hold regions of a published map (takes the cargo feature `cluster`).
+    /// Hold regions of a published map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
     Worker(commands::absent::Args),
-    /// Make, list and revoke tokens of a service.
+    /// Create, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
-    /// Ask a service where an image was taken, without sending it.
+    /// Localize an image with a service, without sending the image.
     #[command(subcommand)]
     Query(commands::query::Command),
     /// Measure localization on data with known poses.
     #[command(subcommand)]
     Eval(commands::eval::Command),
-    /// Recover keypoints from what is sent, by every attack under every scheme.
+    /// Recover keypoints from obfuscated queries, with every attack under every scheme.
     Attack(commands::attack::Args),
-    /// Attack what would be sent of your images, and write a report on it.
+    /// Attack the queries of your own images and write a report.
     Audit(commands::audit::Args),
-    /// Rendered places, written as data sets.
+    /// Render scenes and write them as data sets.
     #[command(subcommand)]
     Synth(commands::synth::Command),
 }
 
-/// The whole program, for a command line whose first word is its own name; returns its exit code.
+/// Runs the whole program for a command line that begins with the program's name; returns its exit code.
 ///
-/// Prints, and so stands at the end of a process: whoever wants answers as values calls the libraries.
+/// It prints its results; a program that needs them as values calls the libraries.
 pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
     let command_line: Vec<OsString> = command_line.into_iter().collect();
     output::command_line::keep(command_line.get(1..).unwrap_or_default());
@@ -104,7 +105,7 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Features(args) => commands::absent::run(args, "features", "hloc"),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
-        // What holds for it is not on the command line alone.
+        // Its settings also come from a file and from variables.
         Command::Serve(_) => {
             commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
         }
@@ -122,7 +123,7 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Synth(command) => commands::synth::run(command, &ui),
     });
     let exit = result.unwrap_or_else(|failure| told(&failure, &ui));
-    // Whatever else went wrong: who asked has not got the results there were.
+    // After any other error: results were lost.
     ui.lost_output().map_or(exit, |failure| told(&failure, &ui)).code()
 }
 
@@ -131,7 +132,7 @@ fn told(failure: &Failure, ui: &Ui) -> Exit {
     failure.exit()
 }
 
-/// Prints what the reader of the command line answers itself: help and version to stdout, wrong usage to stderr.
+/// Prints the parser's own output: help and version to stdout, wrong usage to stderr.
 fn answered(answer: &clap::Error) -> u8 {
     let printed = answer.print().and_then(|()| std::io::Write::flush(&mut std::io::stdout()));
     match (answer.use_stderr(), printed) {
@@ -161,10 +162,10 @@ mod tests {
         }
     }
 
-    /// What a value is called in the usage, and the word that says its unit.
+    /// Value names in the usage, and the word in the help that states their unit.
     const UNITS: [(&str, &str); 4] =
         [("PX", "pixel"), ("SECONDS", "seconds"), ("PERCENT", "percent"), ("T/DEG", "degrees")];
-    /// Whose absence needs no words: files and folders that are only read or written when they are named.
+    /// Value names whose absence needs no description: files and folders that are only used if given.
     const ON_DEMAND: [&str; 5] = ["FILE", "DIR", "PROBLEMS", "NAME=", "TOKEN"];
 
     #[test]

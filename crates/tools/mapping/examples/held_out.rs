@@ -1,9 +1,9 @@
-//! Coverage on images that are in no map, by the estimator's covariances, by the defaults, and by the map's own
-//! calibration:
+//! Coverage on images that are not in the map, with the estimator's covariances, the default calibration, and the map's
+//! own calibration:
 //!
 //! `cargo run --release -p veiloc-mapping --example held_out -- POSED IMAGES MAP_LIST QUERY_LIST`
 //!
-//! A list of `every-N-from-K` leaves every Nth image of `MAP_LIST` out, from the Kth on, and queries it.
+//! The query list `every-N-from-K` leaves every Nth image of `MAP_LIST` out, from the Kth on, and uses it as a query.
 #![expect(clippy::print_stdout, reason = "the table is the product")]
 
 use std::path::Path;
@@ -96,7 +96,7 @@ fn main() -> Result<(), Failure> {
                 shares(&all, 0, [2.366, 6.251, 11.345]),
                 shares(&all, 1, [5.348, 10.645, 16.812])
             );
-            // For pooling over folds.
+            // Pools the results of all folds.
             for [center, pose] in all {
                 println!("  # {} {what} {center:.4} {pose:.4}", scheme.name());
             }

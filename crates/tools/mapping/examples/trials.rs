@@ -1,4 +1,4 @@
-//! What a map's test of itself says: `cargo run --release -p veiloc-mapping --example trials -- place.vmap`.
+//! Prints the self-test of a map: `cargo run --release -p veiloc-mapping --example trials -- place.vmap`.
 #![expect(clippy::print_stdout, reason = "a program")]
 
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Images that cannot be used, and how they are told.
+//! Images that cannot be used, and their messages.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use veiloc_features::FeatureError;
 /// An image that cannot be used.
 #[derive(Debug)]
 pub struct BadImage {
-    /// Its name, as it was given.
+    /// Its name in the input.
     pub name: String,
     /// Why it cannot be used.
     pub reason: BadReason,
@@ -17,7 +17,7 @@ pub struct BadImage {
 impl fmt::Display for BadImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let reason = self.reason.to_string();
-        // Faults of files name the path.
+        // File errors contain the path already.
         if reason.contains(&self.name) { f.write_str(&reason) } else { write!(f, "{}: {reason}", self.name) }
     }
 }
@@ -25,32 +25,32 @@ impl fmt::Display for BadImage {
 /// Why an image cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum BadReason {
-    /// It was named twice.
+    /// Its name occurs twice.
     #[error("is in the list twice; name every image once")]
     Twice,
-    /// Nobody says where it was taken.
+    /// It has no pose.
     #[error("there is no pose for it; take it from the list or add its pose")]
     NoPose,
-    /// It is to join a map that has it.
+    /// It is to be added to a map that already has it.
     #[error("is already in the map; remove it first to replace it")]
     AlreadyInMap,
-    /// Its file is not there.
+    /// Its file does not exist.
     #[error("there is no file {}; check the path", path.display())]
     NoFile {
-        /// Where it should be.
+        /// The expected path.
         path: PathBuf,
     },
-    /// Its file cannot be read, or is not what its camera takes.
+    /// Its file cannot be read, or its size differs from its camera's.
     #[error(transparent)]
     Image(#[from] FeatureError),
 }
 
-/// All images that cannot be used. Printed, it names the first ten and counts the rest.
+/// All images that cannot be used. The message names the first ten and counts the rest.
 #[derive(Debug)]
 pub struct BadImages {
-    /// Which, in the order of the list.
+    /// The images, in the order of the list.
     pub images: Vec<BadImage>,
-    /// How many images were given in all.
+    /// Total number of images.
     pub of: usize,
 }
 
@@ -61,7 +61,7 @@ impl fmt::Display for BadImages {
     }
 }
 
-/// Images that were left out, for a person: how many, the first ten of them, and the number of the others.
+/// Images that were left out; the message has their number, the first ten names, and the number of the others.
 #[derive(Debug)]
 pub struct SkippedImages(pub Vec<BadImage>);
 
@@ -73,7 +73,7 @@ impl fmt::Display for SkippedImages {
     }
 }
 
-/// What follows "3 of 20 images": one a line, the first ten and the number of the others.
+/// Writes what follows "3 of 20 images": one image per line, the first ten, and the number of the others.
 fn write_list(f: &mut fmt::Formatter<'_>, images: &[BadImage]) -> fmt::Result {
     images.iter().take(NAMED).try_for_each(|image| write!(f, "\n  {image}"))?;
     match images.len().saturating_sub(NAMED) {
@@ -82,7 +82,7 @@ fn write_list(f: &mut fmt::Formatter<'_>, images: &[BadImage]) -> fmt::Result {
     }
 }
 
-/// Images that a message names.
+/// Maximum number of images in a message.
 const NAMED: usize = 10;
 
 #[cfg(test)]

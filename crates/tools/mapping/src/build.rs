@@ -1,4 +1,4 @@
-//! From posed images to a map.
+//! Builds a map from posed images.
 
 use std::collections::BTreeSet;
 
@@ -22,15 +22,15 @@ use crate::scene::Scene;
 use crate::triangulation::{nearest_to_both_rays, widest_angle_deg};
 use crate::vocabulary::learn;
 
-/// Builds a map of posed images.
+/// Builds a map from posed images.
 ///
-/// Points of the posed images are not taken over; they only help to find pairs of images. Where there are none, pairs
+/// The points of the posed images are not used as map points; they only help to find image pairs. Without points, pairs
 /// are found from the poses.
 ///
 /// # Errors
-/// [`MappingError`]: features of an unknown kind, no images, images that cannot be used (all of them named: twice in the list, without pose, without
-/// file, before any work begins; unreadable or not of their cameras' sizes, as they are read), no keypoints at all, or
-/// nothing that could be triangulated.
+/// [`MappingError`]: features of an unknown kind, no images, unusable images (all are named: duplicate, without pose or
+/// without file before any computation; unreadable or not of their camera's size when they are read), no keypoints, or
+/// no triangulated point.
 pub fn build(
     input: &Input<'_>,
     options: &BuildOptions,
@@ -79,12 +79,13 @@ pub fn build(
     Ok((model, report))
 }
 
-/// In the order of their first observations, so that the points of one image lie together in the file.
+/// Sorts points by their first observations, so that the points of one image are adjacent in the file.
 pub(crate) fn sort_points(model: &mut MapModel) {
     model.points.sort_by(|a, b| a.track.cmp(&b.track));
 }
 
-/// What devices need: the model of whole images, or the vocabulary that is learned from a sample of all descriptors.
+/// Returns the profile for devices, with the model of the global descriptor or with a vocabulary that is trained on a
+/// sample of all descriptors.
 pub(crate) fn profile(
     features: &[Extracted],
     options: &BuildOptions,
@@ -99,7 +100,7 @@ pub(crate) fn profile(
     Ok(Profile::vlad(vocabulary).with_limits(options.device)?)
 }
 
-/// Adds images without points to a model; a camera that is already there is shared.
+/// Adds images without points to a model; equal cameras are shared.
 pub(crate) fn append_images(
     model: &mut MapModel,
     images: &[&PosedImage],
@@ -131,20 +132,20 @@ pub(crate) fn append_images(
     Ok(())
 }
 
-/// What was matched.
+/// Result of matching.
 pub(crate) struct Matched {
     /// Best first.
     pub(crate) edges: Edges,
-    /// Which images with which.
+    /// The matched image pairs.
     pub(crate) pairs: Vec<(u32, u32)>,
 }
 
-/// Names of the descriptors of each image, where matches are kept.
+/// Returns the cache keys of the descriptors of each image, if a cache is given.
 pub(crate) fn names_of(scene: &Scene<'_>, kept: Option<&dyn Kept>) -> Option<Vec<[u8; 32]>> {
     kept.map(|kept| scene.descriptors.par_iter().map(|own| kept.name(*own)).collect())
 }
 
-/// Matches these pairs, and no others.
+/// Matches exactly these pairs.
 fn match_given(
     scene: &Scene<'_>,
     pairs: Vec<(u32, u32)>,
@@ -160,7 +161,7 @@ fn match_given(
     Matched { edges, pairs }
 }
 
-/// Matches the images of `focus` with each other and with the rest, best edges first.
+/// Matches the images of `focus` with each other and with the rest; edges are sorted, best first.
 pub(crate) fn match_images(
     scene: &Scene<'_>,
     mut seeds: Seeds,
@@ -186,13 +187,13 @@ pub(crate) fn match_images(
     Matched { edges, pairs }
 }
 
-/// Pairs of images of which too little is known to tell who sees what they see.
+/// Pairs of images with too few seeds to judge their overlap.
 pub(crate) fn first_pairs(scene: &Scene<'_>, seeds: &Seeds, focus: &[u32]) -> Vec<(u32, u32)> {
     let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
     pairs_by_pose(&scene.views, &unknown)
 }
 
-/// Pairs that share seeds, without those that were matched first.
+/// Pairs that share seeds, without those that were already matched.
 pub(crate) fn further_pairs(
     scene: &Scene<'_>,
     seeds: &Seeds,
@@ -206,13 +207,13 @@ pub(crate) fn further_pairs(
     pairs
 }
 
-/// The points that each image is known to see.
+/// Returns the known points that each image observes.
 pub(crate) fn seeds_of(posed: &PosedImages, images: &[&PosedImage]) -> Seeds {
     let position = |id: &u32| posed.points()[*id as usize].coords;
     images.iter().map(|i| i.seen.iter().map(position).collect()).collect()
 }
 
-/// Adds the points that matches place well enough to tell who else sees them.
+/// Adds the points that matches triangulate well enough to judge which other images see them.
 pub(crate) fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     for edge in edges {
         let (Some(a), Some(b)) = (scene.sight(edge.a), scene.sight(edge.b)) else { continue };
@@ -224,5 +225,5 @@ pub(crate) fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     }
 }
 
-/// Seeds need a depth that is right within about a fifth, no more.
+/// Seeds need their depth only to about 20 %.
 const MIN_SEED_ANGLE_DEG: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! Images join a map and leave it, without the map being built again.
+//! Adds images to a map and removes them, without rebuilding the map.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -23,14 +23,14 @@ use crate::report::BuildReport;
 use crate::scene::{Fallback, Scene};
 use crate::vocabulary::learn;
 
-/// Adds posed images to a map, whose world is that of the poses.
+/// Adds posed images to a map; their poses must be in its world frame.
 ///
-/// Features are extracted as they were for the map, and matched with images that see the same. Points that gain
-/// observations are refined, new points are added behind the old ones; all others, the vocabulary and the profile stay
-/// as they are, bit for bit. An error leaves the map as it was.
+/// Features are extracted with the map's settings and matched with overlapping images. Points with new observations are
+/// refined, and new points are appended; all other points, the vocabulary and the profile stay bit-identical. An error
+/// leaves the map unchanged.
 ///
 /// # Errors
-/// [`MappingError`] as for [`build`](crate::build), and when an image is already in the map.
+/// [`MappingError`] as for [`build`](crate::build), and if an image is already in the map.
 pub fn add(
     model: &mut MapModel,
     input: &Input<'_>,
@@ -58,7 +58,7 @@ pub fn add(
     Ok(report)
 }
 
-/// What follows extraction. An error leaves the map as it was.
+/// The steps after extraction. An error leaves the map unchanged.
 pub(crate) fn join(
     model: &mut MapModel,
     images: &[&PosedImage],
@@ -83,29 +83,30 @@ pub(crate) fn join(
     Ok(edges)
 }
 
-/// What becomes of the vocabulary when images leave a map.
+/// Treatment of the vocabulary when images are removed from a map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Words {
-    /// It stays, and with it the profile: queries sealed for the map still fit. Its words are averages of descriptors
-    /// of many images; those of images that leave go on being part of them.
+    /// It stays, and so does the profile: queries sealed for the map remain valid. Its words are means of descriptors
+    /// of many images, including the removed ones.
     #[default]
     Keep,
-    /// It is learned again from the images that stay. The profile becomes another one: devices must fetch it, and
-    /// queries sealed for the old one are refused.
+    /// It is trained again on the remaining images. The profile changes: devices must fetch it again, and queries
+    /// sealed for the old one are refused.
     Retrain,
 }
 
-/// Takes the named images out of a map: their keypoints, descriptors and poses go. Points they saw are triangulated
-/// again from the other images, or go when too few are left; all other points stay as they are, bit for bit.
+/// Removes the named images from a map with their keypoints, descriptors and poses. Points that they observe are
+/// triangulated again from the other images, or removed if too few observations remain; all other points stay
+/// bit-identical.
 ///
-/// What is left of the images then: under [`Words::Keep`] their share in the words of the vocabulary, under
-/// [`Words::Retrain`] no share in any descriptor. Either way the other images' points are sought again from where they
-/// stood, their keypoints stay joined as matches with the images that left may have joined them, and the old file may
-/// live on in copies and backups.
+/// Remaining traces of the images: with [`Words::Keep`] their share in the words of the vocabulary, with
+/// [`Words::Retrain`] no share in any descriptor. In both cases the refinement of other images' points starts from
+/// their old positions, their keypoints remain merged even if matches with a removed image merged them, and the old
+/// file may survive in copies and backups.
 ///
 /// # Errors
-/// [`MappingError`]: an empty list, a name twice, names that are not in the map, or no image left to learn words from.
-/// The map is then as it was.
+/// [`MappingError`]: an empty list, a duplicate name, names that are not in the map, or no image left to train the
+/// vocabulary on. The map is then unchanged.
 pub fn remove(
     model: &mut MapModel,
     names: &[String],
@@ -119,7 +120,7 @@ pub fn remove(
     let settings = model.settings;
     let profile = match words {
         Words::Keep => None,
-        // Made of each image by itself: nothing was learned from those that leave.
+        // Computed for each image separately: the removed images had no influence.
         Words::Retrain if model.profile.vocabulary().is_none() => None,
         Words::Retrain if staying.is_empty() => return Err(MappingError::NothingLeft),
         Words::Retrain => {
@@ -192,7 +193,7 @@ fn drop_unused_cameras(model: &mut MapModel) {
     }
 }
 
-/// The points that each image of a map sees.
+/// The points that each image of a map observes.
 fn seeds_of_map(model: &MapModel) -> Seeds {
     let position = |id: veiloc_map::PointId| model.points[id.index()].position.coords;
     let of_image = |i: &MapImage| i.point_of_keypoint.iter().flatten().map(|id| position(*id)).collect();

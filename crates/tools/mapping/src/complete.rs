@@ -1,4 +1,4 @@
-//! What triangulation makes possible: points find more of their keypoints, and points that are one become one.
+//! Track completion after triangulation: points gain observations, and duplicate points are merged.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use crate::scene::{Fallback, Scene};
 use crate::tracks::Node;
 use crate::triangulation::settle;
 
-/// Grows a scene by what its new edges tell, until the points no longer gain.
+/// Extends a scene with new edges, until no point gains an observation.
 pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
     let neighbours = neighbours(scene.views.len(), edges);
     attach(scene, edges);
@@ -24,9 +24,9 @@ pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettin
     }
 }
 
-/// Gives keypoints without a point to the point of a keypoint they match, when it projects on them.
+/// Assigns keypoints without a point to the point of a matched keypoint, if it projects near them.
 fn attach(scene: &mut Scene<'_>, edges: &[Edge]) {
-    // Along a chain of matches one keypoint after another; the best edges come first, so a few passes do.
+    // Along a chain of matches one keypoint follows another; the best edges come first, so a few passes suffice.
     for _ in 0..ATTACH_PASSES {
         let mut attached = 0;
         for edge in edges {
@@ -49,7 +49,7 @@ fn attach(scene: &mut Scene<'_>, edges: &[Edge]) {
     }
 }
 
-/// Joins two points when a match says that they are one and all their keypoints agree on where it is.
+/// Merges two points that a match connects, if all their keypoints agree on one position.
 fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
     let mut tried = BTreeSet::new();
     for edge in edges {
@@ -62,7 +62,7 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
             if (p.track.len(), b) >= (q.track.len(), a) { (a, b) } else { (b, a) }
         };
         let (p, q) = (&scene.points[keep as usize], &scene.points[give as usize]);
-        // Two keypoints of one image may be one place found twice, but then they lie together.
+        // One image may contain two keypoints of one point, but only close to each other.
         let (doubled, joining): (Vec<Node>, Vec<Node>) = q.track.iter().partition(|n| p.sees(n.0));
         let together = |node: &Node| scene.sight(*node).is_some_and(|s| s.agrees(&p.position));
         if joining.is_empty() || !doubled.iter().all(together) {
@@ -92,8 +92,8 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
     }
 }
 
-/// Looks for the keypoints of touched points where these project in neighbouring images: matches that the ratio test
-/// refused, because the place repeats or because the keypoint was found twice, are safe once the place is known.
+/// Searches keypoints of the touched points near their projections in neighbouring images. This recovers matches that
+/// the ratio test rejected because of repeated structure or duplicate keypoints; with a known 3D point they are safe.
 fn find_by_projection(scene: &mut Scene<'_>, neighbours: &[BTreeSet<u32>]) {
     let free: Vec<Grid> = (0..scene.views.len())
         .into_par_iter()
@@ -117,8 +117,8 @@ fn find_by_projection(scene: &mut Scene<'_>, neighbours: &[BTreeSet<u32>]) {
     }
 }
 
-/// The most similar free keypoint near the projection of a point in each neighbouring image: squared descriptor
-/// distance, point, keypoint.
+/// Returns for each neighbouring image the most similar free keypoint near the projection of a point: squared
+/// descriptor distance, point, keypoint.
 fn candidates(
     scene: &Scene<'_>,
     index: u32,
@@ -164,12 +164,12 @@ fn candidates(
         .collect()
 }
 
-/// Of offset codes as of plain ones: the offset cancels.
+/// Valid for offset codes too: the offset cancels.
 fn squared_distance(a: &[u8], b: &[u8]) -> u32 {
     a.iter().zip(b).map(|(x, y)| u32::from(x.abs_diff(*y)).pow(2)).sum()
 }
 
-/// Images that an image was matched with, successfully.
+/// Images with verified matches to each image.
 fn neighbours(images: usize, edges: &[Edge]) -> Vec<BTreeSet<u32>> {
     let mut all = vec![BTreeSet::new(); images];
     for edge in edges {
@@ -179,7 +179,7 @@ fn neighbours(images: usize, edges: &[Edge]) -> Vec<BTreeSet<u32>> {
     all
 }
 
-/// Keypoints of one image by where they are.
+/// Spatial index of the keypoints of one image.
 pub(crate) struct Grid {
     cell: f64,
     /// Column and row of the cell, keypoint; sorted.
@@ -187,7 +187,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// For questions about neighbourhoods of this radius, pixels.
+    /// Creates an index for queries with this radius, pixels.
     pub(crate) fn new(keypoints: impl Iterator<Item = (u32, [f32; 2])>, radius: f64) -> Self {
         let cell = |c: f32| (f64::from(c) / radius).floor() as i32;
         let mut cells: Vec<_> = keypoints.map(|(k, [u, v])| ((cell(u), cell(v)), k)).collect();
@@ -228,7 +228,7 @@ mod tests {
             for (k, [u, v]) in (0..).zip(&keypoints) {
                 let within = at.distance(&Pixel::new(f64::from(*u), f64::from(*v))) <= 4.0;
                 assert!(!within || near.contains(&k));
-                // A superset, but not everything: nothing from beyond the neighbouring cells.
+                // Only neighbouring cells are searched, so the superset is bounded.
                 let reach = (at.u - f64::from(*u)).abs().max((at.v - f64::from(*v)).abs());
                 assert!(reach < 8.0 || !near.contains(&k), "{k} is {reach} px away");
             }

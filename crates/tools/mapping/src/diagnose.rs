@@ -1,9 +1,8 @@
-//! Why the images of a map do not fit together: poses and cameras are changed as people get them wrong, and where matches
-//! then agree with them much better, that is the likely cause.
+//! Finds the cause of inconsistent poses and cameras: applies common mistakes and checks whether matches then agree
+//! much better.
 //!
-//! Pairs of images are chosen by how they look, because poses that may be wrong cannot choose them. Their matches are
-//! made once; then each hypothesis asks how many of them lie on each other's epipolar lines and meet in front of both
-//! cameras.
+//! Image pairs are chosen by appearance, because wrong poses cannot choose them. Matches are computed once; each
+//! hypothesis then counts the matches that lie on each other's epipolar lines and intersect in front of both cameras.
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalDescriptor, Match, MatchOptions, match_descriptors};
@@ -16,10 +15,10 @@ use crate::report::{BuildReport, Doubt, Fault};
 use crate::scene::Scene;
 use crate::view::View;
 
-/// The likely reason why the matches of a map's images do not agree with their poses and cameras; `None` where they do
-/// agree, or no hypothesis explains them much better.
+/// Returns the likely reason why the matches of a map's images disagree with their poses and cameras; `None` if they
+/// agree, or if no hypothesis explains them much better.
 ///
-/// Measures every time it is asked, by matching some dozen pairs of images: for maps that are doubted already.
+/// Each call matches some dozen image pairs: use it for maps that are already doubted.
 pub fn diagnose(model: &MapModel) -> Option<Doubt> {
     let scene = Scene::of(model, &model.settings);
     let globals: Vec<&GlobalDescriptor> = model.images.iter().map(|i| &i.global).collect();
@@ -60,23 +59,23 @@ pub fn diagnose(model: &MapModel) -> Option<Doubt> {
     })
 }
 
-/// Adds the likely cause to what is doubted of a map, when it is doubted or few of its matches agree.
+/// Adds the likely cause to the warnings of a map, if there is a warning or few matches agree.
 pub(crate) fn explain(report: &mut BuildReport, model: &MapModel) {
     if !report.doubts.is_empty() || Doubt::is_worth_asking(report.matches, report.verified) {
         report.doubts.extend(diagnose(model));
     }
 }
 
-/// What people get wrong. Of focal lengths, steps of an eighth octave from a quarter to four times.
+/// Common mistakes. Focal lengths vary from a quarter to four times in steps of an eighth octave.
 fn faults() -> impl Iterator<Item = Fault> {
-    // The matches of a sound map lose a tenth of their agreement with an eighth octave.
+    // Matches of a correct map lose a tenth of their agreement with an eighth octave.
     let focal =
         |step: i32| Fault::FocalLength { percent: (100.0 * (f64::from(step) / 8.0).exp2()).round() as u32 };
     let poses = [Fault::CameraToWorld, Fault::AxesUpAndBack, Fault::CameraToWorldAxesUpAndBack];
     poses.into_iter().chain((-16..=16).filter(|step| *step != 0).map(focal))
 }
 
-/// The view as it would be had the fault not been made.
+/// Returns the view with the mistake undone.
 fn mended(view: &View, fault: Option<Fault>) -> View {
     let given = view.cam_from_world;
     let inverse = || {
@@ -96,8 +95,8 @@ fn mended(view: &View, fault: Option<Fault>) -> View {
     }
 }
 
-/// For images spread over the map, the ones that look most alike, and one that looks somewhat alike: neighbours in a walk
-/// stand so near each other that any pose explains them.
+/// Returns pairs for images spread over the map: the most similar images, and a moderately similar one; neighbours in a
+/// sequence are so close that any pose explains them.
 fn pairs_by_looks(globals: &[&GlobalDescriptor]) -> Vec<(usize, usize)> {
     let count = globals.len();
     let focus = (0..count).step_by(count.div_ceil(MAX_FOCUS).max(1));
@@ -128,13 +127,13 @@ fn match_pairs(pairs: &[(usize, usize)], descriptors: &[DescriptorView<'_>], max
         .collect()
 }
 
-/// Images whose pairs are asked.
+/// Maximum number of images whose pairs are used.
 const MAX_FOCUS: usize = 24;
-/// Ranks of their partners by looks.
+/// Ranks of their partners by similarity.
 const RANKS: [usize; 3] = [0, 2, 5];
-/// Fewer matches say nothing.
+/// With fewer matches there is no conclusion.
 const MIN_MATCHES: usize = 50;
-/// Least share of matches that agrees under a cause that is named.
+/// Minimum share of agreeing matches for a cause to be named.
 const LEAST_SHARE: f64 = 0.4;
-/// How much more of all matches must agree than as things were given.
+/// Minimum gain in the share of agreeing matches over the given poses and cameras.
 const LEAST_GAIN: f64 = 0.15;

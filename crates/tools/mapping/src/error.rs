@@ -1,4 +1,5 @@
-//! Why a map could not be built, changed or tested, and what files of others were refused for. Every message names the file and says what to do.
+//! Errors of building, changing and testing maps, and of reading other programs' files. Every message names the file
+//! and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -11,28 +12,28 @@ use veiloc_protocol::QueryError;
 use crate::bad_image::BadImages;
 use crate::report::Doubt;
 
-/// Why a map could not be built, changed or tested, or a file of hloc's not be read or written.
+/// Errors of building, changing and testing maps, and of reading and writing hloc's files.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MappingError {
-    /// No image was named.
+    /// The list has no image.
     #[error("the list of images is empty; name at least one")]
     EmptyList,
-    /// None of the pairs that are given is of images that are mapped.
+    /// None of the given pairs consists of mapped images.
     #[error(
         "none of the {given} pairs that are given is of two of the {images} images that are mapped; give pairs with the names of \
          the posed images"
     )]
     NoPairs {
-        /// Pairs that were given.
+        /// Number of given pairs.
         given: usize,
-        /// Images that are mapped.
+        /// Number of mapped images.
         images: usize,
     },
     /// Images cannot be used.
     #[error("{0}")]
     BadImages(BadImages),
-    /// Images that are to leave are not there.
+    /// Images to remove are not in the map.
     #[error(
         "{} not in the map, so nothing was removed; `veiloc map info --images` lists the names",
         are(names)
@@ -41,19 +42,19 @@ pub enum MappingError {
         /// Their names.
         names: Vec<String>,
     },
-    /// An image that is to leave was named twice.
+    /// An image to remove occurs twice.
     #[error("{name} is in the list twice; name every image once")]
     DuplicateName {
         /// Its name.
         name: String,
     },
-    /// No image would be left to learn a vocabulary from.
+    /// No image would be left to train a vocabulary on.
     #[error("no image would be left to learn a vocabulary from; delete the map instead")]
     NothingLeft,
-    /// There is nothing that makes the features wanted.
+    /// The extractor of the features does not exist or cannot be used.
     #[error(transparent)]
     Features(#[from] FeatureError),
-    /// The map's global descriptors are made of images, by an extractor that is not here.
+    /// The map's global descriptors need an extractor that this program does not have.
     #[error(
         "the map's global descriptors are made of the images by {name}, which this program does not have"
     )]
@@ -61,15 +62,15 @@ pub enum MappingError {
         /// The extractor's name.
         name: String,
     },
-    /// Nothing to recognise was found in any image.
+    /// No image has keypoints.
     #[error("no usable keypoints in {images} images: {source}; are they blank, or not the right files?")]
     NoKeypoints {
-        /// How many there were.
+        /// Number of images.
         images: usize,
-        /// What the vocabulary lacks.
+        /// Error of the vocabulary training.
         source: DescriptorError,
     },
-    /// No point of the place could be triangulated.
+    /// No point could be triangulated.
     #[error(
         "no point could be triangulated from {images} images ({matches} matches, {verified} of them agree with \
          the poses); {}",
@@ -79,16 +80,16 @@ pub enum MappingError {
         )
     )]
     NoPoints {
-        /// How many images.
+        /// Number of images.
         images: usize,
-        /// Matches by descriptors.
+        /// Number of matches by descriptors.
         matches: usize,
-        /// Those that agree with the poses.
+        /// Number of matches that agree with the poses.
         verified: usize,
-        /// What is likely wrong, when it could be found out.
+        /// The likely cause, if found.
         cause: Option<Doubt>,
     },
-    /// The model that is to be imported has nothing to import.
+    /// The COLMAP model has nothing to import.
     #[error(
         "the COLMAP model has {points} points, and no keypoint found in the images lies near any of their \
          observations; are these the images of the model? To make points from poses alone, build a map instead"
@@ -97,27 +98,27 @@ pub enum MappingError {
         /// Points of the model.
         points: usize,
     },
-    /// The map was made small, and keeps too little for that.
+    /// The map is compressed and lacks the keypoints for a change.
     #[error(
         "the map is a compressed one or a region of a larger one, which no image can join or leave, and which cannot be \
          made smaller: do it to the map that it was made of, and compress or cut that again"
     )]
     Compressed,
-    /// A map cannot be made so small.
+    /// The requested size of a compressed map is too small.
     #[error(
         "{bytes} bytes are too few: poses, names and global descriptors of the images take {least} alone; ask for more, \
          or build a map of fewer images"
     )]
     TooSmall {
-        /// Bytes that were asked for.
+        /// Requested bytes.
         bytes: u64,
-        /// Bytes that a map without any point has.
+        /// Bytes of the map without any point.
         least: u64,
     },
     /// The limits for devices are out of range.
     #[error(transparent)]
     Profile(#[from] QueryError),
-    /// The map does not hold together, or a setting is out of its range.
+    /// The map is inconsistent, or a setting is out of its range.
     #[error(transparent)]
     Map(#[from] MapError),
     /// No device could seal a query for the map.
@@ -128,65 +129,65 @@ pub enum MappingError {
     Io {
         /// The file, or the folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The file is no HDF5 file, or is cut short or damaged.
+    /// The file is not an HDF5 file, or is truncated or damaged.
     #[error("{}: not a whole HDF5 file: {reason}; copy it again, or write it again with hloc", path.display())]
     NotHdf5 {
         /// The file.
         path: PathBuf,
-        /// What the reader said.
+        /// The message of the HDF5 reader.
         reason: String,
     },
-    /// The file holds nothing under this name.
+    /// The file has no entry of this name.
     #[error("{}: holds no {what} of {name}; give the file that was made of this image", path.display())]
     MissingInFile {
         /// The file.
         path: PathBuf,
-        /// What was looked for.
+        /// The kind of entry that was searched.
         what: &'static str,
         /// Name of the image, or of the pair.
         name: String,
     },
-    /// What the file holds under a name is not what it should be.
+    /// An entry of the file is invalid.
     #[error("{}: {name}: {reason}", path.display())]
     BadInFile {
         /// The file.
         path: PathBuf,
-        /// Name of the image or pair, with the name of its numbers.
+        /// Name of the image or pair, with the name of its dataset.
         name: String,
-        /// What is wrong, and the remedy.
+        /// The problem and the remedy.
         reason: String,
     },
-    /// A line of a list of pairs is none.
+    /// A line of a list of pairs is invalid.
     #[error("{}: line {line}: {reason}", path.display())]
     PairsLine {
         /// The list.
         path: PathBuf,
         /// Line number, from 1.
         line: usize,
-        /// What is wrong, and the remedy.
+        /// The problem and the remedy.
         reason: String,
     },
-    /// Something that is to be written cannot be.
+    /// An entry cannot be written.
     #[error("{name:?} cannot be written into a file of hloc's: {reason}")]
     Unwritable {
         /// Name of the image or pair.
         name: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
 
 impl MappingError {
-    /// What the system said of a file or folder.
+    /// Wraps an I/O error of a file or folder.
     pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), source }
     }
 }
 
-/// `a, b and 3 more are`
+/// `a, b and 3 more are`, for messages.
 fn are(names: &[String]) -> String {
     let told = names.iter().take(10).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len() {

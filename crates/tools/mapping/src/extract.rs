@@ -1,4 +1,4 @@
-//! Features of the map's images.
+//! Extracts the features of the map's images.
 
 use std::path::Path;
 
@@ -14,20 +14,20 @@ use crate::input::{Checked, sift};
 use crate::kept::{Extracted, Kept, Wanted};
 use crate::progress::Progress;
 
-/// What makes features of images, and what of each image as a whole.
+/// Extractors of local features and of the global descriptor.
 #[derive(Clone, Copy)]
 pub(crate) struct Makers<'a> {
     pub(crate) extractor: &'a dyn Extractor,
     pub(crate) global: Option<&'a SharedGlobal>,
 }
 
-/// Images that could be read, and what was made of them.
+/// The readable images, and the result for each.
 pub(crate) struct Found<'a, T> {
     /// `[N]`
     pub(crate) images: Vec<&'a PosedImage>,
     /// `[N]`
     pub(crate) features: Vec<T>,
-    /// What was left out, by the check before and now.
+    /// The images that were left out, by the earlier check and during extraction.
     pub(crate) skipped: Vec<BadImage>,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn extract_all<'a>(
     extract_each(input, makers, limits, progress, |_, extracted| extracted)
 }
 
-/// The same, and does something with the features of each image while those of others are still extracted.
+/// Like [`extract_all`], and processes the features of each image while others are still being extracted.
 pub(crate) fn extract_each<'a, T: Send>(
     input: Checked<'a>,
     makers: Makers<'_>,
@@ -77,7 +77,7 @@ fn extract(
     let size = (camera.width, camera.height);
     let wanted =
         Wanted { path, size, limits, kind: makers.extractor.kind(), global: makers.global.is_some() };
-    // What is looked up need not be kept.
+    // Stored features need no cache.
     let kept = kept.filter(|_| makers.extractor.stored().is_none());
     if let Some(found) = kept.and_then(|kept| kept.features(&wanted)) {
         return Ok(found);

@@ -1,4 +1,4 @@
-//! A complete COLMAP model becomes a map: its points and observations are kept, descriptors are added.
+//! Imports a complete COLMAP model as a map: its points and observations stay, descriptors are added.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,33 +21,33 @@ use crate::options::BuildOptions;
 use crate::progress::Progress;
 use crate::report::{Doubt, doubts_about};
 
-/// What became of a COLMAP model.
+/// Result of an import.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct ImportReport {
-    /// Images that are in the map.
+    /// Number of images in the map.
     pub images: usize,
-    /// Images of the model that were left out because they cannot be used.
+    /// Images of the model that were left out because they are unusable.
     pub skipped: Vec<BadImage>,
     /// Points of the model.
     pub points: usize,
-    /// Points that are in the map: those with at least one observation near which a keypoint was found.
+    /// Points in the map: those with at least one observation near a detected keypoint.
     pub points_kept: usize,
     /// Observations of the model.
     pub observations: usize,
-    /// Observations of the model near which a keypoint was found.
+    /// Observations of the model near a detected keypoint.
     pub observations_kept: usize,
-    /// Mean of the model's own reprojection errors, as its points tell them, pixels.
+    /// Mean reprojection error that the model's points state, pixels.
     pub told_error_px: f64,
-    /// The same computed from poses, cameras and 2D points of the model.
+    /// The same, recomputed from poses, cameras and 2D points of the model.
     pub recomputed_error_px: f64,
-    /// Share of points whose told and recomputed errors are within a hundredth of a pixel of each other: 1 when cameras
-    /// and pixels mean the same to COLMAP and to us. (COLMAP's older text models have six digits, and so errors that
-    /// COLMAP itself finds again only within some thousandths of a pixel.)
+    /// Share of points whose stated and recomputed errors differ by at most a hundredth of a pixel: 1 if COLMAP and
+    /// veiloc agree on cameras and pixels. (COLMAP's older text models have six digits; COLMAP itself then reproduces
+    /// the errors only to some thousandths of a pixel.)
     pub errors_equal: f64,
-    /// Mean reprojection error of the map: our keypoints against COLMAP's points, pixels.
+    /// Mean reprojection error of the map: detected keypoints against COLMAP's points, pixels.
     pub map_error_px: f64,
-    /// Why the map may be good for nothing; empty for a map that looks sound.
+    /// Reasons why the map may be unusable; empty if none was found.
     pub doubts: Vec<Doubt>,
 }
 
@@ -70,15 +70,16 @@ impl fmt::Display for ImportReport {
     }
 }
 
-/// Makes a map of a complete COLMAP model; `input` is made of the same model, and says where its images are.
+/// Builds a map from a complete COLMAP model; `input` is made from the same model, and names the image folder.
 ///
-/// A COLMAP model has no descriptors. Keypoints are extracted from the images, and each observation is given to the
-/// keypoint nearest to it, if one is within 2 pixels (and to those at the very same place, found with another
-/// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out. All keypoints that see
-/// a point are kept, and the strongest of the others as far as [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction) goes.
+/// A COLMAP model has no descriptors. Keypoints are extracted from the images, and each observation is assigned to the
+/// nearest keypoint within 2 pixels (and to keypoints at the same position with other orientations). Positions of
+/// points are COLMAP's. Points without such a keypoint are left out. All keypoints with a point stay, and the strongest
+/// of the others up to the limit in [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction).
 ///
 /// # Errors
-/// [`MappingError`]: a model without images, images that cannot be used, no keypoints, or no point with a keypoint near one of its observations.
+/// [`MappingError`]: a model without images, unusable images, no keypoints, or no point with a keypoint near one of its
+/// observations.
 pub fn import(
     colmap: &ColmapModel,
     input: &Input<'_>,
@@ -124,11 +125,11 @@ pub fn import(
     Ok((model, report))
 }
 
-/// Which keypoints of an image see which points.
+/// Assignment of keypoints to points in an image.
 struct Joined {
     /// Point id and keypoint.
     keypoints: Vec<(u64, u32)>,
-    /// Observations of the model that found one.
+    /// Observations of the model that were assigned.
     observations: usize,
 }
 
@@ -147,7 +148,7 @@ fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> Joined {
             }
         }
     }
-    // The nearest first; a keypoint sees one point, an observation takes one place.
+    // The nearest first; a keypoint gets one point, and an observation is assigned to one position.
     pairs.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     let mut point_of: BTreeMap<u32, u64> = BTreeMap::new();
     let mut place_of: BTreeMap<usize, Pixel> = BTreeMap::new();
@@ -164,7 +165,7 @@ fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> Joined {
     Joined { observations: place_of.len(), keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect() }
 }
 
-/// All keypoints that see a point, and the strongest others up to `limit` in all.
+/// Keeps all keypoints with a point, and the strongest others up to `limit` in total.
 fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extracted, Joined) {
     let mut keep = vec![false; found.keypoints.len()];
     for (_, keypoint) in &joined.keypoints {
@@ -194,7 +195,7 @@ fn measure(model: &mut MapModel) {
             let image = &images[o.image as usize];
             let [u, v] = image.keypoints[o.keypoint as usize];
             let projected = PlanePoint::from_camera_point(&image.cam_from_world.transform(&point.position));
-            // A model may hold points behind their cameras; the image's size stands for an error without bound.
+            // A model may contain points behind their cameras; the image's size stands for an infinite error.
             projected.map_or(f64::from(cameras[image.camera].width), |p| {
                 cameras[image.camera].project(p).distance(&Pixel::new(f64::from(u), f64::from(v)))
             })
@@ -203,8 +204,8 @@ fn measure(model: &mut MapModel) {
     });
 }
 
-/// The mean reprojection error of a point of a COLMAP model, from the model's poses, cameras and 2D points, pixels.
-/// `None` when it has no track or lies behind one of its cameras.
+/// Recomputes the mean reprojection error of a point of a COLMAP model from its poses, cameras and 2D points, pixels.
+/// `None` if the point has no track or lies behind one of its cameras.
 pub(crate) fn recomputed_error(colmap: &ColmapModel, point: &ColmapPoint) -> Option<f64> {
     let mut sum = 0.0;
     for (image, keypoint) in &point.track {
@@ -246,9 +247,9 @@ fn report(
     }
 }
 
-/// Keypoints of an image among which those of the model are looked for.
+/// Maximum number of keypoints per image for the assignment.
 const GENEROUS: u32 = 65_536;
-/// An observation and a keypoint farther apart are not the same.
+/// Maximum distance of an observation and its keypoint.
 const MAX_DISTANCE_PX: f64 = 2.0;
-/// Keypoints nearer to each other are one, found with several orientations.
+/// Closer keypoints are one position, detected with several orientations.
 const SAME_PLACE_PX: f64 = 0.01;

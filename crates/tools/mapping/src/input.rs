@@ -1,4 +1,4 @@
-//! What is to be mapped: which images, where their files are, and what to do about those that cannot be used.
+//! Input of map building: the images, the folder of their files, and the treatment of unusable images.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::error::MappingError;
 use crate::kept::Kept;
 
-/// Images that are to be mapped: their poses, and the folder of their files.
+/// Images to map: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
     posed: &'a PosedImages,
@@ -23,18 +23,18 @@ pub struct Input<'a> {
     pairs: Option<&'a [(String, String)]>,
 }
 
-/// What to do when an image cannot be used.
+/// Treatment of unusable images.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum OnBadImage {
-    /// Nothing is built, and all that are bad are named.
+    /// Nothing is built, and all of them are named.
     #[default]
     Refuse,
-    /// They are left out, and named in the report. When none is left, that is an error all the same.
+    /// They are left out and named in the report. If no image remains, that is still an error.
     Skip,
 }
 
 impl<'a> Input<'a> {
-    /// All images of `posed`, whose names are relative to `folder`; none of them may be bad.
+    /// Uses all images of `posed`, whose names are relative to `folder`; unusable images are refused.
     pub const fn new(posed: &'a PosedImages, folder: &'a Path) -> Self {
         Self {
             posed,
@@ -48,46 +48,46 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// Only the images with these names, in their order.
+    /// Uses only the images with these names, in their order.
     #[must_use]
     pub const fn with_names(self, names: &'a [String]) -> Self {
         Self { names: Some(names), ..self }
     }
 
-    /// What to do about images that cannot be used.
+    /// Sets the treatment of unusable images.
     #[must_use]
     pub const fn on_bad_image(self, on_bad: OnBadImage) -> Self {
         Self { on_bad, ..self }
     }
 
-    /// What makes features, where that is not what the options say, or, for images that join a map, more than the built-in
-    /// extractors.
+    /// Sets the extractors, instead of those in the options, or, for images added to a map, instead of the built-in
+    /// ones.
     #[must_use]
     pub const fn with_extractors(self, extractors: &'a Extractors) -> Self {
         Self { extractors: Some(extractors), ..self }
     }
 
-    /// What makes the global descriptors of images that join a map whose own were made of whole images.
+    /// Sets the global extractor, for images added to a map with global descriptors of whole images.
     #[must_use]
     pub const fn with_global(self, global: &'a SharedGlobal) -> Self {
         Self { global: Some(global), ..self }
     }
 
-    /// Where features and matches are kept, for builds that are done again, go on, or are shared by many hands
+    /// Sets the cache of features and matches, for repeated, resumed or distributed builds
     /// ([`prepare`](crate::prepare)).
     #[must_use]
     pub const fn with_kept(self, kept: &'a dyn Kept) -> Self {
         Self { kept: Some(kept), ..self }
     }
 
-    /// Which images to match with which when a map is built, by their names, instead of those that seem to show the same; pairs of
-    /// images that are not mapped do not count.
+    /// Sets the image pairs to match, by their names, instead of pairs that probably overlap; pairs with images that
+    /// are not mapped are ignored.
     #[must_use]
     pub const fn with_pairs(self, pairs: &'a [(String, String)]) -> Self {
         Self { pairs: Some(pairs), ..self }
     }
 
-    /// The pairs that are given, as indices of these images, each once and in order.
+    /// Returns the given pairs as indices of these images, sorted and without duplicates.
     pub(crate) fn pairs_of(&self, images: &[&PosedImage]) -> Result<Option<Vec<(u32, u32)>>, MappingError> {
         let Some(pairs) = self.pairs else { return Ok(None) };
         let index: BTreeMap<&str, u32> = images.iter().map(|image| image.name.as_str()).zip(0..).collect();
@@ -112,12 +112,13 @@ impl<'a> Input<'a> {
         self.extractors
     }
 
-    /// All posed images, also those that are not to be mapped.
+    /// Returns all posed images, including those that are not mapped.
     pub(crate) const fn posed(&self) -> &'a PosedImages {
         self.posed
     }
 
-    /// Finds the images and looks for their files, before any work begins. `there` says which names a map has already.
+    /// Finds the images and checks their files before any computation. `there` returns whether the map already has a
+    /// name.
     pub(crate) fn check(&self, there: impl Fn(&str) -> bool) -> Result<Checked<'a>, MappingError> {
         let named: Vec<&'a str> = self.names.map_or_else(
             || self.posed.images().iter().map(|i| i.name.as_str()).collect(),
@@ -155,20 +156,19 @@ impl<'a> Input<'a> {
     }
 }
 
-/// Images that are there, as far as one can tell without reading them.
+/// Images that exist, without having been read.
 #[derive(Debug)]
 pub(crate) struct Checked<'a> {
     pub(crate) images: Vec<&'a PosedImage>,
-    /// What was left out.
+    /// The images that were left out.
     pub(crate) skipped: Vec<BadImage>,
     pub(crate) folder: &'a Path,
     pub(crate) on_bad: OnBadImage,
-    /// Where their features may be already.
+    /// The cache of their features.
     pub(crate) kept: Option<&'a dyn Kept>,
 }
 
-/// Parts what can be used from what cannot; an error when there is something bad that may not be left out, or nothing
-/// good at all.
+/// Separates usable from unusable images; an error if an unusable image must not be left out, or if no image is usable.
 pub(crate) fn sift<T>(
     results: Vec<Result<T, BadImage>>,
     on_bad: OnBadImage,

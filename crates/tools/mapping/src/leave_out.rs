@@ -1,4 +1,4 @@
-//! A map as it would be without one of its images, for each of them in turn.
+//! A map without one of its images, for each image in turn.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use crate::options::for_images;
 use crate::scene::Scene;
 use crate::triangulation::{settle, triangulate};
 
-/// A map of which images are left out, one at a time: for tests that localize an image of the map as if it were none.
+/// A map from which one image at a time is left out, for tests that localize images of the map.
 pub struct LeaveOut<'a> {
     model: &'a MapModel,
     scene: Scene<'a>,
@@ -17,17 +17,18 @@ pub struct LeaveOut<'a> {
 }
 
 impl<'a> LeaveOut<'a> {
-    /// Of a map that holds together.
+    /// Prepares a consistent map.
     pub fn of(model: &'a MapModel) -> Self {
         let settings = for_images(&model.settings, model.images.len().saturating_sub(1));
         Self { model, scene: Scene::of(model, &settings), settings }
     }
 
-    /// The map without the image of this index: each point that it sees is triangulated again from the other images that
-    /// do, or gone when fewer of them agree than a point of a new map takes, or only under too small an angle.
+    /// Returns the map without the image of this index: each point that it observes is triangulated again from the
+    /// other images, or removed if fewer images agree than a new point needs, or if the triangulation angle is too
+    /// small.
     ///
-    /// What the image has left behind elsewhere stays: tracks of the others that it joined, and its share in the words of
-    /// the vocabulary.
+    /// Other traces of the image remain: tracks of other images that it merged, and its share in the words of the
+    /// vocabulary.
     pub fn without(&self, image: usize) -> Without {
         let seen: BTreeSet<PointId> =
             self.model.images[image].point_of_keypoint.iter().flatten().copied().collect();
@@ -40,7 +41,7 @@ impl<'a> LeaveOut<'a> {
         let (nodes, sights) = self.scene.sights(&point.track);
         let least = self.settings.min_track_length as usize;
         let angle = self.settings.min_triangulation_angle_deg;
-        // Where the image alone held it, the others may hold it elsewhere.
+        // Without this image the others may agree on another position.
         let found =
             settle(&sights, point.position, least, angle).or_else(|| triangulate(&sights, least, angle))?;
         let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));

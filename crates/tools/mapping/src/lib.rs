@@ -1,22 +1,23 @@
-//! Posed images to map: pairs, matching, tracks, triangulation.
+//! Builds maps from posed images: pairs, matching, tracks, triangulation.
 //!
 //! ```text
 //! images ── features ── pairs ── matches ── epipolar check ── tracks ── triangulation ── completion ── map
 //!                            from the poses      with the poses
 //! ```
-//! For an operator's tools, and for whoever evaluates on data with known poses.
 //!
-//! - [`Input`]: which posed images, where their files are, and what to do about those that cannot be used.
-//! - [`build`]: a map of images whose poses are known.
-//! - [`prepare`]: a share of a build's work, for many hands.
-//! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
-//! - [`import`]: a complete COLMAP model, whose points and observations are kept.
-//! - [`compress`]: a map made small: the points that help most, each with a few of its descriptors.
-//! - [`LeaveOut`]: the map as it would be without one of its images.
-//! - [`diagnose`]: the likely reason why images do not fit together.
-//! - [`BuildReport`]: what it came to, and every [`Doubt`] about the map.
+//! For an operator's tools, and for evaluation on data with known poses.
 //!
-//! Poses are taken for true: only points move. Results depend neither on the number of threads nor on time.
+//! - [`Input`]: the posed images, their files, and the treatment of unusable images.
+//! - [`build`]: builds a map from images with known poses.
+//! - [`prepare`]: computes one share of a distributed build.
+//! - [`add`], [`remove`]: add and remove images; unaffected points stay bit-identical.
+//! - [`import`]: imports a complete COLMAP model with its points and observations.
+//! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
+//! - [`LeaveOut`]: the map without one of its images.
+//! - [`diagnose`]: the likely reason why images are inconsistent.
+//! - [`BuildReport`]: the result of a build, and every [`Doubt`] about the map.
+//!
+//! Poses are fixed: only points are refined. Results do not depend on the number of threads or on timing.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -33,7 +34,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! What cannot be used is named, all of it, before any work begins:
+//! All unusable images are named before any computation:
+//!
 //! ```
 //! use veiloc_map::PosedImages;
 //! use veiloc_mapping::{BuildOptions, Input, MappingError, build};

@@ -1,4 +1,4 @@
-//! Matches between two images, checked against their known poses.
+//! Matches two images and verifies the matches with the known poses.
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
@@ -9,10 +9,10 @@ use crate::progress::Progress;
 use crate::triangulation::{Sight, nearest_to_both_rays};
 use crate::view::View;
 
-/// Two keypoints that look alike and lie on each other's epipolar lines.
+/// Two keypoints with similar descriptors that lie on each other's epipolar lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Edge {
-    /// Image and keypoint; the lower image first.
+    /// Image and keypoint; the image with the lower index comes first.
     pub(crate) a: (u32, u32),
     /// Image and keypoint.
     pub(crate) b: (u32, u32),
@@ -22,12 +22,12 @@ pub(crate) struct Edge {
     pub(crate) distance: f32,
 }
 
-/// What matching found.
+/// Result of matching.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Edges {
-    /// Those that agree with the poses, in the order of the pairs.
+    /// Matches that agree with the poses, in the order of the pairs.
     pub(crate) verified: Vec<Edge>,
-    /// How many there were before the check.
+    /// Number of matches before the verification.
     pub(crate) matches: usize,
 }
 
@@ -37,14 +37,14 @@ impl Edges {
         self.matches += other.matches;
     }
 
-    /// Best first: by ratio, then by position, so that the order is one and the same always.
+    /// Sorts by ratio, best first, then by position, so that the order is deterministic.
     pub(crate) fn sort(&mut self) {
         self.verified.sort_by(|x, y| x.ratio.total_cmp(&y.ratio).then_with(|| (x.a, x.b).cmp(&(y.a, y.b))));
     }
 }
 
-/// Matches the pairs and checks what is found; in the order of the pairs whatever the threads do. `kept`: where matches are
-/// kept, and the name of each image's descriptors there.
+/// Matches the pairs and verifies the matches; in the order of the pairs for any number of threads. `kept`: the cache
+/// of matches, and the cache key of each image's descriptors.
 pub(crate) fn match_pairs(
     pairs: &[(u32, u32)],
     views: &[View],
@@ -96,15 +96,15 @@ impl Epipolar {
         Self { essential: t.cross_matrix() * b_from_a.rotation().matrix() }
     }
 
-    /// Whether two keypoints may show one point: each near the other's epipolar line, their rays meeting in front of
-    /// both cameras.
+    /// Returns whether two keypoints may observe one point: each lies near the other's epipolar line, and their rays
+    /// intersect in front of both cameras.
     pub(crate) fn admits(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
         let (Some(x), Some(y)) = (a.plane[keypoint_a], b.plane[keypoint_b]) else { return false };
         let homogeneous = |p: &Vector2<f64>| Vector3::new(p.x, p.y, 1.0);
         let line_in_b = self.essential * homogeneous(&x);
         let line_in_a = self.essential.tr_mul(&homogeneous(&y));
         let product = homogeneous(&y).dot(&line_in_b).abs();
-        // Written so that NaN, from views at one and the same place, does not pass.
+        // Written so that NaN, from two views at the same position, fails.
         let near = product * b.mean_focal() <= b.max_epipolar_error * line_in_b.xy().norm()
             && product * a.mean_focal() <= a.max_epipolar_error * line_in_a.xy().norm();
         if !near {
@@ -112,10 +112,10 @@ impl Epipolar {
         }
         let (sight_a, sight_b) = (Sight { view: a, plane: x }, Sight { view: b, plane: y });
         let (d, e) = (a.ray(&x).normalize(), b.ray(&y).normalize());
-        // Rays that are nearly parallel meet far away, in front or behind as noise will have it.
+        // Almost parallel rays intersect far away, in front or behind depending on noise.
         d.cross(&e).norm() < NEARLY_PARALLEL || nearest_to_both_rays(&sight_a, &sight_b).is_some()
     }
 }
 
-/// Sine of the angle below which rays are not asked where they meet: 0.2 degrees, two pixels of a phone's image.
+/// Sine of the angle below which the intersection of rays is not checked: 0.2 degrees, two pixels of a phone's image.
 const NEARLY_PARALLEL: f64 = 0.0035;

@@ -1,8 +1,8 @@
-//! Which images to match with which: those that look at the same part of the place from places that differ enough.
+//! Selects the image pairs to match: images of the same scene part from sufficiently different positions.
 //!
-//! What images share is told by **seeds**, some points of the place that an image sees: projected into another image,
-//! they say how much of the first is in the second, and under which angle. Where a model has no points yet, a few images
-//! of every distance are matched first, and the points of those matches are the seeds.
+//! The overlap of two images is estimated with **seeds**, some scene points that an image observes: their projections
+//! into another image show the visible share, and the angle. If a model has no points yet, each image is first matched
+//! with a few images at various distances, and the points of those matches are the seeds.
 
 use std::collections::BTreeSet;
 
@@ -11,11 +11,11 @@ use veiloc_geometry::nalgebra::Vector3;
 
 use crate::view::View;
 
-/// Points each image sees, as far as it is known yet, `[images]`.
+/// Known points of each image, `[images]`.
 pub(crate) type Seeds = Vec<Vec<Vector3<f64>>>;
 
-/// Pairs that give first seeds: for each image of `focus` partners near and far in rank (1st, 2nd, 4th, 8th, ...) by the
-/// difference of the poses, all images that look roughly the same way being ranked.
+/// Pairs for the first seeds: each image of `focus` gets near and far partners (ranks 1, 2, 4, 8, ...) by pose
+/// difference, among the images with a similar viewing direction.
 pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
     let axis = |v: &View| v.ray(&veiloc_geometry::nalgebra::Vector2::zeros()).normalize();
     let axes: Vec<Vector3<f64>> = views.iter().map(axis).collect();
@@ -47,8 +47,8 @@ fn once_each(chosen: Vec<Vec<(u32, u32)>>) -> Vec<(u32, u32)> {
     chosen.into_iter().flatten().collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// For each image of `focus`, up to `limit` partners: most by what the two share, the last third spread over the less
-/// obvious ones, which look from farther away or come from another visit.
+/// Returns for each image of `focus` up to `limit` partners: most by overlap, the last third spread over lower ranks,
+/// which are farther away or come from another visit.
 pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit: usize) -> Vec<(u32, u32)> {
     let bounds: Vec<Option<Bounds>> =
         views.par_iter().zip(seeds).map(|(v, own)| Bounds::of(v, own)).collect();
@@ -57,7 +57,8 @@ pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit
         if !bounds[i].is_some_and(|bounds| bounds.may_be_seen_from(&views[j])) {
             return 0.0;
         }
-        // Most pairs share nothing, and a few seeds tell: of a share worth matching hardly none of these would be seen.
+        // Most pairs do not overlap, and a few seeds suffice to detect this: with a useful overlap at least one of them
+        // is almost certainly visible.
         let coarse = all.iter().step_by(all.len().div_ceil(FIRST_SEEDS).max(1));
         if !coarse.into_iter().any(|x| views[j].pixel_inside(x).is_some()) {
             return 0.0;
@@ -84,18 +85,18 @@ pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit
     once_each(chosen)
 }
 
-/// Where the seeds of an image are: whoever is too far away to know any of them again need not be asked for each. Without this
-/// the pairs of ten thousand images take minutes to choose.
+/// Bounds of the seeds of an image: an image that is too far away to recognize any of them is rejected at once. Without
+/// this, pair selection for ten thousand images takes minutes.
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     center: Vector3<f64>,
     radius: f64,
-    /// Largest width of a pixel at a seed, world units.
+    /// Largest size of a pixel at a seed, world units.
     pixel: f64,
 }
 
 impl Bounds {
-    /// `None` without seeds.
+    /// Returns `None` without seeds.
     fn of(from: &View, seeds: &[Vector3<f64>]) -> Option<Self> {
         if seeds.is_empty() {
             return None;
@@ -105,14 +106,14 @@ impl Bounds {
         Some(Self { center, radius: farthest(&center), pixel: pixel_at(from, farthest(&from.center)) })
     }
 
-    /// False only where [`worth_of_seed`] is 0 for all seeds.
+    /// Returns false only if [`worth_of_seed`] is 0 for all seeds.
     fn may_be_seen_from(&self, to: &View) -> bool {
         let nearest = (self.center - to.center).norm() - self.radius;
         pixel_at(to, nearest) <= MAX_ZOOM * self.pixel * (1.0 + 1e-9)
     }
 }
 
-/// Width of a pixel at a distance, world units.
+/// Size of a pixel at a distance, world units.
 fn pixel_at(view: &View, distance: f64) -> f64 {
     distance / view.mean_focal()
 }
@@ -124,8 +125,8 @@ fn choose(count: usize, limit: usize) -> impl Iterator<Item = usize> {
     (0..best).chain((1..=rest).map(move |k| best - 1 + k * (count - best) / rest.max(1)))
 }
 
-/// 1 for a seed that both images see under a good angle; less under angles where points are badly placed or keypoints no
-/// longer look alike; 0 when the other does not see it.
+/// 1 for a seed that both images see under a good angle; less for angles with poor triangulation or poor descriptor
+/// similarity; 0 if the other image does not see it.
 fn worth_of_seed(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
     let (a, b) = (from.center - seed, to.center - seed);
     let zoom = pixel_at(to, b.norm()) / pixel_at(from, a.norm());
@@ -141,7 +142,7 @@ fn worth_of_seed(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
     }
 }
 
-/// Median distance of each image to its nearest neighbour, or 1 where all are at one place.
+/// Median distance of each image to its nearest neighbour, or 1 if all are at the same position.
 fn typical_distance(views: &[View]) -> f64 {
     let nearest = |i: usize| {
         let others = views.iter().enumerate().filter(|(j, _)| *j != i);
@@ -149,24 +150,24 @@ fn typical_distance(views: &[View]) -> f64 {
     };
     let mut all: Vec<f64> = (0..views.len()).into_par_iter().map(nearest).collect();
     all.sort_by(f64::total_cmp);
-    // The nearest of a burst say little: take five times the median.
+    // The nearest neighbours in a burst of images are not representative: use five times the median.
     all.get(all.len() / 2).map(|m| 5.0 * m).filter(|m| m.is_finite() && *m > 0.0).unwrap_or(1.0)
 }
 
-/// Who sees a point so many times smaller does not know it again: what was a keypoint's surroundings is a pixel or two. Twice as much
-/// as features bear.
+/// Maximum scale difference at which a point is recognized, twice the tolerance of the features: beyond it, a
+/// keypoint's neighbourhood is only one or two pixels.
 const MAX_ZOOM: f64 = 8.0;
-/// Optical axes farther apart are not tried without evidence.
+/// Maximum angle between optical axes of pairs without seeds.
 const MAX_AXIS_ANGLE_DEG: f64 = 60.0;
 /// Partners of each image in the first round: ranks 1, 2, 4, 8, 16, 32.
 const FIRST_PARTNERS: usize = 6;
-/// Seeds of an image that are projected; more make the shares no more certain.
+/// Maximum number of projected seeds per image; more do not make the overlap more precise.
 const MAX_SEEDS: usize = 200;
-/// Seeds of an image that are projected before the others.
+/// Number of seeds that are projected first.
 const FIRST_SEEDS: usize = 30;
-/// An image with fewer seeds is not trusted more than as if it had these.
+/// Minimum denominator of the overlap: an image with fewer seeds is not overrated.
 pub(crate) const MIN_SEEDS: usize = 20;
-/// Pairs that share less are not matched.
+/// Minimum overlap of a matched pair.
 const MIN_SHARED: f64 = 0.05;
 
 #[cfg(test)]
@@ -182,7 +183,7 @@ mod tests {
         View::new(camera, CameraFromWorld::new(look, -(look * center)), &[], 3.0, 3.0)
     }
 
-    /// Two rows of cameras, each before a wall of its own, back to back.
+    /// Two rows of cameras back to back, each in front of its own wall.
     fn two_walls() -> (Vec<View>, Seeds) {
         let mut views = Vec::new();
         let mut seeds = Vec::new();
@@ -214,7 +215,7 @@ mod tests {
         }
     }
 
-    /// A street of rooms, all looked through by a camera far behind them.
+    /// A street of rooms, all visible to a camera far behind them.
     #[test]
     fn who_is_too_far_away_is_no_partner_and_is_not_asked() {
         let room = |x: f64| {
@@ -227,7 +228,7 @@ mod tests {
             views.push(view(Vector3::new(x, 0.0, 0.0), Vector3::new(0.3, 0.0, 3.0)));
             seeds.push(room(0.3).collect());
         }
-        // 23 m from what the others see from 3 m: small, and known again; 60 m: not.
+        // 23 m from points that the others see from 3 m: small, but recognized; 60 m: not recognized.
         for z in [-20.0, -57.0] {
             views.push(view(Vector3::new(0.3, 0.0, z), Vector3::new(0.3, 0.0, 3.0)));
             seeds.push((0..60).map(|k| Vector3::new(0.1 * f64::from(k), 0.0, z + 3.0)).collect());

@@ -1,10 +1,11 @@
-//! A share of a build's work, for many hands: what it computes is kept, and the build finds it there.
+//! Distributed builds: a worker computes one share, stores it in the cache, and the build reads it there.
 //!
 //! ```text
 //! Stage::Features ── all shares ──▶ Stage::FirstPairs ── all shares ──▶ Stage::Pairs ── all shares ──▶ build
 //! ```
-//! A share that was not done, or was lost, costs time and nothing else: whoever needs it computes it. So a map that many hands
-//! prepared is the one that a single pair of hands builds, to the bit.
+//!
+//! A missing or lost share costs only time: the next step computes it. A distributed build therefore gives the same map
+//! as a single process, to the bit.
 
 use veiloc_descriptor::DescriptorView;
 
@@ -18,18 +19,18 @@ use crate::options::{BuildOptions, for_images};
 use crate::progress::Progress;
 use crate::scene::Scene;
 
-/// What can be done by many hands at once; each stage needs what the one before it found.
+/// Stages that can be distributed; each stage needs the results of the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Features of the images.
     Features,
-    /// Matches of pairs that are chosen by their poses.
+    /// Matches of the pairs that are selected by their poses.
     FirstPairs,
-    /// Matches of the pairs that see the same points, as far as the first ones tell.
+    /// Matches of the pairs that overlap according to the first matches.
     Pairs,
 }
 
-/// One hand's share of a stage: every `of`-th image or pair, from the `part`-th on.
+/// One worker's share of a stage: every `of`-th image or pair, from the `part`-th on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Share {
     /// Less than `of`.
@@ -38,7 +39,7 @@ pub struct Share {
 }
 
 impl Share {
-    /// The `part`-th of `of` shares, the first being 0; `None` when there is no such share.
+    /// Returns the `part`-th of `of` shares, from 0; `None` if there is no such share.
     pub const fn new(part: usize, of: usize) -> Option<Self> {
         if part < of { Some(Self { part, of }) } else { None }
     }
@@ -48,21 +49,21 @@ impl Share {
     }
 }
 
-/// What a share came to.
+/// Result of a share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Prepared {
-    /// Images or pairs of the share.
+    /// Number of images or pairs in the share.
     pub done: usize,
-    /// Images or pairs of all shares.
+    /// Number of images or pairs in all shares.
     pub of_all: usize,
 }
 
-/// Computes a share of what [`build`](crate::build) will ask `kept` for, with the same input and options. Equal input gives equal
-/// shares, on every machine.
+/// Computes a share of the entries that [`build`](crate::build) will look up in `kept`, with the same input and
+/// options. Equal input gives equal shares on every machine.
 ///
 /// # Errors
-/// [`MappingError`] as for [`build`](crate::build), for what is wrong with the images of this share; of the whole list when pairs are
-/// matched, which need them all.
+/// [`MappingError`] as for [`build`](crate::build): for the images of this share, or for all images in the matching
+/// stages, which need them all.
 pub fn prepare(
     input: &Input<'_>,
     kept: &dyn Kept,
@@ -98,7 +99,7 @@ pub fn prepare(
         match_pairs(pairs, &scene.views, descriptors, settings.max_ratio, kept, progress)
     };
     let pairs = match (input.pairs_of(&images)?, stage) {
-        // Pairs that are given are matched in one stage, the last.
+        // Given pairs are matched in one stage, the last.
         (Some(pairs), Stage::Pairs) => pairs,
         (Some(_), _) => Vec::new(),
         (None, _) => {

@@ -1,3 +1,3 @@
-//! How far a long job is: the same trait as for extraction.
+//! Progress of a long job: the same trait as for extraction.
 
 pub use veiloc_features::Progress;

@@ -1,4 +1,4 @@
-//! What building a map came to, and whether to believe it.
+//! Result of map building, with warnings about the map.
 
 use std::fmt;
 
@@ -6,21 +6,21 @@ use veiloc_map::{MapModel, SelfTest};
 
 use crate::bad_image::BadImage;
 
-/// What building a map, or adding to one, came to.
+/// Result of building a map, or of adding images to one.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct BuildReport {
-    /// Images that were mapped.
+    /// Number of mapped images.
     pub images: usize,
-    /// Images that were left out because they cannot be used.
+    /// Images that were left out because they are unusable.
     pub skipped: Vec<BadImage>,
-    /// Matches by descriptors.
+    /// Number of matches by descriptors.
     pub matches: usize,
-    /// Those that agree with the poses.
+    /// Number of matches that agree with the poses.
     pub verified: usize,
-    /// Which images were matched with which, in the order of the images; empty where a map is imported, or images join one.
+    /// The matched image pairs, in the order of the images; empty for an imported map and for added images.
     pub pairs: Vec<(String, String)>,
-    /// Why the map may be good for nothing; empty for a map that looks sound.
+    /// Reasons why the map may be unusable; empty if none was found.
     pub doubts: Vec<Doubt>,
 }
 
@@ -38,59 +38,59 @@ impl BuildReport {
     }
 }
 
-/// Why a map may be good for nothing although it could be built. Printed, it says what to look for.
+/// Reason why a map may be unusable although it could be built. The message has advice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Doubt {
     /// Few matches agree with the poses.
     MatchesDisagree {
-        /// Matches by descriptors.
+        /// Number of matches by descriptors.
         matches: usize,
-        /// Those that agree with the poses.
+        /// Number of matches that agree with the poses.
         verified: usize,
     },
-    /// There are hardly any points.
+    /// There are almost no points.
     FewPoints {
-        /// How many.
+        /// Number of points.
         points: usize,
-        /// Of how many images.
+        /// Number of images.
         images: usize,
     },
-    /// Most images see hardly any points.
+    /// Most images observe almost no points.
     BlindImages {
-        /// How many images.
+        /// Number of such images.
         blind: usize,
-        /// Of how many.
+        /// Number of images.
         images: usize,
     },
     /// The map localizes few of its own images.
     SelfTest {
-        /// Images that were localized within a twentieth of what they see, each left out of the map, under the best of
-        /// the schemes.
+        /// Images localized within a twentieth of their scene distance, each left out of the map, under the best
+        /// scheme.
         right: u32,
-        /// Of how many.
+        /// Number of tested images.
         images: u32,
     },
-    /// Matches would agree with the poses much better had what was given been wrong in this way.
+    /// Matches would agree with the poses much better if the input had this mistake.
     LikelyCause {
-        /// In which way.
+        /// The mistake.
         fault: Fault,
-        /// Share of matches that agree with the poses as they were given, per cent.
+        /// Share of matches that agree with the given poses, per cent.
         agree_percent: u32,
-        /// Share that would agree.
+        /// Share that would agree without the mistake, per cent.
         would_percent: u32,
     },
 }
 
-/// What is often wrong with poses and cameras.
+/// Common mistakes in poses and cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
-    /// Poses are camera-to-world where world-to-camera is wanted.
+    /// Poses are camera-to-world instead of world-to-camera.
     CameraToWorld,
-    /// The camera's y points up and its z backwards, as in OpenGL, where down and forwards are wanted.
+    /// The camera's y axis points up and its z axis backwards, as in OpenGL, instead of down and forwards.
     AxesUpAndBack,
     /// Both.
     CameraToWorldAxesUpAndBack,
-    /// The focal length that was given is this many per cent of the right one.
+    /// The given focal length is this many per cent of the correct one.
     FocalLength {
         /// Within about a tenth.
         percent: u32,
@@ -122,7 +122,7 @@ impl fmt::Display for Fault {
 }
 
 impl Doubt {
-    /// Doubts about a map with so many points, of which its images see so many each.
+    /// Returns the warnings for the number of points and the number of points that each image observes.
     pub fn of_counts(points: usize, seen_by_image: &[usize]) -> Vec<Self> {
         let images = seen_by_image.len();
         let mut doubts = Vec::new();
@@ -136,13 +136,13 @@ impl Doubt {
         doubts
     }
 
-    /// The doubt about a map that localizes less than half of its own images.
+    /// Returns the warning for a map that localizes less than half of its own images.
     pub fn of_self_test(test: &SelfTest) -> Option<Self> {
         let right = test.schemes.iter().map(|s| s.within_of_scale[2]).max()?;
         (2 * right < test.images).then_some(Self::SelfTest { right, images: test.images })
     }
 
-    /// Whether so few matches agree with the poses that it is worth asking why.
+    /// Returns whether so few matches agree with the poses that a diagnosis is useful.
     pub(crate) fn is_worth_asking(matches: usize, verified: usize) -> bool {
         (verified as f64) < ASKED_BELOW * matches as f64
     }
@@ -152,7 +152,7 @@ impl Doubt {
         disagree.then_some(Self::MatchesDisagree { matches, verified }).into_iter().collect()
     }
 
-    /// A short name for programs.
+    /// Short name for programs.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::MatchesDisagree { .. } => "matches-disagree",
@@ -201,20 +201,21 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// Doubts about a map as it is.
+/// Returns the warnings for a map.
 pub(crate) fn doubts_about(model: &MapModel) -> Vec<Doubt> {
     let seen = model.images.iter().map(|i| i.point_of_keypoint.iter().flatten().count());
     Doubt::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
 }
 
-/// A map of fewer points cannot be told from chance: a query takes a few dozen right matches, and finds a part.
+/// With fewer points a pose cannot be distinguished from chance: a query needs a few dozen correct matches, and finds a
+/// part of the points.
 const MIN_POINTS: usize = 100;
-/// An image that sees fewer points hardly helps a query taken beside it.
+/// An image with fewer points hardly helps to localize a nearby query.
 const MIN_SEEN: usize = 10;
-/// Fewer matches say nothing about the poses.
+/// With fewer matches there is no conclusion about the poses.
 const MIN_MATCHES: usize = 100;
 /// Share of matches that agree with the poses, below which the poses are doubted: 88 % in a part of RedKitchen, 12 % with
 /// its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
-/// Share below which the cause is looked for: sound maps have 80 % and more.
+/// Share below which the cause is searched: correct maps have 80 % and more.
 const ASKED_BELOW: f64 = 0.7;

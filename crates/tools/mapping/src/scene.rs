@@ -1,4 +1,4 @@
-//! A map while it grows: views, and points whose tracks change.
+//! A map under construction: views, and points whose tracks change.
 
 use rayon::prelude::*;
 use veiloc_descriptor::DescriptorView;
@@ -17,9 +17,9 @@ use crate::view::View;
 #[derive(Debug, Clone)]
 pub(crate) struct WorkPoint {
     pub(crate) position: Vector3<f64>,
-    /// In rising order; empty when the point is gone.
+    /// Ascending; empty if the point was removed.
     pub(crate) track: Vec<Node>,
-    /// Whether it changed, or is new.
+    /// Whether it is changed or new.
     pub(crate) touched: bool,
 }
 
@@ -43,23 +43,23 @@ pub(crate) struct Scene<'a> {
     /// `[images]`
     pub(crate) descriptors: Vec<DescriptorView<'a>>,
     pub(crate) points: Vec<WorkPoint>,
-    /// `[images][N]`, index of the point each keypoint sees.
+    /// `[images][N]`, index of the point that each keypoint observes.
     pub(crate) point_of: Vec<Vec<Option<u32>>>,
-    /// The points as they were at first; `points` begins with them.
+    /// The original points; `points` begins with them.
     before: &'a [MapPoint],
 }
 
-/// What becomes of a point that was there before and of which too little agrees after a change.
+/// Treatment of an existing point that has too few agreeing observations after a change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fallback {
-    /// It becomes again what it was: observations came and were no good.
+    /// Restore the original point: the new observations were wrong.
     Restore,
-    /// It goes: observations left.
+    /// Remove the point: it lost observations.
     Vanish,
 }
 
 impl<'a> Scene<'a> {
-    /// Images without points.
+    /// Creates a scene of images without points.
     pub(crate) fn of_features(
         images: &[&PosedImage],
         features: &'a [Extracted],
@@ -79,7 +79,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The images of a model, and its points, none of them touched.
+    /// Creates a scene of the images and points of a model, with no point touched.
     pub(crate) fn of(model: &'a MapModel, settings: &BuildSettings) -> Self {
         let views = model.images.par_iter().map(|image| {
             view_of(model.cameras[image.camera], image.cam_from_world, &image.keypoints, settings)
@@ -118,12 +118,12 @@ impl<'a> Scene<'a> {
         Some(Sight { view, plane: view.plane[node.1 as usize]? })
     }
 
-    /// Those of the keypoints that have a ray, with their sights.
+    /// Returns the keypoints that have a ray, with their sights.
     pub(crate) fn sights(&self, track: &[Node]) -> (Vec<Node>, Vec<Sight<'_>>) {
         track.iter().filter_map(|n| Some((*n, self.sight(*n)?))).unzip()
     }
 
-    /// Makes tracks of the edges between keypoints that see no point yet, and points of the tracks.
+    /// Builds tracks from the edges between keypoints without a point, and triangulates the tracks.
     pub(crate) fn new_points(&mut self, edges: &[Edge], settings: &BuildSettings) {
         let free = edges.iter().filter(|e| self.point_at(e.a).is_none() && self.point_at(e.b).is_none());
         let tracks = build_tracks(free.map(|e| (e.a, e.b)));
@@ -134,7 +134,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// A wrong match joins the tracks of two points: what does not agree with the first may make a second one.
+    /// A wrong match merges the tracks of two points: observations that disagree with the first point may give a second
+    /// one.
     fn points_of_track(&self, track: &[Node], settings: &BuildSettings) -> Vec<WorkPoint> {
         let (mut nodes, mut sights) = self.sights(track);
         let mut points = Vec::new();
@@ -148,7 +149,7 @@ impl<'a> Scene<'a> {
                 nodes.iter().partition(|_| *agree.next().expect("one flag an observation"));
             points.push(WorkPoint { position: found.position, track: inside, touched: true });
             (nodes, sights) = self.sights(&outside);
-            // Two left over agree on some point too easily.
+            // Two remaining observations agree too easily.
             least = (settings.min_track_length as usize).max(3);
         }
         points
@@ -162,8 +163,8 @@ impl<'a> Scene<'a> {
         self.points.push(point);
     }
 
-    /// Refines every touched point on its track; observations that no longer agree leave it, new points without enough
-    /// observations or angle go, old ones as `fallback` says.
+    /// Refines every touched point on its track; observations that no longer agree are removed, new points without
+    /// enough observations or angle are dropped, and old ones are treated according to `fallback`.
     pub(crate) fn polish(&mut self, settings: &BuildSettings, fallback: Fallback) {
         let settled: Vec<Option<(Vector3<f64>, Vec<Node>)>> = self
             .points
@@ -174,7 +175,7 @@ impl<'a> Scene<'a> {
                     return None;
                 }
                 let (nodes, sights) = self.sights(&point.track);
-                // What is there already needs less to stay than new points need to come.
+                // An existing point needs fewer observations than a new one.
                 let least = if index < self.before.len() { 2 } else { settings.min_track_length as usize };
                 let found = settle(&sights, point.position, least, settings.min_triangulation_angle_deg);
                 Some(found.map_or_else(
@@ -202,7 +203,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Makes a point again what it was, unless another one has taken a keypoint of it in the meantime.
+    /// Restores a point, unless another point has taken one of its keypoints in the meantime.
     fn restore(&mut self, index: usize) {
         let Some(old) = self.before.get(index) else { return };
         let track: Vec<Node> = old.track.iter().map(|o| (o.image, o.keypoint)).collect();
@@ -211,7 +212,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The points of the map, in order: those that were not touched exactly as they were, the others as they are now.
+    /// Returns the points of the map, in order: untouched ones unchanged, the others as refined.
     pub(crate) fn finish(&self) -> Vec<MapPoint> {
         let finished: Vec<Option<MapPoint>> = self
             .points
@@ -239,7 +240,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// A view with the thresholds of its image's size.
+/// Returns a view with thresholds for its image size.
 fn view_of(
     camera: Intrinsics,
     cam_from_world: CameraFromWorld,

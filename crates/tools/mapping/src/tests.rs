@@ -1,4 +1,4 @@
-//! Whole maps: synthetic scenes with known points, bad input, and (with `VEILOC_DATA`) real images.
+//! Tests of whole maps: synthetic scenes with known points, bad input, and (with `VEILOC_DATA`) real images.
 
 mod compress;
 mod input;

@@ -1,12 +1,12 @@
-//! Tracks: sets of keypoints that matches join, at most one of each image.
+//! Tracks: sets of keypoints connected by matches, at most one per image.
 
 /// A keypoint: image, index in the image.
 pub(crate) type Node = (u32, u32);
 
-/// Joins keypoints along edges, the first edges first, and leaves out every edge that would put two keypoints of one
-/// image into one track: such a track shows two points, and the better edges decide how it is split.
+/// Joins keypoints along edges, in their order, and skips every edge that would put two keypoints of one image into one
+/// track: such a track contains two points, and the better edges decide how it is split.
 ///
-/// Returns tracks of at least two keypoints, each in rising order, in the order of their first keypoints.
+/// Returns tracks of at least two keypoints, each ascending, in the order of their first keypoints.
 pub(crate) fn build_tracks(edges: impl IntoIterator<Item = (Node, Node)>) -> Vec<Vec<Node>> {
     let edges: Vec<(Node, Node)> = edges.into_iter().collect();
     let mut nodes: Vec<Node> = edges.iter().flat_map(|(a, b)| [*a, *b]).collect();
@@ -30,7 +30,7 @@ pub(crate) fn build_tracks(edges: impl IntoIterator<Item = (Node, Node)>) -> Vec
     tracks
 }
 
-/// Members are sorted, nodes too, so both come in the order of images.
+/// Members and nodes are sorted, so both are in the order of images.
 fn share_an_image(a: &[u32], b: &[u32], nodes: &[Node]) -> bool {
     let (mut a, mut b) = (a.iter().peekable(), b.iter().peekable());
     while let (Some(x), Some(y)) = (a.peek(), b.peek()) {
@@ -43,10 +43,10 @@ fn share_an_image(a: &[u32], b: &[u32], nodes: &[Node]) -> bool {
     false
 }
 
-/// Union-find that knows the members of every set.
+/// Union-find with the members of every set.
 struct DisjointSets {
     parent: Vec<u32>,
-    /// Sorted; empty for those that are no longer their own root.
+    /// Sorted; empty for nodes that are no longer a root.
     members: Vec<Vec<u32>>,
 }
 
@@ -65,7 +65,7 @@ impl DisjointSets {
         node
     }
 
-    /// Joins two roots; the larger set takes the smaller in.
+    /// Joins two roots; the smaller set is appended to the larger one.
     fn join(&mut self, a: usize, b: usize) {
         let (large, small) = if self.members[a].len() >= self.members[b].len() { (a, b) } else { (b, a) };
         let taken = std::mem::take(&mut self.members[small]);
@@ -88,12 +88,12 @@ mod tests {
 
     #[test]
     fn the_first_edges_decide_where_a_conflicting_track_is_split() {
-        // (0,0)-(1,0)-(2,0) and (0,1)-(1,1)-(2,1), with a wrong edge between them that comes last.
+        // (0,0)-(1,0)-(2,0) and (0,1)-(1,1)-(2,1), with a wrong edge between them in last position.
         let good = [((0, 0), (1, 0)), ((1, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 1), (2, 1))];
         let wrong = ((1, 0), (2, 1));
         let expected = [vec![(0, 0), (1, 0), (2, 0)], vec![(0, 1), (1, 1), (2, 1)]];
         assert_eq!(build_tracks(good.into_iter().chain([wrong])), expected);
-        // When it comes first, it takes what fits to it, and each of the others gets what is left.
+        // In first position it joins the keypoints that fit, and the others form the rest.
         let tracks = build_tracks([wrong].into_iter().chain(good));
         assert_eq!(tracks, [vec![(0, 0), (1, 0), (2, 1)], vec![(0, 1), (1, 1)]]);
     }

@@ -1,15 +1,15 @@
-//! A point from the keypoints that may see it.
+//! Robust triangulation of a point from candidate keypoints.
 //!
 //! Hypotheses come from pairs of rays (the point nearest to both), are scored by the reprojection errors of all
-//! observations (truncated squares, so that outliers cost a constant), and the best is refined on its inliers: Gauss–
-//! Newton with Levenberg's damping and Cauchy weights, on the three coordinates only. A point must lie in front of every
-//! camera that counts as seeing it, and be seen under a sufficient angle.
+//! observations (truncated squares, so that outliers cost a constant), and the best is refined on its inliers:
+//! Gauss–Newton with Levenberg's damping and Cauchy weights, on the three coordinates only. A point must lie in front
+//! of every camera that observes it, and be seen under a sufficient angle.
 
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::view::View;
 
-/// One keypoint that may see the point.
+/// One keypoint that may observe the point.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sight<'a> {
     pub(crate) view: &'a View,
@@ -23,7 +23,7 @@ impl Sight<'_> {
         self.view.residual(&self.plane, point).map_or(f64::INFINITY, |r| r.norm())
     }
 
-    /// Whether the keypoint sees the point as far as its position tells.
+    /// Returns whether the keypoint is an inlier of the point.
     pub(crate) fn agrees(&self, point: &Vector3<f64>) -> bool {
         self.error(point) <= self.view.max_error
     }
@@ -34,11 +34,11 @@ impl Sight<'_> {
 pub(crate) struct Triangulated {
     /// Where, in the world.
     pub(crate) position: Vector3<f64>,
-    /// `[N]`, which observations agree.
+    /// `[N]`, which observations are inliers.
     pub(crate) agree: Vec<bool>,
 }
 
-/// The point that most observations agree on; `None` when fewer than `min_sights` do, or only under small angles.
+/// Returns the point with the most inliers; `None` if there are fewer than `min_sights`, or only small angles.
 pub(crate) fn triangulate(
     sights: &[Sight<'_>],
     min_sights: usize,
@@ -60,7 +60,7 @@ pub(crate) fn triangulate(
     settle(sights, start, min_sights, min_angle_deg)
 }
 
-/// Refines a point on the observations that agree with it until these no longer change, and checks the result.
+/// Refines a point and its inlier set until the set no longer changes, and checks the result.
 pub(crate) fn settle(
     sights: &[Sight<'_>],
     start: Vector3<f64>,
@@ -86,7 +86,7 @@ pub(crate) fn settle(
     enough.then_some(Triangulated { position, agree })
 }
 
-/// The point that minimizes the robust sum of squared reprojection errors, from a start in front of all cameras.
+/// Minimizes the robust sum of squared reprojection errors, from a start in front of all cameras.
 ///
 /// Never returns a point worse than `start`, or one behind a camera.
 pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> {
@@ -104,7 +104,7 @@ pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> 
                 gradient += row * (value * weight);
             }
         }
-        // Damping relative to each coordinate's own curvature: the depth of a far point is badly known.
+        // Damping is relative to each coordinate's curvature: the depth of a distant point is poorly determined.
         let mut damped = normal;
         for i in 0..3 {
             damped[(i, i)] *= 1.0 + damping;
@@ -143,7 +143,7 @@ pub(crate) fn widest_angle_deg(sights: &[Sight<'_>], point: &Vector3<f64>) -> f6
     least.clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-/// The point midway between two rays where they come nearest; `None` when it is not in front of both cameras or the
+/// Returns the midpoint of the shortest segment between two rays; `None` if it is not in front of both cameras or the
 /// rays are parallel.
 pub(crate) fn nearest_to_both_rays(a: &Sight<'_>, b: &Sight<'_>) -> Option<Vector3<f64>> {
     let (d, e) = (a.view.ray(&a.plane), b.view.ray(&b.plane));
@@ -185,13 +185,14 @@ fn cauchy_weight(squared: f64, max_error: f64) -> f64 {
     1.0 / (1.0 + squared / (LOSS_SCALE * max_error).powi(2))
 }
 
-/// All pairs of few observations; of many, about [`MAX_PAIRS`] spread over all of them, wide and narrow.
+/// All pairs of few observations; for many, about [`MAX_PAIRS`] with wide and narrow baselines, spread over all
+/// observations.
 fn pairs(count: usize) -> Vec<(usize, usize)> {
     let all = count * count.saturating_sub(1) / 2;
     if all <= MAX_PAIRS {
         return (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
     }
-    // Steps of a golden share of the count give pairs of every distance in the (sorted) track.
+    // Steps of the golden ratio of the count give pairs of every distance in the (sorted) track.
     (0..MAX_PAIRS)
         .map(|i| {
             let a = i * count / MAX_PAIRS;
@@ -204,9 +205,9 @@ fn pairs(count: usize) -> Vec<(usize, usize)> {
 
 /// Two-view hypotheses tried for one track.
 const MAX_PAIRS: usize = 45;
-/// Rounds of choosing inliers and refining on them.
+/// Rounds of inlier selection and refinement.
 const MAX_ROUNDS: usize = 4;
-/// Gauss–Newton steps of one refinement; three or four do, unless the start is poor.
+/// Maximum number of Gauss–Newton steps; three or four suffice unless the start is poor.
 const MAX_STEPS: usize = 20;
 /// Scale of the robust loss in units of the inlier threshold.
 const LOSS_SCALE: f64 = 0.5;
@@ -222,7 +223,7 @@ mod tests {
 
     use super::*;
 
-    /// A camera at `center` that looks at the origin of the world, more or less.
+    /// A camera at `center` that looks approximately at the origin of the world.
     fn view(center: Vector3<f64>, roll: f64) -> View {
         let camera: Intrinsics = "PINHOLE,640,480,500,510,320,240".parse().unwrap();
         let look = Rotation3::look_at_lh(&-center, &Vector3::new(roll.sin(), roll.cos(), 0.3));
@@ -240,7 +241,7 @@ mod tests {
             .collect()
     }
 
-    /// The keypoint of a point, moved by some pixels.
+    /// The keypoint of a point, shifted by some pixels.
     fn sight<'a>(view: &'a View, point: &Vector3<f64>, shift: [f64; 2]) -> Sight<'a> {
         let x = view.in_camera(point);
         let pinhole = view.camera.pinhole();
@@ -272,7 +273,7 @@ mod tests {
         let sights: Vec<Sight<'_>> =
             views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 0.5))).collect();
         let found = triangulate(&sights, 2, 1.5).unwrap();
-        // Half a pixel at f = 500 and 5 units: 5 mm across; the depth of a 40 degree arc is hardly worse.
+        // Half a pixel at f = 500 and 5 units is 5 mm; with a 40 degree arc the depth is hardly worse.
         assert!((found.position - POINT).norm() < 0.01, "{}", (found.position - POINT).norm());
     }
 
@@ -296,14 +297,14 @@ mod tests {
         let sights: Vec<Sight<'_>> = two.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
         assert!(triangulate(&sights, 2, 1.5).is_none(), "0.08 units at 5.5 are 0.83 degrees");
         assert!(triangulate(&sights, 2, 0.5).is_some());
-        // Rays that meet behind the cameras.
+        // Rays that intersect behind the cameras.
         let views = arc(2, 30.0);
         let behind = Vector3::new(0.0, 0.0, -20.0);
         let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &behind, [0.0; 2])).collect();
         assert!(triangulate(&sights, 2, 1.5).is_none());
         assert!(triangulate(&sights[..1], 1, 1.5).is_none());
         assert!(triangulate(&[], 0, 0.0).is_none());
-        // Two views at one place.
+        // Two views at the same position.
         let same = [views[0].clone(), views[0].clone()];
         let sights: Vec<Sight<'_>> = same.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
         assert!(triangulate(&sights, 2, 0.0).is_none());
@@ -353,8 +354,8 @@ mod tests {
         }
     }
 
-    /// Whatever keypoints are given: a point that is returned is finite, in front, and agreed on as told. Keypoints that
-    /// are a little off and wild ones, so that both answers come up.
+    /// For any keypoints, a returned point is finite, in front of its cameras, and its inliers are as reported.
+    /// Keypoints have small and large errors, so that both outcomes occur.
     #[test]
     fn what_is_returned_holds() {
         let shift = |most: f64| (-most..most, -most..most);

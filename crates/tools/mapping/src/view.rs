@@ -1,4 +1,4 @@
-//! One image as geometry sees it: pose, undistorted keypoints, and thresholds in its own pixels.
+//! One image for geometry: pose, undistorted keypoints, and thresholds in its own pixels.
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
@@ -17,7 +17,7 @@ pub(crate) struct View {
     /// `t` of the pose.
     translation: Vector3<f64>,
     focal: Vector2<f64>,
-    /// Keypoints on the plane `z = 1`; `None` where the distortion cannot be undone.
+    /// Keypoints on the plane `z = 1`; `None` if the distortion cannot be inverted.
     pub(crate) plane: Vec<Option<Vector2<f64>>>,
     /// Largest reprojection error of an observation, pixels.
     pub(crate) max_error: f64,
@@ -26,7 +26,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// From an image's parts; thresholds in its pixels.
+    /// Creates a view from an image's parts; thresholds are in its pixels.
     pub(crate) fn new(
         camera: Intrinsics,
         cam_from_world: CameraFromWorld,
@@ -51,7 +51,7 @@ impl View {
         }
     }
 
-    /// The same image with another pose and this many times the focal length; its distortion is undone as before.
+    /// The same image with another pose and a scaled focal length; keypoints are undistorted as before.
     pub(crate) fn with(&self, cam_from_world: CameraFromWorld, focal_scale: f64) -> Self {
         Self {
             center: cam_from_world.center().coords,
@@ -74,18 +74,18 @@ impl View {
         self.rotation * point + self.translation
     }
 
-    /// Ray of a position on the plane `z = 1`, in the world, not of unit length: its parameter is the depth.
+    /// Ray of a position on the plane `z = 1`, in the world frame, not normalized: its parameter is the depth.
     pub(crate) fn ray(&self, plane: &Vector2<f64>) -> Vector3<f64> {
         self.rotation.tr_mul(&Vector3::new(plane.x, plane.y, 1.0))
     }
 
-    /// Projection minus keypoint, undistorted pixels; `None` when the point is not in front of the camera.
+    /// Projection minus keypoint, undistorted pixels; `None` if the point is not in front of the camera.
     pub(crate) fn residual(&self, plane: &Vector2<f64>, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let x = self.in_camera(point);
         (x.z > 0.0).then(|| (x.xy() / x.z - plane).component_mul(&self.focal))
     }
 
-    /// The same with its derivative by the point, `[2, 3]` as two rows.
+    /// The same with its derivative with respect to the point, `[2, 3]` as two rows.
     pub(crate) fn residual_and_rows(
         &self,
         plane: &Vector2<f64>,
@@ -101,7 +101,7 @@ impl View {
         Some(((p - plane).component_mul(&self.focal), [row(0), row(1)]))
     }
 
-    /// Where a point is in the image, distorted; `None` when it is not in front of the camera or outside.
+    /// Position of a point in the image, distorted; `None` if it is not in front of the camera or outside the image.
     pub(crate) fn pixel_inside(&self, point: &Vector3<f64>) -> Option<Pixel> {
         let p = PlanePoint::from_camera_point(
             &self.cam_from_world.transform(&Point3::<World>::from_vector(*point)),

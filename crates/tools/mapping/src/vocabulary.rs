@@ -1,4 +1,4 @@
-//! The vocabulary of a map: learned from a sample of all its descriptors.
+//! Trains the vocabulary of a map on a sample of all its descriptors.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -8,11 +8,11 @@ use veiloc_map::BuildSettings;
 use crate::error::MappingError;
 use crate::progress::Progress;
 
-/// Learns words from the descriptors of images: as many as the settings say, or as there are descriptors. Equal images
-/// and settings give equal words.
+/// Trains words on the descriptors of images: as many as the settings request, or as there are descriptors. Equal
+/// images and settings give equal words.
 ///
 /// # Errors
-/// [`MappingError::EmptyList`] without images, [`MappingError::NoKeypoints`] when they hold too few descriptors.
+/// [`MappingError::EmptyList`] without images, [`MappingError::NoKeypoints`] if there are too few descriptors.
 pub(crate) fn learn(
     images: &[DescriptorView<'_>],
     settings: &BuildSettings,
@@ -41,5 +41,5 @@ pub(crate) fn learn(
     Ok(vocabulary)
 }
 
-/// Descriptors a word is learned from.
+/// Training descriptors per word.
 const SAMPLES_PER_WORD: usize = 1000;

@@ -1,4 +1,4 @@
-//! Renders a few views of a place into a folder, and says how long each took.
+//! Renders a few views of a scene into a folder, and prints the time of each.
 //!
 //! `cargo run --release -p veiloc-synthetic --example views -- DIR [SEED] [MAPPING VIEWS] [QUERIES]`
 #![expect(clippy::print_stdout, reason = "an example talks to its terminal")]

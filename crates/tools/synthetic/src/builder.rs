@@ -1,4 +1,4 @@
-//! Puts surfaces into the place: rectangles, boxes and columns.
+//! Adds surfaces to the scene: rectangles, boxes and columns.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -6,25 +6,25 @@ use rand_chacha::ChaCha8Rng;
 use crate::bvh::{Quad, Vec3};
 use crate::material::{Material, Pattern};
 
-/// An upright box that stands in the way of cameras: lower and upper corner.
+/// An upright box that cameras must avoid: lower and upper corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Obstacle {
     pub(crate) low: Vec3,
     pub(crate) high: Vec3,
 }
 
-/// A place under construction.
+/// A scene under construction.
 pub(crate) struct Builder {
     pub(crate) quads: Vec<Quad>,
     pub(crate) materials: Vec<Material>,
-    /// Which surfaces throw shadows; flat things on walls and floors do not.
+    /// The surfaces that throw shadows; flat things on walls and floors do not.
     pub(crate) casts: Vec<bool>,
     pub(crate) flat: bool,
     pub(crate) obstacles: Vec<Obstacle>,
     pub(crate) rng: ChaCha8Rng,
 }
 
-/// A position and direction on the floor plan from which furniture is built: `x` along its front, `y` to its back.
+/// Local frame on the floor plan for building furniture: `x` along its front, `y` to its back.
 #[derive(Clone, Copy)]
 pub(crate) struct Spot {
     origin: Vec3,
@@ -33,13 +33,13 @@ pub(crate) struct Spot {
 }
 
 impl Spot {
-    /// At `(x, y, z)`, its own `x` axis turned by `yaw` radians from the room's.
+    /// A frame at `(x, y, z)`, its `x` axis rotated by `yaw` radians from the room's.
     pub(crate) fn new(x: f32, y: f32, z: f32, yaw: f32) -> Self {
         let (s, c) = yaw.sin_cos();
         Self { origin: Vec3::new(x, y, z), x: Vec3::new(c, s, 0.0), y: Vec3::new(-s, c, 0.0) }
     }
 
-    /// A spot given in this one's axes.
+    /// A frame given in the axes of this one.
     pub(crate) fn moved(&self, x: f32, y: f32, z: f32, turn: f32) -> Self {
         let (s, c) = turn.sin_cos();
         Self { origin: self.at(x, y, z), x: self.x * c + self.y * s, y: self.y * c - self.x * s }
@@ -70,14 +70,14 @@ impl Builder {
         }
     }
 
-    /// Builds things that lie so flat on others that they throw no shadow.
+    /// Builds things that lie flat on others and throw no shadow.
     pub(crate) fn flat(&mut self, build: impl FnOnce(&mut Self)) {
         self.flat = true;
         build(self);
         self.flat = false;
     }
 
-    /// A rectangle seen from the side of `edge_u × edge_v`.
+    /// A rectangle, visible from the side of `edge_u × edge_v`.
     pub(crate) fn quad(&mut self, origin: Vec3, edge_u: Vec3, edge_v: Vec3, pattern: &Pattern) {
         self.quads.push(Quad::new(origin, edge_u, edge_v));
         self.casts.push(!self.flat);
@@ -85,7 +85,7 @@ impl Builder {
         self.materials.push(Material { pattern: pattern.clone(), seed });
     }
 
-    /// A box standing at a spot: its front lower left corner there, `size` along the spot's axes.
+    /// A box with its front lower left corner at the frame's origin, `size` along the frame's axes.
     pub(crate) fn block(&mut self, spot: &Spot, size: [f32; 3], pattern: &Pattern) {
         self.faces(spot, size, [pattern; 6]);
     }
@@ -107,7 +107,7 @@ impl Builder {
         self.obstacles.push(Obstacle { low, high });
     }
 
-    /// An upright column with eight sides around a spot.
+    /// An upright column with eight sides around the frame's origin.
     pub(crate) fn column(&mut self, spot: &Spot, radius: f32, height: f32, pattern: &Pattern, top: &Pattern) {
         let corner = |k: u32| {
             let angle = std::f32::consts::FRAC_PI_4 * k as f32;
@@ -117,7 +117,7 @@ impl Builder {
         for k in 0..8 {
             self.quad(corner(k), corner(k + 1) - corner(k), up, pattern);
         }
-        // Two rectangles make the lid; the small triangles they leave are below the rim's width.
+        // Two rectangles form the lid; the small triangles between them are narrower than the rim.
         for turn in [0.0, std::f32::consts::FRAC_PI_4] {
             let lid = spot.moved(0.0, 0.0, height, turn);
             let half = radius * 0.707;

@@ -1,8 +1,8 @@
-//! Parallelograms in space, and a tree of boxes to find the first one on a ray.
+//! Parallelograms in space, and a bounding volume hierarchy (BVH) to find the first one on a ray.
 
 use nalgebra::Vector3;
 
-/// Single precision: a room is a few metres, and a micrometre is enough.
+/// Single precision: a room is a few metres, and a micrometre suffices.
 pub(crate) type Vec3 = Vector3<f32>;
 
 /// A flat rectangle, `origin + a · edge_u + b · edge_v`, `0 ≤ a, b ≤ 1`.
@@ -11,11 +11,12 @@ pub(crate) struct Quad {
     pub(crate) origin: Vec3,
     pub(crate) edge_u: Vec3,
     pub(crate) edge_v: Vec3,
-    /// Unit normal, `edge_u × edge_v`, on the side that can be seen.
+    /// Unit normal, `edge_u × edge_v`, on the visible side.
     pub(crate) normal: Vec3,
     /// Lengths of the edges, metres.
     pub(crate) size: [f32; 2],
-    /// The edges over their squared lengths: products with a point of the plane are its position `(a, b)`.
+    /// The edges divided by their squared lengths: their dot products with a point of the plane are its position `(a,
+    /// b)`.
     dual: [Vec3; 2],
 }
 
@@ -39,10 +40,10 @@ impl Quad {
     }
 }
 
-/// Where a ray first meets a surface.
+/// The first intersection of a ray with a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Hit {
-    /// Which surface.
+    /// Index of the surface.
     pub(crate) quad: u32,
     /// Distance in units of the ray's direction.
     pub(crate) t: f32,
@@ -54,12 +55,13 @@ pub(crate) struct Hit {
 struct Node {
     low: Vec3,
     high: Vec3,
-    /// A leaf holds `order[first..first + count]`; an inner node (`count` 0) has its children at `first` and next.
+    /// A leaf contains `order[first..first + count]`; an inner node (`count` 0) has its children at `first` and `first
+    /// + 1`.
     first: u32,
     count: u32,
 }
 
-/// The tree.
+/// Bounding volume hierarchy.
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
     order: Vec<u32>,
@@ -84,7 +86,7 @@ impl Bvh {
                 high = high.sup(&c);
             }
         }
-        // A flat box must still have an inside.
+        // A flat box needs a nonzero thickness.
         (self.nodes[node].low, self.nodes[node].high) = (low.add_scalar(-1e-5), high.add_scalar(1e-5));
         if end - begin <= 3 {
             (self.nodes[node].first, self.nodes[node].count) = (begin as u32, (end - begin) as u32);
@@ -103,7 +105,7 @@ impl Bvh {
         self.split(quads, child + 1, middle, end);
     }
 
-    /// The axis and number of surfaces on the left that make the two boxes cheapest to visit.
+    /// Axis and number of surfaces on the left with the lowest cost of visiting the two boxes (surface area heuristic).
     fn cheapest_axis(&self, quads: &[Quad], begin: usize, end: usize) -> (usize, usize) {
         let mut best = (f32::INFINITY, 0, (end - begin) / 2);
         for axis in 0..3 {
@@ -133,7 +135,7 @@ impl Bvh {
         (best.1, best.2)
     }
 
-    /// The first surface on the ray before `farthest`. `hint`: a surface it may well be, tried first.
+    /// Returns the first surface on the ray before `farthest`. `hint`: a likely surface, tested first.
     pub(crate) fn first_hit(
         &self,
         quads: &[Quad],
@@ -153,7 +155,7 @@ impl Bvh {
         if (hint as usize) < quads.len() {
             consider(hint, &mut best);
         }
-        // A node and where the ray enters it. 64 levels are far more than the tree of a room has.
+        // A node and the entry parameter of the ray. 64 levels are far more than the tree of a room has.
         let mut stack = [(0u32, 0.0f32); 64];
         let mut depth = usize::from(entry(&self.nodes[0], from, inverse, best.t).is_some());
         while depth > 0 {
@@ -183,7 +185,7 @@ impl Bvh {
     }
 }
 
-/// Where the ray enters the box of a node, if it does before `farthest`.
+/// Returns the entry parameter of the ray into the box of a node, if it is before `farthest`.
 fn entry(node: &Node, from: Vec3, inverse: Vec3, farthest: f32) -> Option<f32> {
     let a = (node.low - from).component_mul(&inverse);
     let b = (node.high - from).component_mul(&inverse);

@@ -1,4 +1,4 @@
-//! Colours: what surfaces reflect and images are drawn in.
+//! Colours: reflectance of surfaces and values of images.
 
 use nalgebra::Vector3;
 

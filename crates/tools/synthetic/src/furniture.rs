@@ -1,4 +1,5 @@
-//! Things that stand in the room. Each is built at a [`Spot`]: front left corner, `x` along the front, `y` back.
+//! Furniture of the room. Each piece is built in a local frame ([`Spot`]): front left corner, `x` along the front, `y`
+//! back.
 
 use std::sync::Arc;
 
@@ -43,7 +44,7 @@ impl Builder {
         }
     }
 
-    /// A row of books, now and then a box or a gap.
+    /// A row of books, with occasional boxes and gaps.
     pub(crate) fn books(&mut self, spot: &Spot, width: f32, free: f32) {
         let mut x = 0.01;
         loop {
@@ -74,7 +75,7 @@ impl Builder {
         }
     }
 
-    /// A box with something printed on every side.
+    /// A box with a print on every side.
     pub(crate) fn labelled_box(&mut self, spot: &Spot, size: [f32; 3]) {
         let [w, d, h] = size;
         let kind = if self.rng.random_bool(0.5) { PrintKind::Label } else { PrintKind::Poster };
@@ -82,7 +83,7 @@ impl Builder {
         self.faces(spot, size, sides.each_ref());
     }
 
-    /// A cardboard box with labels stuck to it.
+    /// A cardboard box with labels.
     pub(crate) fn carton(&mut self, spot: &Spot, size: [f32; 3]) {
         let tone = self.rng.random_range(0.35..0.6);
         let card = Pattern::Cardboard(colour(tone, tone * 0.75, tone * 0.5));

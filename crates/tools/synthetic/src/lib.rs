@@ -1,10 +1,10 @@
-//! Rendered places and geometric problems with ground truth.
+//! Rendered scenes and geometric problems with ground truth.
 //!
-//! [`Place`] is a furnished room that paints and renders itself: given a seed, a camera pose and intrinsics it
-//! answers an image with the true depth of every pixel. Nothing is read from disk, nothing repeats from surface to
+//! [`Place`] is a furnished room that is generated and rendered from a seed: for a camera pose and intrinsics it
+//! returns an image with the true depth of every pixel. Nothing is read from disk, no texture repeats on another
 //! surface, and equal seeds give equal bytes for any number of threads.
 //!
-//! [`problems`] makes sets of 2D–3D matches without images, for tests and benches of solvers.
+//! [`problems`] generates sets of 2D–3D matches without images, for tests and benches of solvers.
 //!
 //! ```
 //! use veiloc_geometry::Intrinsics;

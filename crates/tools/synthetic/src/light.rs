@@ -1,8 +1,8 @@
-//! How much light falls on each surface: computed once, since nothing moves and nothing shines back.
+//! Light on each surface: computed once, since nothing moves and there are no reflections.
 //!
-//! Each surface carries a coarse grid of light values, read with bilinear interpolation: direct light from the lamps
-//! with soft shadows, and light from all around, less in corners. It does not depend on the view, so a surface looks
-//! the same from everywhere.
+//! Each surface has a coarse grid of light values, read with bilinear interpolation: direct light from the lamps with
+//! soft shadows, and ambient light with ambient occlusion. It does not depend on the view, so a surface looks the same
+//! from every direction.
 
 use rayon::prelude::*;
 
@@ -35,7 +35,7 @@ impl LightGrid {
     }
 }
 
-/// Lights every surface; only those of `casting` throw shadows.
+/// Computes the light on every surface; only surfaces in `casting` throw shadows.
 pub(crate) fn bake(quads: &[Quad], casting: &[Quad], lamps: &[Lamp]) -> Vec<LightGrid> {
     let around = hemisphere();
     let bvh = Bvh::new(casting);
@@ -61,7 +61,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
     for lamp in lamps {
         for k in 0..4 {
             let (s, t) = ((k as f32 + 0.5) / 4.0, (0.5 + 0.618_034 * k as f32).fract());
-            // A little below the lamp, so that the lamp does not shade itself.
+            // A little below the lamp, so that the lamp does not shadow itself.
             let to = lamp.corner + lamp.edge_u * s + lamp.edge_v * t - at - Vec3::new(0.0, 0.0, 0.02);
             let square = to.norm_squared();
             let facing = normal.dot(&to) / square.sqrt();
@@ -71,7 +71,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
             }
         }
     }
-    // Two axes across the normal.
+    // Two axes perpendicular to the normal.
     let side = if normal.z.abs() < 0.9 { Vec3::z() } else { Vec3::x() };
     let x = normal.cross(&side).normalize();
     let y = normal.cross(&x);
@@ -85,7 +85,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
     direct + 0.5 * open / around.len() as f32
 }
 
-/// Directions spread over the half sphere around `z`, denser towards it by the cosine.
+/// Directions on the hemisphere around `z`, with cosine-weighted density.
 fn hemisphere() -> Vec<Vec3> {
     let n = 16;
     (0..n)

@@ -1,4 +1,4 @@
-//! How surfaces look: reflectance as a function of the position on the surface in metres, at any level of detail.
+//! Appearance of surfaces: reflectance as a function of the position on the surface in metres, at any level of detail.
 
 use std::sync::Arc;
 
@@ -13,13 +13,13 @@ pub(crate) enum Pattern {
     Plaster(Colour),
     /// Wall paper: random shapes of three sizes.
     Wallpaper(Colour, Colour),
-    /// Bricks, each of its own tint.
+    /// Bricks, each with its own tint.
     Brick(Colour),
     /// Wooden boards along `u`, with grain and knots.
     Planks(Colour, f32),
-    /// Square tiles of this width, each of its own tint and marbling.
+    /// Square tiles of this width, each with its own tint and marbling.
     Tiles(Colour, f32),
-    /// A rug: shapes in shapes.
+    /// A rug: nested shapes.
     Rug([Colour; 4]),
     /// Cloth: weave, folds, and dots.
     Cloth(Colour),
@@ -29,13 +29,13 @@ pub(crate) enum Pattern {
     Cardboard(Colour),
     /// Scratched metal or plastic.
     Shell(Colour),
-    /// Something drawn.
+    /// A drawn image.
     Print(Arc<Raster>),
-    /// A lamp: shines, and is not lit.
+    /// A lamp: it emits light and is not lit.
     Lamp(Colour),
 }
 
-/// A pattern on one surface: its own seed, so that no two surfaces are alike.
+/// A pattern on one surface, with its own seed, so that no two surfaces are equal.
 #[derive(Clone)]
 pub(crate) struct Material {
     pub(crate) pattern: Pattern,

@@ -1,4 +1,4 @@
-//! Hashed lattice noise: random numbers that belong to a position, the same for every thread and every view.
+//! Hashed lattice noise: random numbers as a function of position, the same for every thread and every view.
 
 /// Mixes a seed and two lattice coordinates into 32 random bits.
 pub(crate) fn hash(seed: u32, x: i32, y: i32) -> u32 {
@@ -8,7 +8,7 @@ pub(crate) fn hash(seed: u32, x: i32, y: i32) -> u32 {
     h ^ (h >> 16)
 }
 
-/// The `k`-th further number in [0, 1) of a hash.
+/// The `k`-th further number in [0, 1) derived from a hash.
 pub(crate) fn unit(h: u32, k: u32) -> f32 {
     let mut x = h.wrapping_add(k.wrapping_mul(0x9e37_79b9));
     x = (x ^ (x >> 16)).wrapping_mul(0x21f0_aaad);
@@ -16,7 +16,7 @@ pub(crate) fn unit(h: u32, k: u32) -> f32 {
     ((x ^ (x >> 15)) >> 8) as f32 / 16_777_216.0
 }
 
-/// How much of a detail of this wavelength survives when `footprint` metres fall into one sample, 0 to 1.
+/// Remaining contrast of a detail of this wavelength if one sample averages over `footprint` metres, 0 to 1.
 pub(crate) fn fade(wavelength: f32, footprint: f32) -> f32 {
     ((wavelength / footprint.max(1e-6) - 1.5) / 1.5).clamp(0.0, 1.0)
 }
@@ -33,8 +33,8 @@ pub(crate) fn value(seed: u32, u: f32, v: f32) -> f32 {
     top + (bottom - top) * sy
 }
 
-/// Octaves of [`value`], the first of the given wavelength in metres, each next one of half that; about [-1, 1].
-/// Octaves too fine for the footprint are left out.
+/// Sum of octaves of [`value`], the first with the given wavelength in metres, each next one with half of it; about
+/// [-1, 1]. Octaves too fine for the footprint are left out.
 pub(crate) fn octaves(
     seed: u32,
     u: f32,
@@ -49,7 +49,7 @@ pub(crate) fn octaves(
         let kept = fade(length, footprint);
         total += amplitude;
         if kept > 0.0 {
-            // Turned from octave to octave, so that the lattices do not line up.
+            // Rotated from octave to octave, so that the lattices do not align.
             let (c, s) = [(1.0, 0.0), (0.8, 0.6), (0.28, 0.96), (-0.352, 0.936)][(octave % 4) as usize];
             let (a, b) = ((c * u - s * v) / length, (s * u + c * v) / length);
             sum += kept * amplitude * value(seed.wrapping_add(octave * 0x1234_5677), a, b);
@@ -63,19 +63,20 @@ pub(crate) fn octaves(
 /// A random flat shape (disc, bar or triangle) in a square cell of this size, if the cell has one.
 #[derive(Clone, Copy)]
 pub(crate) struct Splat {
-    /// How much of the sample it covers, 0 to 1.
+    /// Coverage of the sample, 0 to 1.
     pub(crate) coverage: f32,
     /// Random bits of the shape, for its colour.
     pub(crate) bits: u32,
 }
 
-/// The shape at a position, when shapes lie in cells of `cell` metres and `density` of the cells hold one.
+/// Returns the shape at a position, if shapes lie in cells of `cell` metres and a share `density` of the cells contains
+/// one.
 pub(crate) fn splat(seed: u32, u: f32, v: f32, cell: f32, density: f32, footprint: f32) -> Option<Splat> {
     let kept = fade(cell * 0.7, footprint);
     if kept <= 0.0 {
         return None;
     }
-    // Each layer has its own turned grid, so that rows of shapes cannot be seen.
+    // Each layer has its own rotated grid, so that rows of shapes are not visible.
     let (s, c) = (unit(seed, 1) * std::f32::consts::TAU).sin_cos();
     let (a, b) = ((c * u - s * v) / cell, (s * u + c * v) / cell);
     let (x, y) = (a.floor(), b.floor());

@@ -1,11 +1,11 @@
-//! Images in the place (posters, screens, paper): drawn once, kept as a pyramid, read with a filter.
+//! Images in the scene (posters, screens, paper): drawn once, stored as an image pyramid, sampled with a filter.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::colour::Colour;
 
-/// A square-texel image and its ever smaller versions.
+/// An image with square texels and its image pyramid.
 pub(crate) struct Raster {
     levels: Vec<Level>,
 }
@@ -49,7 +49,7 @@ impl Raster {
         Self { levels }
     }
 
-    /// Colour at `(a, b)` in [0, 1]², when the sample is `texels` level-0 texels wide.
+    /// Colour at `(a, b)` in [0, 1]², if the sample is `footprint` level-0 texels wide.
     pub(crate) fn sample(&self, a: f32, b: f32, footprint: f32) -> Colour {
         let texels = footprint * self.levels[0].width as f32;
         let level = texels.max(1.0).log2().min((self.levels.len() - 1) as f32);
@@ -92,7 +92,7 @@ impl Painter {
         }
     }
 
-    /// Paints where a signed distance, in texels, is negative; looked for in the square around `center`.
+    /// Paints where a signed distance, in texels, is negative; evaluated in the square around `center`.
     fn fill(&mut self, center: [f32; 2], reach: f32, colour: Colour, distance: impl Fn(f32, f32) -> f32) {
         let span = |c: f32, n: usize| {
             ((c - reach - 1.0).max(0.0) as usize).min(n)..((c + reach + 2.0).max(0.0) as usize).min(n)
@@ -141,7 +141,7 @@ impl Painter {
         });
     }
 
-    /// Lines of letters nobody can read: each letter a few strokes. `corner` is the upper left one.
+    /// Lines of illegible letters: each letter is a few strokes. `corner` is the upper left one.
     pub(crate) fn text(
         &mut self,
         corner: [f32; 2],

@@ -1,4 +1,4 @@
-//! Where the cameras stand: a hand-held walk around the room for the map, and views off that walk as queries.
+//! Camera positions: a hand-held walk around the room for the map, and views beside it as queries.
 
 use std::f64::consts::TAU;
 
@@ -10,15 +10,15 @@ use veiloc_geometry::CameraFromWorld;
 use crate::bvh::Vec3;
 use crate::place::Place;
 
-/// How many views, and which.
+/// Number and seed of the views.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct PathOptions {
-    /// Views for the map; 40 by default.
+    /// Map views; 40 by default.
     pub mapping: usize,
-    /// Views to be localized; 12 by default.
+    /// Query views; 12 by default.
     pub queries: usize,
-    /// Seed of hand jitter and query positions; the place's own seed is mixed in.
+    /// Seed of hand jitter and query positions; it is combined with the scene's own seed.
     pub seed: u64,
 }
 
@@ -38,26 +38,26 @@ impl PathOptions {
 /// True poses of the views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraPath {
-    /// In the order of the walk.
+    /// In the order of the trajectory.
     pub mapping: Vec<CameraFromWorld>,
-    /// Between and beside the mapping views, never at one.
+    /// Between and beside the mapping views, never at the same position.
     pub queries: Vec<CameraFromWorld>,
 }
 
-/// How far one person's hand strays from the walk.
+/// Deviation of a hand-held camera from the ideal trajectory.
 struct Stray {
-    /// Along the walk, as a share of the whole round.
+    /// Along the trajectory, as a share of its length.
     along: f64,
     /// Across and up, metres.
     metres: f64,
-    /// Of the point looked at, metres.
+    /// Of the look-at point, metres.
     target: f64,
 }
 
 impl Place {
-    /// A walk around the middle of the room at the height of the chest, looking across it, and queries nearby.
+    /// A trajectory around the middle of the room at chest height, looking across it, and queries near it.
     ///
-    /// No camera is nearer than 0.3 m to anything, and none looks at something nearer than 0.6 m.
+    /// No camera is nearer than 0.3 m to any surface, and the nearest visible surface is at least 0.6 m away.
     pub fn camera_path(&self, options: &PathOptions) -> CameraPath {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed.rotate_left(17) ^ options.seed ^ 0x70a7);
         let calm = Stray { along: 0.2 / options.mapping.max(1) as f64, metres: 0.12, target: 0.25 };
@@ -82,7 +82,7 @@ impl Place {
                 s * (1.5 + off(stray.metres)),
                 1.45 + off(stray.metres),
             );
-            // Across the room, a little to the side of the middle and a little down.
+            // Across the room, slightly beside the middle and slightly down.
             let target = Vector3::new(
                 -1.3 * c - 0.5 * s + off(stray.target),
                 -1.1 * s + 0.5 * c + off(stray.target),
@@ -97,7 +97,7 @@ impl Place {
         last.unwrap_or_else(CameraFromWorld::identity)
     }
 
-    /// Smallest depth on a coarse grid of rays of an ordinary camera.
+    /// Smallest depth on a coarse grid of rays of a typical camera.
     fn nearest_ahead(&self, pose: &CameraFromWorld) -> f32 {
         let single = |v: Vector3<f64>| v.map(|x| x as f32);
         let from: Vec3 = single(pose.center().coords);
@@ -112,7 +112,7 @@ impl Place {
     }
 }
 
-/// The pose at `from` that looks at `target`, upright but for a `roll` in radians. `None` when it looks straight up.
+/// The pose at `from` that looks at `target`, upright except for a `roll` in radians. `None` if it looks straight up.
 fn look_at(from: Vector3<f64>, target: Vector3<f64>, roll: f64) -> Option<CameraFromWorld> {
     let forward = (target - from).try_normalize(1e-9)?;
     let right = forward.cross(&Vector3::z()).try_normalize(1e-9)?;

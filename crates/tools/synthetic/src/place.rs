@@ -1,4 +1,4 @@
-//! The place: surfaces, how they look, how they are lit.
+//! The scene: surfaces, materials and light.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -40,8 +40,8 @@ impl Place {
         }
     }
 
-    /// A room with the shape, the furniture and the prints of the room of `seed`, of whose other surfaces this share has
-    /// stains, grain and wear of its own: two rooms of one hotel.
+    /// Returns a room with the shape, the furniture and the prints of the room of `seed`; the share `differing` of its
+    /// other surfaces has its own stains, grain and wear: like two rooms of one hotel.
     pub fn look_alike(seed: u64, own: u64, differing: f64) -> Self {
         let mut place = Self::generate(seed);
         let mut rng = ChaCha8Rng::seed_from_u64(own ^ 0xa11c_e5ee_d000_0000);
@@ -49,7 +49,7 @@ impl Place {
             let (differs, seed) = (rng.random_bool(differing.clamp(0.0, 1.0)), rng.random());
             material.seed = if differs { seed } else { material.seed };
         }
-        // Cameras stand elsewhere too.
+        // Camera positions differ too.
         place.seed = own;
         place
     }
@@ -65,7 +65,7 @@ impl Place {
         [[-x, -y, 0.0], [x, y, f64::from(HEIGHT)]]
     }
 
-    /// Whether a position is in the room and at least `clearance` metres from walls and things.
+    /// Returns whether a position is in the room and at least `clearance` metres from walls and furniture.
     pub fn is_free(&self, position: [f64; 3], clearance: f64) -> bool {
         let p = Vec3::new(position[0] as f32, position[1] as f32, position[2] as f32);
         let c = clearance as f32;

@@ -1,4 +1,4 @@
-//! What is printed in the place: posters, paintings, screens, sheets of paper, labels. No two are alike.
+//! Prints in the scene: posters, paintings, screens, sheets of paper, labels. No two are equal.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,7 +20,7 @@ pub(crate) enum PrintKind {
 /// Texels per metre.
 const DENSITY: f32 = 420.0;
 
-/// Draws one of this kind and size in metres.
+/// Draws a print of this kind and size in metres.
 pub(crate) fn print(kind: PrintKind, size: [f32; 2], seed: u64) -> Raster {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let texels = |metres: f32| ((metres * DENSITY) as usize).clamp(24, 640);
@@ -45,10 +45,10 @@ pub(crate) fn print(kind: PrintKind, size: [f32; 2], seed: u64) -> Raster {
     painter.finish()
 }
 
-/// A strong colour whose largest channel is in the range.
+/// A saturated colour whose largest channel is in the range.
 pub(crate) fn any_colour(rng: &mut ChaCha8Rng, light: std::ops::Range<f32>) -> Colour {
     let top = rng.random_range(light);
-    // Inks of a house: many reds, oranges and yellows, some blues and greens, little violet.
+    // Typical indoor colours: many reds, oranges and yellows, some blues and greens, little violet.
     let hue =
         [0.0, 0.3, 0.6, 1.0, 1.9, 3.2, 3.7, 4.0][rng.random_range(0..8)] + rng.random_range(-0.2..0.2f32);
     let hue = (hue + 6.0) % 6.0;

@@ -1,17 +1,17 @@
-//! Sets of 2D–3D matches with known truth, for tests and benches of solvers and estimators.
+//! Sets of 2D–3D matches with ground truth, for tests and benches of solvers and estimators.
 
 use nalgebra::{Rotation3, Vector3};
 use rand::Rng;
 use veiloc_geometry::frames::{Camera, World};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint, Point3};
 
-/// What the matches are like.
+/// Options of the generated matches.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct PointProblemOptions {
     /// Number of matches; 200 by default.
     pub matches: usize,
-    /// Share of wrong matches, 0 to 1; 0 by default. A wrong match keeps its pixel and gets another point.
+    /// Outlier ratio, 0 to 1; 0 by default. An outlier keeps its pixel and gets another point.
     pub outlier_share: f64,
     /// Standard deviation of the pixels, each coordinate; 0 by default.
     pub noise_px: f64,
@@ -19,7 +19,7 @@ pub struct PointProblemOptions {
     pub camera: Pinhole,
     /// Smallest and largest depth, map units; 2 to 6 by default.
     pub depth: [f64; 2],
-    /// When set, all points lie within this distance of one slanted plane through the middle of the depths.
+    /// If set, all points lie within this distance of one slanted plane through the middle of the depths.
     pub plane_thickness: Option<f64>,
 }
 
@@ -38,43 +38,43 @@ impl Default for PointProblemOptions {
 }
 
 impl PointProblemOptions {
-    /// Exact matches, this many.
+    /// Options for this many exact matches.
     pub fn exact(matches: usize) -> Self {
         Self { matches, ..Self::default() }
     }
 
-    /// With noise of this many pixels.
+    /// Sets the noise in pixels.
     pub fn noise(mut self, px: f64) -> Self {
         self.noise_px = px;
         self
     }
 
-    /// With this share of wrong matches.
+    /// Sets the outlier ratio.
     pub fn outliers(mut self, share: f64) -> Self {
         self.outlier_share = share;
         self
     }
 
-    /// With another camera.
+    /// Sets the camera.
     pub fn camera(mut self, camera: Pinhole) -> Self {
         self.camera = camera;
         self
     }
 
-    /// With these depths.
+    /// Sets the depths.
     pub fn depth(mut self, nearest: f64, farthest: f64) -> Self {
         self.depth = [nearest, farthest];
         self
     }
 
-    /// With points this near to one plane.
+    /// Sets the distance to one plane.
     pub fn near_planar(mut self, thickness: f64) -> Self {
         self.plane_thickness = Some(thickness);
         self
     }
 }
 
-/// Matches and their truth; row `i` of each list belongs together.
+/// Matches and their ground truth; element `i` of each list belongs together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointProblem {
     /// The camera.
@@ -83,14 +83,14 @@ pub struct PointProblem {
     pub cam_from_world: CameraFromWorld,
     /// Observed pixels, noise included.
     pub pixels: Vec<Pixel>,
-    /// The map points they are matched to.
+    /// The matched map points.
     pub points: Vec<Point3<World>>,
-    /// Which matches are right.
+    /// Which matches are correct.
     pub inliers: Vec<bool>,
 }
 
 impl PointProblem {
-    /// Draws a pose anywhere and matches all over the image.
+    /// Draws a random pose, and matches all over the image.
     pub fn generate(options: &PointProblemOptions, rng: &mut impl Rng) -> Self {
         let cam_from_world = random_pose(rng);
         let world_from_cam = cam_from_world.inverse();
@@ -118,7 +118,7 @@ impl PointProblem {
                 rng.random_range(0.0..f64::from(camera.width.max(1))),
                 rng.random_range(0.0..f64::from(camera.height.max(1))),
             ));
-            // Another point of the same scene: in a near-planar one it lies near the plane as well.
+            // Another point of the same scene: in a near-planar scene it is near the plane as well.
             points[i] = world_from_cam.transform(&at_depth(options, slant, &elsewhere, rng));
             inliers[i] = false;
         }
@@ -126,7 +126,7 @@ impl PointProblem {
     }
 }
 
-/// A point of the scene along a ray, camera frame; `slant` are the slopes of a near-planar scene's plane.
+/// A point of the scene along a ray, camera frame; `slant` has the slopes of a near-planar scene's plane.
 fn at_depth(
     options: &PointProblemOptions,
     slant: [f64; 2],
@@ -136,7 +136,7 @@ fn at_depth(
     let [near, far] = options.depth;
     let z = match options.plane_thickness {
         None => rng.random_range(near..=far.max(near)),
-        // The plane z = middle + slant · (x, y), along this ray; then off it by the thickness.
+        // The plane z = middle + slant · (x, y), along this ray, and an offset within the thickness.
         Some(thickness) => {
             let z = f64::midpoint(near, far) / (1.0 - slant[0] * ray.x - slant[1] * ray.y).max(0.2);
             z + rng.random_range(-thickness.abs()..=thickness.abs())
@@ -145,22 +145,22 @@ fn at_depth(
     Point3::new(ray.x * z, ray.y * z, z)
 }
 
-/// A pose with any rotation, evenly spread, and a centre within a few map units of the origin.
+/// A pose with a uniformly distributed rotation, and a centre within a few map units of the origin.
 pub fn random_pose(rng: &mut impl Rng) -> CameraFromWorld {
-    // Four normal numbers point evenly over the unit quaternions.
+    // Four normal numbers are uniformly distributed on the unit quaternions after normalization.
     let q = [normal(rng), normal(rng), normal(rng), normal(rng)];
     let t = [0; 3].map(|_| rng.random_range(-3.0..3.0));
     CameraFromWorld::from_quaternion(q, t)
         .unwrap_or_else(|| CameraFromWorld::new(Rotation3::identity(), Vector3::from(t)))
 }
 
-/// A number from the standard normal distribution.
+/// Draws from the standard normal distribution.
 pub fn normal(rng: &mut impl Rng) -> f64 {
     normal_pair(rng)[0]
 }
 
-/// Two independent numbers of it, from two draws (Box and Muller). Our own, and no library's: rendered places and published
-/// figures follow from which numbers equal seeds give.
+/// Draws two independent standard normal numbers (Box and Muller). Implemented here because rendered scenes and
+/// published figures depend on the exact numbers per seed.
 pub fn normal_pair(rng: &mut impl Rng) -> [f64; 2] {
     let (u, v): (f64, f64) = (rng.random(), rng.random());
     let radius = (-2.0 * (1.0 - u).ln()).sqrt();

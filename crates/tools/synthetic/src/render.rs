@@ -1,8 +1,8 @@
-//! From a pose and a camera to an image with the depth of every pixel.
+//! Renders an image with the depth of every pixel, from a pose and a camera.
 //!
-//! One ray goes through every pixel corner. Where all four corners of a pixel meet the same surface, four samples of
-//! its texture are averaged; elsewhere nine rays are, so that edges are smooth. Texture detail finer than a
-//! sample is left out before it can alias.
+//! One ray goes through every pixel corner. If all four corners of a pixel hit the same surface, four samples of its
+//! texture are averaged; otherwise nine rays are, so that edges are smooth. Texture detail finer than a sample is left
+//! out, so that it cannot alias.
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use nalgebra::Vector3;
@@ -14,7 +14,7 @@ use crate::colour::Colour;
 use crate::noise::{hash, unit};
 use crate::place::Place;
 
-/// How the camera records.
+/// Options of the simulated sensor.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct RenderOptions {
@@ -24,7 +24,7 @@ pub struct RenderOptions {
     pub vignetting: f32,
     /// Standard deviation of the sensor's noise, grey levels of 255; 1 by default.
     pub noise: f32,
-    /// Seed of the noise: give every image its own.
+    /// Seed of the noise: every image needs its own.
     pub seed: u64,
 }
 
@@ -45,7 +45,7 @@ impl RenderOptions {
 #[derive(Clone, PartialEq)]
 pub struct Rendering {
     rgb: RgbImage,
-    /// `[height · width]`, metres; NaN where a pixel has no ray.
+    /// `[height · width]`, metres; NaN if a pixel has no ray.
     depth: Vec<f32>,
     camera: Intrinsics,
     cam_from_world: CameraFromWorld,
@@ -66,27 +66,27 @@ impl Rendering {
         })
     }
 
-    /// Depth (camera `z`, metres) of what is seen through the centre of a pixel; `None` outside the image, or where
-    /// the distortion leaves a pixel without ray.
+    /// Depth (camera `z`, metres) at the centre of a pixel; `None` outside the image, or if the distortion leaves the
+    /// pixel without a ray.
     pub fn depth(&self, x: u32, y: u32) -> Option<f32> {
         let (w, h) = self.rgb.dimensions();
         let z = *self.depth.get(y as usize * w as usize + x as usize)?;
         (x < w && y < h && z.is_finite()).then_some(z)
     }
 
-    /// The 3D point seen through the centre of a pixel.
+    /// The 3D point at the centre of a pixel.
     pub fn point(&self, x: u32, y: u32) -> Option<Point3<World>> {
         let z = f64::from(self.depth(x, y)?);
         let p = self.camera.unproject(Pixel::new(f64::from(x) + 0.5, f64::from(y) + 0.5))?;
         Some(self.cam_from_world.inverse().transform(&Point3::new(p.x * z, p.y * z, z)))
     }
 
-    /// The camera it was taken with.
+    /// The camera.
     pub const fn camera(&self) -> &Intrinsics {
         &self.camera
     }
 
-    /// The pose it was taken from.
+    /// The pose.
     pub const fn cam_from_world(&self) -> &CameraFromWorld {
         &self.cam_from_world
     }
@@ -102,7 +102,7 @@ impl std::fmt::Debug for Rendering {
 const FAR: f32 = 100.0;
 
 impl Place {
-    /// The image of a camera (with its distortion) at a pose. Equal input gives equal bytes.
+    /// Renders the image of a camera (with its distortion) at a pose. Equal input gives equal bytes.
     pub fn render(
         &self,
         cam_from_world: &CameraFromWorld,
@@ -145,7 +145,7 @@ impl Place {
     }
 }
 
-/// The ray through a pixel corner, and the surface it meets.
+/// The ray through a pixel corner, and the surface that it hits.
 #[derive(Clone, Copy)]
 struct Corner {
     /// Position on the plane `z = 1` of the camera.
@@ -229,7 +229,7 @@ impl<'a> View<'a> {
         let quad = &self.place.quads[hit.quad as usize];
         let ray = self.ray(plane);
         let facing = (quad.normal.dot(&ray) / ray.norm()).abs().max(0.05);
-        // Half a pixel wide, longer where the surface is seen at a slant.
+        // Half a pixel wide, longer on slanted surfaces.
         let footprint = 0.6 * self.pixel * hit.t / facing.sqrt();
         let (u, v) = (hit.a * quad.size[0], hit.b * quad.size[1]);
         let material = &self.place.materials[hit.quad as usize];
@@ -250,10 +250,10 @@ fn develop(colour: Colour, x: usize, y: usize, camera: &Intrinsics, options: &Re
     let bits = hash(seed, x as i32, y as i32);
     let channel = |k: u32| {
         let light = (colour[k as usize] * options.exposure * lens).max(0.0);
-        // Linear in the shadows, bending over to white.
+        // Linear in the shadows, saturating to white.
         let curve = 1.0 - (-1.25 * light).exp();
         let value = 255.0 * curve.clamp(0.0, 1.0).powf(1.0 / 2.2);
-        // The sum of four even numbers is normal enough.
+        // The sum of four uniform numbers is approximately normal.
         let bell: f32 = (0..4).map(|i| unit(bits, 4 * k + i)).sum::<f32>() - 2.0;
         (value + options.noise * bell * 1.732).round().clamp(0.0, 255.0) as u8
     };

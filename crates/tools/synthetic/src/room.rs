@@ -1,7 +1,7 @@
-//! The plan of the room: walls, what hangs on them, and where the furniture stands.
+//! Plan of the room: walls, wall decoration, and furniture.
 //!
-//! Axes: `x` and `y` on the floor, `z` up, origin in the middle of the floor, metres. A ring around the middle stays
-//! free of anything taller than a table: there the cameras walk.
+//! Axes: `x` and `y` on the floor, `z` up, origin in the middle of the floor, metres. A ring around the middle has
+//! nothing taller than a table: the cameras move there.
 
 use rand::Rng;
 
@@ -15,7 +15,7 @@ use crate::print::PrintKind;
 pub(crate) const HALF: [f32; 2] = [3.4, 2.9];
 pub(crate) const HEIGHT: f32 = 2.75;
 
-/// Light that comes from a rectangle, linear.
+/// Light from a rectangle, linear.
 #[derive(Clone, Copy)]
 pub(crate) struct Lamp {
     pub(crate) corner: Vec3,
@@ -47,7 +47,8 @@ impl Wall {
         ]
     }
 
-    /// A spot at distance `along` from the left end, standing `out` in front of the wall; its `y` axis into the wall.
+    /// The local frame at distance `along` from the left end, `out` in front of the wall; its `y` axis points into the
+    /// wall.
     fn spot(&self, along: f32, out: f32, z: f32) -> Spot {
         let inward = Vec3::new(self.right.y, -self.right.x, 0.0);
         let p = self.corner + self.right * along + inward * out;
@@ -55,7 +56,7 @@ impl Wall {
     }
 }
 
-/// Builds everything; answers the lamps.
+/// Builds everything; returns the lamps.
 pub(crate) fn furnish(b: &mut Builder) -> Vec<Lamp> {
     let walls = Wall::all();
     let lamps = shell(b, &walls);
@@ -98,7 +99,7 @@ fn shell(b: &mut Builder, walls: &[Wall; 4]) -> Vec<Lamp> {
         .collect()
 }
 
-/// Posters and paintings, none over another.
+/// Posters and paintings without overlap.
 fn hang(b: &mut Builder, walls: &[Wall; 4]) {
     for wall in walls {
         let mut hung: Vec<[f32; 4]> = Vec::new();
@@ -163,14 +164,14 @@ fn stand(b: &mut Builder, [north, east, south, west]: &[Wall; 4]) {
     }
     b.sofa(&west.spot(2.3, 0.78, 0.0), 1.7);
     b.bookcase(&west.spot(4.35, 0.33, 0.0), 1.0, 1.95);
-    // A tiled pillar in one corner, two in the room's length.
+    // A tiled pillar in one corner, two along the length of the room.
     let tiles = Pattern::Tiles(colour(0.6, 0.55, 0.5), 0.11);
     b.column(&Spot::new(2.85, -2.35, 0.0, 0.2), 0.2, HEIGHT, &tiles, &tiles);
     b.column(&Spot::new(-2.9, 2.4, 0.0, 0.1), 0.16, HEIGHT, &tiles, &tiles);
     middle(b);
 }
 
-/// Rugs, a low table, and things left on the floor.
+/// Rugs, a low table, and small things on the floor.
 fn middle(b: &mut Builder) {
     for (cx, cy, w, d, z) in
         [(0.0, 0.05, 2.9, 2.0, 0.006), (2.0, -1.9, 1.2, 0.8, 0.005), (-2.1, -1.6, 1.0, 1.3, 0.004)]

@@ -1,4 +1,4 @@
-//! Cameras as people write them: COLMAP's words with commas or spaces between, or a `cameras.txt`.
+//! Cameras on the command line: COLMAP's text form with commas or spaces, or a `cameras.txt`.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -19,7 +19,7 @@ pub(crate) enum CameraArg {
     Written(Intrinsics),
     /// In a file, or in a folder of a COLMAP model.
     In(PathBuf),
-    /// Nobody knows it.
+    /// The user does not know it.
     Unknown,
 }
 
@@ -40,10 +40,10 @@ impl FromStr for CameraArg {
 }
 
 impl CameraArg {
-    /// Where the camera of each image comes from, with its focal length known as said.
+    /// Returns the source of each image's camera, with the given knowledge of its focal length.
     ///
     /// # Errors
-    /// When the file cannot be read, or does not hold exactly one camera.
+    /// The file cannot be read, or does not hold exactly one camera.
     pub(crate) fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
         let intrinsics = match self {
             Self::Written(camera) => *camera,
@@ -58,19 +58,19 @@ impl CameraArg {
 /// Where the camera of an image comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum CameraSource {
-    /// It was given.
+    /// The user gave it.
     Given(KnownCamera),
-    /// The image's EXIF tells its focal length.
+    /// The focal length comes from the image's EXIF data.
     Exif,
-    /// Nobody knows it, and it is guessed.
+    /// The camera is unknown; its focal length is estimated from the image size.
     Guess,
 }
 
 impl CameraSource {
-    /// The camera of this image.
+    /// Returns the camera of this image.
     ///
     /// # Errors
-    /// When EXIF does not tell it, or the file is no image.
+    /// EXIF has no focal length, or the file is not an image.
     pub(crate) fn of(self, image: &Path) -> Result<KnownCamera, FeatureError> {
         match self {
             Self::Given(camera) => Ok(camera),

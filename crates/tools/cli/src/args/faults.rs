@@ -1,15 +1,15 @@
-//! What is wrong with an image, for a person who gave several.
+//! Maps extraction errors to the error kinds that batch commands report per image.
 
 use crate::output::items::{Fault, FaultKind};
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::SealError;
 
-/// What is wrong with an image that nothing could be extracted from.
+/// Classifies an error of feature extraction.
 pub(crate) fn fault_of(error: &SealError) -> Fault {
     let kind = match error {
         SealError::Image(FeatureError::ImageSize { .. } | FeatureError::MaskSize { .. }) => FaultKind::Unfit,
         SealError::Image(_) => FaultKind::Damaged,
-        // The profile asks for more than this device gives.
+        // The profile requests more than this device provides.
         _ => FaultKind::Unfit,
     };
     Fault::new(kind, error)

@@ -1,4 +1,4 @@
-//! Which features, and where the network of learned ones is found.
+//! Selection of local features, and search for the network files of learned features.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,10 +15,10 @@ use veiloc_protocol::Profile;
 use crate::commands::absent;
 use crate::exit::Failure;
 
-/// Folders of network files, as paths are listed in the environment.
+/// Environment variable that lists the folders of network files, in the form of `PATH`.
 const FOLDERS: &str = "VEILOC_MODELS";
 
-/// The models that are known here, with files looked for where `VEILOC_MODELS` says.
+/// Returns the known models; their files are searched in the folders of `VEILOC_MODELS`.
 pub(crate) fn models() -> Models {
     let folders = std::env::var_os(FOLDERS);
     Models::new(folders.map(|all| std::env::split_paths(&all).collect()).unwrap_or_default())
@@ -27,17 +27,18 @@ pub(crate) fn models() -> Models {
 /// The network of learned features.
 #[derive(clap::Args)]
 pub(crate) struct ModelFileArgs {
-    /// The network file of learned features. Default: the first of the model's files in a folder of the environment variable
-    /// VEILOC_MODELS, or in its sub-folder of the model's name. `veiloc models` says which files and where they are got; nothing is
-    /// downloaded.
+    /// Network file of the learned features. Default: the first file of the model that exists in a folder of the
+    /// environment variable VEILOC_MODELS or in its sub-folder with the model's name. `veiloc models` lists the files
+    /// and their download pages; veiloc downloads nothing.
     #[arg(long, value_name = "FILE")]
     model_file: Option<PathBuf>,
-    /// What runs the network: rten, or onnxruntime, which is faster and a library that ORT_DYLIB_PATH names (only in a program that was
-    /// built with `--features onnxruntime`). They round differently: use one for a map and its queries.
+    /// Inference engine: rten, or onnxruntime (faster; needs a build with `--features onnxruntime` and the library at
+    /// ORT_DYLIB_PATH). The engines round differently: use the same one for a map and its queries.
     #[arg(long, value_name = "ENGINE", default_value = Engine::default().name(), value_parser = engines())]
     engine: Engine,
-    /// Take features from this file of hloc's (HDF5, by the images' names) instead of extracting them; --features says whose they are:
-    /// a name that is known, or a new one. A map and its queries must be of features of one name. Default: features are extracted.
+    /// Read features from this HDF5 file of hloc (keyed by image name) instead of extracting them; --features names
+    /// their kind, which may be a known name or a new one. A map and its queries must use features of the same name.
+    /// Default: features are extracted.
     #[arg(long, value_name = "FILE.h5", conflicts_with = "model_file")]
     features_file: Option<PathBuf>,
 }
@@ -47,7 +48,7 @@ fn engines() -> impl TypedValueParser<Value = Engine> {
 }
 
 impl ModelFileArgs {
-    /// The models that are known here, run by the engine that is asked for.
+    /// Returns the known models, run by the chosen engine.
     pub(crate) fn models(&self) -> Models {
         models().with_engine(self.engine)
     }
@@ -56,10 +57,10 @@ impl ModelFileArgs {
         self.models().open(name, self.model_file.as_deref()).map(Arc::new)
     }
 
-    /// The name of these features, and the extractors among which they are.
+    /// Returns the name of the features and the extractors that include them.
     ///
     /// # Errors
-    /// An unknown model, no file for it, or one that cannot be used.
+    /// The model is unknown, has no file, or cannot be used.
     pub(crate) fn extractors(&self, features: &str) -> Result<(String, Extractors), Failure> {
         if let Some(file) = &self.features_file {
             let stored = self.stored(file, features)?;
@@ -73,7 +74,7 @@ impl ModelFileArgs {
         Ok((learned.kind().name().to_owned(), Extractors::default().with(learned)))
     }
 
-    /// Features of a file, of the kind of this name.
+    /// Opens stored features of the kind with this name.
     #[cfg(feature = "hloc")]
     fn stored(&self, file: &Path, features: &str) -> Result<StoredFeatures, Failure> {
         let built_in = Extractors::default().named(features).map(|own| own.kind()).ok();
@@ -100,10 +101,10 @@ impl ModelFileArgs {
     }
 }
 
-/// What makes the features of images that no map is asked for.
+/// Features for commands that need no map.
 #[derive(clap::Args)]
 pub(crate) struct ImageFeatureArgs {
-    /// What makes the features: compact, sift, the name of a model (`veiloc models`), or a .toml file that describes one.
+    /// Local features: compact, sift, the name of a model (`veiloc models`), or a .toml file that describes a model.
     #[arg(long, default_value = Extractors::DEFAULT, value_name = "KIND|FILE")]
     features: String,
     #[command(flatten)]
@@ -111,10 +112,10 @@ pub(crate) struct ImageFeatureArgs {
 }
 
 impl ImageFeatureArgs {
-    /// One extractor.
+    /// Returns the extractor.
     ///
     /// # Errors
-    /// An unknown model, no file for it, or one that cannot be used.
+    /// The model is unknown, has no file, or cannot be used.
     pub(crate) fn extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
         if let Some(file) = &self.file.features_file {
             return Ok(Arc::new(self.file.stored(file, &self.features)?));
@@ -127,11 +128,11 @@ impl ImageFeatureArgs {
     }
 }
 
-/// What makes the features that a map asks for.
+/// Features for a map that already names their kind.
 #[derive(clap::Args)]
 pub(crate) struct MapFeatureArgs {
-    /// What makes the features: sift, compact, the name of a model (`veiloc models`), or a .toml file that describes one. Default: the one of
-    /// the name that the map asks for. Features of another kind than the map's are refused.
+    /// Local features: sift, compact, the name of a model (`veiloc models`), or a .toml file that describes a model.
+    /// Default: the features that the map's profile names. Features of another kind than the map's are refused.
     #[arg(long, value_name = "KIND|FILE")]
     features: Option<String>,
     #[command(flatten)]
@@ -139,15 +140,15 @@ pub(crate) struct MapFeatureArgs {
 }
 
 impl MapFeatureArgs {
-    /// The models that are known here, run by the engine that is asked for.
+    /// Returns the known models, run by the chosen engine.
     pub(crate) fn models(&self) -> Models {
         self.file.models()
     }
 
-    /// The built-in ones, and the model that a map asks for, if it asks for another.
+    /// Returns the built-in extractors and the model that the profile names, if it is not built in.
     ///
     /// # Errors
-    /// An unknown model, no file for it, one that cannot be used, or one of another kind than the map's.
+    /// The model is unknown, has no file, cannot be used, or differs in kind from the map's features.
     pub(crate) fn extractors(&self, profile: &Profile) -> Result<Extractors, Failure> {
         let asked = profile.descriptor_kind();
         let (name, extractors) = self.file.extractors(self.features.as_deref().unwrap_or(asked.name()))?;

@@ -1,4 +1,4 @@
-//! Which global descriptors, and the consent to send one that is made of the image.
+//! Selection of global descriptors, and the consent to send one that is computed from the whole image.
 
 use veiloc_features::SharedGlobal;
 use veiloc_features::learned::Models;
@@ -8,13 +8,13 @@ use veiloc_protocol::Profile;
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-/// The name of global descriptors that are summed up from the rows that are sent.
+/// Name of the global descriptor that is aggregated from the local descriptors of a query.
 pub(crate) const VLAD: &str = "vlad";
 
-/// What makes global descriptors of this name, or of the description file that it is; `None` for `vlad`.
+/// Returns the extractor of the global descriptor with this name or description file; `None` for `vlad`.
 ///
 /// # Errors
-/// An unknown model, no file for it, or one that cannot be used.
+/// The model is unknown, has no file, or cannot be used.
 pub(crate) fn global_named(models: &Models, name: &str) -> Result<Option<SharedGlobal>, Failure> {
     if name == VLAD {
         return Ok(None);
@@ -22,20 +22,21 @@ pub(crate) fn global_named(models: &Models, name: &str) -> Result<Option<SharedG
     Ok(Some(SharedGlobal::new(models.open_global(name)?)))
 }
 
-/// What makes the global descriptors that a map asks for.
+/// Global descriptors for a map that already names its model.
 #[derive(clap::Args)]
 pub(crate) struct MapGlobalArgs {
-    /// What makes the global descriptors, where the map's are made of whole images: the name of a model (`veiloc models`), or a
-    /// .toml file that describes one. Default: the one of the name that the map asks for.
+    /// Model of the global descriptor, for a map whose global descriptors are computed from whole images: the name of a
+    /// model (`veiloc models`), or a .toml file that describes a model. Default: the model that the map's profile
+    /// names.
     #[arg(long, value_name = "MODEL|FILE")]
     global: Option<String>,
 }
 
 impl MapGlobalArgs {
-    /// The map's own of these models, or nothing where its global descriptors are summed up from rows.
+    /// Returns the map's own model, or `None` if its global descriptors are aggregated from local ones.
     ///
     /// # Errors
-    /// An unknown model, no file for it, one that cannot be used, or another than the map's.
+    /// The model is unknown, has no file, cannot be used, or is not the map's.
     pub(crate) fn extractor(
         &self,
         models: &Models,
@@ -48,21 +49,22 @@ impl MapGlobalArgs {
     }
 }
 
-/// The consent to a global descriptor that is made of the image.
+/// Consent to send a global descriptor that is computed from the whole image.
 #[derive(clap::Args)]
 pub(crate) struct ConsentArgs {
-    /// Consent to send the global descriptor of this model, made of the image, where the map asks for it: a name (`veiloc models`),
-    /// or a .toml file that describes it. It tells more than the rows do (docs/reference/privacy-rules.md, rule L14). Default: no consent, and
-    /// maps that ask for one are refused.
+    /// Consent to send the global descriptor of this model if the map requests it: a name (`veiloc models`), or a .toml
+    /// file that describes the model. It is computed from the whole image and reveals more than the local descriptors
+    /// do (docs/privacy.md, rule L14). Default: no consent; maps that request such a descriptor are refused.
     #[arg(long, value_name = "MODEL|FILE")]
     image_global: Option<String>,
 }
 
 impl ConsentArgs {
-    /// The options with the owner's consent, where it was given and the map asks. Says what is sent beyond rows.
+    /// Adds the owner's consent to the options if it was given and the map requests the descriptor, and prints what is
+    /// sent in addition.
     ///
     /// # Errors
-    /// A map that asks for what was not consented to; a model that cannot be used.
+    /// The map requests a descriptor without consent, or the model cannot be used.
     pub(crate) fn consented(
         &self,
         options: SealOptions,

@@ -1,4 +1,4 @@
-//! `--json FILE`, for commands that print a table as well.
+//! `--json FILE`, for commands that also print a table.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use crate::exit::Failure;
 use crate::files;
 use crate::ui::Ui;
 
-/// Where the document goes.
+/// Destination of the JSON document.
 #[derive(clap::Args)]
 pub(crate) struct JsonArgs {
     /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
@@ -17,12 +17,12 @@ pub(crate) struct JsonArgs {
 }
 
 impl JsonArgs {
-    /// Whether the document goes to stdout, where nothing else may stand then.
+    /// Returns whether the document goes to stdout, which then holds nothing else.
     pub(crate) fn takes_stdout(&self) -> bool {
         self.json.as_deref().is_some_and(files::is_standard)
     }
 
-    /// Stdout holds either the document or the table, never both.
+    /// Prints either the document or the table to stdout, never both.
     ///
     /// # Errors
     /// Stdout or the file cannot be written.

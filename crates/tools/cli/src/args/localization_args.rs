@@ -1,4 +1,4 @@
-//! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
+//! Localization options that `localize` and `eval` share, each with its meaning and the reason for its default.
 
 use veiloc_evaluation::results::Hypotheses;
 use veiloc_localization::LocalizeOptions;
@@ -7,29 +7,29 @@ use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
 /// How one pose is estimated.
 #[derive(clap::Args, Debug)]
 pub(crate) struct EngineArgs {
-    /// How hypotheses are compared: `msac` (pixel distance to the line, the paper's recipe) or `likelihood`
-    /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood.
+    /// Score of hypotheses: `msac` (pixel distance to the line, as in the paper) or `likelihood` (models the anchors of
+    /// dcl, which bias msac). Default: likelihood.
     #[arg(long, value_name = "SCORE")]
     pub score: Option<ScoreKind>,
-    /// Minimal solver for dcl: `p6lp` (six lines, the paper's recipe), `dual-radial` (five lines of one anchor and one of
-    /// the other) or `radial-vote` (five of one, then a vote of the other's). Default: radial-vote with the likelihood,
-    /// p6lp with msac.
+    /// Minimal solver for dcl: `p6lp` (six lines, as in the paper), `dual-radial` (five lines of one anchor and one of
+    /// the other) or `radial-vote` (five lines of one anchor, then a vote over the lines of the other). Default:
+    /// radial-vote with likelihood, p6lp with msac.
     #[arg(long, value_name = "SOLVER")]
     pub solver: Option<AnchoredSolver>,
-    /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
+    /// Inlier threshold for points in pixels; for lines it is divided by √2, as in the paper.
     #[arg(long, value_name = "PX", default_value_t = PoseOptions::default().max_error_px, value_parser = positive)]
     pub max_error: f64,
-    /// Noise of a keypoint across its line in pixels, the likelihood's only scale. The search takes it as it is; the
-    /// final refinement starts from it and takes what the inliers show.
+    /// Standard deviation of a keypoint across its line in pixels; the only scale of the likelihood. The search uses it
+    /// as given; the final refinement starts from it and estimates it from the inliers.
     #[arg(long, value_name = "PX", default_value_t = PoseOptions::default().noise_px, value_parser = positive)]
     pub noise: f64,
-    /// Take the noise as given in the final refinement as well.
+    /// Keep --noise fixed in the final refinement too.
     #[arg(long)]
     pub fixed_noise: bool,
 }
 
 impl EngineArgs {
-    /// The library's options; hypotheses are drawn until a better one is unlikely.
+    /// Returns the library's options; the number of hypotheses is adaptive.
     pub(crate) fn options(&self) -> PoseOptions {
         let mut options = PoseOptions::default();
         options.score = self.score;
@@ -41,10 +41,11 @@ impl EngineArgs {
     }
 }
 
-/// How matches are weighed, and the seed.
+/// Match weights, and the seed.
 #[derive(clap::Args, Debug)]
 pub(crate) struct RunArgs {
-    /// Weigh all matches alike, instead of by descriptor ratio, votes of the retrieved images and track length.
+    /// Give all matches the same weight, instead of weights from descriptor ratio, votes of the retrieved images and
+    /// track length.
     #[arg(long)]
     pub no_prior: bool,
     /// Seed of every random choice; equal seeds give equal results.
@@ -53,7 +54,7 @@ pub(crate) struct RunArgs {
 }
 
 impl RunArgs {
-    /// Whether matches are weighed by what speaks for them.
+    /// Returns whether matches are weighted.
     pub(crate) const fn use_prior(&self) -> bool {
         !self.no_prior
     }
@@ -65,10 +66,10 @@ pub(crate) struct PoseArgs {
     /// How one pose is estimated.
     #[command(flatten)]
     pub engine: EngineArgs,
-    /// Draw exactly this many hypotheses; `adaptive` stops when a better one is unlikely.
+    /// Number of hypotheses; `adaptive` stops when a better one is unlikely.
     #[arg(long, value_name = "N", default_value = "adaptive")]
     pub hypotheses: Hypotheses,
-    /// How matches are weighed, and the seed.
+    /// Match weights, and the seed.
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -85,17 +86,17 @@ impl PoseArgs {
 /// How queries are matched to the map.
 #[derive(clap::Args, Debug)]
 pub(crate) struct MatchArgs {
-    /// Map images to match a query with, the most similar first.
+    /// Number of map images that a query is matched with, the most similar first.
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub retrieve: u32,
-    /// Keep only matches whose nearest descriptor is this much nearer than the second, 0 to 1. Default: mutual
-    /// nearest neighbours without ratio test, as in the paper.
+    /// Keep only matches whose ratio of nearest to second-nearest descriptor distance is below this value, 0 to 1.
+    /// Default: mutual nearest neighbours without ratio test, as in the paper.
     #[arg(long, value_name = "RATIO", value_parser = share)]
     pub ratio: Option<f32>,
 }
 
 impl MatchArgs {
-    /// The library's options, with default pose estimation.
+    /// Returns the library's options, with default pose estimation.
     pub(crate) fn localize_options(&self) -> LocalizeOptions {
         let mut options = LocalizeOptions::default();
         options.retrieve = self.retrieve as usize;
@@ -103,7 +104,7 @@ impl MatchArgs {
         options
     }
 
-    /// The library's options.
+    /// Returns the library's options.
     pub(crate) fn options(&self, pose: &PoseArgs) -> LocalizeOptions {
         let mut options = self.localize_options();
         options.use_prior = pose.run.use_prior();
@@ -113,25 +114,25 @@ impl MatchArgs {
     }
 }
 
-/// A number above zero.
+/// Parses a number above zero.
 ///
 /// # Errors
-/// What it is not, for the command line.
+/// The reason why the text is not such a number, for clap.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
 }
 
-/// Zero or a number above it.
+/// Parses a number that is not negative.
 ///
 /// # Errors
-/// What it is not, for the command line.
+/// The reason why the text is not such a number, for clap.
 pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if value.is_finite() && value >= 0.0 { Ok(value) } else { Err("a number from 0 is expected".to_owned()) }
 }
 
-/// A number above zero, at most one.
+/// Parses a number above zero and at most one.
 fn share(text: &str) -> Result<f32, String> {
     let value: f32 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if value > 0.0 && value <= 1.0 {

@@ -1,5 +1,4 @@
-//! Arguments that several commands share, each with its meaning and why the default; and settings, which are arguments
-//! from files and environment variables.
+//! Arguments that several commands share, and settings: arguments from a file and from environment variables.
 
 pub(crate) mod camera;
 pub(crate) mod extraction_args;

@@ -1,17 +1,17 @@
-//! Progressive queries: the same words wherever queries are sent.
+//! `--progressive`, for all commands that send queries.
 
 use veiloc_protocol::Enough;
 
-/// How much of a sealed query is sent.
+/// How many rows of a sealed query are sent.
 #[derive(clap::Args)]
 pub(crate) struct ProgressiveArgs {
-    /// Send the query in steps: 256 of its rows at random, then twice as many, and so on, only while the pose is not
-    /// trusted. Rows that are not sent tell nobody anything; each step sends those before again, and the server, and who sees
-    /// how much is sent, learns how many steps it took (docs/reference/privacy-rules.md). Default: all rows at once.
+    /// Send the query in steps: first 256 random rows, then twice as many, and so on, until the pose is trusted. Rows
+    /// that are not sent reveal nothing. Each step repeats the rows of the steps before it, and the server and a
+    /// network observer learn the number of steps (docs/privacy.md). Default: all rows at once.
     #[arg(long)]
     progressive: bool,
-    /// Go on until the position is known to this standard deviation in its least certain direction, map units. Default:
-    /// the first trusted pose is enough.
+    /// Continue until the standard deviation of the position in its least certain direction is at most this value, map
+    /// units. Default: stop at the first trusted pose.
     #[arg(long, value_name = "UNITS", requires = "progressive", value_parser = accuracy)]
     accuracy: Option<Enough>,
 }
@@ -22,7 +22,7 @@ fn accuracy(text: &str) -> Result<Enough, String> {
 }
 
 impl ProgressiveArgs {
-    /// When to stop; `None` when all rows are sent at once.
+    /// Returns the stop criterion; `None` if all rows are sent at once.
     pub(crate) fn enough(&self) -> Option<Enough> {
         self.progressive.then(|| self.accuracy.unwrap_or(Enough::TRUSTED))
     }

@@ -1,9 +1,9 @@
-//! Settings of a command from a file, environment variables and the command line, in this order: what comes later wins.
+//! Settings of a command from a file, environment variables and the command line; later layers override earlier ones.
 //!
-//! There is one definition of each, the flag of the command line. From it follow the key of the file (`drain-delay` for
-//! `--drain-delay`), the variable (`VEILOC_DRAIN_DELAY`), the type in TOML and the check of the value, so no flag can be
-//! without either. [`layered`] prepares a command for that, [`Settings::of`] finds out what holds, and
-//! [`Settings::arguments`] is the command line that says all of it, for the command's own parser.
+//! The command-line flag is the only definition of a setting. The key in the file (`drain-delay` for `--drain-delay`),
+//! the variable (`VEILOC_DRAIN_DELAY`), the TOML type and the check of the value all follow from it, so every flag has
+//! all of them. [`layered`] prepares a command for this, [`Settings::of`] merges the layers, and
+//! [`Settings::arguments`] returns the merged settings as a command line for the command's own parser.
 //!
 //! ```
 //! use clap::{Arg, Command};
@@ -34,19 +34,19 @@ use clap::{Arg, ArgAction, ArgMatches, Command, Id};
 pub use error::SettingsError;
 use kind::{Kind, Paths, check, fit};
 
-/// Flags that say where settings come from and go to, and are none themselves.
+/// Flags that control the settings and are not settings themselves.
 const NOT_SETTINGS: [&str; 4] = [CONFIG, "print-config", "help", "version"];
 
-/// The flag that names the file, and so its variable.
+/// The flag that names the settings file; its variable follows from it.
 const CONFIG: &str = "config";
 
-/// What every variable begins with.
+/// Prefix of every variable.
 const PREFIX: &str = "VEILOC_";
 
 /// Where a value comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The flag has it by itself, or does without.
+    /// The default of the flag, or no value.
     Default,
     /// A line of the file.
     File {
@@ -61,40 +61,40 @@ pub enum Origin {
     Flag,
 }
 
-/// One flag and what holds for it.
+/// One flag and its merged value.
 #[derive(Debug, Clone)]
 struct Setting {
     key: String,
     kind: Kind,
     several: bool,
     paths: Paths,
-    /// Whether it is an address, which may hold a secret.
+    /// Whether the value is an address, which may contain a secret.
     address: bool,
-    /// What the help says, for a flag without value.
+    /// The flag's help text; it describes the absence of a value.
     help: String,
-    /// Empty for none; of a switch `true` or `false`.
+    /// Empty if not given; `true` or `false` for a switch.
     values: Vec<OsString>,
     origin: Origin,
 }
 
-/// What holds for all flags of a command.
+/// The merged settings of a command.
 #[derive(Debug, Clone)]
 pub struct Settings {
     all: Vec<Setting>,
 }
 
-/// The name of the variable of a key.
+/// Returns the variable that belongs to a key.
 pub fn variable(key: &str) -> String {
     format!("{PREFIX}{}", key.to_uppercase().replace('-', "_"))
 }
 
-/// Whether this argument is a setting.
+/// Returns whether this argument is a setting.
 pub fn is_setting(argument: &Arg) -> bool {
     argument.get_long().is_some_and(|long| !NOT_SETTINGS.contains(&long)) && !argument.is_global_set()
 }
 
-/// The command for a first look at the command line: what only the whole of all layers can tell (what is missing, what
-/// excludes what) is not asked yet, and a switch can be turned off again: `--log-json=false`.
+/// Prepares the command for parsing the command line alone: constraints that need all layers (required arguments,
+/// conflicts) are not checked yet, and a switch can be turned off again: `--log-json=false`.
 pub fn layered(command: Command) -> Command {
     command.mut_args(|argument| {
         if !is_setting(&argument) {
@@ -118,7 +118,7 @@ pub fn layered(command: Command) -> Command {
     })
 }
 
-/// An argument that asks nothing of others.
+/// Removes all constraints between this argument and others.
 fn alone(argument: Arg) -> Arg {
     argument
         .required(false)
@@ -128,15 +128,15 @@ fn alone(argument: Arg) -> Arg {
 }
 
 impl Settings {
-    /// What holds for `command` (as it is, not [`layered`]), of whose command line `matches` is what [`layered`] read.
+    /// Merges the layers for `command` (not [`layered`]); `matches` is the command line as parsed by [`layered`].
     ///
-    /// The file is the one that `--config` or `VEILOC_CONFIG` names, if any. Relative paths in it are relative to its
-    /// folder; those of variables and flags to the working folder. An empty variable or list counts as none; several values stand
-    /// in one variable with `;` between them.
+    /// `--config` or `VEILOC_CONFIG` may name a file. Relative paths in the file are relative to its folder; relative
+    /// paths in variables and flags are relative to the working folder. An empty variable or list counts as absent; a
+    /// variable separates several values with `;`.
     ///
     /// # Errors
-    /// [`SettingsError`]: a file that cannot be read, a key that is none, a value of the wrong type or that the flag would
-    /// refuse; with file and line, or the variable.
+    /// [`SettingsError`]: the file cannot be read, a key is unknown, a value has the wrong type or is refused by the
+    /// flag. The error names file and line, or the variable.
     pub fn of(
         command: &Command,
         matches: &ArgMatches,
@@ -154,22 +154,22 @@ impl Settings {
         Ok(Self { all: all.collect::<Result<_, _>>()? })
     }
 
-    /// A command line that says all that is not said by default.
+    /// Returns a command line with all settings that differ from their defaults.
     pub fn arguments(&self) -> impl Iterator<Item = OsString> {
         self.all.iter().filter(|setting| setting.origin != Origin::Default).flat_map(Setting::arguments)
     }
 
-    /// The keys, and where the value of each comes from.
+    /// Returns the keys and the origin of each value.
     pub fn origins(&self) -> impl Iterator<Item = (&str, &Origin)> {
         self.all.iter().map(|setting| (setting.key.as_str(), &setting.origin))
     }
 
-    /// All of it as a file that says the same, with where each value comes from behind it; paths are absolute. It holds
-    /// no secret: keys and tokens are named by their files, and where one stands in an address (a password before an `@`, a
-    /// query) `***` is written, with word of it behind.
+    /// Formats all settings as a TOML file that gives the same settings again; a comment names the origin of each
+    /// value, and paths are absolute. It contains no secret: keys and tokens are named by their files, and a secret in
+    /// an address (a password before `@`, a query string) is replaced by `***` with a remark.
     ///
     /// # Errors
-    /// [`SettingsError::NotText`]: a path that is no UTF-8, which TOML cannot hold.
+    /// [`SettingsError::NotText`]: a path is not UTF-8, and TOML cannot hold it.
     pub fn to_toml(&self) -> Result<String, SettingsError> {
         self.all.iter().map(print::lines).collect()
     }
@@ -190,7 +190,8 @@ impl Setting {
         let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
         let mut setting =
             Self { key, kind, several, paths, address, help, values: Vec::new(), origin: Origin::Default };
-        // What the file says is held against the flag also where it does not hold: a fault that a flag hides comes back.
+        // The file's value is checked even if a flag overrides it: otherwise the error would appear as soon as the flag
+        // is removed.
         let in_file = file.get(&setting.key).filter(|entry| !entry.values.is_empty());
         let in_file = in_file.map(|entry| {
             let origin = Origin::File { path: file.path().to_owned(), line: entry.line };
@@ -232,7 +233,7 @@ impl Setting {
     fn arguments(&self) -> Vec<OsString> {
         let flag = OsString::from(format!("--{}", self.key));
         if self.kind == Kind::Switch {
-            // Off is how it is without it.
+            // A switch that is off is the same as an absent switch.
             let is_on = self.values.last().is_some_and(|value| value == "true");
             return if is_on { vec![flag] } else { Vec::new() };
         }
@@ -245,14 +246,14 @@ impl Setting {
         self.values.iter().map(with).collect()
     }
 
-    /// The values with absolute paths.
+    /// Returns the values with absolute paths.
     fn absolute(&self) -> impl Iterator<Item = OsString> {
         let here = std::env::current_dir().unwrap_or_default();
         self.values.iter().map(move |value| self.paths.join(&here, value))
     }
 }
 
-/// The values of a variable that holds several.
+/// Splits a variable into several values.
 fn parts(value: &OsString) -> Vec<OsString> {
     match value.to_str() {
         Some(text) => {
@@ -262,9 +263,9 @@ fn parts(value: &OsString) -> Vec<OsString> {
     }
 }
 
-/// A path of the file, from its folder.
+/// Resolves a path of the file against the file's folder.
 fn joined(base: &Path, path: &Path) -> PathBuf {
-    // Components that are nothing (`./`) go.
+    // Removes empty components (`./`).
     base.join(path).components().collect()
 }
 

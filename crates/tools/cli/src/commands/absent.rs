@@ -1,10 +1,10 @@
-//! Commands and flags of cargo features that this program was built without: they say which, instead of not being there.
+//! Commands and flags that need a cargo feature which this build lacks: they name the feature instead of being unknown.
 
 use std::ffi::OsString;
 
 use crate::exit::{Failure, Outcome};
 
-/// Anything: it is refused.
+/// Accepts any arguments; the command is refused.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
@@ -16,7 +16,7 @@ pub(crate) fn run(_: &Args, command: &str, feature: &str) -> Outcome {
     Err(without(&format!("veiloc {command}"), feature))
 }
 
-/// What was asked for takes a cargo feature.
+/// Returns the error for a command or flag that needs a cargo feature.
 pub(crate) fn without(what: &str, feature: &str) -> Failure {
     Failure::with_help(
         format!("{what}: this program was built without the cargo feature `{feature}`"),

@@ -1,4 +1,4 @@
-//! `veiloc attack`: keypoints recovered from what is sent, by every attack under every scheme.
+//! `veiloc attack`: recovers keypoints from obfuscated queries, with every attack under every scheme.
 
 use std::path::PathBuf;
 
@@ -12,26 +12,27 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;
 use crate::ui::Ui;
 
-/// Recover keypoints from what is sent, by every attack under every scheme.
+/// Recover keypoints from obfuscated queries, with every attack under every scheme.
 ///
-/// Reads keypoints of images, obfuscates them as a device would, attacks them, and says how far the recovered
-/// keypoints are from the true ones. The first row of a scheme is the guess that uses no neighbours: an attack
-/// counts only by what it gains over that.
+/// Reads the keypoints of images, obfuscates them as a device would, attacks them, and reports the distance between
+/// recovered and true keypoints. The first row of each scheme is the prior-only baseline, which uses no neighbours:
+/// only the gain over it counts as the success of an attack.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Keypoints of images, one JSON object a line, plain or gzipped.
+    /// Keypoints of images, one JSON object per line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS", required_unless_present = "synthetic")]
     files: Vec<PathBuf>,
-    /// Attack N evenly spread keypoints in 640 x 480 pixels too (the paper's figure: 1500). Default: none.
+    /// Also attack N uniformly distributed keypoints in 640 x 480 pixels (the paper's figure: 1500). Default: none.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: Option<u32>,
-    /// Attack the first N images of each file only. Default: all.
+    /// Attack only the first N images of each file. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     images: Option<u32>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
-    /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other images), graph, transfer-graph; and
-    /// of a server that knows the pose (--known): server-side and iterative (the paper's), server-side-points,
-    /// guided-transfer, several-frames; and of whoever has several seals of one image: resting-camera.
+    /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other
+    /// images), graph, transfer-graph. Attacks of a server that knows the pose (--known): server-side and iterative
+    /// (the paper's), server-side-points, guided-transfer, several-frames. Attack with several sealed queries of the
+    /// same image: resting-camera.
     #[arg(
         long,
         value_delimiter = ',',
@@ -45,7 +46,7 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-/// What is attacked with what knowledge, whoever reports it.
+/// The attacked keypoints and the attacker's knowledge.
 #[derive(clap::Args)]
 pub(super) struct AdversaryArgs {
     /// Schemes to attack.
@@ -56,48 +57,49 @@ pub(super) struct AdversaryArgs {
         value_name = "SCHEME,…"
     )]
     schemes: Vec<Scheme>,
-    /// Who tells which keypoints are neighbours.
+    /// Source of the neighbour lists.
     #[arg(long, value_enum, default_value = "oracle")]
     neighbours: Source,
-    /// Keypoints with descriptors that teach the predictor of neighbours; attacked images among them are left out.
+    /// Keypoints with descriptors to train the neighbour predictor on; attacked images among them are left out.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
     train: Vec<PathBuf>,
-    /// Description (.toml) of a network of neighbours, as research/train exports it.
+    /// Description (.toml) of a neighbour network, as exported by research/train.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "network"))]
     model: Option<PathBuf>,
-    /// Descriptions (.toml) of networks of positions, as research/train exports them, one a scheme, for trained-positions.
-    /// Schemes without one are attacked without. Default: none.
+    /// Descriptions (.toml) of position networks for trained-positions, as exported by research/train, one per scheme.
+    /// Schemes without a network are not attacked by trained-positions. Default: none.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     positions: Vec<PathBuf>,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Replace this many percent of the neighbours by keypoints drawn at random; several for a curve.
+    /// Replace this percentage of the neighbours by random keypoints; several values give a curve.
     #[arg(long, value_delimiter = ',', default_value = "0", value_name = "PERCENT,…", value_parser = percent)]
     corrupt: Vec<f64>,
-    /// Matches of the same images with a map (problems.jsonl): the attacker is a server that has localized them, and
-    /// knows the positions of its inliers. Errors are of the other keypoints. May be given several times.
+    /// Matches of the same images with a map (problems.jsonl): the attacker is a server that has localized the images
+    /// and knows the positions of their inliers. Errors are measured on the other keypoints. May be given several
+    /// times.
     #[arg(long, value_name = "PROBLEMS")]
     known: Vec<PathBuf>,
-    /// With --known: this percentage of the keypoints lies in a compact region that the map does not have, as a person
-    /// in the image. Errors are of that region. Default: no such region.
+    /// With --known: this percentage of the keypoints lies in a compact region that the map does not contain, for
+    /// example a person in the image. Errors are measured on that region. Default: no such region.
     #[arg(long, value_name = "PERCENT", requires = "known", value_parser = percent)]
     private: Option<f64>,
-    /// With --known: on which keypoints errors are measured.
+    /// With --known: the keypoints on which errors are measured.
     #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
     measure: MeasureOn,
-    /// How many frames of a file several-frames puts together, the attacked one included, and how many seals
-    /// resting-camera; several for a curve.
+    /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
+    /// resting-camera; several values give a curve.
     #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
     frames: Vec<usize>,
-    /// Which frames of the file several-frames puts together.
+    /// Selection of the frames that several-frames combines.
     #[arg(long, value_enum, default_value = "turn")]
     choose: Choose,
-    /// Of resting-camera: how much the detector errs from frame to frame, standard deviation along each axis, pixels;
-    /// 0 for seals of one image.
+    /// For resting-camera: standard deviation of the keypoint detector from frame to frame along each axis, pixels; 0
+    /// for several sealed queries of one image.
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = noise)]
     resting_noise: f64,
-    /// Bits of a line's angle, as a profile sets them.
+    /// Bits of a line's angle, as set in a profile.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
     /// Seed of every random choice; equal seeds give equal results.
@@ -105,41 +107,41 @@ pub(super) struct AdversaryArgs {
     seed: u64,
 }
 
-/// Who tells which keypoints are neighbours.
+/// Source of the neighbour lists.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Source {
-    /// One who knows the true positions: the worst case.
+    /// An oracle that knows the true positions: the worst case.
     Oracle,
-    /// A statistic of which descriptors occur side by side, learned from the images of `--train`.
+    /// Co-occurrence statistics of descriptors, learned from the images of `--train`.
     Predicted,
     /// The network of `--model`.
     Network,
-    /// A server that has the other images of the file for a map.
+    /// A server that uses the other images of the file as its map.
     Transferred,
 }
 
-/// Which frames of a place are put together.
+/// Selection of the frames of a scene that are combined.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Choose {
-    /// Those whose lines tell most of positions: turned much, moved little.
+    /// Frames whose lines give the most information on positions: large rotation, small translation.
     Turn,
-    /// Those with most matches.
+    /// Frames with the most matches.
     Nearest,
 }
 
-/// On which keypoints errors are measured.
+/// Keypoints on which errors are measured.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum MeasureOn {
-    /// Those whose position the server does not know from its map.
+    /// Keypoints whose position the server does not know from its map.
     Hidden,
-    /// All, the known ones with the positions the server has for them.
+    /// All keypoints; the server knows the position of the matched ones.
     All,
-    /// Those whose position the server knows from its map, which the attack is not told.
+    /// Keypoints whose position the server knows from its map; the attack does not get these positions.
     Matched,
 }
 
 impl AdversaryArgs {
-    /// Lowers the arguments to an evaluation of these attacks that has no data yet.
+    /// Lowers the arguments to an attack evaluation without data.
     pub(super) fn evaluation(&self, attacks: &[Attack]) -> Result<AttackEvaluation, Failure> {
         if let Some(scheme) = self.schemes.iter().find(|s| !s.hides_positions()) {
             return Err(Failure::with_help(
@@ -156,7 +158,7 @@ impl AdversaryArgs {
             neighbours: match self.neighbours {
                 Source::Oracle => NeighbourSource::Oracle,
                 Source::Predicted => NeighbourSource::Predicted { train: self.train.clone() },
-                // The parser asks for a model where there must be one.
+                // The parser requires a model for this source.
                 Source::Network => NeighbourSource::Network { model: self.model.clone().unwrap_or_default() },
                 Source::Transferred => NeighbourSource::Transferred,
             },
@@ -187,7 +189,7 @@ impl AdversaryArgs {
 /// Runs `veiloc attack`.
 ///
 /// # Errors
-/// What was given cannot be read, or makes no sense together; results cannot be written.
+/// An input cannot be read, the inputs contradict each other, or results cannot be written.
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = AttackEvaluation {
         files: args.files.clone(),
@@ -202,7 +204,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// A number of pixels that noise may have.
+/// Parses a standard deviation in pixels.
 fn noise(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if (0.0..=20.0).contains(&value) {
@@ -212,7 +214,7 @@ fn noise(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A number from 0 to 100.
+/// Parses a number from 0 to 100.
 fn percent(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if (0.0..=100.0).contains(&value) {

@@ -1,4 +1,4 @@
-//! `veiloc audit`: what attackers recover of one's own images, as a report.
+//! `veiloc audit`: runs all attacks on the user's own images and writes a report.
 
 mod inputs;
 
@@ -22,51 +22,51 @@ use crate::ui::Ui;
 
 use inputs::Inputs;
 
-/// Attack what would be sent of your images, and write a report on it.
+/// Attack the queries of your own images and write a report.
 ///
-/// Reads images (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
-/// would, attacks them by every attack under every scheme, and writes one HTML page: the strongest attack on each scheme, all
-/// figures, true and recovered keypoints drawn over the images. Nothing is sent anywhere. The page holds the
-/// images and the positions of their keypoints, so it is for whoever owns them.
+/// Reads images (and extracts their keypoints) or files of keypoints, obfuscates the keypoints as a device would, runs
+/// every attack under every scheme, and writes one HTML page: the strongest attack on each scheme, all figures, true
+/// and recovered keypoints drawn over the images. Nothing is sent over the network. The page contains the images and
+/// the positions of their keypoints: keep it as private as the images.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
-    /// images of their names, given too or beside the file.
-    /// With `--synthetic N`, and nothing else, the synthetic scene alone is attacked.
+    /// Images (JPEG or PNG), folders of images, and files of keypoints (.jsonl, .jsonl.gz). Keypoints are drawn over
+    /// the image of the same name, which may be given or lie beside the file. `--synthetic N` without inputs attacks
+    /// only the synthetic scene.
     #[arg(required_unless_present = "synthetic", value_name = "IMAGE|FOLDER|KEYPOINTS")]
     inputs: Vec<PathBuf>,
-    /// Where the report goes: a file that ends in `.html`, or a folder for `audit.html`.
+    /// Destination of the report: a file name that ends in `.html`, or a folder, which then gets `audit.html`.
     #[arg(short, long, default_value = "audit.html", value_name = "FILE|FOLDER")]
     out: PathBuf,
-    /// Attack the first N images of each folder or file only.
+    /// Attack only the first N images of each folder or file.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
     images: u32,
-    /// Draw the first N images; all count in the figures.
+    /// Draw the first N images; the figures cover all images.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=100))]
     shown: u32,
-    /// Leave the images out of the report. Positions of keypoints are still in it.
+    /// Leave the images out of the report. It still contains the positions of keypoints.
     #[arg(long)]
     no_images: bool,
-    /// Leave the paper's synthetic scene (Fig. 4) out.
+    /// Leave out the paper's synthetic scene (Fig. 4).
     #[arg(long)]
     no_synthetic: bool,
-    /// Keypoints of the synthetic scene.
+    /// Number of keypoints of the synthetic scene.
     #[arg(long, value_name = "N", default_value_t = 1500, conflicts_with = "no_synthetic",
           value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: u32,
-    /// Attacks, as `veiloc attack` knows them. Default: resting-camera (several seals of one image); with several images
-    /// that have descriptors, transfer, which takes the others for the map of a server; and, told the true neighbours by
-    /// an oracle, closed-form, closed-form-informed and graph.
+    /// Attacks, as in `veiloc attack`. Default: resting-camera (several sealed queries of one image); with several
+    /// images that have descriptors also transfer, which uses the other images as a server's map; and, with the true
+    /// neighbours from an oracle, closed-form, closed-form-informed and graph.
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
     attacks: Option<Vec<Attack>>,
     #[command(flatten)]
     features: ImageFeatureArgs,
     #[command(flatten)]
     adversary: AdversaryArgs,
-    /// Keypoints of an image at most, the strongest.
+    /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
-    /// Longest side, pixels; larger images are made smaller first.
+    /// Longest side, pixels; larger images are scaled down first.
     #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
     max_size: u32,
     #[command(flatten)]
@@ -76,10 +76,10 @@ pub(crate) struct Args {
 /// Runs `veiloc audit`.
 ///
 /// # Errors
-/// What was given cannot be read, or makes no sense together; results cannot be written.
+/// An input cannot be read, the inputs contradict each other, or results cannot be written.
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let started = Instant::now();
-    // A report that cannot be written is refused before the work, not after it.
+    // Fails before the long computation if the report cannot be written.
     let report = report_path(&args.out)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let bars = Stages::new(ui);
@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// The tables to stdout, or the document with the others on stderr.
+/// Prints the tables, or the document, to stdout; with the document the tables go to stderr.
 fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
     let document = &audit.document;
     let part = document.inputs.as_ref().or(document.synthetic.as_ref());
@@ -118,7 +118,7 @@ fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
     args.json.print(&text, document, ui)
 }
 
-/// The file of the report; its folder is made.
+/// Returns the file of the report and creates its folder.
 fn report_path(out: &Path) -> Result<PathBuf, Failure> {
     if files::is_standard(out) {
         return Err(Failure::with_help(
@@ -135,7 +135,7 @@ fn report_path(out: &Path) -> Result<PathBuf, Failure> {
     Ok(path)
 }
 
-/// What was typed, with quotes where a shell needs them.
+/// Returns the command line, quoted for a shell.
 pub(crate) fn command_line() -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./,=:%+@".contains(c);
     let quoted = |word: String| {

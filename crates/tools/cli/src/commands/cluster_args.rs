@@ -1,4 +1,4 @@
-//! How machines of a cluster find each other and what is published.
+//! Addresses and credentials of a cluster: the bus and the object store.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,33 +10,33 @@ use veiloc_map::is_map_name;
 use crate::args::localization_args::positive;
 use crate::exit::Failure;
 
-/// The shortest longest message of a bus: what NATS takes when nobody says otherwise. Queries with large descriptors need
-/// more, which the gateway says when it knows the map.
+/// Smallest message size limit that a bus must have, which is the default of NATS. Queries with large descriptors need
+/// more; the gateway reports this when it knows the map.
 const NEEDED_PAYLOAD: usize = 1 << 20;
 
-/// The way to the bus and to what is published, but for their addresses.
+/// Access to the bus and to the object store, without their addresses.
 #[derive(clap::Args)]
 pub(crate) struct ClusterArgs {
-    /// Where maps are published: file:///PATH or a path, s3://BUCKET/PATH, gs:// or az://. Default: none, which goes
-    /// without a cluster only.
+    /// Object store of the published maps: file:///PATH or a path, s3://BUCKET/PATH, gs:// or az://. Default: none,
+    /// which is only possible without a cluster.
     #[arg(long, value_name = "URL")]
     store: Option<String>,
-    /// Folder for what was fetched from there. Default: veiloc in $XDG_CACHE_HOME or in .cache of your home.
+    /// Folder for fetched objects. Default: veiloc in $XDG_CACHE_HOME or in .cache of your home folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// How much that folder may hold, in gigabytes; what was used least recently goes.
+    /// Maximum size of that folder in gigabytes; the least recently used objects are removed.
     #[arg(long, default_value_t = 50.0, value_parser = positive, value_name = "GB")]
     cache_gb: f64,
-    /// Certificates of the authorities that vouch for the NATS servers, PEM; with it TLS is spoken.
+    /// CA certificates for the NATS servers, PEM; enables TLS.
     #[arg(long, value_name = "FILE")]
     nats_ca: Option<PathBuf>,
-    /// Credentials for NATS, as `nsc` writes them: which account this machine is of.
+    /// Credentials file for NATS, as written by `nsc`; it selects the account of this machine.
     #[arg(long, value_name = "FILE")]
     nats_credentials: Option<PathBuf>,
 }
 
 impl ClusterArgs {
-    /// Where maps are published.
+    /// Opens the object store.
     pub(crate) fn source(&self) -> Result<Arc<ObjectStoreSource>, Failure> {
         let Some(store) = &self.store else {
             return Err(Failure::with_help(
@@ -51,7 +51,7 @@ impl ClusterArgs {
         Ok(Arc::new(ObjectStoreSource::open(store, &cache, most_bytes)?))
     }
 
-    /// Connects to the servers at these addresses, with commas between them.
+    /// Connects to the servers at these comma-separated addresses.
     pub(crate) async fn bus(&self, servers: &str, name: &str) -> Result<Bus, ClusterError> {
         let options = NatsOptions {
             servers: servers.split(',').map(|server| server.trim().to_owned()).collect(),
@@ -64,7 +64,7 @@ impl ClusterArgs {
     }
 }
 
-/// A folder of the user's own: what lies in one that others may write into could be exchanged.
+/// A folder that only the user can write to: other users could replace objects in a shared folder.
 fn own_cache() -> Option<PathBuf> {
     let named = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     named("XDG_CACHE_HOME")
@@ -72,7 +72,7 @@ fn own_cache() -> Option<PathBuf> {
         .map(|cache| cache.join("veiloc"))
 }
 
-/// The name of a map, as a service serves it.
+/// Parses the name under which a service serves a map.
 pub(crate) fn map_name(text: &str) -> Result<String, String> {
     if is_map_name(text) {
         Ok(text.to_owned())

@@ -1,4 +1,4 @@
-//! `veiloc demo`: everything at once, on a place that renders itself.
+//! `veiloc demo`: the whole pipeline on a rendered scene.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,31 +14,31 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Points of the map that the page shows.
+/// Maximum number of map points that the web page shows.
 const SHOWN_POINTS: usize = 20_000;
 
-/// Render a place, map it, localize hidden queries, attack them, write a report.
+/// Render a scene, map it, localize hidden queries, attack them, write a report.
 ///
-/// Needs no data and no network. Everything after the renderer is what real images go through, from pixels on. With --page
-/// the place is mapped and shown on a page of this machine, where hidden views are there to pick.
+/// Needs no data and no network. Only the images are synthetic; everything after the renderer is the pipeline for real
+/// images. With --page the scene is mapped and a local web page offers hidden views to localize.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Folder for the images, the map, the sealed queries and the report.
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
     out: PathBuf,
-    /// Seed of the place and of every random choice.
+    /// Seed of the scene and of every random choice.
     #[arg(long, default_value_t = 7, value_name = "N")]
     seed: u64,
     /// Print the JSON document of the evaluation and the attacks to stdout.
     #[arg(long)]
     json: bool,
-    /// Serve a page with the hidden views instead of a report, until Ctrl-C. Default: a report.
+    /// Serve a web page with the hidden views instead of writing a report, until Ctrl-C. Default: a report.
     #[arg(long, conflicts_with = "json")]
     page: bool,
-    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
+    /// Files of the web page, as built by bindings/web/build.sh. Default: the folder veiloc-page beside the program.
     #[arg(long, requires = "page", value_name = "DIR")]
     page_folder: Option<PathBuf>,
-    /// Where to serve the page: this machine, and a port (0 for any free one).
+    /// Address of the web page: this machine, and a port (0 for any free one).
     #[arg(long, requires = "page", default_value = "127.0.0.1:8080", value_name = "ADDR:PORT")]
     listen: ListenAddress,
 }
@@ -65,9 +65,9 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// The place on a page of this machine.
+/// Serves the scene on a local web page.
 fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
-    // What is wrong with the page is told before the place is rendered.
+    // Errors of the page appear before the scene is rendered.
     let mut about = About { points: SHOWN_POINTS, views: Vec::new() };
     page(args.page_folder.as_ref(), &about)?;
     let HiddenViews { map, views, camera } = map_place(demo, &Stages::new(ui))?;

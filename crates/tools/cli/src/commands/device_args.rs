@@ -1,4 +1,4 @@
-//! What a device decides, whatever a profile says: the scheme, and how much it sends.
+//! Options that the device decides and a profile cannot override: the obfuscation scheme, and how much is sent.
 
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
@@ -12,25 +12,26 @@ use crate::ui::Ui;
 /// How an image is sealed.
 #[derive(clap::Args)]
 pub(crate) struct DeviceArgs {
-    /// How keypoints are hidden: dcl, random-lines, coordinate-permutation, or points, which sends their positions as they
-    /// are. The device decides, not the map or the service. dcl is the paper's two halves (dcl:horizontal,
-    /// dcl:angle=DEGREES cut them elsewhere); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y joins stripes to anchors of
-    /// your own, more exact and with other leaks (research/notes/layouts.md).
+    /// Obfuscation scheme: dcl, random-lines, coordinate-permutation, or points, which sends keypoint positions in the
+    /// clear. The device decides, not the map or the service. dcl uses the paper's two halves (dcl:horizontal and
+    /// dcl:angle=DEGREES change the border between them); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y assigns
+    /// stripes to anchors of your choice, with higher accuracy and other leaks (docs/layouts.md).
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
-    /// Send at most N keypoints, the strongest, cut to a size class (256, 512, 1024, 2048, 4096); what is not sent is
-    /// not leaked, and the pose gets a little less exact (docs/results/privacy.md). Default: as many as the profile asks for,
-    /// 2048 at most.
+    /// Send at most N keypoints, the strongest, rounded down to a size class (256, 512, 1024, 2048, 4096); keypoints
+    /// that are not sent leak nothing, and the pose gets slightly less accurate (docs/audit.md). Default: as many as
+    /// the profile requests, at most 2048.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     max_keypoints: Option<u32>,
-    /// How well the focal length of a camera that is given is known: calibrated, exif or unknown. The server estimates it
-    /// too where it is not calibrated. Default: calibrated; of a camera from EXIF exif, of an unknown one unknown.
+    /// Knowledge of the focal length of a given camera: calibrated, exif or unknown. The server also estimates a focal
+    /// length that is not calibrated. Default: calibrated for a given camera, exif for a camera from EXIF, unknown for
+    /// an unknown one.
     #[arg(long, value_name = "WORD")]
     focal_known: Option<FocalKnowledge>,
-    /// The direction in which things fall, as an accelerometer felt it when the image was taken, in the axes of the stored
-    /// image (x right, y down, z forward; 0,1,0 for an upright one), of any length, and its standard deviation in degrees
-    /// (2). It is sent rounded to about a degree, and helps where the map knows which way is down (`map build --down`), most
-    /// where little is seen. Default: not sent.
+    /// Direction of gravity (down), measured by an accelerometer when the image was taken, in the axes of the stored
+    /// image (x right, y down, z forward; 0,1,0 for an upright camera), of any length, and its standard deviation in
+    /// degrees (default 2). It is sent rounded to about a degree, and helps if the map knows the direction of gravity
+    /// (`map build --down`), most if few points are visible. Default: not sent.
     #[arg(long, value_name = "X,Y,Z[,SD_DEG]", allow_hyphen_values = true)]
     gravity: Option<CoarseGravity>,
     #[command(flatten)]
@@ -40,12 +41,12 @@ pub(crate) struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// What happens to positions.
+    /// Returns the obfuscation scheme.
     pub(crate) const fn scheme(&self) -> Scheme {
         self.scheme
     }
 
-    /// Where the camera of an image comes from: what was given, else its EXIF.
+    /// Returns the source of an image's camera: the given camera, otherwise EXIF.
     pub(crate) fn camera(&self, given: Option<&CameraArg>) -> Result<CameraSource, Failure> {
         match (given, self.focal_known) {
             (Some(CameraArg::Unknown), Some(focal)) if focal != FocalKnowledge::Unknown => {
@@ -59,22 +60,22 @@ impl DeviceArgs {
         }
     }
 
-    /// How well the focal length of cameras that are given is known.
+    /// Returns the knowledge of the focal length of given cameras.
     pub(crate) fn known_of_given(&self) -> FocalKnowledge {
         self.focal_known.unwrap_or_default()
     }
 
-    /// Whether gravity is told, which is of one image.
+    /// Returns whether gravity is given, which is valid for one image only.
     pub(crate) const fn tells_gravity(&self) -> bool {
         self.gravity.is_some()
     }
 
-    /// Which way is down, if it was told.
+    /// Returns the direction of gravity, if given.
     pub(crate) const fn gravity(&self) -> Option<CoarseGravity> {
         self.gravity
     }
 
-    /// Ready to seal with. Warns when positions are sent.
+    /// Returns the options for sealing. Warns if keypoint positions are sent.
     pub(crate) fn options(&self, profile: &Profile, ui: &Ui) -> Result<SealOptions, Failure> {
         let options = match self.scheme {
             Scheme::Points => {

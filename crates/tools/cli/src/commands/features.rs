@@ -1,4 +1,4 @@
-//! `veiloc features`: features of images, for other programs.
+//! `veiloc features`: extracts features of images for other programs.
 
 use std::path::{Path, PathBuf};
 
@@ -12,26 +12,28 @@ use crate::items::{self, IMAGES};
 use crate::lists;
 use crate::ui::Ui;
 
-/// Extract features of images for other programs, as hloc's `extract_features` writes them.
+/// Extract features of images for other programs, in the format of hloc's `extract_features`.
 ///
-/// The file holds the position of every keypoint and is enough to reconstruct the images: it is for whoever may see these.
+/// The file contains the position of every keypoint, which suffices to reconstruct the images: keep it as private as
+/// the images.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// Names of the images, one a line, relative to the one folder given; cameras behind them are not read. Default: all.
+    /// Names of the images, one per line, relative to the one given folder; cameras after the names are ignored.
+    /// Default: all.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     #[command(flatten)]
     features: ImageFeatureArgs,
-    /// Keypoints of an image at most, the strongest.
+    /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
     max_keypoints: u32,
-    /// Images with a longer side are made smaller first, pixels; keypoints are in pixels of the file all the same.
+    /// Images with a longer side are scaled down first, pixels; keypoints are in pixels of the file in any case.
     #[arg(long, default_value_t = 2048, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=16384))]
     max_size: u32,
-    /// The file to write: HDF5 with keypoints, scores, descriptors (float16, unit vectors) and image_size by the name of the image.
+    /// Output file: HDF5 with keypoints, scores, descriptors (float16, unit vectors) and image_size per image name.
     #[arg(long, value_name = "FILE.h5")]
     out_hloc: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! Images of a list, each with its camera: the same words wherever listed images are sealed.
+//! Reads a list of images with their cameras, for all commands that seal listed images.
 
 use std::path::{Component, Path};
 
@@ -10,10 +10,11 @@ use crate::exit::Failure;
 use crate::items::{self, Item};
 use crate::lists;
 
-/// The images that a list names in a folder, with their cameras: of the list, else the one that is given for all.
+/// Returns the images that a list names in a folder, with their cameras: the camera in the list, otherwise the given
+/// one.
 ///
 /// # Errors
-/// A list that is none; a name that leads out of the folder; a camera in the list and another for all.
+/// The list is invalid, a name leads out of the folder, or both the list and the command line give a camera.
 pub(crate) fn images_of_list(
     list: &Path,
     folder: &Path,

@@ -1,4 +1,4 @@
-//! `veiloc localize`: sealed queries to poses, each trusted, doubtful or not found.
+//! `veiloc localize`: estimates the poses of sealed queries; each pose is trusted, doubtful or not found.
 
 mod document;
 mod from_images;
@@ -26,33 +26,33 @@ use crate::files;
 use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
 use crate::ui::Ui;
 
-/// Find where sealed queries were taken.
+/// Estimate the poses of sealed queries.
 ///
-/// Prints a line a query: `trusted`, `doubtful` or `not-found`, position of the camera in the map and its standard
-/// deviation, how many matches agree, and what speaks against a doubtful pose. With `--json` one document with every pose
-/// as quaternion and translation (world to camera), covariance and times.
+/// Prints one line per query: `trusted`, `doubtful` or `not-found`, the camera position in the map and its standard
+/// deviation, the number of inliers, and the reasons for doubt. With `--json` prints one document with every pose as
+/// quaternion and translation (world to camera), covariance and times.
 ///
-/// Every query is answered for itself: a file that is no sealed query does not stop the others. Ends with
-/// 1 when there was such a file or a query for another map, or when no query was localized; else with 4 when a pose is
-/// doubtful, else with 0.
+/// Queries are independent: a file that is not a sealed query does not stop the others. The exit code is 1 if there was
+/// such a file or a query for another map, or if no query was localized; otherwise 4 if a pose is doubtful, and 0
+/// otherwise.
 ///
-/// With `--rig` the queries of a session give one pose of the device that took them.
+/// With `--rig` the queries of a session give one pose of the device.
 ///
-/// With `--queries LIST --images DIR` both sides run here: each image of the list is sealed as a device does it, and what it would
-/// send is localized. Poses go to files of other programs with `--out-hloc`, `--out-colmap` and `--out-tum`: doubtful ones
-/// too, unless `--trusted-only` is given.
+/// With `--queries LIST --images DIR` both sides run here: each image of the list is sealed as on a device, and the
+/// sealed query is localized. `--out-hloc`, `--out-colmap` and `--out-tum` write the poses for other programs: doubtful
+/// ones too, unless `--trusted-only` is given.
 #[derive(clap::Args)]
 #[command(mut_args(from_images::tie_to_list))]
 pub(crate) struct Args {
     /// The map.
     #[arg(long, value_name = "FILE")]
     map: PathBuf,
-    /// Sealed queries, as `veiloc seal` writes them; folders, of which all `.vquery` files in them and in their
-    /// sub-folders are taken; `-` for one from stdin.
+    /// Sealed queries, as written by `veiloc seal`; folders, with all `.vquery` files in them and their sub-folders;
+    /// `-` for one from stdin.
     #[arg(required_unless_present_any = ["rig", "list"], value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
-    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
-    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
+    /// its standard deviations (docs/json.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad", "report_file"])]
     rig: Option<PathBuf>,
     #[command(flatten)]
@@ -61,11 +61,12 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
-    /// Where the cameras roughly are, in map units, for example from GPS: a middle and a standard deviation along each
-    /// axis. Default: nothing is known.
+    /// Approximate camera position in map units, for example from GPS: a mean and a standard deviation along each axis.
+    /// Default: no prior position.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
     near: Option<PositionHint>,
-    /// Tell trusted poses only: a doubtful one is withheld, though not what speaks against it, and counts as none.
+    /// Output trusted poses only: a doubtful pose is withheld and counts as not found; its reasons for doubt are still
+    /// reported.
     #[arg(long)]
     trusted_only: bool,
     #[command(flatten)]
@@ -74,7 +75,7 @@ pub(crate) struct Args {
     report: report::ReportArgs,
     #[command(flatten)]
     skip: SkipArgs,
-    /// Print one JSON document to stdout, with what became of every query.
+    /// Print one JSON document with the result of every query to stdout.
     #[arg(long)]
     json: bool,
 }
@@ -165,7 +166,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     })
 }
 
-/// What there is to say of one query: what is called `file`, and the sealed query or why there is none.
+/// Returns the result of the query named `file`, from the sealed query or the error in its place.
 fn answer(
     file: String,
     sealed: Result<SealedQuery, Fault>,
@@ -191,7 +192,7 @@ fn answer(
     }
 }
 
-/// The sealed query of a file.
+/// Reads a sealed query from a file.
 fn read_sealed(item: &Item) -> Result<SealedQuery, Fault> {
     match &item.fault {
         Some(fault) => Err(fault.clone()),

@@ -30,44 +30,43 @@ use crate::ui::Ui;
 /// What to do with a map.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Build a map from images whose poses are known.
+    /// Build a map from images with known poses.
     Build(BuildArgs),
-    /// Make a map of a complete COLMAP model: its points and observations are kept.
+    /// Build a map from a complete COLMAP model, with its points and observations.
     Import(ImportArgs),
-    /// Say what is in a map.
+    /// Print facts about a map.
     Info(InfoArgs),
-    /// Add images with known poses to a map, without building it again.
+    /// Add images with known poses to a map, without rebuilding it.
     Add(AddArgs),
-    /// Take images out of a map, with their keypoints and the points that only they saw.
+    /// Remove images from a map, with their keypoints and the points that only they observe.
     Remove(RemoveArgs),
-    /// Write what a device needs to seal queries for a map; it holds no map data.
+    /// Write the profile that a device needs to seal queries for a map; it contains no map data.
     Profile(ProfileArgs),
-    /// Make a map small: a tenth of the bytes, at hardly any loss.
+    /// Compress a map: a tenth of the bytes with almost no loss.
     Compress(compress::CompressArgs),
-    /// Cut a map into regions, so that it may be larger than a machine.
+    /// Split a map into regions, for maps that exceed one machine.
     Split(split::SplitArgs),
-    /// Publish the regions of a map, so that services take them.
+    /// Publish the regions of a map to object storage, for services.
     #[cfg(feature = "cluster")]
     Publish(publish::PublishArgs),
-    /// Publish the regions of a map (takes the cargo feature `cluster`).
+    /// Publish the regions of a map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
     Publish(crate::commands::absent::Args),
-    /// Fetch the regions of a map that was published into a folder, verified.
+    /// Fetch and verify the regions of a published map.
     #[cfg(feature = "cluster")]
     Fetch(publish::FetchArgs),
-    /// Fetch the regions of a published map (takes the cargo feature `cluster`).
+    /// Fetch the regions of a published map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
     Fetch(crate::commands::absent::Args),
-    /// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
+    /// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
     Export(export::ExportArgs),
 }
 
-/// What a new map knows, where it goes, and how it is told.
+/// Gravity of a new map, its output file, and the output format.
 #[derive(clap::Args)]
 struct WrittenArgs {
-    /// Which way is down in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). Queries that tell
-    /// which way is down in the camera (`seal --gravity`) are then held upright. Default: not known, and such queries are
-    /// localized without.
+    /// Direction of gravity (down) in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). It
+    /// is used with the gravity of queries (`seal --gravity`). Default: not known; the gravity of queries is not used.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     down: Option<Down>,
     /// The map file to write.
@@ -78,27 +77,27 @@ struct WrittenArgs {
     json: bool,
 }
 
-/// Images with poses.
+/// Images with known poses.
 #[derive(clap::Args)]
 struct PosedArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary. Points are not needed; where there are some,
-    /// they help to find images that show the same.
+    /// Folder of a COLMAP model with cameras and poses, text or binary. Points are optional; if present, they help to
+    /// find image pairs.
     #[arg(long, value_name = "DIR")]
     posed: PathBuf,
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Names of the images to use, one a line. Default: every image of the model.
+    /// Names of the images to use, one per line. Default: every image of the model.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     #[command(flatten)]
     bad: BadArgs,
 }
 
-/// What to do about images that cannot be used.
+/// Handling of unusable images.
 #[derive(clap::Args)]
 struct BadArgs {
-    /// Leave out images that are missing, unreadable or not of their camera's size, and say which. Default: refuse.
+    /// Leave out images that are missing, unreadable or not of their camera's size, and name them. Default: refuse.
     #[arg(long)]
     skip_bad: bool,
 }
@@ -109,11 +108,11 @@ impl BadArgs {
     }
 }
 
-/// Build a map from images whose poses are known.
+/// Build a map from images with known poses.
 ///
-/// Extracts features, matches images that see the same things, checks the matches against the known poses,
-/// triangulates map points, lets the map localize some of its own images, and writes one file. An interrupted build
-/// leaves an older map as it was, and so does a map that is good for nothing.
+/// Extracts features, matches overlapping images, checks the matches against the known poses, triangulates map points,
+/// localizes some of the map's own images as a self-test, and writes one file. An existing map stays unchanged if the
+/// build is interrupted, or if nothing can be localized in the new map.
 #[derive(clap::Args)]
 pub(crate) struct BuildArgs {
     #[command(flatten)]
@@ -126,29 +125,30 @@ pub(crate) struct BuildArgs {
     keep: KeepArgs,
     #[command(flatten)]
     pairs: PairArgs,
-    /// Folder for features and matches. A build that was interrupted, or is done again with more images, computes only what is not
-    /// there. It holds what the map holds of its images, and is to be kept from others like it. Default: nothing is kept.
+    /// Folder for features and matches. An interrupted build, or a build with more images, computes only what is
+    /// missing. It contains the same data on the images as the map: protect it in the same way. Default: nothing is
+    /// stored.
     #[arg(long, value_name = "DIR")]
     work: Option<PathBuf>,
     #[command(flatten)]
     written: WrittenArgs,
 }
 
-/// Which images are matched with which.
+/// Selection of the image pairs to match.
 #[derive(clap::Args)]
 struct PairArgs {
-    /// Match these pairs of images and no others: two names a line, as hloc's lists have them. Default: those that seem to show the
-    /// same, by poses and points.
+    /// Match these image pairs and no others: two names per line, as in hloc's lists. Default: pairs that probably
+    /// overlap, by poses and points.
     #[arg(long, value_name = "FILE")]
     pairs: Option<PathBuf>,
-    /// Write the pairs that were matched as such a list. Default: not written.
+    /// Write the matched pairs as such a list. Default: not written.
     #[arg(long, value_name = "FILE")]
     out_pairs: Option<PathBuf>,
 }
 
-/// Make a map of a complete COLMAP model: its points and observations are kept.
+/// Build a map from a complete COLMAP model, with its points and observations.
 ///
-/// Descriptors are extracted from the images and joined to the model's points by position.
+/// Descriptors are extracted from the images and assigned to the model's points by position.
 #[derive(clap::Args)]
 pub(crate) struct ImportArgs {
     /// Folder of the COLMAP model, text or binary.
@@ -169,12 +169,12 @@ pub(crate) struct ImportArgs {
     written: WrittenArgs,
 }
 
-/// Say what is in a map.
+/// Print facts about a map.
 #[derive(clap::Args)]
 pub(crate) struct InfoArgs {
     /// The map.
     map: PathBuf,
-    /// List the images too: name, keypoints, how many of them see a point, camera.
+    /// Also list the images: name, keypoints, keypoints with a map point, camera.
     #[arg(long)]
     images: bool,
     /// Print one JSON document to stdout.
@@ -182,7 +182,7 @@ pub(crate) struct InfoArgs {
     json: bool,
 }
 
-/// Add images with known poses to a map, without building it again.
+/// Add images with known poses to a map, without rebuilding it.
 #[derive(clap::Args)]
 pub(crate) struct AddArgs {
     /// The map.
@@ -203,11 +203,11 @@ pub(crate) struct AddArgs {
     json: bool,
 }
 
-/// Take images out of a map, with their keypoints and the points that only they saw.
+/// Remove images from a map, with their keypoints and the points that only they observe.
 ///
-/// The vocabulary stays, so that queries sealed for the map still fit. Its words are averages of descriptors of many
-/// images, also of those that leave. With --retrain it is learned again from the images that stay: then no descriptor of
-/// the others has a share in it, but the profile is another one, and devices must fetch it again.
+/// The vocabulary stays, so that queries sealed for the map remain valid. Its words are means of descriptors of many
+/// images, including the removed ones. With --retrain it is trained again on the remaining images: then no removed
+/// descriptor contributes to it, but the profile changes, and devices must fetch it again.
 #[derive(clap::Args)]
 pub(crate) struct RemoveArgs {
     /// The map.
@@ -215,7 +215,7 @@ pub(crate) struct RemoveArgs {
     /// Names of the images.
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
-    /// Learn the vocabulary again from the images that stay; devices must then fetch the profile again.
+    /// Train the vocabulary again on the remaining images; devices must then fetch the profile again.
     #[arg(long)]
     retrain: bool,
     #[command(flatten)]
@@ -228,7 +228,7 @@ pub(crate) struct RemoveArgs {
     json: bool,
 }
 
-/// Write what a device needs to seal queries for a map; it holds no map data.
+/// Write the profile that a device needs to seal queries for a map; it contains no map data.
 #[derive(clap::Args)]
 pub(crate) struct ProfileArgs {
     /// The map.
@@ -355,7 +355,7 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
     Told { json: args.json, doubts, ..Told::default() }.info(change.out, ui)
 }
 
-/// A map that is being changed: nobody else changes it from the moment it is read until it is written.
+/// A map that is being changed; it is locked against other writers from reading to writing.
 struct Change<'a> {
     map: &'a Path,
     out: &'a Path,
@@ -363,7 +363,7 @@ struct Change<'a> {
 }
 
 impl<'a> Change<'a> {
-    /// Waits for whoever changes the map, and says so.
+    /// Waits for the lock of the map, and reports the wait.
     fn begin(map: &'a Path, out: Option<&'a Path>, ui: &Ui) -> Result<Self, Failure> {
         let out = out.unwrap_or(map);
         let lock = if let Some(lock) = MapLock::try_acquire(out)? {
@@ -384,7 +384,7 @@ impl<'a> Change<'a> {
     }
 }
 
-/// The library names what is bad; how to leave it out, the program says.
+/// Adds the remedy --skip-bad, which the library does not know, to the error.
 fn with_skip_bad(error: MappingError) -> Failure {
     match error {
         MappingError::BadImages(_) => Failure::with_help(
@@ -403,7 +403,7 @@ fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// What [`PosedArgs`] name, read.
+/// The data that [`PosedArgs`] names.
 struct Posed<'a> {
     images: PosedImages,
     names: Option<Vec<String>>,

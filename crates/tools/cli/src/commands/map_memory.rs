@@ -1,8 +1,8 @@
-//! Where a program that runs for long keeps the bytes of its maps.
+//! Storage of map bytes in a long-running program.
 
 use veiloc_map::MapMemory;
 
-/// Where the bytes of maps are.
+/// Storage of map bytes.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub(crate) enum Memory {
     Copied,

@@ -1,4 +1,4 @@
-//! What of an image is hidden: the same words wherever images are sealed.
+//! Options that hide parts of an image, for all commands that seal images.
 
 use std::path::{Path, PathBuf};
 
@@ -8,23 +8,24 @@ use veiloc_features::{FeatureError, Mask, load_mask};
 use crate::exit::Failure;
 use crate::items::{Fault, FaultKind};
 
-/// Parts of an image that nobody is to be told of.
+/// Parts of an image of which no feature is sent.
 #[derive(clap::Args)]
 pub(crate) struct MaskArgs {
-    /// Hide what is black in this image (anything darker than half), JPEG or PNG, of the size of the image that is sealed: nothing of
-    /// it is looked at, and no keypoint that looks there is sent. As COLMAP's masks; what may be sent is white.
+    /// Hide what is black in this image (darker than half), JPEG or PNG, of the size of the sealed image: no feature is
+    /// extracted from it, and no keypoint is sent whose descriptor covers it. White may be sent, as in COLMAP's masks.
     /// Default: nothing is hidden.
     #[arg(long, value_name = "IMAGE")]
     mask: Option<PathBuf>,
-    /// Hide what a detector finds of these classes, for example person,car: their boxes with a margin, as if a mask covered
-    /// them. What it does not find is sent; how much was found is told. Where it cannot run nothing is sealed. Default: nothing
-    /// is looked for.
+    /// Hide the objects of these classes that a detector finds, for example person,car: their boxes with a margin, as
+    /// if a mask covered them. Objects that it misses are sent; the number of detections is reported. If the detector
+    /// cannot run, nothing is sealed. Default: no detection.
     #[arg(long, value_name = "CLASS,…", value_delimiter = ',', requires = "detector")]
     hide: Vec<String>,
-    /// The detector: an ONNX file of YOLO's form (versions 8 to 11) that tells the names of its classes. Bring your own.
+    /// The detector: an ONNX file in YOLO's form (versions 8 to 11) with the names of its classes. veiloc does not
+    /// include one.
     #[arg(long, value_name = "FILE", requires = "hide")]
     detector: Option<PathBuf>,
-    /// By how much boxes are widened on each side, as a share of their width and height. Default: 0.15.
+    /// Margin of the boxes on each side, as a share of their width and height. Default: 0.15.
     #[arg(long, value_name = "SHARE", requires = "hide", value_parser = margin)]
     hide_margin: Option<f32>,
 }
@@ -34,35 +35,35 @@ fn margin(text: &str) -> Result<f32, String> {
     share.ok_or_else(|| "a share from 0 to 1 is needed".to_owned())
 }
 
-/// What finds things to hide, ready to look at images.
+/// The detector, ready to run.
 pub(crate) struct Hiding(Option<Hider>);
 
-/// What is hidden of one image.
+/// The hidden part of one image.
 #[derive(Default)]
 pub(crate) struct HiddenPart {
-    /// `None` when nothing is.
+    /// `None` if nothing is hidden.
     pub(crate) mask: Option<Mask>,
-    /// Classes and how many of each were found; `None` when nothing was looked for.
+    /// Number of detections per class; `None` if no detector ran.
     pub(crate) found: Option<Vec<(String, usize)>>,
 }
 
 impl MaskArgs {
-    /// Whether a mask is given, which is of one image.
+    /// Returns whether a mask is given, which is valid for one image only.
     pub(crate) const fn is_of_one_image(&self) -> bool {
         self.mask.is_some()
     }
 
-    /// The file of the mask, if there is one.
+    /// Returns the file of the mask, if given.
     pub(crate) fn file(&self) -> Option<&Path> {
         self.mask.as_deref()
     }
 
-    /// The detector's file, if there is one.
+    /// Returns the detector's file, if given.
     pub(crate) const fn detector(&self) -> Option<&PathBuf> {
         self.detector.as_ref()
     }
 
-    /// Opens the detector where one is asked for: a command whose detector cannot be used seals nothing.
+    /// Loads the detector if requested: a command whose detector cannot be used seals nothing.
     pub(crate) fn open(&self) -> Result<Hiding, Failure> {
         let Some(file) = &self.detector else { return Ok(Hiding(None)) };
         let mut options = HideOptions::default();
@@ -72,8 +73,8 @@ impl MaskArgs {
 }
 
 impl Hiding {
-    /// What is hidden of an image, by a mask's file and by what is found in it. What cannot be used is a fault of the image,
-    /// which is then not sealed.
+    /// Returns the hidden part of an image, from the mask file and the detections. An unusable mask is an error of the
+    /// image, which is then not sealed.
     pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<HiddenPart, Fault> {
         let mask = mask.map(|path| load_mask(path).map_err(|error| fault(&error))).transpose()?;
         let Some(hider) = &self.0 else { return Ok(HiddenPart { mask, found: None }) };
@@ -87,12 +88,12 @@ impl Hiding {
 }
 
 impl HiddenPart {
-    /// Share of the image; `None` when nothing is hidden.
+    /// Returns the hidden share of the image; `None` if nothing is hidden.
     pub(crate) fn share(&self) -> Option<f64> {
         self.mask.as_ref().map(Mask::share)
     }
 
-    /// How much is hidden, in words that go before the number of keypoints: a mask the wrong way round shows.
+    /// Describes how much is hidden, in words before the number of keypoints, so that an inverted mask is noticed.
     pub(crate) fn said(&self) -> String {
         let share = self.share().map(|share| format!("{:.1} % of the image hidden", 100.0 * share));
         let found = self.found.as_ref().map(|found| match found.as_slice() {

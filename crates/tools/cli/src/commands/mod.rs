@@ -1,4 +1,4 @@
-//! One file a command: its arguments, and the few lines that hand them to the libraries.
+//! One file per command: its arguments, and the calls of the libraries.
 
 #[cfg(not(all(feature = "cluster", feature = "hloc")))]
 pub(crate) mod absent;
@@ -32,7 +32,7 @@ pub(crate) mod worker;
 
 use crate::args::settings::layered;
 
-/// The command that reads the command line of `serve` and `worker`, before files and variables are looked at.
+/// Prepares the command line of `serve` and `worker`, which is parsed before the settings file and variables are read.
 pub(crate) fn first_look(command: clap::Command) -> clap::Command {
     let command = command.mut_subcommand("serve", layered);
     #[cfg(feature = "cluster")]

@@ -1,4 +1,4 @@
-//! `veiloc models`: the learned features and global descriptors that are known by name, and whether their files are there.
+//! `veiloc models`: lists the known models of features and global descriptors, and whether their files exist.
 
 use std::fmt::Write as _;
 
@@ -9,10 +9,12 @@ use veiloc_features::learned::{Found, FoundGlobal};
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
 
-/// Say which learned features and global descriptors are known, where their network files are got and on what terms, and whether they are there.
+/// List the known models of learned features and global descriptors, with the source and licence of their network
+/// files, and whether the files exist.
 ///
-/// Files are looked for in the folders of the environment variable VEILOC_MODELS, and in each in the sub-folder of the model's name.
-/// Nothing is downloaded. Any ONNX network of the same form can be used with a .toml file that describes it (docs/results/features.md).
+/// Files are searched in the folders of the environment variable VEILOC_MODELS, and in each in the sub-folder with the
+/// model's name. Nothing is downloaded. Other ONNX networks of the same form can be used with a .toml file that
+/// describes them (docs/features.md).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Print one JSON document to stdout.
@@ -24,27 +26,27 @@ pub(crate) struct Args {
 #[derive(Serialize)]
 struct Document {
     version: u32,
-    /// Where files were looked for.
+    /// Searched folders.
     folders: Vec<String>,
     models: Vec<ModelDocument>,
     globals: Vec<GlobalDocument>,
 }
 
-/// A model of global descriptors, which are made of whole images.
+/// A model of global descriptors, which are computed from whole images.
 #[derive(Serialize)]
 struct GlobalDocument {
     name: String,
     about: String,
     source: String,
-    /// The command that makes its files of what is got there.
+    /// The command that makes its files from the downloaded ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     export: Option<String>,
     licence: String,
-    /// For each of its networks, names of files that would do, the best first.
+    /// For each of its networks the accepted file names, the preferred one first.
     files: Vec<Vec<String>>,
     /// The files that were found.
     found: Vec<Option<String>>,
-    /// Numbers of a vector, which are its bytes.
+    /// Number of elements of a vector, which is also its number of bytes.
     numbers: usize,
 }
 
@@ -77,7 +79,7 @@ impl GlobalDocument {
     }
 }
 
-/// What would do, where it is got, and what makes it of that.
+/// Describes the accepted files, their source, and the command that makes them.
 fn missing(files: &[String], source: &str, export: Option<&str>) -> String {
     let made = export.map_or_else(String::new, |export| format!("; {export}"));
     format!("{}, from {source}{made}", files.join(" or "))
@@ -89,15 +91,15 @@ struct ModelDocument {
     name: String,
     about: String,
     source: String,
-    /// The command that makes its file of what is got there.
+    /// The command that makes its file from the downloaded one.
     #[serde(skip_serializing_if = "Option::is_none")]
     export: Option<String>,
     licence: String,
-    /// Names of files that would do, the best first.
+    /// Accepted file names, the preferred one first.
     files: Vec<String>,
     /// The file that was found.
     file: Option<String>,
-    /// Numbers of a descriptor, which are its bytes.
+    /// Number of elements of a descriptor, which is also its number of bytes.
     numbers: usize,
 }
 

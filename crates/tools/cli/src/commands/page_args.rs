@@ -1,4 +1,4 @@
-//! The page that `serve` and `demo` serve: where its files are, and what it is told.
+//! The web page of `serve` and `demo`: its files and its configuration.
 
 use std::path::PathBuf;
 
@@ -7,10 +7,10 @@ use veiloc_service::web_page::Page;
 
 use crate::exit::Failure;
 
-/// Reads the page of a folder, or where it is found, and tells it what there is to show.
+/// Loads the page from the given or the default folder, and adds its configuration.
 ///
 /// # Errors
-/// [`Failure`] when there is no page, or its files cannot be read.
+/// [`Failure`] if there is no page, or its files cannot be read.
 pub(crate) fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Failure> {
     let found = match folder {
         Some(folder) => folder.clone(),
@@ -21,22 +21,22 @@ pub(crate) fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Fail
     Ok(page)
 }
 
-/// What a page is told: `page.json`, between one version of program and page.
+/// Configuration of the page, `page.json`; program and page must have the same version.
 #[derive(Debug, Serialize)]
 pub(crate) struct About {
-    /// Most points of a map that it is shown.
+    /// Maximum number of map points that the page shows.
     pub points: usize,
-    /// Images to pick from.
+    /// Images that the page offers.
     pub views: Vec<View>,
 }
 
-/// An image to pick.
+/// An image that the page offers.
 #[derive(Debug, Serialize)]
 pub(crate) struct View {
-    /// For people.
+    /// Displayed name.
     pub name: String,
-    /// Its file of the page.
+    /// Path on the page's server.
     pub file: String,
-    /// Its camera, as COLMAP writes it.
+    /// Its camera, in COLMAP's text form.
     pub camera: String,
 }

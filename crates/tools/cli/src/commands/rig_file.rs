@@ -1,4 +1,4 @@
-//! `rig.json`: the sealed queries of a session and where on the device each image was taken.
+//! `rig.json`: the sealed queries of a session, with the pose of each camera on the device.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
 use crate::exit::Failure;
 use crate::files;
 
-/// Bytes of a rig file at most: far more than so many frames need.
+/// Maximum size of a rig file; far more than the maximum number of frames needs.
 const MOST_BYTES: u64 = 1 << 20;
 
 #[derive(Deserialize)]
@@ -39,14 +39,14 @@ struct PoseEntry {
     t: [f64; 3],
 }
 
-/// One frame that was read.
+/// One frame of the session.
 pub(super) struct NamedFrame {
-    /// As the rig file names it.
+    /// The path as written in the rig file.
     pub(super) file: String,
     pub(super) sealed: SealedFrame,
 }
 
-/// Reads a rig file and the queries it names.
+/// Reads a rig file and the queries that it names.
 pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let form = "a rig file is {\"frames\": [{\"query\": \"a.vquery\", \"cam_from_rig\": {\"q\": [w, x, y, z], \"t\": [x, y, z]}, \

@@ -1,4 +1,4 @@
-//! `veiloc seal`: images to sealed queries, as a device does it.
+//! `veiloc seal`: converts images to sealed queries, as on a device.
 
 mod batch;
 
@@ -20,30 +20,30 @@ use crate::files;
 use crate::items::{Fault, FaultKind, SkipArgs};
 use crate::ui::Ui;
 
-/// Turn images into sealed queries.
+/// Seal images: convert them to queries that hide the keypoint positions.
 ///
-/// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
-/// pixels is read, and, where no camera is given, the focal length in its EXIF: no time, no place. Everything random comes from the operating system's generator, so
-/// sealing one image twice gives two different queries; never send both (see docs/reference/privacy-rules.md, rule L7). Two images of one place
-/// belong in one session (--session).
+/// A sealed query contains descriptors and lines, never keypoints; a server gets nothing else. From the image file only
+/// the pixels are read and, if no camera is given, the focal length in its EXIF data: no time and no location. All
+/// randomness comes from the operating system's generator, so sealing one image twice gives two different queries;
+/// never send both (see docs/privacy.md, rule L7). Seal two images of one scene in one session (--session).
 ///
-/// Every image is answered for itself: one that cannot be sealed does not stop the others.
+/// Images are independent: an image that cannot be sealed does not stop the others.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// Names of the images to seal, one a line, relative to the one folder given; behind each name its camera
-    /// (MODEL W H PARAMS…, as in hloc's query lists), or nothing when --camera says it.
+    /// Names of the images to seal, one per line, relative to the one given folder; a camera may follow each name
+    /// (MODEL W H PARAMS…, as in hloc's query lists) unless --camera gives it.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
-    /// The camera of all images: COLMAP's model name, width, height (pixels) and parameters, with commas or spaces
-    /// between, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; or a COLMAP cameras.txt
-    /// with one camera; or `unknown`, which guesses the focal length and says so. Default: what the list says, else the
-    /// focal length that each image's EXIF tells.
+    /// The camera of all images: COLMAP's model name, width, height (pixels) and parameters, separated by commas or
+    /// spaces, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; or a COLMAP cameras.txt with one camera; or
+    /// `unknown`, which assumes a focal length and marks it as unknown. Default: the camera in the list, otherwise the
+    /// focal length in each image's EXIF data.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
     camera: Option<CameraArg>,
-    /// The map's profile, as `veiloc map profile` writes it.
+    /// The map's profile, as written by `veiloc map profile`.
     #[arg(long, value_name = "FILE")]
     profile: PathBuf,
     #[command(flatten)]
@@ -52,17 +52,17 @@ pub(crate) struct Args {
     session: SessionArgs,
     #[command(flatten)]
     mask: MaskArgs,
-    /// Folder of masks, one for every image: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. An image without a mask is not
+    /// Folder of masks, one per image: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. An image without a mask is not
     /// sealed.
     #[arg(long, value_name = "DIR", conflicts_with = "mask")]
     masks: Option<PathBuf>,
-    /// File to write; a folder when it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders
-    /// of a folder given are made in it too.
+    /// Output file; a folder if it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders of a
+    /// given folder are created in it too.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
     #[command(flatten)]
     skip: SkipArgs,
-    /// Print one JSON document to stdout, with what became of every image.
+    /// Print one JSON document with the result of every image to stdout.
     #[arg(long)]
     json: bool,
 }
@@ -75,28 +75,28 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     batch::run(args, &profile, &options, &hiding, session.as_mut(), ui)
 }
 
-/// One image sealed.
+/// One sealed image.
 pub(crate) struct Sealed {
-    /// How well its focal length is known.
+    /// Knowledge of its focal length.
     focal: FocalKnowledge,
     /// Its camera.
     pub(crate) camera: Intrinsics,
-    /// What a device sends.
+    /// The sealed query.
     pub(crate) bytes: Vec<u8>,
-    /// Keypoints found in the image.
+    /// Number of keypoints in the image.
     found: usize,
     /// Rows sent.
     sent: usize,
 }
 
-/// The session that images are frames of, and how the camera was held.
+/// The session of the images, and the orientation of the camera.
 pub(crate) struct InSession<'a> {
     file: &'a mut SessionFile,
     held: Orientation,
 }
 
-/// Seals one image, all a device does with it. What is wrong with the image is a fault of it; a session that cannot be kept ends
-/// the command.
+/// Seals one image as on a device. A problem of the image is returned as its error; a session that cannot be stored
+/// ends the command.
 pub(crate) fn seal_one(
     path: &Path,
     camera: CameraSource,

@@ -1,4 +1,4 @@
-//! `veiloc serve`: maps as a service.
+//! `veiloc serve`: the HTTP service.
 
 use std::net::SocketAddr;
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -27,39 +27,40 @@ use crate::commands::voice::{LogArgs, Voice};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// Serve maps: sealed queries in over HTTP, poses out.
+/// Serve maps over HTTP: sealed queries in, poses out.
 ///
-/// Stops on SIGINT or SIGTERM, after answering what it accepted; a second signal ends it at once. Map, token and certificate files may be replaced (by
-/// renaming others over them) while it runs; SIGHUP makes it read them at once. The log goes to stderr and never holds
-/// anything of a query. docs/reference/http.md describes endpoints and answers, docs/reference/configuration.md the token file.
+/// Stops on SIGINT or SIGTERM after answering the accepted requests; a second signal stops it at once. Map, token and
+/// certificate files may be replaced (by renaming another file over them) while it runs; SIGHUP makes it read them at
+/// once. The log goes to stderr and never contains data of a query. Endpoints, responses and the token file are
+/// described in docs/service.md.
 ///
-/// Every option may also stand in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the environment,
-/// where it is VEILOC_DRAIN_DELAY. The environment wins over the file, the command line over both. An option that may be
-/// given several times takes a list in the file, and values with `;` between them in the environment.
+/// Every option may also be set in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the
+/// environment as VEILOC_DRAIN_DELAY. The environment overrides the file, and the command line overrides both. An
+/// option that may be given several times takes a list in the file, and values separated by `;` in the environment.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
+    /// Settings file (TOML) whose keys are these options; relative paths in it are relative to its folder.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Print what holds, and where each value comes from, as such a file; serve nothing.
+    /// Print the settings and the origin of each value as such a file, and exit.
     #[arg(long)]
     print_config: bool,
-    /// A map and the name it is served under; several may be given.
+    /// A map and the name under which it is served; may be given several times.
     #[arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
-    /// A folder whose files NAME.vmap are served as NAME, as they come and go.
+    /// Folder whose files NAME.vmap are served as NAME; added and removed files are noticed.
     #[arg(long = "maps", value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Where the bytes of maps are: copied into memory, where nothing that happens to a file can touch them, or mapped, by
-    /// which you promise that nobody writes into a map's file or shortens it while it is served.
+    /// Storage of the map bytes: copied into memory (safe against changes of the file), or memory-mapped; a mapped file
+    /// must not be written or truncated while it is served.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
     map_memory: Memory,
-    /// The NATS servers that lead to workers, with commas between them: maps of --cluster-map are asked of them, and
-    /// --workers are queries under way at a time. Default: no cluster.
+    /// NATS servers of the cluster, separated by commas: queries for the maps of --cluster-map go to workers, and
+    /// --workers is the number of concurrent queries. Default: no cluster.
     #[cfg_attr(feature = "cluster", arg(long, requires = "cluster_maps", value_name = "URL[,URL]"))]
     #[cfg_attr(not(feature = "cluster"), arg(long, hide = true, value_name = "URL[,URL]"))]
     cluster: Option<String>,
-    /// A published map that workers hold, served under its name; several may be given. Default: none.
+    /// A published map that workers hold, served under its name; may be given several times. Default: none.
     #[cfg_attr(
         feature = "cluster",
         arg(long = "cluster-map", requires = "cluster", value_parser = crate::commands::cluster_args::map_name, value_name = "NAME")
@@ -69,103 +70,104 @@ pub(crate) struct Args {
         arg(long = "cluster-map", requires = "cluster", hide = true, value_name = "NAME")
     )]
     cluster_maps: Vec<String>,
-    /// Regions that a query is asked in at most, with --cluster.
+    /// Maximum number of regions per query, with --cluster.
     #[cfg(feature = "cluster")]
     #[arg(long, default_value = "3", value_name = "N")]
     cluster_regions: NonZeroUsize,
     #[cfg(feature = "cluster")]
     #[command(flatten)]
     machines: ClusterArgs,
-    /// Where to listen, an address with a port (0 for any free one) or a Unix socket; several may be given.
+    /// Address with a port (0 for any free one) or a Unix socket to listen on; may be given several times.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT|unix:PATH")]
     listen: Vec<ListenAddress>,
-    /// Who may connect to Unix sockets: the mode of their files.
+    /// File mode of Unix sockets; it decides who may connect.
     #[arg(long, default_value = "660", value_parser = mode, value_name = "OCTAL")]
     socket_mode: Mode,
-    /// Where to answer probes and metrics, without token and in plain HTTP: an address that only you reach. Default: the
+    /// Address for probes and metrics, in plain HTTP without token; only the operator should reach it. Default: the
     /// next port on loopback.
     #[arg(long, value_name = "ADDR:PORT")]
     admin_listen: Option<SocketAddr>,
-    /// Certificate chain, PEM. Without it plain HTTP is spoken, on loopback only.
+    /// Certificate chain, PEM. Without it the service uses plain HTTP, on loopback only.
     #[arg(long, requires = "key", value_name = "FILE")]
     cert: Option<PathBuf>,
     /// Private key of the certificate, PEM.
     #[arg(long, requires = "cert", value_name = "FILE")]
     key: Option<PathBuf>,
-    /// Certificates of the authorities that vouch for clients, PEM. With it a client without a certificate of theirs does
-    /// not get through the TLS handshake; who gets through still needs a token.
+    /// CA certificates for client authentication (mTLS), PEM. A client without a certificate of these CAs fails the TLS
+    /// handshake; other clients still need a token.
     #[arg(long, requires = "cert", value_name = "FILE")]
     client_ca: Option<PathBuf>,
-    /// Speak plain HTTP beyond loopback: for a proxy in front that does TLS.
+    /// Use plain HTTP beyond loopback: for a reverse proxy that terminates TLS.
     #[arg(long)]
     insecure_http: bool,
-    /// Pages of this origin may ask from within a browser (CORS); several may be given. Default: none.
+    /// Origin whose pages may send requests from a browser (CORS); may be given several times. Default: none.
     #[arg(long, value_name = "https://HOST")]
     cors_origin: Vec<Origin>,
-    /// Who may ask: a file that `veiloc token` writes.
+    /// Token file, as written by `veiloc token`; only its tokens may send requests.
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
-    /// Seconds that the last valid tokens hold when their file is gone, empty or wrong; then nobody may ask.
+    /// Seconds for which the last valid tokens are accepted after their file is removed, emptied or damaged; afterwards
+    /// all requests are refused.
     #[arg(long, default_value_t = 300.0, value_parser = not_negative, value_name = "SECONDS")]
     stale_tokens: f64,
-    /// Let everybody ask, beyond loopback too.
+    /// Accept requests without token, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
-    /// Requests per second for each token; without tokens, for all together.
+    /// Requests per second for each token; without tokens, for all clients together.
     #[arg(long, default_value = "20", value_name = "N")]
     rate: NonZeroU32,
-    /// Requests at once after a pause. Default: as many as in a second.
+    /// Burst size: requests at once after a pause. Default: the number allowed per second.
     #[arg(long, value_name = "N")]
     burst: Option<NonZeroU32>,
-    /// Threads that localize. Default: one a core; with --cluster 64, each for a query under way.
+    /// Worker threads for localization. Default: one per core; with --cluster 64, one per concurrent query.
     #[arg(long, value_name = "N")]
     workers: Option<NonZeroUsize>,
-    /// Queries that may wait for a worker; one more is refused with 503.
+    /// Maximum number of queries that wait for a worker; further queries are refused with 503.
     #[arg(long, default_value = "32", value_name = "N")]
     queue: NonZeroUsize,
-    /// Connections at a time. One more takes the place of an idle one, first of those that brought no known token.
+    /// Maximum number of connections. A new connection beyond it evicts an idle one, unauthenticated ones first.
     #[arg(long, default_value = "1024", value_name = "N")]
     connections: NonZeroUsize,
-    /// Connections of one address (of IPv6, one /64), those that brought a known token not counted.
+    /// Maximum number of unauthenticated connections per address (IPv6: per /64).
     #[arg(long, default_value = "128", value_name = "N")]
     connections_per_address: NonZeroUsize,
-    /// Of the connections, how many only known tokens get. Default: half with --tokens, else none.
+    /// Number of connections reserved for authenticated clients. Default: half with --tokens, otherwise none.
     #[arg(long, value_name = "N")]
     reserved_connections: Option<usize>,
-    /// Seconds after which a connection that brought no known token is closed.
+    /// Seconds after which an unauthenticated connection is closed.
     #[arg(long, default_value_t = 60.0, value_parser = positive, value_name = "SECONDS")]
     unknown_life: f64,
-    /// Seconds after which any connection is closed; what is being answered is finished.
+    /// Seconds after which any connection is closed; a request in progress is finished.
     #[arg(long, default_value_t = 600.0, value_parser = positive, value_name = "SECONDS")]
     connection_life: f64,
-    /// Seconds a query may take from its last byte to its pose, waiting included.
+    /// Timeout of a query in seconds, from its last byte to its pose, including the time in the queue.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     request_timeout: f64,
-    /// Seconds a query's body may take to arrive.
+    /// Timeout for receiving a query's body, in seconds.
     #[arg(long, default_value_t = 15.0, value_parser = positive, value_name = "SECONDS")]
     body_timeout: f64,
-    /// Seconds between the signal to stop and the end of taking connections: `/readyz` is 503, so that balancers look
-    /// elsewhere.
+    /// Seconds between the stop signal and the end of accepting connections; during this time `/readyz` returns 503, so
+    /// that load balancers remove the instance.
     #[arg(long, default_value_t = 2.0, value_parser = not_negative, value_name = "SECONDS")]
     drain_delay: f64,
-    /// Seconds that what was accepted may still take when the service is stopped.
+    /// Seconds that accepted requests may still take after the service is stopped.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     grace: f64,
-    /// Seconds between two looks whether files were replaced.
+    /// Seconds between two checks for replaced files.
     #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
     watch: f64,
-    /// Serve a page at `/` that shows what leaves a device and where it is. Default: no page.
+    /// Serve a web page at `/` that shows the device's query and its pose. Default: no page.
     #[arg(long)]
     page: bool,
-    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
+    /// Files of the web page, as built by bindings/web/build.sh. Default: the folder veiloc-page beside the program.
     #[arg(long, requires = "page", value_name = "DIR")]
     page_folder: Option<PathBuf>,
-    /// Most points of a map that the page shows to whoever may ask for the map: they tell what the place looks like.
+    /// Maximum number of map points that the page shows to clients with access to the map; the points reveal the scene.
     #[arg(long, default_value_t = 0, value_name = "N")]
     page_points: usize,
     #[command(flatten)]
     log: LogArgs,
-    /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is added): for example
+    /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is appended): for example
     /// http://127.0.0.1:4318.
     #[cfg(feature = "opentelemetry")]
     #[arg(long, value_name = "URL")]
@@ -207,10 +209,10 @@ impl FromStr for NamedMap {
     }
 }
 
-/// Serves what command line, environment and file say together.
+/// Serves with the merged settings of command line, environment and file.
 ///
 /// # Errors
-/// [`Failure`], for the caller to tell.
+/// [`Failure`], which the caller reports.
 pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("serve", first, ui, serve)
 }
@@ -229,7 +231,7 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
         for address in &listening.addresses {
             match address {
                 ListenAddress::Tcp(address) => voice.say(format!("serving {names} on {scheme}://{address}")),
-                // What is behind a proxy of this machine is the proxy's.
+                // Clients behind a proxy of this machine are under the proxy's control.
                 ListenAddress::Unix(_) => voice.say(format!("serving {names} on {address}")),
             }
         }
@@ -267,7 +269,7 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
     Ok(exit)
 }
 
-/// Adds the maps that others hold; connects to them first.
+/// Connects to the cluster and adds the maps that its workers hold.
 #[cfg(feature = "cluster")]
 async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
     let Some(servers) = &args.cluster else { return Ok(options) };
@@ -288,11 +290,11 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
     Ok(options)
 }
 
-/// Queries that a gateway has under way unless somebody says otherwise: each costs a thread that sleeps.
+/// Default number of concurrent queries of a gateway: each needs a sleeping thread.
 #[cfg(feature = "cluster")]
 const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
-/// Maps that others hold take a feature that this program lacks.
+/// Without the cargo feature, maps of workers are refused.
 #[cfg(not(feature = "cluster"))]
 #[expect(clippy::unused_async, reason = "as with it")]
 async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {

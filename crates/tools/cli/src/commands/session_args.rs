@@ -1,4 +1,4 @@
-//! Which session an image is a frame of, and how the camera was held: the same words wherever images are sealed.
+//! Session of an image and orientation of the camera, for all commands that seal images.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -9,27 +9,28 @@ use veiloc_protocol::CoarseGravity;
 
 use crate::exit::Failure;
 
-/// Several images of one place.
+/// Several images of one scene.
 #[derive(clap::Args)]
 pub(crate) struct SessionArgs {
-    /// The session that the image is a frame of: a file that is made where there is none. Lines of two images of one place cross
-    /// in what both show, but for those of one session, whose anchors stay in the world (docs/reference/privacy-rules.md, rule L10). The file
-    /// holds where keypoints were and is for this device alone; delete it to end the session.
+    /// Session file of the image; created if it does not exist. Lines of two images of one scene intersect at the
+    /// common points, unless the images belong to one session, whose anchors are fixed in the world (docs/privacy.md,
+    /// rule L10). The file contains keypoint positions and must stay on this device; delete it to end the session.
     #[arg(long, value_name = "FILE")]
     session: Option<PathBuf>,
-    /// How the camera was held: the rotation from a frame that stays in the world during the session, any one, to the camera (x
-    /// right, y down, z forward, of the image as it is stored), from a gyroscope or odometry; a quaternion, or the nine numbers of
-    /// a matrix row by row. Default: not known, and a frame is of the session only when what is seen again says that the camera
-    /// rested or turned on the spot.
+    /// Orientation of the camera, from a gyroscope or odometry: the rotation from any frame that is fixed in the world
+    /// during the session to the camera (x right, y down, z forward, of the image as it is stored); a quaternion, or
+    /// the nine elements of a matrix row by row. Default: not known; a frame then belongs to the session only if its
+    /// matches show that the camera was at rest or only rotated.
     #[arg(long, value_name = "QW,QX,QY,QZ", allow_hyphen_values = true, requires = "session")]
     orientation: Option<OrientationArg>,
-    /// What the session's anchors are tied to, when it begins: world, gravity (--gravity tells it), or image, which protects
-    /// several images of one place as little as no session does. Default: world, or as the session was begun.
+    /// Frame that the session's anchors are fixed to, chosen at its begin: world, gravity (needs --gravity), or image,
+    /// which protects several images of one scene as little as no session does. Default: world, or the existing
+    /// session's choice.
     #[arg(long, value_name = "world|gravity|image", requires = "session")]
     anchors: Option<SessionAnchors>,
 }
 
-/// A rotation as people write it.
+/// A rotation on the command line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct OrientationArg(Orientation);
 
@@ -57,26 +58,26 @@ impl FromStr for OrientationArg {
 }
 
 impl SessionArgs {
-    /// The session's file, open; `None` when there is no session.
+    /// Opens the session file; `None` if there is no session.
     pub(crate) fn open(&self) -> Result<Option<SessionFile>, Failure> {
         let Some(path) = &self.session else { return Ok(None) };
         let options = self.anchors.map(|anchors| SessionOptions::default().with_anchors(anchors));
         SessionFile::open(path, options).map(Some).map_err(|error| failure(&error))
     }
 
-    /// How the camera was held, with gravity as the device felt it.
+    /// Returns the orientation of the camera, with the measured gravity.
     pub(crate) fn held(&self, gravity: Option<CoarseGravity>) -> Orientation {
         let held = self.orientation.map_or(Orientation::unknown(), |OrientationArg(held)| held);
         gravity.and_then(|gravity| held.with_down(gravity.in_camera())).unwrap_or(held)
     }
 
-    /// Whether an orientation is told, which is of one image.
+    /// Returns whether an orientation is given, which is valid for one image only.
     pub(crate) const fn tells_orientation(&self) -> bool {
         self.orientation.is_some()
     }
 }
 
-/// What is wrong with a session's file, with a remedy.
+/// Adds a remedy to an error of the session file.
 pub(crate) fn failure(error: &ClientError) -> Failure {
     let help = match error {
         ClientError::SessionBusy { .. } => "wait until the other program has ended",

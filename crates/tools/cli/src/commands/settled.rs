@@ -1,4 +1,4 @@
-//! A command whose options may also stand in a file and in the environment.
+//! Runs a command whose options may also come from a file and from the environment.
 
 use crate::args::settings::Settings;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
@@ -6,13 +6,13 @@ use clap::{ArgMatches, Args, Command, FromArgMatches};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// The command with all that must be given, and what excludes what: for all layers together.
+/// Returns the command with all its required arguments and conflicts, which apply to all layers together.
 pub(crate) fn complete<A: Args>(name: &'static str) -> Command {
     A::augment_args(Command::new(name).bin_name(format!("veiloc {name}")))
 }
 
-/// Runs a command with what command line (`first`, as the layered command read it), environment and file say together; with
-/// `--print-config` says what that is.
+/// Runs a command with the merged settings of command line (`first`, as parsed by the layered command), environment and
+/// file; `--print-config` prints them instead.
 pub(crate) fn settled<A: Args + FromArgMatches>(
     name: &'static str,
     first: &ArgMatches,
@@ -25,7 +25,7 @@ pub(crate) fn settled<A: Args + FromArgMatches>(
     let args = match command.try_get_matches_from(line).and_then(|all| A::from_arg_matches(&all)) {
         Ok(args) => args,
         Err(error) => {
-            // As if all had been said on the command line. Nothing can be told of a stderr that is gone.
+            // The same message as for an error of the command line. If stderr is closed, it is lost.
             let _ = error.print();
             return Ok(Exit::Usage);
         }

@@ -1,4 +1,4 @@
-//! `veiloc token`: the file of tokens by which a service knows who may ask.
+//! `veiloc token`: the token file, with which a service authenticates clients.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -13,41 +13,41 @@ use veiloc_service::auth::{Entry, Moment, Secret, TokenFile, TokenList, added, r
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// Make, list and revoke tokens of a service.
+/// Create, list and revoke tokens of a service.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Make a token, and print it: this once, as the file keeps its hash alone.
+    /// Create a token and print it; it cannot be shown again, because the file contains only its hash.
     New(NewArgs),
-    /// List the tokens of a file: names, maps and ends.
+    /// List the tokens of a file: names, maps and expiry.
     List(ListArgs),
-    /// Take a token out of a file. A running service refuses it as soon as it looks again (`serve --watch`).
+    /// Remove a token from a file. A running service refuses it from its next check of the file (`serve --watch`).
     Revoke(RevokeArgs),
 }
 
 #[derive(clap::Args)]
 pub(crate) struct NewArgs {
-    /// Whose it is: letters, digits, `-`, `_`, `.`, `@`, `+`.
+    /// Name of the token: letters, digits, `-`, `_`, `.`, `@`, `+`.
     name: String,
-    /// The file of tokens (`serve --tokens`); a new one can be read by its owner alone.
+    /// Token file (`serve --tokens`); a new one is readable by its owner only.
     #[arg(long, value_name = "FILE")]
     tokens: PathBuf,
-    /// The maps that it may ask for, with commas. Default: all.
+    /// Maps that the token gives access to, separated by commas. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = map_name, conflicts_with = "operator")]
     maps: Vec<String>,
-    /// From when on it is worth nothing: a day, which begins in UTC, or a second. Default: never.
+    /// Expiry: a day, which begins in UTC, or a second. Default: never.
     #[arg(long, value_name = "DATE", conflicts_with = "days")]
     expires: Option<Moment>,
-    /// So many days from now on it is worth nothing. Default: never.
+    /// Days until expiry. Default: never.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     days: Option<u32>,
-    /// It may also read the metrics, which tell of every map.
+    /// The token may also read the metrics, which cover every map.
     #[arg(long)]
     operator: bool,
 }
 
 #[derive(clap::Args)]
 pub(crate) struct ListArgs {
-    /// The file of tokens.
+    /// Token file.
     #[arg(long, value_name = "FILE")]
     tokens: PathBuf,
     /// Print one JSON document.
@@ -59,7 +59,7 @@ pub(crate) struct ListArgs {
 pub(crate) struct RevokeArgs {
     /// The token's name.
     name: String,
-    /// The file of tokens.
+    /// Token file.
     #[arg(long, value_name = "FILE")]
     tokens: PathBuf,
 }
@@ -135,7 +135,7 @@ fn unwritten(error: ServerError) -> Failure {
     }
 }
 
-/// What a token is worth, in words.
+/// Describes the permissions of a token in words.
 fn worth(entry: &Entry) -> String {
     let mut text = String::new();
     if let Some(maps) = entry.maps() {
@@ -150,7 +150,7 @@ fn worth(entry: &Entry) -> String {
     text
 }
 
-/// A token as it is listed.
+/// A listed token.
 #[derive(Serialize)]
 struct Listed {
     name: String,
@@ -210,7 +210,7 @@ fn read(path: &Path) -> Result<TokenList, Failure> {
 }
 
 fn revoke(args: &RevokeArgs, ui: &Ui) -> Outcome {
-    // Not made by looking for it.
+    // Listing tokens must not create the file.
     read(&args.tokens)?;
     let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
     let done = revoked(file.text(), &args.name)

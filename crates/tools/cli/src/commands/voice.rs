@@ -1,26 +1,26 @@
-//! The log of a command that runs for long, and what it says to people, on one road.
+//! Log and messages of a long-running command, through one queue.
 
 use std::time::Duration;
 
 use tracing_subscriber::filter::LevelFilter;
 use veiloc_service::LogQueue;
 
-/// How long the last lines of the log may take.
+/// Maximum time for writing the last lines of the log.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// What is logged, and how.
+/// Level and format of the log.
 #[derive(clap::Args)]
 pub(crate) struct LogArgs {
-    /// How much to log: off, error, warn, info, debug or trace.
+    /// Log level: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info", value_name = "LEVEL")]
     pub(crate) log: LevelFilter,
-    /// Log one JSON object a line.
+    /// Log one JSON object per line.
     #[arg(long)]
     pub(crate) log_json: bool,
 }
 
-/// Talk for people, on the road of the log, so that a reader who is slow or gone holds nothing up. In a log of JSON it
-/// is JSON too.
+/// Messages for people, written through the queue of the log, so that a slow or closed stderr does not block the
+/// command. With a JSON log the messages are JSON too.
 pub(crate) struct Voice {
     pub(crate) log: LogQueue,
     json: bool,
@@ -28,7 +28,8 @@ pub(crate) struct Voice {
 }
 
 impl Voice {
-    /// Starts the log, to stderr by way of a queue, without colour: logs are read by programs more often than by people.
+    /// Starts the log on stderr, through a queue and without colour: logs are read by programs more often than by
+    /// people.
     pub(crate) fn start(args: &LogArgs, quiet: bool) -> std::io::Result<Self> {
         let queue = LogQueue::start(std::io::stderr())?;
         let writer = queue.clone();
@@ -37,9 +38,9 @@ impl Voice {
             .with_writer(move || writer.line())
             .with_ansi(false)
             .with_target(false)
-            // Else it would tell of its own errors on stderr, and panic when that is gone.
+            // Otherwise it would report its own errors on stderr, and panic if stderr is closed.
             .log_internal_errors(false);
-        // Fails only when something logs already, which then is what was meant.
+        // Fails only if another subscriber exists already, which then takes precedence.
         let _ = if args.log_json { log.json().try_init() } else { log.try_init() };
         Ok(Self { log: queue, json: args.log_json, quiet })
     }
@@ -60,12 +61,12 @@ impl Voice {
         }
     }
 
-    /// Whether errors are told as JSON.
+    /// Returns whether errors are reported as JSON.
     pub(crate) const fn is_json(&self) -> bool {
         self.json
     }
 
-    /// Where nobody reads the log the end must not wait for it.
+    /// Flushes the log, with a time limit: a closed stderr must not delay the exit.
     pub(crate) fn end(&self) {
         self.log.flush(LAST_LINES);
     }

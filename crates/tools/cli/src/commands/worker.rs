@@ -1,4 +1,4 @@
-//! `veiloc worker`: regions of a map, for a gateway to ask.
+//! `veiloc worker`: localizes in regions of a map for a gateway.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::NonZeroUsize;
@@ -22,55 +22,56 @@ use crate::ui::Ui;
 
 /// Hold regions of a published map and localize in them for `veiloc serve --cluster`.
 ///
-/// Fetches its regions, verifies and opens them, and joins the group of each on the bus; follows what is published from then
-/// on. Stops on SIGINT or SIGTERM: leaves its groups and finishes what it was asked; a second signal ends it at once. The log
-/// goes to stderr and never holds anything of a query. docs/guide/cluster.md describes a cluster.
+/// Fetches its regions, verifies and opens them, and joins the group of each region on the bus; then follows newly
+/// published versions. Stops on SIGINT or SIGTERM: leaves its groups and finishes the accepted queries; a second signal
+/// stops it at once. The log goes to stderr and never contains data of a query. docs/cluster.md describes a cluster.
 ///
-/// Every option may also stand in a file (--config) or in the environment, as for `veiloc serve`.
+/// Every option may also be set in a file (--config) or in the environment, as for `veiloc serve`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
+    /// Settings file (TOML) whose keys are these options; relative paths in it are relative to its folder.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Print what holds, and where each value comes from, as such a file; do nothing else.
+    /// Print the settings and the origin of each value as such a file, and exit.
     #[arg(long)]
     print_config: bool,
-    /// The NATS servers that lead to the gateways, with commas between them; a user and a password may stand before an `@`.
+    /// NATS servers of the cluster, separated by commas; user and password may precede an `@`.
     #[arg(long, required = true, value_name = "URL[,URL]")]
-    // Always there, and no `String` all the same: a file may give it, and the command line alone is looked at first.
+    // An `Option` although it is required: a file may provide it, and the command line is parsed before the file.
     nats: Option<String>,
-    /// The published map whose regions it takes.
+    /// Name of the published map.
     #[arg(long, required = true, value_parser = map_name, value_name = "NAME")]
     map: Option<String>,
     #[command(flatten)]
     cluster: ClusterArgs,
-    /// Which regions: all, 1/3 for the first of three shares, or numbers with commas between. Every region needs a worker;
-    /// several workers may take the same.
+    /// Regions to hold: all, 1/3 for the first of three shares, or numbers separated by commas. Every region needs a
+    /// worker; several workers may hold the same region.
     #[arg(long, default_value = "all", value_name = "SHARE")]
     regions: Share,
-    /// Do not take the index, by which regions are chosen; one worker at least must.
+    /// Do not hold the index that selects regions; at least one worker must hold it.
     #[arg(long)]
     no_index: bool,
-    /// Where the bytes of regions are: copied into memory, or mapped, by which you promise that nobody but this program
-    /// writes into the cache.
+    /// Storage of the region bytes: copied into memory, or memory-mapped; no other program may then write into the
+    /// cache.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
     map_memory: Memory,
-    /// Threads that localize. Default: one a core.
+    /// Threads for localization. Default: one per core.
     #[arg(long, value_name = "N")]
     workers: Option<NonZeroUsize>,
-    /// Queries that may wait for a thread; one more is told to go elsewhere.
+    /// Maximum number of queries that wait for a thread; further queries are refused, and the gateway tries another
+    /// worker.
     #[arg(long, default_value = "32", value_name = "N")]
     queue: NonZeroUsize,
-    /// Where to answer probes and metrics, in plain HTTP: an address that only you reach.
+    /// Address for probes and metrics, in plain HTTP; only the operator should reach it.
     #[arg(long, default_value_t = SocketAddr::new(Ipv4Addr::LOCALHOST.into(), 8082), value_name = "ADDR:PORT")]
     admin_listen: SocketAddr,
-    /// Seconds between two looks what is published.
+    /// Seconds between two checks for a new manifest.
     #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
     watch: f64,
-    /// Seconds that regions of an older manifest are held once all of the new one can be reached.
+    /// Seconds for which regions of an older manifest stay loaded after all regions of the new one are reachable.
     #[arg(long, default_value_t = 10.0, value_parser = not_negative, value_name = "SECONDS")]
     old_life: f64,
-    /// Seconds that what was accepted may still take when the worker is stopped.
+    /// Seconds that accepted queries may still take after the worker is stopped.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     grace: f64,
     #[command(flatten)]
@@ -81,10 +82,10 @@ pub(crate) struct Args {
     matching: MatchArgs,
 }
 
-/// Works as command line, environment and file say together.
+/// Runs the worker with the merged settings of command line, environment and file.
 ///
 /// # Errors
-/// [`Failure`], for the caller to tell.
+/// [`Failure`], which the caller reports.
 pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("worker", first, ui, |args: &Args, ui| {
         let voice = Voice::start(&args.log, ui.is_quiet())?;
@@ -129,11 +130,11 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
         let finished = worker.run().await;
         listening.abort();
         end.send_replace(true);
-        // It listens to nothing but the word just sent.
+        // The task only waits for the message that was just sent.
         let _ = answering.await;
         Ok::<bool, ClusterError>(finished)
     })?;
-    // A job that does not end is not waited for.
+    // Jobs that do not end are abandoned.
     runtime.shutdown_background();
     if finished {
         voice.say("stopped; all that was accepted was answered");
@@ -146,7 +147,7 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     Ok(Exit::Refused)
 }
 
-/// What is required somewhere: settings without it were refused.
+/// Returns a required value; settings without it were refused.
 fn given(required: Option<&String>) -> &str {
     required.map(String::as_str).unwrap_or_default()
 }

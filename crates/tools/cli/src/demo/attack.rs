@@ -1,5 +1,6 @@
-//! The demo's attacks, beside the prior-only baseline: those that need the map's images or several seals of a view, and, given the
-//! true neighbours by an oracle, the paper's and the layout of the whole graph. Run as `veiloc attack` runs them.
+//! The demo's attacks, beside the prior-only baseline: those that need the map's images or several sealed queries of a
+//! view, and, with the true neighbours from an oracle, the paper's attack and the layout of the whole graph. They run
+//! as in `veiloc attack`.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -18,15 +19,16 @@ use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
 use crate::demo::place::RenderedPlace;
 
-/// Queries that the graph attack and several seals work on: they take seconds an image. The first of them is drawn.
+/// Number of queries for the graph attack and for several sealed queries, which take seconds per image. The first of
+/// them is drawn.
 const SHOWN: usize = 2;
-/// Seals of one image.
+/// Sealed queries per image.
 const SEALS: usize = 8;
 
 /// The figures, and the drawings for the report.
 pub(crate) struct Attacked {
     pub(crate) document: AttackDocument,
-    /// What attacks recovered of the first query.
+    /// Positions that attacks recovered from the first query.
     pub(crate) shown: Option<ShownImage>,
 }
 
@@ -53,7 +55,7 @@ pub(crate) fn attack_all(
         |images: &[KeypointImage]| ImageGroup { name: "hidden views".to_owned(), images: images.to_vec() };
     let mut watched = Watched::new(progress, "Attacking queries");
     let mut document = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
-    // Whoever runs the map has its images.
+    // An operator of the map has its images.
     images.truncate(SHOWN);
     progress.start("Extracting what the map shows", place.map_list.len());
     for name in &place.map_list {
@@ -78,9 +80,9 @@ pub(crate) fn attack_all(
     Ok(Attacked { document, shown })
 }
 
-/// The keypoints that one view sends, in the camera it sends them in.
+/// Returns the keypoints of one query, in the camera of the query.
 ///
-/// Decoys hide nothing, so they are left out: to recover one is no success.
+/// Decoys are left out: they hide nothing, so recovering one is no success.
 fn sent_of(place: &RenderedPlace, map: &MapFile, name: &str, seed: u64) -> Result<KeypointImage, DemoError> {
     let path = place.images.join(name);
     let (profile, options) = (map.profile(), options_for(Scheme::default()));
@@ -99,7 +101,7 @@ fn sent_of(place: &RenderedPlace, map: &MapFile, name: &str, seed: u64) -> Resul
     })
 }
 
-/// Keeps the positions of the first image, and reports progress.
+/// Stores the positions of the first image, and reports progress.
 struct Watched<'a> {
     gallery: Gallery,
     stage: Stage<'a>,

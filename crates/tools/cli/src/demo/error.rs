@@ -1,4 +1,4 @@
-//! Why the demo could not run.
+//! Errors of the demo.
 
 use std::path::PathBuf;
 
@@ -8,12 +8,12 @@ pub(crate) enum DemoError {
     /// A file could not be written or read.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The place could not be rendered or written.
+    /// The scene could not be rendered or written.
     #[error("{0}")]
     Place(String),
     /// Features of a view could not be extracted.
@@ -24,13 +24,13 @@ pub(crate) enum DemoError {
     Seal {
         /// The view.
         name: String,
-        /// Why.
+        /// The cause.
         source: veiloc_obfuscation::SealError,
     },
-    /// The hidden views could not be localized, or the attacks not run.
+    /// The hidden views could not be localized, or the attacks failed.
     #[error(transparent)]
     Eval(#[from] veiloc_evaluation::EvalError),
-    /// The place could not be mapped.
+    /// The scene could not be mapped.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),
     /// The map could not be opened.

@@ -1,8 +1,8 @@
-//! `veiloc demo`: a place that renders itself, and everything that is done with a real one.
+//! `veiloc demo`: the whole pipeline on a rendered scene.
 //!
-//! The renderer writes images and a posed COLMAP model to a folder. From there on nothing knows that the place
-//! is not real: the map is built from the files, queries are sealed, sent as bytes and localized by the code that
-//! `veiloc eval scene` runs, and the attack works on what was sent.
+//! The renderer writes images and a posed COLMAP model to a folder. Everything after it is the pipeline of a real
+//! scene: the map is built from the files, queries are sealed, sent as bytes and localized by the code of `veiloc eval
+//! scene`, and the attacks use the sent queries.
 
 mod attack;
 mod error;
@@ -32,12 +32,12 @@ pub(crate) use views::{HiddenViews, map_place};
 pub(crate) struct DemoDocument {
     /// Localization of the hidden views.
     pub evaluation: Evaluation,
-    /// What attacks recovered: the graph attack and several seals on the views that the report draws, others on all hidden
-    /// views.
+    /// Results of the attacks: graph attack and several sealed queries on the views that the report draws, other
+    /// attacks on all hidden views.
     pub attacks: AttackDocument,
 }
 
-/// What the demo found, and where its report is.
+/// Results of the demo, and the path of its report.
 #[derive(Debug)]
 pub(crate) struct Demo {
     /// All figures.
@@ -49,7 +49,7 @@ pub(crate) struct Demo {
 /// Runs the demo.
 ///
 /// # Errors
-/// [`DemoError`] when a file cannot be written, or the place could not be mapped.
+/// [`DemoError`] if a file cannot be written, or the scene could not be mapped.
 pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, DemoError> {
     let place = place::render(options, progress)?;
     let evaluation = SceneEvaluation {

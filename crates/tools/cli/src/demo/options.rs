@@ -1,17 +1,17 @@
-//! What the demo does.
+//! Options of the demo.
 
 use std::path::PathBuf;
 
 use veiloc_protocol::Scheme;
 
-/// What the demo does.
+/// Options of the demo.
 #[derive(Debug, Clone)]
 pub(crate) struct DemoOptions {
-    /// Folder for everything that is written.
+    /// Output folder.
     pub out: PathBuf,
-    /// Seed of the place and of every random choice.
+    /// Seed of the scene and of every random choice.
     pub seed: u64,
-    /// Views the map is built from. 40 look into every corner of the room from several sides.
+    /// Number of views that the map is built from. 40 views cover every corner of the room from several sides.
     pub map_views: usize,
     /// Hidden views that are localized.
     pub query_views: usize,
@@ -20,7 +20,7 @@ pub(crate) struct DemoOptions {
 }
 
 impl DemoOptions {
-    /// The demo's own size: 40 views for the map, 12 hidden ones, all four schemes.
+    /// Default size: 40 map views, 12 hidden ones, all four schemes.
     pub(crate) fn new(out: PathBuf, seed: u64) -> Self {
         let schemes =
             vec![Scheme::Points, Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()];

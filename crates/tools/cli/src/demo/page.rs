@@ -1,4 +1,4 @@
-//! Fills the demo's report with what was measured.
+//! Fills the demo's report with the results.
 
 use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_features::Progress;
@@ -16,10 +16,10 @@ use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
 use crate::demo::place::{RenderedPlace, image};
 
-/// Queries drawn, worst first, beside the one that stages show.
+/// Number of drawn queries, worst first, beside the one that shows the stages.
 const DRAWN: usize = 5;
 
-/// What the page is about.
+/// Content of the report.
 pub(crate) struct Found<'a> {
     pub(crate) place: &'a RenderedPlace,
     pub(crate) map: &'a MapFile,

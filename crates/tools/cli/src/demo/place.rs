@@ -1,4 +1,4 @@
-//! Renders the demo's place to files: images and a posed COLMAP model, as an operator would have them.
+//! Renders the demo's scene to files: images and a posed COLMAP model, the input of a map build.
 
 use std::path::{Path, PathBuf};
 
@@ -11,10 +11,10 @@ use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
 
-/// The camera of the demo: an ordinary phone lens with some distortion, so that undistortion is part of the road.
+/// Camera of the demo: a typical phone lens with some distortion, so that the pipeline includes undistortion.
 const CAMERA: &str = "OPENCV,640,480,525,524,322,237,-0.06,0.02,0.0004,-0.0003";
 
-/// A place on disk, with its truth.
+/// A scene on disk, with its true poses.
 pub(crate) struct RenderedPlace {
     pub(crate) posed: PathBuf,
     pub(crate) images: PathBuf,
@@ -25,7 +25,7 @@ pub(crate) struct RenderedPlace {
 }
 
 impl RenderedPlace {
-    /// The true pose of an image.
+    /// Returns the true pose of an image.
     pub(crate) fn pose_of(&self, name: &str) -> Option<CameraFromWorld> {
         self.poses.iter().find(|(n, _)| n == name).map(|(_, pose)| *pose)
     }
@@ -76,7 +76,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
     Ok(RenderedPlace { posed, images, camera, map_list, query_list, poses })
 }
 
-/// A rendered image in colour, for the report.
+/// Reads a rendered image in colour, for the report.
 pub(crate) fn image(path: &Path) -> Result<RgbImage, DemoError> {
     let image = image::open(path)
         .map_err(|e| DemoError::Io { path: path.to_owned(), source: std::io::Error::other(e) })?;

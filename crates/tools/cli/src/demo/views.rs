@@ -1,4 +1,4 @@
-//! The place mapped and no more: for whoever localizes its hidden views in a way of their own.
+//! Renders and maps a scene without localizing its hidden views; the web page localizes them.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
 use crate::demo::place;
 
-/// A rendered place with its map, and views that the map has not seen.
+/// A rendered scene with its map, and views that are not in the map.
 #[derive(Debug)]
 pub(crate) struct HiddenViews {
     /// The map.
@@ -22,10 +22,10 @@ pub(crate) struct HiddenViews {
     pub camera: Intrinsics,
 }
 
-/// Renders the place and maps it, as [`crate::demo::run_demo`] does; localizes and attacks nothing.
+/// Renders and maps the scene as [`crate::demo::run_demo`] does, without localization and attacks.
 ///
 /// # Errors
-/// [`DemoError`] when a file cannot be written, or the place could not be mapped.
+/// [`DemoError`] if a file cannot be written, or the scene could not be mapped.
 pub(crate) fn map_place(options: &DemoOptions, progress: &dyn Progress) -> Result<HiddenViews, DemoError> {
     let place = place::render(options, progress)?;
     let posed = read_posed(&place.posed)?;

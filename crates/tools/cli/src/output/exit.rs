@@ -1,4 +1,4 @@
-//! Exit codes, and whose fault a failure is.
+//! Exit codes, and the classification of failures.
 
 use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
@@ -8,17 +8,17 @@ use std::thread::{self, ThreadId};
 /// How the program ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Exit {
-    /// All went well.
+    /// Success.
     Success,
     /// The input was refused, or nothing was localized.
     Refused,
-    /// The command line, or what stands for it, was used wrongly.
+    /// Wrong usage of the command line or of a settings layer.
     Usage,
-    /// There is a pose, and something speaks against it.
+    /// The pose is doubtful.
     Doubtful,
     /// Results could not be written.
     Unwritten,
-    /// Our own error.
+    /// Internal error.
     Bug,
 }
 
@@ -34,12 +34,12 @@ Exit codes:
 A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
 
 impl Exit {
-    /// The number that the process ends with.
+    /// Returns the exit code of the process.
     pub(crate) const fn code(self) -> u8 {
         match self {
             Self::Success => 0,
             Self::Refused => 1,
-            // As clap's own.
+            // The same as clap's.
             Self::Usage => 2,
             Self::Unwritten | Self::Bug => 3,
             Self::Doubtful => 4,
@@ -47,28 +47,28 @@ impl Exit {
     }
 }
 
-/// Why a command could not do its work.
+/// Why a command failed.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// Something that was given cannot be used; the message names it, the help says what to do.
+    /// An input cannot be used; the message names it, and the help gives the remedy.
     Refused {
-        /// What is wrong, with the causes below it.
+        /// The error with its causes.
         report: miette::Report,
     },
-    /// Results could not be written, though nothing was wrong with what was asked.
+    /// Results could not be written, although the request was valid.
     Output {
-        /// Where they should have gone, and what the system said.
+        /// The destination, and the error of the operating system.
         report: miette::Report,
     },
-    /// Our own error.
+    /// Internal error.
     Bug {
-        /// Where the program broke: file and line. What it said as it broke may hold something of an image or a query.
+        /// File and line of the panic. The panic message is dropped: it may contain data of an image or a query.
         place: String,
     },
 }
 
 impl Failure {
-    /// A refusal whose message tells the remedy itself.
+    /// A refusal whose message contains the remedy.
     pub(crate) fn refused(message: impl std::fmt::Display) -> Self {
         Self::Refused { report: miette::miette!("{message}") }
     }
@@ -79,10 +79,9 @@ impl Failure {
         Self::Refused { report }
     }
 
-    /// Results for `target` that could not be written.
+    /// Returns the error for results that could not be written to `target`.
     ///
-    /// A path that cannot be a file of ours is refused, as other input is; a disk or device that fails is not the
-    /// caller's fault.
+    /// A path that cannot be an output file is a refused input; a failing disk or device is not.
     pub(crate) fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
         if is_about_the_path(error.kind()) {
             let help = "check that the folder exists, may be written, and has room";
@@ -92,7 +91,7 @@ impl Failure {
         Self::Output { report: miette::miette!(help = help, "{target}: cannot be written: {error}") }
     }
 
-    /// The exit code it ends with.
+    /// Returns the exit code.
     pub(crate) const fn exit(&self) -> Exit {
         match self {
             Self::Refused { .. } => Exit::Refused,
@@ -102,7 +101,7 @@ impl Failure {
     }
 }
 
-/// Whether what the system said is about the path that was given, not about the disk behind it.
+/// Returns whether the error of the operating system is about the given path rather than the disk.
 const fn is_about_the_path(kind: ErrorKind) -> bool {
     matches!(
         kind,
@@ -117,7 +116,7 @@ const fn is_about_the_path(kind: ErrorKind) -> bool {
     )
 }
 
-/// Every error of the libraries is about what was given to them, hence a refusal, but for a disk that is full.
+/// Every library error is a refused input, except a full disk.
 impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
         let Some(kind) = io_kind(&error) else {
@@ -131,13 +130,13 @@ impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
     }
 }
 
-/// What the system said, where an error comes from it.
+/// Returns the kind of the underlying I/O error, if there is one.
 fn io_kind(error: &(dyn std::error::Error + 'static)) -> Option<ErrorKind> {
     let mut causes = std::iter::successors(Some(error), |e| e.source());
     causes.find_map(|e| e.downcast_ref::<std::io::Error>()).map(std::io::Error::kind)
 }
 
-/// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
+/// Returns the remedy for an I/O error: the libraries name the file and the error, but no remedy.
 pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
     match kind {
         ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
@@ -155,13 +154,13 @@ pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
     }
 }
 
-/// What a command returns.
+/// Result of a command.
 pub(crate) type Outcome = Result<Exit, Failure>;
 
-/// Runs a command; a panic, which is a bug of ours, becomes a failure that tells where it happened, never what it said.
+/// Runs a command; converts a panic, which is always a bug, to a failure that has its location but not its message.
 ///
 /// # Errors
-/// Those of the command, and [`Failure::Bug`] for a panic.
+/// The command's own errors, and [`Failure::Bug`] for a panic.
 pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     let previous = std::panic::take_hook();
     let places = Arc::new(Places::default());
@@ -172,7 +171,7 @@ pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     result.unwrap_or_else(|_| Err(Failure::Bug { place: places.last() }))
 }
 
-/// Where threads panicked, in order.
+/// Locations of panics, per thread, in order.
 #[derive(Default)]
 struct Places(Mutex<Vec<(ThreadId, String)>>);
 
@@ -182,8 +181,8 @@ impl Places {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
     }
 
-    /// The last place of this thread. A panic of a thread that worked for this one is handed on without passing the
-    /// hook again: then the last place of any.
+    /// Returns the last location of this thread. The panic of a helper thread is resumed without the hook: then the
+    /// last location of any thread.
     fn last(&self) -> String {
         let places = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let own = places.iter().rev().find(|(id, _)| *id == thread::current().id());

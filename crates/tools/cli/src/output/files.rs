@@ -1,4 +1,4 @@
-//! Reads and writes whole files, with errors that name the file and the remedy; nothing is ever half-written.
+//! Reads and writes whole files, with errors that name the file and the remedy; a file is never half-written.
 
 use std::fs;
 use std::io::Write as _;
@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use crate::output::exit::Failure;
 use crate::output::ui::Ui;
 
-/// What stands for stdin and stdout where a file is expected.
+/// Path that means stdin or stdout.
 const STANDARD: &str = "-";
 
-/// Whether a path stands for stdin or stdout.
+/// Returns whether a path means stdin or stdout.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == STANDARD
 }
@@ -18,7 +18,7 @@ pub(crate) fn is_standard(path: &Path) -> bool {
 /// Reads a whole file.
 ///
 /// # Errors
-/// When it cannot be read; names it.
+/// The file cannot be read; the error names it.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     fs::read(path).map_err(|e| {
         Failure::with_help(
@@ -28,17 +28,17 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     })
 }
 
-/// All of stdin.
+/// Reads all of stdin.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the operating system.
 pub(crate) fn stdin() -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     std::io::Read::read_to_end(&mut std::io::stdin().lock(), &mut bytes)?;
     Ok(bytes)
 }
 
-/// [`write()`], or stdout when the path is `-`.
+/// Like [`write()`], but to stdout if the path is `-`.
 ///
 /// # Errors
 /// As [`write()`].
@@ -50,12 +50,12 @@ pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), F
     write(path, bytes)
 }
 
-/// Writes a file beside the old one, then takes its place; an interruption leaves the old one as it was.
+/// Writes a temporary file and renames it over the old one; an interruption leaves the old file unchanged.
 ///
-/// What exists and is no file of its own (a device, a pipe) is written to as it is.
+/// A device or pipe is written directly.
 ///
 /// # Errors
-/// When it cannot be written; names it.
+/// The file cannot be written; the error names it.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let fault = |e: std::io::Error| Failure::output(path.display(), &e);
     if is_standard(path) {
@@ -66,7 +66,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     }
     if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
         return match fs::OpenOptions::new().write(true).open(path).and_then(|mut f| f.write_all(bytes)) {
-            // A reader that closed the pipe has read enough.
+            // The reader closed the pipe: it needs no more.
             Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(fault(e)),
             _ => Ok(()),
         };
@@ -82,7 +82,8 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A profile or report is for others too: the usual permissions, less the umask, instead of a temporary file's.
+/// Profiles and reports are meant to be shared: they get the usual permissions, less the umask, instead of a temporary
+/// file's.
 #[cfg(unix)]
 fn as_others_read<'a, 'b, 'c>(
     builder: &'a mut tempfile::Builder<'b, 'c>,
@@ -98,10 +99,10 @@ fn as_others_read<'a, 'b, 'c>(
     builder
 }
 
-/// Makes a folder with all above it.
+/// Creates a folder with its parents.
 ///
 /// # Errors
-/// When it cannot be made; names it.
+/// The folder cannot be created; the error names it.
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     fs::create_dir_all(path).map_err(|e| {
         Failure::with_help(format!("{}: {e}", path.display()), "choose a folder that may be written")

@@ -1,7 +1,7 @@
-//! Files and folders given on the command line: what is in them, what is wrong with single ones, and how it ends.
+//! Files and folders on the command line: their content, errors of single files, and the summary.
 //!
-//! Commands that take several files answer each for itself: what is missing by name is told before work begins, a bad
-//! file does not stop the others, and one summary at the end says what became of all.
+//! Commands with several inputs treat each on its own: missing files are reported before the work begins, a bad file
+//! does not stop the others, and a summary at the end counts the results.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -14,70 +14,71 @@ use crate::output::exit::{Exit, Failure, Outcome, remedy_of_io};
 use crate::output::files;
 use crate::output::ui::Ui;
 
-/// What a command looks for in a folder.
+/// The kind of file that a command looks for in a folder.
 pub(crate) struct Wanted {
-    /// What it is called, for one.
+    /// Its name, in the singular.
     pub what: &'static str,
-    /// Endings of its files, lower case.
+    /// Its file extensions, lower case.
     pub endings: &'static [&'static str],
 }
 
-/// Images of the formats that are read.
+/// Images in the supported formats.
 pub(crate) const IMAGES: Wanted = Wanted { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
-/// What `veiloc seal` writes.
+/// The output of `veiloc seal`.
 pub(crate) const SEALED: Wanted = Wanted { what: "sealed query (.vquery)", endings: &["vquery"] };
 
-/// A file to work on.
+/// An input file.
 #[derive(Debug, Clone)]
 pub(crate) struct Item {
-    /// Where it is; `-` for stdin.
+    /// Its path; `-` for stdin.
     pub path: PathBuf,
-    /// Its path below the folder that was given, or its file name when it was given itself. Where several things are
-    /// given, the folder's own name comes first, so that files of two folders do not clash.
+    /// Its path relative to the given folder, or its file name if the file itself was given. With several inputs the
+    /// name of the folder comes first, so that files of two folders do not collide.
     pub below: PathBuf,
-    /// The same without the folder's own name: what data sets call it.
+    /// The same without the folder's own name: the name in data sets.
     name: String,
-    /// What is wrong with it, as far as can be told without reading it.
+    /// Its error, as far as it is known without reading the file.
     pub fault: Option<Fault>,
 }
 
 impl Item {
-    /// Its path below the folder it was found in, without the folder's own name: what data sets and masks go by.
+    /// Returns its path relative to the folder in which it was found, without the folder's own name: the name in data
+    /// sets and masks.
     pub(crate) fn name(&self) -> &str {
         &self.name
     }
 }
 
-/// Why an item has no result.
+/// Why an input has no result.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Fault {
-    /// What kind of fault.
+    /// Kind of the error.
     pub kind: FaultKind,
-    /// What is wrong, and the remedy.
+    /// The problem and the remedy.
     pub message: String,
 }
 
-/// Kinds of fault, for programs.
+/// Kinds of errors, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FaultKind {
-    /// There is no file of this name.
+    /// The file does not exist.
     Missing,
-    /// The system refuses to read it, or a folder holds nothing of use.
+    /// The file cannot be read, or a folder contains nothing of use.
     Unreadable,
-    /// It is not what it should be: another format, cut short.
+    /// The file has another format or is truncated.
     Damaged,
-    /// It is whole, but cannot be used here.
+    /// The file is intact, but cannot be used here.
     Unfit,
 }
 
 impl Fault {
-    /// A fault of this kind, with a message that says what is wrong and the remedy.
+    /// Returns an error of this kind; the message states the problem and the remedy.
     pub(crate) fn new(kind: FaultKind, message: impl std::fmt::Display) -> Self {
         Self { kind, message: message.to_string() }
     }
 
-    /// What the system said of a file.
+    /// Converts an I/O error of a file.
     pub(crate) fn of_io(error: &io::Error) -> Self {
         let kind = match error.kind() {
             io::ErrorKind::NotFound => FaultKind::Missing,
@@ -86,7 +87,7 @@ impl Fault {
         Self::new(kind, format_args!("{error}; {}", remedy_of_io(error.kind())))
     }
 
-    /// The message, with the name of the file in it once.
+    /// Returns the message, with the name of the file in it exactly once.
     pub(crate) fn of(&self, name: &str) -> String {
         if names_file(&self.message, name) {
             self.message.clone()
@@ -96,7 +97,7 @@ impl Fault {
     }
 }
 
-/// Whether a message names a file: the name stands in it by itself or as the end of a path, not within another name.
+/// Returns whether a message names a file: the name must occur alone or at the end of a path, not within another name.
 fn names_file(message: &str, name: &str) -> bool {
     let goes_on = |c: char| c.is_alphanumeric() || "-_".contains(c);
     !name.is_empty()
@@ -104,7 +105,7 @@ fn names_file(message: &str, name: &str) -> bool {
             let before = message[..at].chars().next_back();
             let mut behind = message[at + name.len()..].chars();
             let ends = match behind.next() {
-                // The end of a sentence, or of another ending of the name.
+                // The end of a sentence, or another extension of the name.
                 Some('.') => !behind.next().is_some_and(goes_on),
                 Some(next) => !goes_on(next) && next != '/',
                 None => true,
@@ -113,8 +114,8 @@ fn names_file(message: &str, name: &str) -> bool {
         })
 }
 
-/// The files that are given, in their order: a file as it is, a folder as what is wanted in it and in its sub-folders,
-/// sorted by path. Hidden files and folders inside are left out.
+/// Expands the inputs in their order: a file as it is, a folder to the wanted files in it and its sub-folders, sorted
+/// by path. Hidden files and folders are left out.
 pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
     let mut items = Vec::new();
     for path in given {
@@ -153,18 +154,19 @@ pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
     items
 }
 
-/// The files of a list: its names in a folder.
+/// Returns the files of a list: its names in a folder.
 pub(crate) fn listed<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
     names.into_iter().map(|name| checked(folder.join(name), Path::new(name), Path::new(""))).collect()
 }
 
-/// A file, and whether it can be opened.
+/// Returns a file with its error if it cannot be opened.
 fn checked(path: PathBuf, below: &Path, above: &Path) -> Item {
     let fault = if files::is_standard(&path) { None } else { fault_by_name(&path) };
     Item { path, below: above.join(below), name: below.display().to_string(), fault }
 }
 
-/// What to call each item: its name in its folder, or its path where two folders have files of one name.
+/// Returns the displayed name of each item: its name in its folder, or its path if two folders have files of the same
+/// name.
 pub(crate) fn names(items: &[Item]) -> Vec<String> {
     let mut seen = BTreeSet::new();
     if items.iter().all(|item| seen.insert(item.name.as_str())) {
@@ -176,14 +178,14 @@ pub(crate) fn names(items: &[Item]) -> Vec<String> {
 fn fault_by_name(path: &Path) -> Option<Fault> {
     match fs::metadata(path) {
         Ok(m) if m.is_dir() => Some(Fault::of_io(&io::ErrorKind::IsADirectory.into())),
-        // A pipe is opened once, by whoever reads it.
+        // A pipe can be opened only once, by its reader.
         Ok(m) if m.is_file() => File::open(path).err().map(|e| Fault::of_io(&e)),
         Ok(_) => None,
         Err(error) => Some(Fault::of_io(&error)),
     }
 }
 
-/// Collects the wanted files in a folder and below; folders that link back to one above are walked once.
+/// Collects the wanted files in a folder and its sub-folders; a symbolic link to a parent folder is followed once.
 fn walk(
     folder: &Path,
     wanted: &Wanted,
@@ -215,20 +217,20 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     })
 }
 
-/// The files of [`gather`], where one that cannot be read ends the command.
+/// Like [`gather`], but a file that cannot be read ends the command.
 ///
 /// # Errors
-/// Names everything that cannot be read.
+/// Names all files that cannot be read.
 pub(crate) fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>, Failure> {
     let items = gather(given, wanted);
     refuse_bad(&items)?;
     Ok(items)
 }
 
-/// Ends a command that cannot do without any of its files.
+/// Ends a command that needs all its files.
 ///
 /// # Errors
-/// Names everything that cannot be read.
+/// Names all files that cannot be read.
 pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
     let bad: Vec<String> = known_faults(items).collect();
     match bad.as_slice() {
@@ -249,31 +251,31 @@ fn known_faults(items: &[Item]) -> impl Iterator<Item = String> {
         .filter_map(|item| item.fault.as_ref().map(|fault| fault.of(&item.path.display().to_string())))
 }
 
-/// How bad files count.
+/// Effect of bad files on the exit code.
 #[derive(clap::Args, Debug, Clone, Copy)]
 pub(crate) struct SkipArgs {
-    /// Do not count files that cannot be used in the exit code, as long as one can. They are named all the same.
+    /// Ignore unusable files in the exit code, as long as one file is usable. They are reported in any case.
     #[arg(long)]
     skip_bad: bool,
 }
 
 impl SkipArgs {
-    /// Whether bad files are not counted.
+    /// Returns whether bad files are ignored.
     pub(crate) const fn counts_none(self) -> bool {
         self.skip_bad
     }
 }
 
-/// What became of the items of a command.
+/// Counts the results of a command's inputs.
 pub(crate) struct Tally {
-    /// What is done to an item, as in `8 of 10 sealed`.
+    /// The verb of the summary, as in `8 of 10 sealed`.
     done_to: &'static str,
     total: usize,
     faults: Vec<String>,
 }
 
 impl Tally {
-    /// Tells, before work begins, what can be told to be missing or unreadable.
+    /// Reports missing and unreadable inputs before the work begins.
     pub(crate) fn begin(done_to: &'static str, items: &[Item], ui: &Ui) -> Self {
         let known: Vec<String> = known_faults(items).collect();
         if items.len() > 1 && !known.is_empty() {
@@ -282,21 +284,21 @@ impl Tally {
         Self { done_to, total: items.len(), faults: Vec::new() }
     }
 
-    /// An item has no result.
+    /// Counts an input without result.
     pub(crate) fn failed(&mut self, name: &str, fault: &Fault) {
         self.faults.push(fault.of(name));
     }
 
-    /// How many items have no result for a fault of theirs.
+    /// Returns the number of inputs that have no result because of their own error.
     pub(crate) fn failures(&self) -> usize {
         self.faults.len()
     }
 
-    /// Says what became of all, and how the command ends: with `done` of the items as they should be, and `remark` on
-    /// others that were answered too.
+    /// Prints the summary and returns the exit code: `done` is the number of successful inputs, and `remark` is about
+    /// others that also have a result.
     ///
     /// # Errors
-    /// When the only item had a fault: that fault.
+    /// The error of the only input, if it has one.
     pub(crate) fn end(&self, done: usize, remark: &str, skip: SkipArgs, ui: &Ui) -> Outcome {
         if let ([only], 1) = (self.faults.as_slice(), self.total) {
             return Err(Failure::refused(only));

@@ -1,4 +1,4 @@
-//! Lists of images: a name a line, with or without the camera behind it as hloc writes it.
+//! Lists of images: one name per line, optionally with a camera after it as in hloc.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,18 +11,18 @@ use crate::output::files;
 /// A line of a list.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Listed {
-    /// Name of the image, relative to the folder of the images; it may hold spaces, as COLMAP's may.
+    /// Name of the image, relative to the folder of the images; it may contain spaces, as in COLMAP.
     pub name: String,
-    /// Its camera, where the list says it.
+    /// Its camera, if the list has one.
     pub camera: Option<Intrinsics>,
     /// Line number, from 1.
     pub line: usize,
 }
 
-/// A list of names with or without cameras; empty lines and lines that begin with `#` do not count.
+/// Reads a list of names with or without cameras; empty lines and lines that begin with `#` are ignored.
 ///
 /// # Errors
-/// When the file cannot be read, is not text, names nothing or one image twice, or holds a camera that is none.
+/// The file cannot be read, is not text, has no name or one name twice, or has an invalid camera.
 pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let text = String::from_utf8(files::read(path)?)
@@ -54,11 +54,11 @@ pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
     Ok(listed)
 }
 
-/// A list of names, where cameras come from elsewhere: one that a list says beside them would be dropped, and is
-/// refused.
+/// Reads a list of names for a command that gets its cameras from another source: a camera in the list would be
+/// ignored, and is refused.
 ///
 /// # Errors
-/// As [`read_with_cameras`], and when a line holds a camera.
+/// As [`read_with_cameras`], and if a line has a camera.
 pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
     let listed = read_with_cameras(path)?;
     if let Some(with) = listed.iter().find(|l| l.camera.is_some()) {
@@ -75,10 +75,10 @@ pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
     Ok(listed.into_iter().map(|l| l.name).collect())
 }
 
-/// The folder that the names of a list are relative to.
+/// Returns the folder that the names of a list are relative to.
 ///
 /// # Errors
-/// When not one folder is given.
+/// Not exactly one folder is given.
 pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
     match given {
         [folder] if folder.is_dir() => Ok(folder),
@@ -93,10 +93,10 @@ pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
     }
 }
 
-/// A camera as people write it: `MODEL,W,H,PARAMS…` or, as hloc has it, `MODEL W H PARAMS…`.
+/// Parses a camera: `MODEL,W,H,PARAMS…` or, as in hloc, `MODEL W H PARAMS…`.
 ///
 /// # Errors
-/// When it is no camera.
+/// The text is not a camera.
 pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
     if text.contains(',') {
         return text.parse();
@@ -104,7 +104,8 @@ pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
     text.split_whitespace().collect::<Vec<_>>().join(",").parse()
 }
 
-/// `name MODEL W H PARAMS…`, parted; a model is told by its spelling, so that an unknown one is not taken for a name.
+/// Splits `name MODEL W H PARAMS…`. A model is recognized by its spelling, so that an unknown model is not taken for a
+/// part of the name.
 fn name_and_camera(line: &str) -> (&str, Option<&str>) {
     line.match_indices(char::is_whitespace)
         .map(|(at, _)| (line[..at].trim_end(), line[at..].trim_start()))

@@ -1,11 +1,12 @@
-//! How every command talks with the person at the terminal.
+//! Input and output that all commands share.
 //!
-//! - [`items`]: files and folders that are given, the faults of single ones, and the summary of all.
+//! - [`items`]: input files and folders, the errors of single ones, and the summary.
 //! - [`lists`]: lists of images, with or without their cameras.
-//! - [`files`]: whole files in and out, never half-written.
-//! - [`ui`]: all that is printed; [`progress`]: how far a stage of work has come; [`stages`]: the same of a library's work.
-//! - [`command_line`]: what was typed, for documents that tell it.
-//! - [`exit`]: how a command ends, and whose fault a failure is.
+//! - [`files`]: reading and writing whole files, never half-written.
+//! - [`ui`]: everything that is printed; [`progress`]: progress of a stage of work; [`stages`]: progress of a library's
+//!   work.
+//! - [`command_line`]: the arguments of the program, for documents that record them.
+//! - [`exit`]: exit codes, and the classification of failures.
 
 pub(crate) mod command_line;
 pub(crate) mod exit;

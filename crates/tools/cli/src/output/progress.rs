@@ -1,35 +1,35 @@
-//! How far long work has come: a bar where a person watches, a line now and then where nobody does.
+//! Progress of long work: a bar on a terminal, occasional lines in a log.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A line for each tenth of a stage, but none sooner than this after the one before.
+/// A line for each tenth of a stage, but at least this time after the line before.
 const SOONEST: Duration = Duration::from_secs(1);
-/// A line this long after the one before, however little was done.
+/// A line after this time, even with little progress.
 const LATEST: Duration = Duration::from_secs(10);
 
-/// One stage of work, of a known number of steps.
+/// One stage of work with a known number of steps.
 pub(crate) struct Stage(Shown);
 
-/// How a stage is shown.
+/// Form of the output.
 enum Shown {
-    /// Nobody wants to know.
+    /// No output.
     Silent,
     /// A bar on a terminal.
     Bar(ProgressBar),
-    /// Lines in a log.
+    /// Lines on a stderr that is not a terminal.
     Lines(Mutex<Lines>),
 }
 
 impl Stage {
-    /// Nothing is shown.
+    /// Returns a stage without output.
     pub(crate) const fn silent() -> Self {
         Self(Shown::Silent)
     }
 
-    /// A bar of `total` steps.
+    /// Returns a bar of `total` steps.
     pub(crate) fn bar(name: &str, total: u64) -> Self {
         let style = ProgressStyle::with_template("{msg:28} {wide_bar:.cyan/dim} {pos}/{len} {eta:>4}")
             .unwrap_or_else(|_| ProgressStyle::default_bar());
@@ -38,19 +38,19 @@ impl Stage {
         Self(Shown::Bar(bar))
     }
 
-    /// Lines on stderr, the first at once.
+    /// Prints lines on stderr, the first at once.
     pub(crate) fn lines(name: &str, total: u64) -> Self {
         let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, last: Instant::now() };
         tell(&lines.text());
         Self(Shown::Lines(Mutex::new(lines)))
     }
 
-    /// So many steps more are done.
+    /// Adds finished steps.
     pub(crate) fn advance(&self, steps: u64) {
         self.update(|bar| bar.inc(steps), |lines| lines.done += steps);
     }
 
-    /// So many steps are done in all, of so many.
+    /// Sets the number of finished steps and the total.
     pub(crate) fn reach(&self, done: u64, total: u64) {
         self.update(
             |bar| {
@@ -75,7 +75,7 @@ impl Stage {
         }
     }
 
-    /// Lets something be printed that a bar would draw over.
+    /// Hides the bar while something is printed.
     pub(crate) fn suspend<T>(&self, act: impl FnOnce() -> T) -> T {
         match &self.0 {
             Shown::Bar(bar) => bar.suspend(act),
@@ -83,7 +83,7 @@ impl Stage {
         }
     }
 
-    /// The stage is over, and a bar goes.
+    /// Ends the stage and removes its bar.
     pub(crate) fn finish(&self) {
         if let Shown::Bar(bar) = &self.0 {
             bar.finish_and_clear();
@@ -91,18 +91,18 @@ impl Stage {
     }
 }
 
-/// Where a stage stands that is told in lines.
+/// Progress of a stage that prints lines.
 struct Lines {
     name: String,
     total: u64,
     done: u64,
-    /// Tenths of the stage that were told.
+    /// Tenths of the stage that were printed.
     tenth: u64,
     last: Instant,
 }
 
 impl Lines {
-    /// The line that is due, if one is.
+    /// Returns the next line if it is due.
     fn due(&mut self, now: Instant) -> Option<String> {
         let tenth = (10 * self.done).checked_div(self.total).unwrap_or(0);
         let since = now.saturating_duration_since(self.last);
@@ -121,7 +121,7 @@ impl Lines {
     }
 }
 
-/// A line on stderr; one that cannot be written is no loss.
+/// Prints a line on stderr; a failure to do so is ignored.
 fn tell(text: &str) {
     use std::io::Write as _;
     let _ = writeln!(std::io::stderr(), "{text}");
@@ -136,7 +136,7 @@ mod tests {
         (Lines { name: "Extracting features".to_owned(), total, done: 0, tenth: 0, last: start }, start)
     }
 
-    /// A stage of 900 steps at `ms` milliseconds each: what is told, and after how many steps.
+    /// Returns the lines that a stage of 900 steps at `ms` milliseconds each prints.
     fn told(ms: u64) -> Vec<String> {
         let (mut lines, start) = lines(900);
         let step = |i: u64| (i, start + Duration::from_millis(i * ms));

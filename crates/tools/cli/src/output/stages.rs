@@ -1,4 +1,4 @@
-//! The stages of a library's long work, shown one after another.
+//! Shows the stages of a library's long work, one after another.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -14,13 +14,13 @@ pub(crate) struct Stages<'a> {
 }
 
 impl<'a> Stages<'a> {
-    /// No stage yet.
+    /// Starts without a stage.
     pub(crate) fn new(ui: &'a Ui) -> Self {
         Self { ui, current: Mutex::new(Stage::silent()) }
     }
 
     fn with(&self, act: impl FnOnce(&mut Stage)) {
-        // A stage is only for the eye: one that another thread broke off in may still be used.
+        // A poisoned lock is harmless: a stage is only output.
         act(&mut self.current.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }

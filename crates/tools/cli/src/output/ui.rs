@@ -1,4 +1,4 @@
-//! Talk to people: progress and remarks on stderr, results on stdout.
+//! Terminal output: progress and messages on stderr, results on stdout.
 
 use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::sync::{Mutex, PoisonError};
@@ -8,53 +8,53 @@ use serde::Serialize;
 use crate::output::exit::Failure;
 use crate::output::progress::Stage;
 
-/// Where the program talks.
+/// Terminal output of the program.
 pub(crate) struct Ui {
     quiet: bool,
-    /// Whether a person watches stderr.
+    /// Whether stderr is a terminal.
     terminal: bool,
-    /// Why results did not all reach stdout.
+    /// The first error of writing results to stdout.
     lost: Mutex<Option<std::io::Error>>,
 }
 
 impl Ui {
-    /// Bars only where a person watches.
+    /// Progress bars appear only on a terminal.
     pub(crate) fn new(quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        // Names of files must stay whole, to be copied or searched for.
+        // File names must not be broken, so that they can be copied and searched for.
         let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
-        // Fails only when there is a hook already; then that one was meant.
+        // Fails only if a hook exists already, which then takes precedence.
         let _ = miette::set_hook(Box::new(move |_| Box::new(options().build())));
         Self { quiet, terminal, lost: Mutex::new(None) }
     }
 
-    /// Whether remarks are not wanted.
+    /// Returns whether messages are suppressed.
     pub(crate) const fn is_quiet(&self) -> bool {
         self.quiet
     }
 
-    /// A remark for people.
+    /// Prints a message, unless quiet.
     pub(crate) fn say(&self, text: impl std::fmt::Display) {
         if !self.quiet {
             tell(text);
         }
     }
 
-    /// Something that went wrong, but does not end the work.
+    /// Prints a problem that does not end the work.
     #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
     pub(crate) fn complain(&self, text: impl std::fmt::Display) {
         tell(text);
     }
 
-    /// A result: the table or text a person asked for.
+    /// Prints a result: a table or text.
     pub(crate) fn print(&self, text: impl std::fmt::Display) {
         self.print_bytes(text.to_string().as_bytes());
     }
 
-    /// A result that is no text.
+    /// Prints a binary result.
     ///
-    /// A reader that closed the pipe has read enough; that is no error. Anything else that keeps a result from stdout
-    /// is remembered, so that no command can end well without it: see [`Self::lost_output`].
+    /// A closed pipe is not an error: the reader needs no more. Any other error is stored, so that no command can
+    /// succeed without its output: see [`Self::lost_output`].
     pub(crate) fn print_bytes(&self, bytes: &[u8]) {
         let mut out = std::io::stdout().lock();
         match out.write_all(bytes).and_then(|()| out.flush()) {
@@ -63,28 +63,28 @@ impl Ui {
         }
     }
 
-    /// Remembers why a result did not reach stdout; the first cause counts.
+    /// Stores why a result did not reach stdout; the first cause counts.
     fn lose(&self, error: std::io::Error) {
         self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
-    /// Why results did not all reach stdout, once.
+    /// Takes the error of writing results to stdout.
     pub(crate) fn lost_output(&self) -> Option<Failure> {
         let error = self.lost.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         Some(Failure::output("stdout", &error))
     }
 
-    /// One JSON document on stdout.
+    /// Prints one JSON document to stdout.
     ///
     /// # Errors
-    /// When it is no JSON; what does not reach stdout is told by [`Self::lost_output`].
+    /// The document cannot be serialized; write errors are returned by [`Self::lost_output`].
     pub(crate) fn json(&self, document: &impl Serialize) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(document)?;
         self.print(text + "\n");
         Ok(())
     }
 
-    /// What went wrong, with the remedy.
+    /// Prints an error with its remedy.
     #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
@@ -95,7 +95,7 @@ impl Ui {
         }
     }
 
-    /// A stage of `total` steps.
+    /// Begins a stage of `total` steps.
     pub(crate) fn stage(&self, name: &str, total: u64) -> Stage {
         match (self.quiet, self.terminal) {
             (true, _) => Stage::silent(),
@@ -105,7 +105,7 @@ impl Ui {
     }
 }
 
-/// A line on stderr. Where even that is closed there is nobody left to tell.
+/// Prints a line on stderr; if stderr is closed, the line is lost.
 fn tell(text: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

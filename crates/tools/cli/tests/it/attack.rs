@@ -1,4 +1,4 @@
-//! `veiloc attack`: table, document, and what is refused.
+//! `veiloc attack`: table, document, and refused input.
 
 use super::common;
 
@@ -19,7 +19,7 @@ fn table_and_document() {
     let document: serde_json::Value = serde_json::from_slice(&place.read("attack.json")).expect("a document");
     assert_eq!(keys(&document), ["attacks", "command", "data", "k", "neighbours", "seed", "version"]);
     let attacks = document["attacks"].as_array().expect("rows");
-    // A scheme: the guess once, each attack with neighbours once a share.
+    // Per scheme: the prior-only baseline once, each attack with neighbours once per corruption share.
     assert_eq!(attacks.len(), 2 * (1 + 2 * 2));
     assert_eq!(
         keys(&attacks[0]),
@@ -39,7 +39,7 @@ fn table_and_document() {
     );
     let mean = |scheme: usize, row: usize| attacks[5 * scheme + row]["mean_px"].as_f64().expect("a number");
     assert_eq!((&attacks[5]["attack"], &attacks[5]["bits_over_prior"]), (&"prior".into(), &0.0.into()));
-    // The paper's attack fails on dcl, as the paper says; the graph attack does not.
+    // The paper's attack fails on dcl, as the paper reports; the graph attack does not.
     assert!(mean(1, 1) > 2.0 * mean(1, 0), "{run}");
     assert!(mean(1, 3) < 0.2 * mean(1, 0), "{run}");
     assert!(mean(0, 1) < 0.2 * mean(0, 0), "{run}");
@@ -89,7 +89,7 @@ fn what_makes_no_sense_is_refused() {
     }
 }
 
-/// Two images of one place whose descriptors tell the place: the second is the first, moved by 8 pixels.
+/// Two images of one scene whose descriptors determine the point: the second is the first, shifted by 8 pixels.
 fn told_by_descriptors(place: &common::Place) {
     let lines: Vec<String> = ["a", "b"]
         .iter()
@@ -118,7 +118,7 @@ fn told_by_descriptors(place: &common::Place) {
     place.write("place.jsonl", &(lines.join("\n") + "\n"));
 }
 
-/// RFC 4648, for 3200 bytes: two are left over and one sign pads.
+/// RFC 4648, for 3200 bytes: two bytes remain, and one padding character follows.
 fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     assert_eq!(bytes.len() % 3, 2);
@@ -176,7 +176,7 @@ fn keypoints_of_images_are_what_attack_reads() {
     }
 }
 
-/// A network that predicts neighbours is used, and where it does not fit, that is said.
+/// A neighbour network is used; if it does not fit, the error names the remedy.
 #[test]
 fn a_network_of_neighbours_is_used_or_the_remedy_is_named() {
     let place = common::place();

@@ -1,11 +1,11 @@
-//! `veiloc audit`: photographs and keypoints in, a page out, and what is refused.
+//! `veiloc audit`: photographs and keypoints as input, a page as output, and refused input.
 
 use super::common;
 
 use common::{Place, folder, keys};
 use image::{Rgb, RgbImage};
 
-/// Discs of many sizes on a slope: plenty of keypoints.
+/// Discs of many sizes on a gradient: plenty of keypoints.
 fn photograph(place: &Place, name: &str, shift: u32) {
     std::fs::create_dir_all(place.path(name).parent().expect("a parent")).expect("folder");
     RgbImage::from_fn(240, 180, |x, y| {
@@ -17,7 +17,7 @@ fn photograph(place: &Place, name: &str, shift: u32) {
     .expect("written");
 }
 
-/// Evenly spread keypoints of a file.
+/// A file of uniformly distributed keypoints.
 fn keypoints(n: u32) -> String {
     let spread = |i: u32| [f64::from(i * 7919 % 6400) / 10.0, f64::from(i * 104_729 % 4800) / 10.0];
     let points: Vec<[f64; 2]> = (1..=n).map(spread).collect();
@@ -63,7 +63,7 @@ fn keypoints_make_a_page() {
     assert_eq!((&document["command"], &document["inputs"]["data"][0]), (&"audit".into(), &"k.jsonl".into()));
     let page = String::from_utf8(place.read("page.html")).expect("text");
     assert!(page.contains("k&lt;1&gt;") && !page.contains("k<1>"));
-    // Equal seeds, equal figures: but for the times.
+    // Equal seeds give equal figures, except for the times.
     let again = place.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded().json();
     let mean = |d: &serde_json::Value| d["inputs"]["attacks"][3]["mean_px"].as_f64().expect("a number");
     assert_eq!(mean(&document), mean(&again));
@@ -76,20 +76,20 @@ fn keypoints_are_shown_on_the_images_of_their_names() {
     photograph(&place, "images/b.png", 5);
     place.run("eval keypoints images -o k.jsonl").succeeded();
     let fast = FAST.replace("--synthetic 100", "--no-synthetic");
-    // Given beside them: the images are not attacked a second time.
+    // Images given beside the keypoints are not attacked a second time.
     let run =
         place.run(&format!("audit k.jsonl images {fast} --out given.html --json given.json")).succeeded();
     let document: serde_json::Value = serde_json::from_slice(&place.read("given.json")).expect("a document");
     assert_eq!(document["inputs"]["data"], serde_json::json!(["k.jsonl"]), "{run}");
     assert!(String::from_utf8_lossy(&place.read("given.html")).contains("data:image/jpeg"));
-    // Found beside the file.
+    // Images found beside the file of keypoints.
     std::fs::copy(place.path("k.jsonl"), place.path("images/k.jsonl")).expect("copied");
     place.run(&format!("audit images/k.jsonl {fast} --out beside.html")).succeeded();
     assert!(String::from_utf8_lossy(&place.read("beside.html")).contains("data:image/jpeg"));
-    // Nowhere: figures without images.
+    // No images: figures only.
     place.run(&format!("audit k.jsonl {fast} --out none.html")).succeeded();
     assert!(!String::from_utf8_lossy(&place.read("none.html")).contains("data:image/jpeg"));
-    // An image of that name and of another shape is another image.
+    // An image of the same name with another size is another image.
     RgbImage::from_pixel(90, 200, Rgb([9, 9, 9])).save(place.path("images/a.png")).expect("written");
     let run = place.run(&format!("audit k.jsonl images {fast} --out other.html"));
     assert_eq!(run.code, Some(1), "{run}");

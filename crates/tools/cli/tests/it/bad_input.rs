@@ -1,4 +1,4 @@
-//! Whatever is wrong with the input, the error names the file and the remedy; nothing panics, no half result is left.
+//! For every bad input the error names the file and the remedy; nothing panics, and no partial result is left.
 
 use super::common;
 
@@ -10,7 +10,7 @@ struct Case {
     arguments: String,
     /// 1: the input was refused; 2: wrong usage.
     code: i32,
-    /// What the message must hold: the name of the culprit, and a word of the remedy.
+    /// Required parts of the message: the name of the bad input, and a word of the remedy.
     says: &'static [&'static str],
 }
 
@@ -22,7 +22,7 @@ fn misused(arguments: impl Into<String>, says: &'static [&'static str]) -> Case 
     Case { arguments: arguments.into(), code: 2, says }
 }
 
-/// Runs every case and tells of all that fail, not only of the first.
+/// Runs every case and reports all failures, not only the first.
 fn check(place: &Place, cases: Vec<Case>) {
     let mut wrong = Vec::new();
     for case in cases {
@@ -35,7 +35,7 @@ fn check(place: &Place, cases: Vec<Case>) {
     assert!(wrong.is_empty(), "{} cases:\n\n{}", wrong.len(), wrong.join("\n\n"));
 }
 
-/// Stderr without the frame and the line breaks that fit it to the screen.
+/// Stderr without the frame and the line breaks that wrap it.
 fn plain(run: &Run) -> String {
     let words = run.stderr.split_whitespace().filter(|word| !["│", "×", "╰─▶", "├─▶"].contains(word));
     words.collect::<Vec<_>>().join(" ")
@@ -96,7 +96,7 @@ fn images() {
     assert!(!place.path("bad/out.vquery").exists(), "a refused image leaves no sealed query");
 }
 
-/// All texture left of the middle: dcl would leave the depth along the anchor's ray free.
+/// All texture lies left of the middle: dcl would leave the depth along the anchor's ray free.
 #[test]
 fn keypoints_on_one_side_only() {
     let place = place();
@@ -164,7 +164,7 @@ fn maps() {
         let remedy: &[&str] = if length < 8 { &[".vmap", "map build"] } else { &[".vmap", "copy it again"] };
         cases.push(refused(format!("map info bad/cut-{length}.vmap"), remedy));
     }
-    // Behind magic and version, every byte is under a checksum or must be zero.
+    // After magic and version, every byte is covered by a checksum or must be zero.
     for at in [12, 16, 30, 60, 70, 300, 420, map.len() / 3, map.len() / 2, map.len() - 1] {
         let mut flipped = map.clone();
         flipped[at] ^= 0x10;
@@ -232,7 +232,7 @@ fn sealed_queries() {
     check(place, cases);
 }
 
-/// Flipped bits give an error or another query, never a crash.
+/// Flipped bits give an error or another query, never a panic.
 #[test]
 fn sealed_queries_with_flipped_bytes() {
     let place = place();
@@ -277,7 +277,7 @@ fn profiles() {
     );
 }
 
-/// A readable query that does not belong to the map is a result: told where results are told, with the remedy.
+/// A valid query for another map is a result: it is reported with the other results, with the remedy.
 #[test]
 fn a_query_for_another_map() {
     let place = place();
@@ -306,7 +306,7 @@ fn a_query_for_another_map() {
     assert!(error.contains("veiloc map profile") && error.contains("profile"), "{run}");
     assert!(document["queries"][0].get("cam_from_world").is_none(), "{run}");
 
-    // Beside one that is localized both are told of; the exit code speaks of the one unless told to skip it.
+    // Beside a localized query both are reported; the exit code is 1 unless --skip-bad is given.
     place.seal("query-0.png", "points", "mine.vquery");
     let run = place.run("localize --map place.vmap --json five.vquery mine.vquery");
     assert_eq!(run.code, Some(1), "{run}");
@@ -417,7 +417,7 @@ fn posed_models_and_lists() {
     assert!(!place.path("bad/x.vmap").exists(), "a refused build leaves no map");
 }
 
-/// All images blank: there is nothing to build a map of.
+/// All images are blank: no map can be built.
 #[test]
 fn blank_images() {
     let place = place();
@@ -476,7 +476,8 @@ fn problems() {
     ]);
     check(place, cases);
 
-    // Three matches are too few for lines: no pose is a result, and when nothing has one the exit code says so.
+    // Three matches are too few for lines: a query without pose is a result, and the exit code is 1 if no query has a
+    // pose.
     let run = place.run("eval pose bad/good.jsonl --schemes dcl --json");
     assert_eq!(run.code, Some(1), "{run}");
     let document = run.json();
@@ -488,7 +489,7 @@ fn problems() {
 #[test]
 fn usage() {
     let place = place();
-    // Where sealed queries would go.
+    // The output folder of sealed queries.
     place.write("bad/placeholder", []);
     let camera = |camera: &str| seal_with("images/query-0.png", camera, "place.vprofile", "");
     let option = |more: &str| seal_with("images/query-0.png", CAMERA, "place.vprofile", more);
@@ -522,7 +523,7 @@ fn usage() {
             misused("map build --posed posed --images images -o bad/x.vmap --max-keypoints 3", &["3"]),
         ],
     );
-    // Options out of their range are refused, or answered with "not localized"; never with a crash.
+    // Options out of their range are refused, or give "not localized"; they never cause a panic.
     for more in [
         "--retrieve 0",
         "--ratio nan",
@@ -572,11 +573,11 @@ fn outputs() {
     assert!(place.read("bad/copy/query-0.png") == photo, "the image is not overwritten");
 }
 
-/// However narrow the screen that is assumed, a name can be copied from the message.
+/// A name can be copied from the message for any terminal width.
 #[test]
 fn long_names_stay_whole() {
     let place = place();
-    // Where sealed queries would go.
+    // The output folder of sealed queries.
     place.write("bad/placeholder", []);
     let name = format!("bad/{}/{}.vmap", "a-long-folder-name-with-hyphens".repeat(3), "and-a-file".repeat(6));
     let run = place.run(&format!("map info {name}"));

@@ -1,4 +1,4 @@
-//! Where the camera of an image comes from, and what is said of it and of gravity.
+//! Source of an image's camera, and the output about camera and gravity.
 
 use super::common;
 
@@ -7,7 +7,7 @@ use made::Field::Short;
 use veiloc_protocol::{FocalKnowledge, SealedQuery};
 use veiloc_testing::exif as made;
 
-/// An image of the place with EXIF that has the focal length, and a word that must not get out.
+/// An image of the scene with EXIF data: the focal length, and a word that must not be sent.
 fn with_exif(place: &Place, name: &str, fields: &[made::Field]) {
     let image = image::open(place.path("images/query-0.png")).expect("an image");
     let mut metadata = made::tiff(&[Short(made::ORIENTATION, 6)], fields);
@@ -22,13 +22,13 @@ fn sealed(place: &Place, name: &str) -> SealedQuery {
 #[test]
 fn exif_tells_the_focal_length_and_nothing_else() {
     let place = place();
-    // 330 px of 400 x 300 are 28.6 mm of film, which a camera may cut down.
+    // 330 px of 400 x 300 are 28.6 mm of film, which a camera may truncate.
     with_exif(place, "exif.jpg", &[Short(made::FOCAL_35MM, 28)]);
     let run = place.run("seal exif.jpg --profile place.vprofile -o exif.vquery --json").succeeded();
     assert_eq!(run.json()["images"][0]["focal_known"], "exif");
     let query = sealed(place, "exif.vquery");
     assert_eq!((query.focal_known(), query.gravity()), (FocalKnowledge::Exif, None));
-    // The ladder's step and not the focal length; the same as the calibrated camera has.
+    // The quantized value instead of the focal length; the same as for the calibrated camera.
     place.seal("query-0.png", "", "calibrated.vquery");
     let calibrated = sealed(place, "calibrated.vquery");
     assert_eq!(query.canonical_camera().codes().0, calibrated.canonical_camera().codes().0);
@@ -65,7 +65,7 @@ fn without_exif_the_remedy_is_named_and_a_guess_says_that_it_is_one() {
     assert!(run.code == Some(1) && run.stderr.contains("unknown camera"), "{run}");
     let run = seal(&format!("--camera {CAMERA} --focal-known well"));
     assert!(run.code == Some(2) && run.stderr.contains("calibrated"), "{run}");
-    // A service is not asked before the camera is known.
+    // No request is sent before the camera is known.
     let send = "query send images/query-0.png --map place --server http://127.0.0.1:9";
     let run = place.run(send);
     assert!(

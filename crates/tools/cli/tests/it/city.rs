@@ -1,4 +1,4 @@
-//! `veiloc synth city` and `eval search`: rooms in one world, and retrieval among more images than there are.
+//! `veiloc synth city` and `eval search`: rooms in one world, and retrieval among synthetic descriptors.
 
 use super::common;
 
@@ -21,7 +21,7 @@ fn a_city_is_a_place_that_maps_localize_in() {
         .json();
     assert_eq!(found["map"]["images"], 20, "{found}");
     assert_eq!(found["queries"].as_array().map(Vec::len), Some(2), "{found}");
-    // What is seen in one room is not looked for in the next: its poses are in the city's axes.
+    // Points of one room are not searched in the next: its poses are in the city's axes.
     let right = found["queries"].as_array().expect("queries").iter();
     let right = right.filter(|q| q["translation_error"].as_f64().is_some_and(|e| e < 0.25)).count();
     assert!(right >= 1, "{found}");

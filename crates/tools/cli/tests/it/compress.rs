@@ -1,4 +1,4 @@
-//! `veiloc map compress`: a small map answers as the whole one does, and changes no more.
+//! `veiloc map compress`: a compressed map gives the same answers as the whole one, and cannot be changed.
 
 use super::common;
 
@@ -18,7 +18,7 @@ fn a_small_map_answers_and_says_what_it_was_made_of() {
     assert!(whole["compressed"].is_null() && small["self_test"].is_object());
     let told = place.run("map info small.vmap").succeeded();
     assert!(told.stdout.contains("images neither join nor leave it"), "{told}");
-    // A query that was sealed for the whole map fits, and is trusted.
+    // A query that was sealed for the whole map is accepted, and its pose is trusted.
     for scheme in ["points", "dcl"] {
         let sealed = format!("small-{scheme}.vquery");
         place.seal("query-0.png", scheme, &sealed);

@@ -1,5 +1,5 @@
-//! What every command prints: the fields of its document are those of `docs/json.md`, and results that cannot be written
-//! are never a success.
+//! Output of every command: the fields of its document are those of `docs/json.md`, and a failed write is never a
+//! success.
 
 use super::common;
 
@@ -10,8 +10,8 @@ use common::documented::{Fields, mistakes, tables};
 use common::{CAMERA, EXTRACTION, Place, place};
 use serde_json::{Value, json};
 
-/// Every command that prints a document, in the section of `docs/json.md` that it belongs to. Several that together show
-/// all a document can hold. `{seal}` stands for the words of a sealed image.
+/// Every command that prints a document, by its section of `docs/json.md`. Several commands of a section together cover
+/// all fields. `{seal}` stands for the arguments that seal an image.
 const COMMANDS: &[(&str, &str)] = &[
     ("seal", "seal images/query-0.png no-such.png {seal} -o documents/ --json"),
     ("localize", "localize --map place.vmap good.vquery no-such.vquery five.vquery --json"),
@@ -76,7 +76,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
 ];
 
-/// The place, with all that the commands need.
+/// The scene, with all files that the commands need.
 fn ready() -> &'static Place {
     static READY: std::sync::Once = std::sync::Once::new();
     let place = place();
@@ -146,7 +146,7 @@ fn every_field_is_documented() {
         let documents: Vec<Value> = commands.map(|(_, command)| place.run(&words(command)).json()).collect();
         wrong.extend(mistakes(of(section), &documents).into_iter().map(|m| format!("{section}: {m}")));
     }
-    // The demo takes a minute. Its document is made of two of those above.
+    // The demo takes a minute. Its document consists of two of those above.
     assert!(
         of("demo").contains_key("evaluation.queries[].name")
             && of("demo").contains_key("attacks.attacks[].mean_px")
@@ -154,7 +154,7 @@ fn every_field_is_documented() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The check above finds what it is for.
+/// The check above detects missing and additional fields.
 #[test]
 fn a_field_too_many_or_too_few_is_found() {
     let attack = &tables()["attack"];
@@ -200,7 +200,7 @@ fn results_that_cannot_be_written_end_with_3() {
         words("seal images/query-0.png {seal} -o -"),
         "eval keypoints images/query-0.png --max-keypoints 64 -o -".to_owned(),
     ];
-    // Without --json, what `seal` prints is for people, and goes to stderr.
+    // Without --json the output of `seal` is for people, and goes to stderr.
     let prints = |command: &String| {
         !command.starts_with("seal") || !command.contains("documents/") || command.contains("--json")
     };
@@ -210,7 +210,7 @@ fn results_that_cannot_be_written_end_with_3() {
         assert!(stderr.contains("stdout") && stderr.contains("cannot be written"), "{command}: {stderr}");
         assert!(!stderr.contains("veiloc broke"), "{command}: {stderr}");
     }
-    // The same of a file on a device or disk that is full.
+    // The same for a file on a full device or disk.
     for command in [
         "attack --synthetic 60 --schemes dcl --attacks closed-form --json /dev/full".to_owned(),
         words("seal images/query-0.png {seal} -o /dev/full"),
@@ -223,7 +223,7 @@ fn results_that_cannot_be_written_end_with_3() {
     assert!(!still.is_file(), "the device was replaced by a file");
 }
 
-/// A reader that has read enough, as `head` does: no message, and the exit code of the work.
+/// A reader that closes the pipe early, as `head` does: no message, and the exit code of the command itself.
 #[cfg(unix)]
 #[test]
 fn a_closed_pipe_is_no_error() {
@@ -237,7 +237,7 @@ fn a_closed_pipe_is_no_error() {
     }
 }
 
-/// Without a terminal long work tells its stages in plain lines, and is silent when asked to be.
+/// Without a terminal, stages are printed as plain lines, and --quiet suppresses them.
 #[test]
 fn stages_are_told_without_a_terminal() {
     let place = ready();

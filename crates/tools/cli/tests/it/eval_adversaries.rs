@@ -1,4 +1,4 @@
-//! `veiloc eval adversaries`: who gets how much, who is left out, and what is refused.
+//! `veiloc eval adversaries`: results, left-out adversaries, and refused input.
 
 use super::common;
 
@@ -39,12 +39,12 @@ fn adversaries_of_a_rendered_place_and_of_files() {
         let row = of(&name, adversary, scheme).unwrap_or_else(|| panic!("{adversary} {scheme}: {document}"));
         row["bits_over_prior"].as_f64().expect("a number")
     };
-    // Who is told the truth gets more than who guesses it, and whoever has the map's images more than who has seals.
+    // An oracle's neighbours give more than predicted ones, and the map's images give more than several sealed queries.
     for scheme in ["random-lines", "coordinate-permutation", "dcl"] {
         assert!(bits("true-neighbours", scheme) > bits("outsider-statistic", scheme) + 0.5, "{scheme}");
     }
     assert!(bits("several-seals", "dcl") > 0.1, "{document}");
-    // Nobody has a map of what a file holds.
+    // A file of keypoints comes without a map.
     assert!(of("elsewhere.jsonl", "true-neighbours", "dcl").is_some());
     assert!(of("elsewhere.jsonl", "map-server", "dcl").is_none());
     assert!(of("elsewhere.jsonl", "pose-server", "dcl").is_none());

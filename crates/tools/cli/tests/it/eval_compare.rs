@@ -1,4 +1,4 @@
-//! `veiloc eval compare`: two runs side by side, and files that are none.
+//! `veiloc eval compare`: two runs side by side, and invalid files.
 
 use super::common;
 
@@ -24,7 +24,7 @@ fn two_runs_are_compared_and_other_files_refused() {
             "{figure}"
         );
     }
-    // Points are nearer than lines, and both are in one file.
+    // Points are more accurate than lines, and both are in one file.
     let schemes = "eval compare plain.json plain.json --row dcl --against points";
     let document = place.run(&format!("{schemes} --json")).succeeded().json();
     let row = &document["rows"][0];
@@ -33,10 +33,10 @@ fn two_runs_are_compared_and_other_files_refused() {
     assert!(counts[0] + counts[1] <= counts[2] && counts[2] > 0, "{row}");
     let text = place.run(schemes).succeeded().stdout;
     assert!(text.contains("recall 0.02/2, %") && text.contains("95 % of draws"), "{text}");
-    // Equal draws give equal intervals.
+    // Equal seeds give equal intervals.
     assert_eq!(text, place.run(schemes).succeeded().stdout);
 
-    // Another seed and no prior: no row of the same name, and no query of the same seed.
+    // Another seed and no prior: no common row, and no query with the same seed.
     let other = place.run("eval compare plain.json other.json");
     assert!(other.code == Some(1) && other.stderr.contains("no rows to compare"), "{other}");
     let other = place.run("eval compare plain.json other.json --row dcl --against dcl");

@@ -1,4 +1,4 @@
-//! `veiloc eval crb`: table, document and plot, and what is refused.
+//! `veiloc eval crb`: table, document and plot, and refused input.
 
 use super::common;
 

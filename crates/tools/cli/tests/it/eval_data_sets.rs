@@ -1,5 +1,5 @@
-//! `veiloc synth export`, `eval 7scenes|cambridge|aachen` and `eval tables`: a rendered place in every layout, evaluated through
-//! the reader; an interruption loses nothing.
+//! `veiloc synth export`, `eval 7scenes|cambridge|aachen` and `eval tables`: a rendered scene in every layout,
+//! evaluated through the reader; an interrupted run continues.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use std::fs;
 use common::{Place, folder};
 use serde_json::Value;
 
-/// A small place: enough to localize in, quickly rendered.
+/// A small scene: enough to localize in, quickly rendered.
 fn export(place: &Place, layout: &str) {
     place
         .run(&format!(
@@ -24,7 +24,7 @@ fn evaluated(place: &Place, data_set: &str, more: &str) -> Value {
         .json()
 }
 
-/// Rows of the table; each of them right to two centimetres.
+/// Checks that each row of the table is right to two centimetres, and returns the number of rows.
 fn right(document: &Value) -> usize {
     let rows = document["schemes"].as_array().expect("rows");
     for row in rows {
@@ -34,7 +34,7 @@ fn right(document: &Value) -> usize {
     rows.len()
 }
 
-/// All that does not depend on how fast the machine was, or on how it was asked.
+/// Removes everything that depends on the machine's speed or on the command line.
 fn without_times(document: &Value) -> Value {
     fn strip(value: &mut Value) {
         match value {
@@ -87,7 +87,7 @@ fn every_layout_is_written_and_evaluated() {
             assert!((number(ours) - number(truth)).abs() < 0.05, "{line:?}\n{true_line:?}");
         }
     }
-    // Without the truth nobody is judged, and the poses are the same.
+    // Without ground truth there are no errors, and the poses are the same.
     let blind = evaluated(&place, "aachen", "--submission blind.txt --work work");
     assert!(
         blind["schemes"].as_array().expect("rows").iter().all(|row| row["recall"] == serde_json::json!({}))
@@ -109,7 +109,7 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
     let lines = journal();
     assert_eq!(lines.lines().count(), 3);
 
-    // Cut off behind the first query, in the middle of the line of the second.
+    // Truncated after the first query, in the middle of the line of the second.
     let first = lines.find('\n').expect("a line") + 1;
     place.write("work/room/queries.jsonl", &lines[..first + 200]);
     let resumed = evaluated(&place, "7scenes", "--work work --jobs 2");
@@ -119,7 +119,7 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
     assert_eq!(again.lines().count(), 3);
     let third = evaluated(&place, "7scenes", "--work work");
     assert_eq!(third["queries"], resumed["queries"], "nothing is computed a third time");
-    // An interruption while the map was built: features and matches are there, and the map is the same to the byte.
+    // An interruption of the map build: features and matches exist, and the map is the same to the byte.
     let map = || {
         let files = fs::read_dir(place.path("work/room")).expect("a folder").flatten();
         let maps = files.map(|file| file.path()).filter(|path| path.extension().is_some_and(|e| e == "vmap"));
@@ -146,7 +146,7 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
     fs::copy(frame(1), frame(0)).expect("copied");
     evaluated(&place, "7scenes", "--work work");
     assert_eq!(journal().lines().count(), 7);
-    // What is damaged in the middle is named.
+    // A damaged line in the middle is named.
     place.write("work/room/queries.jsonl", format!("{{\n{again}"));
     let refused = place.run("eval 7scenes --root 7scenes --schemes points,dcl --work work");
     assert_eq!(refused.code, Some(1), "{refused}");
@@ -164,7 +164,7 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
         let svg = String::from_utf8(place.read(&format!("plots/{plot}"))).expect("text");
         assert!(svg.contains("dcl") && svg.contains("</svg>"), "{plot}");
     }
-    // Two runs on the same queries are compared, place by place.
+    // Two runs on the same queries are compared, scene by scene.
     place.write("whole.json", whole.to_string());
     let compared = place.run("eval compare whole.json results.json").succeeded().stdout;
     assert!(compared.contains("room"), "{compared}");

@@ -1,4 +1,4 @@
-//! `veiloc eval layouts`: tables, document, plot, and what is refused.
+//! `veiloc eval layouts`: tables, document, plot, and refused input.
 
 use super::common;
 
@@ -42,10 +42,11 @@ fn layouts_of_a_rendered_place_are_judged() {
     );
     assert_eq!(rows[0]["protects_as_paper"], true, "as itself");
     let number = |row: usize, field: &str| rows[row][field].as_f64().unwrap_or(f64::NAN);
-    // Stripes part more neighbours than one line through the middle, and the guess of a 400 x 300 image is some tens of px.
+    // Stripes separate more neighbours than one line through the middle, and the prior-only baseline of a 400 x 300
+    // image is some tens of px.
     assert!(number(1, "other_pencil_neighbours") > 1.5 * number(0, "other_pencil_neighbours"), "{document}");
     assert!((20.0..120.0).contains(&number(0, "prior_mean_px")), "{document}");
-    // Lines tell less than points.
+    // Lines give less accuracy than points.
     assert!(number(0, "error_over_points") > 1.0, "{document}");
     for row in rows {
         let bits = |adversary: &str| row["bits"][adversary].as_f64().unwrap_or(f64::NAN);

@@ -1,4 +1,4 @@
-//! `veiloc eval negatives`: images of elsewhere, which the map must not find.
+//! `veiloc eval negatives`: out-of-map images, which must not be localized.
 
 use super::common;
 
@@ -11,7 +11,8 @@ const ELSEWHERE: usize = 6;
 
 const ASK: &str = "eval negatives --map place.vmap --schemes points,dcl";
 
-/// The place, with images of another room in `other/images`, and with `mixed`: a flat image and a file that is none.
+/// The scene, with images of another room in `other/images`, and with `mixed`: a blank image and a file that is not an
+/// image.
 fn ready() -> &'static Place {
     static READY: std::sync::Once = std::sync::Once::new();
     let place = place();
@@ -40,8 +41,8 @@ fn names(document: &Value) -> BTreeSet<&str> {
     document["queries"].as_array().expect("queries").iter().filter_map(|q| q["name"].as_str()).collect()
 }
 
-/// How few are trusted is for the tests of the engine; here rendered rooms of one maker are told apart from lines, and
-/// everything is counted.
+/// Tests of the engine cover the false positive rate; this test checks that similar rendered rooms are distinguished
+/// from lines, and that all results are counted.
 #[test]
 fn images_of_elsewhere_are_counted() {
     let place = ready();
@@ -66,7 +67,7 @@ fn images_of_elsewhere_are_counted() {
     assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == ELSEWHERE && r["cameras"]["guess"] == 0));
 }
 
-/// Who gives images of the place itself is shown what a false positive would look like.
+/// With images of the scene itself the command shows false positives.
 #[test]
 fn images_of_the_place_itself_are_trusted_and_named() {
     let place = ready();
@@ -91,12 +92,12 @@ fn halves_part_the_images_by_their_names() {
         place.run(&format!("{ASK} --images other/images --half {half} --json -")).succeeded().json()
     };
     let (design, last, all) = (of("design"), of("final"), of("all"));
-    // By the hash of the names alone.
+    // The split depends on the hash of the names only.
     let expected: BTreeSet<&str> = DESIGN.into();
     assert_eq!(names(&design), expected);
     assert!(names(&design).is_disjoint(&names(&last)));
     assert_eq!(&names(&design) | &names(&last), names(&all));
-    // What is asked of an image does not depend on the others.
+    // The result of an image does not depend on the others.
     let of_all = |name: &Value| {
         let queries = all["queries"].as_array().expect("queries");
         queries.iter().filter(|q| q["name"] == *name).collect::<Vec<_>>()
@@ -153,5 +154,5 @@ fn the_number_of_threads_changes_nothing() {
     assert!(!one.is_empty() && one == with("3"));
 }
 
-/// The half for design among the rendered images of elsewhere.
+/// The design half of the rendered out-of-map images.
 const DESIGN: [&str; 4] = ["negative-1.png", "negative-3.png", "negative-4.png", "negative-6.png"];

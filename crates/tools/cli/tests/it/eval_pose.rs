@@ -1,4 +1,4 @@
-//! `veiloc eval pose` as a researcher runs it: recipes, numbers of hypotheses, seeds, gravity, the floor.
+//! `veiloc eval pose` for research: recipes, numbers of hypotheses, seeds, gravity, the floor.
 
 use super::common;
 
@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
-/// Queries of the file every test reads.
+/// Number of queries in the file that every test reads.
 const QUERIES: usize = 4;
 
-/// Matches of which a third are wrong, half a pixel of noise, and ratios that tell a little.
+/// Matches with a third of outliers, half a pixel of noise, and weakly informative ratios.
 fn problems(gravity: bool) -> String {
     let mut lines = String::new();
     for index in 0..QUERIES {
@@ -40,7 +40,7 @@ fn problems(gravity: bool) -> String {
     lines
 }
 
-/// A folder with the problems, without any rendered place.
+/// A folder with the problems, without a rendered scene.
 fn place() -> Place {
     let place = folder();
     place.write("problems.jsonl", problems(false));
@@ -82,7 +82,7 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
         assert!(row.get("per_seed").is_none() && row.get("gravity").is_none(), "{row}");
         assert_eq!(row["median_hypotheses"].is_null(), floor, "{row}");
     }
-    // The floor knows which matches are right: two thirds of 300.
+    // The floor knows which matches are correct: two thirds of 300.
     let floor = &document["queries"].as_array().expect("an array").last().expect("there are some");
     assert_eq!(floor["recipe"], "floor");
     assert!((190..=210).contains(&floor["inliers"].as_u64().expect("a number")), "{floor}");
@@ -108,7 +108,7 @@ fn seeds_give_mean_and_spread() {
         "every seed draws its own lines: {medians:?}"
     );
 
-    // A seed alone is the same as within a series, and on many threads the same as on one.
+    // A single seed gives the same result as within a series, and many threads the same as one.
     let alone = document(&place, &arguments.replace("--seeds 3 --seed 5", "--seed 6"));
     assert_eq!(rows(&alone)[0]["median_translation"], per_seed[1]["median_translation"]);
     assert!(rows(&alone)[0].get("per_seed").is_none());

@@ -1,4 +1,4 @@
-//! `veiloc eval scene` with queries of another place, which must not be localized.
+//! `veiloc eval scene` with queries of another scene, which must not be localized.
 
 use super::common;
 
@@ -79,14 +79,14 @@ fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
         assert!(of(steps, "mean_exposed") < of(whole, "mean_exposed"), "{steps}");
         assert_eq!(steps["localized"], whole["localized"]);
         assert_eq!(steps["negatives"]["trusted"], 0, "{steps}");
-        // Nothing is as exact as that: every byte of every step counts, and the pose is that of all rows.
+        // This accuracy is unreachable: every byte of every step counts, and the pose is that of all rows.
         assert_eq!(of(exact, "mean_rows"), 1024.0);
         assert!(of(exact, "mean_bytes") > 1.5 * of(whole, "mean_bytes"), "{exact}");
         assert_eq!(exact["median_translation"], whole["median_translation"]);
     }
 }
 
-/// Rendered poses are exact, so that covariances can be held against them.
+/// Rendered poses are exact, so that covariances can be compared with the errors.
 #[test]
 fn covariances_are_held_against_the_truth() {
     let place = place();
@@ -101,7 +101,7 @@ fn covariances_are_held_against_the_truth() {
             let share = |percent: &str| regions[percent].as_f64().expect("a share");
             assert!(share("50") <= share("90") && share("90") <= share("99") && share("99") <= 1.0, "{row}");
         }
-        // Three queries, so no more than that the errors and what is said of them are of one size.
+        // Three queries only show that errors and standard deviations have the same magnitude.
         let ratio = row["center_error_over_sd"].as_f64().expect("a ratio");
         assert!((0.05..10.0).contains(&ratio), "{row}");
     }

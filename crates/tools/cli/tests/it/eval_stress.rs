@@ -1,4 +1,4 @@
-//! `veiloc eval stress`: one place under hard conditions.
+//! `veiloc eval stress`: one scene under hard conditions.
 
 use super::common;
 
@@ -54,7 +54,7 @@ fn every_stress_has_its_rows_and_none_comes_first() {
         assert_eq!((&none["recall"]["0.25/2"], &none["trusted_wrong"]), (&1.0.into(), &0.into()), "{none}");
         assert_eq!(none["floor"]["recall"]["0.25/2"], 1.0, "{none}");
     }
-    // Each stress takes matches away.
+    // Each stress condition reduces the matches.
     let matches = |stress: &str| -> u64 {
         let own =
             list(&result, "queries").iter().filter(|q| q["stress"] == stress && q["scheme"] == "points");
@@ -66,7 +66,7 @@ fn every_stress_has_its_rows_and_none_comes_first() {
     assert!(matches("few-keypoints") <= 256 * QUERIES as u64);
 }
 
-/// Without stress it is `eval scene`: the very same poses.
+/// Without stress it equals `eval scene`: the same poses.
 #[test]
 fn none_is_the_place_as_eval_scene_sees_it() {
     let place = place();
@@ -81,7 +81,7 @@ fn none_is_the_place_as_eval_scene_sees_it() {
     assert_eq!(errors(&none), errors(&scene));
 }
 
-/// The rows without gravity are those of a place that nothing is told of, and each has one with gravity behind it.
+/// The rows without gravity equal those of a scene without gravity, and each is followed by one with gravity.
 #[test]
 fn gravity_adds_a_row_to_each() {
     let place = place();

@@ -1,4 +1,4 @@
-//! `veiloc map export`: what is written is the map, and other programs' formats hold what they say.
+//! `veiloc map export`: the exported files match the map.
 
 use super::common;
 
@@ -18,7 +18,7 @@ fn an_exported_map_holds_every_point_and_is_imported_again() {
         for (written, own) in model.points().iter().zip(&map.points) {
             assert_eq!((written.position, written.track.len()), (own.position, own.track.len()), "{folder}");
         }
-        // A keypoint of two orientations is one place in the image: of its points one is joined to it again.
+        // A keypoint with two orientations is one image position: of its points one is merged with it again.
         let import =
             format!("map import --model {folder} --images images --no-self-test -o {folder}.vmap --json");
         let again = place.run(&import).succeeded().json();
@@ -31,7 +31,7 @@ fn an_exported_map_holds_every_point_and_is_imported_again() {
     }
     assert!(place.path("binary/points3D.bin").exists() && !place.path("text/points3D.bin").exists());
 
-    // Text would be hidden by the binary files beside it.
+    // Binary files in the folder would take precedence over text.
     let hidden = place.run("map export place.vmap --colmap binary --text");
     assert!(hidden.code == Some(1) && hidden.stderr.contains("binary COLMAP model"), "{hidden}");
     assert!(!place.path("binary/points3D.txt").exists());

@@ -1,4 +1,4 @@
-//! Which way is down: told to a map, kept by it, and what it does for queries that tell it too.
+//! Direction of gravity: set in a map, stored by it, and its effect on queries with gravity.
 
 use super::common;
 
@@ -6,7 +6,7 @@ use common::{EXTRACTION, Place, place};
 use serde_json::Value;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 
-/// Down in rendered places.
+/// Direction of gravity in rendered scenes.
 const DOWN: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
 fn info(place: &Place, map: &str) -> Value {
@@ -18,7 +18,7 @@ fn build(place: &Place, down: &str, out: &str) -> common::Run {
     place.run(&format!("{words} {} {down} -o {out}", EXTRACTION.join(" ")))
 }
 
-/// What the camera of an image feels, turned by some degrees about its own `z`.
+/// Gravity in the camera of an image, rotated by some degrees about the camera's `z` axis.
 fn felt(place: &Place, image: &str, degrees: f64) -> String {
     let (_, pose) = place.poses.iter().find(|(name, _)| name == image).expect("an image of the place");
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
@@ -78,7 +78,7 @@ fn queries_are_held_upright_where_the_map_knows_and_told_so_where_it_does_not() 
     assert_eq!((&used["gravity"], &used["state"]), (&"used".into(), &"trusted".into()));
     assert!(!said.contains("down"), "{said}");
 
-    // What is grossly wrong loses its say: the pose is as it would be without, or doubted.
+    // A grossly wrong direction is rejected: the pose is the same as without it, or doubtful.
     let (misled, _) = localized("upright.vmap", "false.vquery");
     let center = |query: &Value| {
         let c: Vec<f64> = serde_json::from_value(query["center"].clone()).expect("a position");

@@ -1,4 +1,4 @@
-//! `--hide`: what a detector finds is not sent, and a detector that cannot be used sends nothing.
+//! `--hide`: detected objects are not sent, and an unusable detector prevents sending.
 
 use super::common;
 
@@ -13,7 +13,7 @@ fn seal(more: &str) -> String {
     format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o hidden.vquery {more}")
 }
 
-/// Ends with 1, says all of this, and writes no query.
+/// The command exits with 1, prints all these words, and writes no query.
 fn refused(place: &Place, command: &str, says: &[&str]) {
     let run = place.run(&command.replace("hidden.vquery", "none.vquery"));
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
@@ -65,7 +65,7 @@ fn a_detector_that_cannot_be_used_sends_nothing() {
     ] {
         refused(place, &command, says);
     }
-    // Before anybody is asked for anything: there is no service at this address.
+    // The error comes before any request: there is no service at this address.
     let send =
         format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
     refused(place, &format!("{send} --hide dog --detector {good}"), &["no class dog"]);

@@ -1,4 +1,4 @@
-//! Features and pairs to and from hloc's files: what is extracted elsewhere is mapped, sealed and localized here.
+//! Features and pairs in hloc's files: features of other programs are mapped, sealed and localized here.
 
 use super::common;
 
@@ -25,7 +25,7 @@ fn build(more: &str) -> String {
     format!("map build --posed posed --images images --list map.txt {} {more}", EXTRACTION.join(" "))
 }
 
-/// Largest error of the camera's centre over the lines of a file of results.
+/// Largest error of the camera centre over the lines of a result file.
 fn worst(place: &Place, file: &str) -> f64 {
     let text = String::from_utf8(place.read(file)).expect("text");
     assert_eq!(text.lines().count(), 3, "{text}");
@@ -59,7 +59,7 @@ fn a_map_and_queries_of_features_of_a_file_are_those_of_extracted_ones() {
         let error = worst(place, &format!("{scheme}.txt"));
         assert!(error < 0.05, "{scheme}: {error}");
     }
-    // Features of one name are one kind, wherever they were made.
+    // Features of the same name are one kind, regardless of the program that extracted them.
     place.run("map profile file.vmap -o file.vprofile").succeeded();
     place
         .run(&format!("seal images/query-0.png --camera {CAMERA} --profile file.vprofile -o mixed.vquery"))
@@ -83,7 +83,7 @@ fn features_of_another_name_are_a_kind_of_their_own() {
     place.run("localize --map theirs.vmap theirs.vquery").succeeded();
     let other = seal("--features sift --features-file feats.h5");
     assert!(other.code == Some(1) && other.stderr.contains("never match"), "{other}");
-    // They were made of the whole image.
+    // They were extracted from the whole image.
     let (white, black) = (image::Luma([255_u8]), image::Luma([0_u8]));
     let mask = image::GrayImage::from_fn(400, 300, |x, _| if x < 100 { black } else { white });
     mask.save(place.path("mask.png")).expect("written");

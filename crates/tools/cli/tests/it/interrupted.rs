@@ -1,4 +1,4 @@
-//! A map build that is killed leaves the old map as it was, and nothing that disturbs the next build.
+//! A killed map build leaves the old map unchanged, and leaves nothing that disturbs the next build.
 
 use super::common;
 
@@ -20,7 +20,7 @@ fn names(place: &Place) -> Vec<String> {
     names
 }
 
-/// What must hold at any time: the old map is there, whole, and nothing else looks like a map.
+/// What must hold at any time: the old map is complete, and no other file looks like a map.
 fn old_map_is_untouched(place: &Place, old: &[u8], when: &str) {
     assert!(place.read("live/place.vmap") == old, "{when}: the old map changed");
     let info = place.run("map info live/place.vmap --json").succeeded().json();
@@ -32,7 +32,7 @@ fn old_map_is_untouched(place: &Place, old: &[u8], when: &str) {
     }
 }
 
-/// Starts the build, and kills it when its log has a line that begins so.
+/// Starts the build, and kills it when its log has a line that begins with `stage`.
 fn killed_in(place: &Place, stage: &str) {
     let mut child = place.command(BUILD).spawn().expect("the binary runs");
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
@@ -42,7 +42,7 @@ fn killed_in(place: &Place, stage: &str) {
     child.wait().expect("ended");
 }
 
-/// Starts the build, and kills it when another file shows up beside the map.
+/// Starts the build, and kills it when another file appears beside the map.
 fn killed_while_writing(place: &Place) {
     let mut child = place.command(BUILD).spawn().expect("the binary runs");
     let is_writing = || names(place).iter().any(|name| name.ends_with(".partial"));
@@ -56,7 +56,7 @@ fn killed_while_writing(place: &Place) {
 #[test]
 fn a_killed_build_leaves_the_old_map() {
     let place = place();
-    // The old map is another than the one being built.
+    // The old map differs from the one being built.
     fs::create_dir_all(place.path("live")).expect("folder");
     place.write("three.txt", "map-00.png\nmap-01.png\nmap-02.png\n");
     let small = BUILD.replace("map.txt", "three.txt");
@@ -64,7 +64,7 @@ fn a_killed_build_leaves_the_old_map() {
     let old = place.read("live/place.vmap");
     place.run(&BUILD.replace("live/", "")).succeeded();
 
-    // In one stage after another. While the lock is held here, no build gets as far as replacing the map.
+    // In each stage in turn. The lock that is held here prevents every build from replacing the map.
     let lock = MapLock::acquire(&place.path("live/place.vmap")).expect("nobody else holds it");
     for stage in ["Extracting features", "Matching pairs", "Triangulating points", "Testing the map"] {
         killed_in(place, stage);
@@ -72,7 +72,7 @@ fn a_killed_build_leaves_the_old_map() {
     }
     drop(lock);
 
-    // In the very moment of writing.
+    // While the file is written.
     let mut caught = 0;
     for _ in 0..3 {
         killed_while_writing(place);
@@ -80,14 +80,14 @@ fn a_killed_build_leaves_the_old_map() {
             caught += 1;
             old_map_is_untouched(place, &old, "killed while writing");
         } else {
-            // The kill came after the rename: then the new map is there, whole.
+            // The kill came after the rename: then the new map is complete.
             place.run("map info live/place.vmap").succeeded();
             place.write("live/place.vmap", &old);
         }
     }
     eprintln!("{caught} of 3 kills came between the first byte and the rename");
 
-    // Rubbish, also of other writers, does not disturb the next build, which clears it away.
+    // Partial files, also of other writers, do not disturb the next build, which removes them.
     place.write("live/.place.vmap.4194304999-0.partial", &old[..old.len() / 2]);
     let run = place.run(&format!("{BUILD} --json")).succeeded();
     assert_eq!(run.json()["images"], MAP_VIEWS);
@@ -108,7 +108,7 @@ fn a_refused_build_leaves_the_old_map() {
     let run = place.run("map build --posed posed --images images --list own/list.txt -o own/place.vmap");
     assert_eq!(run.code, Some(1), "{run}");
     assert!(place.read("own/place.vmap") == place.read("place.vmap"));
-    // An image that is there when the build starts, and turns out to be damaged in the middle of it.
+    // The image exists when the build starts, and is found to be damaged in the middle of it.
     let posed = String::from_utf8(place.read("posed/images.txt")).expect("text");
     for file in ["cameras.txt", "points3D.txt"] {
         place.write(&format!("own/posed/{file}"), place.read(&format!("posed/{file}")));

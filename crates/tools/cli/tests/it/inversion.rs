@@ -1,9 +1,10 @@
-//! `veiloc eval inversion`: images that a network makes of what attacks recover, and how they are judged.
+//! `veiloc eval inversion`: images that a network reconstructs from attack results, and their similarity.
 
 use std::path::Path;
 use std::process::Command;
 
-/// Runs a command in words; what looks like a file stands in the folder, and below `data/` among those of the attacks' tests.
+/// Runs a command line; an argument that looks like a file name is a path in the folder, and below `data/` one of the
+/// attacks' test data.
 fn run(folder: &Path, words: &str) -> Result<(), String> {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data");
     let at = |word: &str| match word.strip_prefix("data/") {
@@ -16,7 +17,7 @@ fn run(folder: &Path, words: &str) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// Squares on a slope, with corners for SIFT to find.
+/// Squares on a gradient, with corners for SIFT.
 fn draw(folder: &Path, name: &str, shift: u32) {
     let value = |x: u32, y: u32| {
         let square = ((x + shift) / 9 * 37 + (y + 2 * shift) / 7 * 61) % 5 * 40;
@@ -38,7 +39,7 @@ fn images_are_made_and_judged() {
         .expect("evaluated");
     assert!(read("sheet.png").starts_with(b"\x89PNG"));
     let page = text("page.html");
-    // Two images: the originals and seven rows of each, and those that are given places in the wide view.
+    // Two images: the originals and seven rows of each, and the extracted ones in the wide view.
     assert_eq!(page.matches("data:image/png;base64,").count(), 2 * (1 + 7) + 2 * (1 + 4));
     assert!(page.contains("This file contains images") && page.contains("Dual convergent lines"));
     let document = text("rows.json");

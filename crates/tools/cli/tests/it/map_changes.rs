@@ -1,4 +1,4 @@
-//! Maps that are made of what is usable, changed by several programs at once, and forget what they are told to.
+//! Maps built from the usable images, changed by several programs at once, and without removed images.
 
 use super::common;
 
@@ -7,7 +7,7 @@ use std::fs;
 use common::{MAP_VIEWS, Place, keys, place};
 use serde_json::Value;
 
-/// The map in a folder of its own, to be changed.
+/// A copy of the map in a separate folder, to be changed.
 fn copy(place: &Place, folder: &str) -> String {
     let path = format!("{folder}/place.vmap");
     place.write(&path, place.read("place.vmap"));
@@ -111,7 +111,7 @@ fn bad_images_are_all_named_or_left_out() {
     assert!(run.stderr.contains("6 images were left out") && run.stderr.contains("map-05.png"), "{run}");
 }
 
-/// Cameras and poses are enough; a focal length twice the right one is not passed over in silence.
+/// Cameras and poses suffice; a focal length twice the correct one gives a warning.
 #[test]
 fn poses_need_no_points_and_wrong_ones_are_doubted() {
     let place = place();
@@ -135,7 +135,7 @@ fn poses_need_no_points_and_wrong_ones_are_doubted() {
     is_refused(place, &build("long"), "long", "about 2.00 times the right one", "focal-length");
 }
 
-/// Camera-to-world poses: the map that was there stays, and the cause is named.
+/// With camera-to-world poses the existing map stays, and the error names the cause.
 #[test]
 fn inverted_poses_are_called_so_and_a_good_map_stays() {
     let place = place();
@@ -156,7 +156,7 @@ fn inverted_poses_are_called_so_and_a_good_map_stays() {
     assert_eq!(place.read("turned.vmap"), b"a good map");
 }
 
-/// A map that is good for nothing is refused by name of the fault, and written when that is wanted.
+/// An unusable map is refused with the cause, and written with --keep-broken.
 fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
     let run = place.run(build);
     assert_eq!(run.code, Some(1), "{run}");
@@ -172,7 +172,7 @@ fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
     }
 }
 
-/// Two images cannot test each other: that is told, and no reason to refuse the map.
+/// Two images cannot test each other: this gives a warning, and the map is written.
 #[test]
 fn a_map_that_cannot_test_itself_says_so() {
     let place = place();
@@ -191,7 +191,7 @@ fn a_map_that_cannot_test_itself_says_so() {
     assert!(text.contains("self-test   none"), "{text}");
 }
 
-/// The place of the tests is sound, and its map knows that; a change is tested anew.
+/// The scene of the tests is sound, and its map has a good self-test; a change is tested again.
 #[test]
 fn a_sound_map_localizes_its_own_images() {
     let place = place();

@@ -1,4 +1,4 @@
-//! `--mask` and `--masks`: nothing under a mask is sent, and a mask that nobody can mean sends nothing.
+//! `--mask` and `--masks`: nothing under a mask is sent, and an implausible mask prevents sending.
 
 use super::common;
 
@@ -6,7 +6,7 @@ use common::{CAMERA, Place, place};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, LumaA, RgbImage};
 use veiloc_protocol::SealedQuery;
 
-/// Black where a person could stand.
+/// Black in a region the size of a person.
 fn person(x: u32, y: u32) -> bool {
     ((f64::from(x) - 130.0) / 40.0).hypot((f64::from(y) - 170.0) / 100.0) < 1.0
 }
@@ -24,7 +24,7 @@ fn seal(more: &str) -> String {
     format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o masked.vquery {more}")
 }
 
-/// Ends with 1, and says all of this.
+/// The command exits with 1, and prints all these words.
 fn refused(place: &Place, command: &str, says: &[&str]) {
     let run = place.run(command);
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
@@ -60,7 +60,7 @@ fn a_masked_image_is_sealed_and_localized() {
     place.run(&seal("--masks masks --session masked.session")).succeeded();
 }
 
-/// L13, through the whole program: two folders of images that differ under the mask only are evaluated alike.
+/// L13, through the whole program: two folders of images that differ only under the mask give the same evaluation.
 #[test]
 fn l13_what_is_hidden_changes_no_result() {
     let place = place();
@@ -99,7 +99,7 @@ fn l13_what_is_hidden_changes_no_result() {
     assert_ne!(evaluated("images", "").0, evaluated("changed", "").0, "the measure does not see the leak");
 }
 
-/// What is attacked of a masked query is what a device sends of it.
+/// The attack on a masked query uses only what a device sends.
 #[test]
 fn attacks_see_nothing_of_what_is_hidden() {
     let place = place();
@@ -121,7 +121,7 @@ fn attacks_see_nothing_of_what_is_hidden() {
         let number = |value: &serde_json::Value| value.as_f64().expect("a number");
         let mut count = 0;
         for (problem, image) in read("p.jsonl").iter().zip(read("masked.jsonl")) {
-            // Back from the canonical camera to the image's own, but for its distortion: a pixel at most.
+            // From the canonical camera back to the image's own, except for its distortion: a pixel at most.
             let canonical = &problem["camera"]["params"];
             let own = |p: &serde_json::Value, i: usize| {
                 let ahead = (number(&p[i]) - number(&canonical[2 + i])) / number(&canonical[i]);
@@ -173,13 +173,13 @@ fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
         refused(place, &seal(more).replace("masked.vquery", "none.vquery"), says);
         assert!(!place.path("none.vquery").exists(), "{more}");
     }
-    // Before anybody is asked for anything: there is no service at this address.
+    // The error comes before any request: there is no service at this address.
     let send =
         format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
     refused(place, &format!("{send} --mask bad/nothing.png"), &["hides nothing"]);
     let run = place.run(&seal("--mask a.png --masks b"));
     assert!(run.code == Some(2) && run.stderr.contains("--masks"), "{run}");
-    // A mask is an input, and no place to write to.
+    // A mask is an input and must not be overwritten.
     refused(
         place,
         &seal("--mask bad/turned.png").replace("masked.vquery", "bad/turned.png"),
@@ -187,7 +187,7 @@ fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
     );
 }
 
-/// Masks as tools write them: in 16 bits, in colour, with an alpha channel that hides nothing, with soft edges.
+/// Masks in the formats of common tools: 16 bits, colour, an alpha channel that hides nothing, soft edges.
 #[test]
 fn one_mask_in_many_forms_hides_the_same() {
     let place = place();

@@ -1,15 +1,15 @@
-//! Learned features: a described network on the whole road, and what happens when it is not there or is another.
+//! Learned features: a described network in the whole pipeline, and the errors if it is missing or another one.
 
 use super::common;
 
 use common::{CAMERA, Place, place};
 
-/// A network by a formula, and its description (`scripts/oracle_networks.py`).
+/// An analytic network, and its description (`scripts/oracle_networks.py`).
 fn corners(ending: &str) -> String {
     format!("{}/../../device/features/tests/data/learned/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Ends with 1, says all of this, and writes no query.
+/// The command exits with 1, prints all these words, and writes no query.
 fn refused(place: &Place, command: &str, says: &[&str]) {
     let run = place.run(command);
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
@@ -32,7 +32,7 @@ fn a_described_network_maps_seals_and_localizes() {
     let found = place.run("localize --map corners.vmap corners.vquery --json").succeeded().json();
     assert_eq!(found["queries"][0]["status"], "localized", "{found}");
 
-    // The audit and images of elsewhere take it too, and would not take built-in features in its place.
+    // The audit and out-of-map images use the network too, and do not fall back to built-in features.
     let audit = "audit images/query-0.png --no-synthetic --attacks closed-form --max-keypoints 256 --json";
     let attacked = place.run(&format!("{audit} {features} -o corners.html")).succeeded().json();
     let built_in = place.run(&format!("{audit} -o built-in.html"));
@@ -42,7 +42,7 @@ fn a_described_network_maps_seals_and_localizes() {
     assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
     refused(place, elsewhere, &["no features of the name \"corners\""]);
 
-    // Nobody says what corners are; another kind than the map's; compact rows for a map of corners.
+    // `corners` without a description; another kind than the map's; compact rows for a map of corners.
     refused(place, &format!("{seal} -o none.vquery"), &["no features of the name \"corners\"", "xfeat"]);
     refused(place, &format!("{seal} --features sift -o none.vquery"), &["never match", "corners", "sift"]);
     let of_compact =
@@ -71,7 +71,8 @@ fn a_described_network_maps_seals_and_localizes() {
     }
 }
 
-/// A projection that a user trained, beside the description: the same road, half the bytes of a row and less, and nobody else's.
+/// A projection trained by a user, beside the description: the same pipeline with less than half the bytes per row,
+/// incompatible with other descriptors.
 #[test]
 fn a_projected_network_maps_seals_and_localizes() {
     let place = place();
@@ -90,14 +91,14 @@ fn a_projected_network_maps_seals_and_localizes() {
     assert!(info.to_string().contains("corners-compact"), "{info}");
     let (wide, small) = (place.read("wide.vquery").len(), place.read("small.vquery").len());
     assert!(small < wide * 3 / 4, "{small} of {wide} bytes");
-    // Neither takes the other's.
+    // Neither accepts the other's.
     let run = place.run("localize --map wide.vmap small.vquery");
     assert!(run.code == Some(1) && run.stdout.contains("sealed with profile"), "{run}");
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile wide.vprofile -o none.vquery");
     refused(place, &format!("{seal} {features}"), &["never match", "corners", "corners-compact"]);
 }
 
-/// A map of global descriptors of whole images: only who consents to that very one seals for it.
+/// A map with global descriptors of whole images: sealing requires consent to exactly this model.
 #[test]
 fn l14_a_map_that_asks_for_the_image_needs_consent() {
     let place = place();
@@ -128,16 +129,16 @@ fn l14_a_map_that_asks_for_the_image_needs_consent() {
     let found = place.run("localize --map whole.vmap whole.vquery --json").succeeded().json();
     assert_eq!(found["queries"][0]["status"], "localized", "{found}");
 
-    // Images of elsewhere are one's own to ask with.
+    // The user's own out-of-map images need no consent.
     let elsewhere = "eval negatives --map whole.vmap --images images --schemes dcl";
     refused(place, elsewhere, &["\"corner-map\""]);
     let asked = place.run(&format!("{elsewhere} --global {file} --json")).succeeded().json();
     assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
 
-    // A map that asks for none gets none, whatever was consented to.
+    // A map without such a descriptor gets none, regardless of consent.
     let run = place.run(&format!("{seal} place.vprofile --image-global {file} -o rows.vquery")).succeeded();
     assert!(run.stderr.contains("none is sent") && !run.stderr.contains("of the image,"), "{run}");
-    // Images join with the map's own model, and with no other.
+    // Images are added with the map's own model, and with no other.
     place.run("map remove whole.vmap map-03.png -o less.vmap").succeeded();
     let add = "map add less.vmap --posed posed --images images --list first.txt -o again.vmap";
     place.write("first.txt", "map-03.png\n");
@@ -146,7 +147,7 @@ fn l14_a_map_that_asks_for_the_image_needs_consent() {
     place.run(&format!("{add} --global {file}")).succeeded();
 }
 
-/// Compact descriptors, the default, need no file, and the message is a quarter as long; RootSIFT is still to be had.
+/// Compact descriptors, the default, need no file, and the message is a quarter as long; RootSIFT is still available.
 #[test]
 fn maps_are_of_compact_descriptors_unless_told_otherwise() {
     let place = place();

@@ -1,4 +1,4 @@
-//! `veiloc localize --queries LIST --images DIR`: images in, files of poses for other programs out.
+//! `veiloc localize --queries LIST --images DIR`: images as input, pose files for other programs as output.
 
 use super::common;
 
@@ -12,7 +12,7 @@ fn text(file: &str) -> String {
     String::from_utf8(place().read(file)).expect("text")
 }
 
-/// Numbers behind the first word of each line.
+/// Numbers after the first word of each line.
 fn rows(file: &str) -> Vec<(String, Vec<f64>)> {
     let row = |line: &str| {
         let mut words = line.split(' ');

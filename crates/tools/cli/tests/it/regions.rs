@@ -1,4 +1,5 @@
-//! `veiloc map split`, `publish` and `fetch`: regions answer as the whole map does, and come back from storage as they went.
+//! `veiloc map split`, `publish` and `fetch`: regions give the same answers as the whole map, and survive storage
+//! unchanged.
 
 use super::common;
 
@@ -25,7 +26,7 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
         regions.len() > 1 && sum("core_images") == MAP_VIEWS as u64 && sum("images") > sum("core_images"),
         "{split}"
     );
-    // Each is a map like any other, with the profile and the self-test of the whole.
+    // Each is a map with the profile and the self-test of the whole map.
     let file = |region: &Value| format!("regions/objects/{}", text(&region["sha256"]));
     for region in regions {
         let info = place.run(&format!("map info {} --json", file(region))).succeeded().json();
@@ -56,7 +57,7 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
         });
         assert!(trusted.count() > 0, "{query} is trusted in no region");
     }
-    // Nothing changes a region, and none is cut again.
+    // A region cannot be changed or split again.
     for (command, expected) in [
         (format!("map compress {} -o again.vmap", file(&regions[0])), "a region of a larger"),
         (format!("map remove {} map-00.png -o again.vmap", file(&regions[0])), "a region of a larger"),
@@ -92,7 +93,7 @@ fn what_is_published_comes_back_and_damage_does_not() {
     let by_id = format!("map fetch shop hall --out back --manifest {}", text(&split["manifest"]));
     assert!(place.run(&by_id).succeeded().stdout.contains("fetched     0 objects"));
 
-    // Storage that holds something else: told by name, and the folder stays as it was.
+    // Corrupted storage: the error names the object, and the folder stays unchanged.
     let region = text(&split["regions"][0]["sha256"]);
     let path = place.path(format!("shop/objects/{region}"));
     let mut bytes = fs::read(&path).expect("bytes");
@@ -113,7 +114,7 @@ fn what_is_published_comes_back_and_damage_does_not() {
     }
 }
 
-/// A disk that is full, in the shape of a limit for files: one whose last bytes did not get there is no object.
+/// A full disk, simulated by a file size limit: an incomplete file is no object.
 #[cfg(unix)]
 #[test]
 fn what_the_disk_does_not_take_is_told_and_not_kept() {

@@ -1,4 +1,4 @@
-//! `--report` at `eval scene`, the data sets' commands and `localize`: one file, whole, and nothing more in the documents.
+//! `--report` of `eval scene`, the data-set commands and `localize`: one complete file, and unchanged documents.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
                      --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl --keep-map report.vmap";
 
-/// A report, and what every one of them holds.
+/// A report, with the checks that hold for every report.
 fn page(place: &Place, name: &str) -> String {
     let page = String::from_utf8(place.read(name)).expect("UTF-8");
     assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>"), "{name}");
@@ -27,7 +27,7 @@ fn page(place: &Place, name: &str) -> String {
     page
 }
 
-/// A document without what differs from run to run.
+/// A document without the fields that differ from run to run.
 fn document(place: &Place, name: &str) -> Value {
     fn timeless(value: &mut Value) {
         match value {
@@ -55,10 +55,10 @@ fn a_scene_is_reported_and_its_document_stays_as_it_is() {
     assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 3);
     assert_eq!(text.matches("data:image/jpeg").count(), 3);
     assert!(text.contains("contains 3 images of queries"));
-    // Rows of points and of half-lines, some of them inliers; one line is the legend's.
+    // Rows of points and of half-lines, some of them inliers; one line belongs to the legend.
     assert_eq!(text.matches("class=\"line inlier\" d=\"M").count(), 3 + 1);
     assert_eq!(text.matches("class=\"dot inlier\" d=\"M").count(), 3);
-    // The unit of a model is unknown.
+    // The unit of a COLMAP model is unknown.
     assert!(text.contains("map units") && !text.contains(" cm<"));
 
     let few = "--report few.html --report-queries 1 --report-without-images";

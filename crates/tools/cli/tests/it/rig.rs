@@ -1,4 +1,4 @@
-//! `veiloc localize --rig`: a session of sealed queries gives one pose, and what is no rig file is told.
+//! `veiloc localize --rig`: a session of sealed queries gives one pose, and an invalid rig file gives an error.
 
 use super::common;
 
@@ -8,12 +8,12 @@ use common::{Place, QUERIES, place};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
 
-/// All queries of the place sealed under dcl, and a rig of them: the first is the rig.
+/// All queries of the scene sealed under dcl, and a rig file for them: the first camera is the rig frame.
 fn ready() -> &'static Place {
     static READY: Once = Once::new();
     let place = place();
     READY.call_once(|| {
-        // Makes the folder as well.
+        // This creates the folder too.
         place.write("session/rig.json", rig(place).to_string());
         for k in 0..QUERIES {
             place.seal(&format!("query-{k}.png"), "dcl", &format!("session/{k}.vquery"));
@@ -66,7 +66,7 @@ fn a_session_gives_one_pose() {
     let text = place.run("localize --map place.vmap --rig session/rig.json");
     assert!(text.stdout.contains("session/rig.json  trusted  at ("), "{text}");
     assert_eq!(text.stdout.lines().count(), 1 + QUERIES, "{text}");
-    // Equal input, equal output, but for the time it took.
+    // Equal input gives equal output, except for the time.
     let again = place.run("localize --map place.vmap --rig session/rig.json --json").json();
     assert_eq!(again["covariance"], document["covariance"]);
 }

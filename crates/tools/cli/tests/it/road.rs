@@ -1,4 +1,4 @@
-//! The whole road as a person walks it, by the binary: map, profile, seal, localize, evaluate.
+//! The whole pipeline, run through the binary: map, profile, seal, localize, evaluate.
 
 use super::common;
 
@@ -21,12 +21,12 @@ fn pose_error(document: &Value, truth: &CameraFromWorld) -> (f64, f64) {
     (pose.rotation_error_degrees(truth), pose.translation_error(truth))
 }
 
-/// One word a query, for a command line.
+/// One word per query, for a command line.
 fn each_query(word: impl Fn(usize) -> String) -> String {
     (0..QUERIES).map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// Seals all queries of the place, localizes them in one call, and checks the document.
+/// Seals all queries of the scene, localizes them in one call, and checks the document.
 fn localize_all(place: &Place, map: &str, scheme: &str, folder: &str, bound: (f64, f64)) {
     let images = each_query(|i| format!("images/query-{i}.png"));
     let scheme_words = if scheme.is_empty() { String::new() } else { format!("--scheme {scheme}") };
@@ -113,7 +113,7 @@ fn coordinate_permutation_is_sealed_and_read() {
     let run = place.run("localize --map place.vmap permuted.vquery --json");
     let document = run.json();
     assert_eq!(document["queries"].as_array().map(Vec::len), Some(1));
-    // Half of its coordinates are swapped; whether that localizes is the evaluation's question, not this test's.
+    // Half of its coordinates are swapped; the evaluation, not this test, decides whether that localizes.
     let code = match document["queries"][0]["state"].as_str() {
         Some("trusted") => 0,
         Some("doubtful") => 4,
@@ -188,7 +188,7 @@ fn a_query_sealed_twice_differs_and_keeps_its_length() {
         let [a, b, c] = ["twice-a.vquery", "twice-b.vquery", "twice-c.vquery"].map(|file| place.read(file));
         assert_ne!(a, b, "{scheme}: sealing must draw from the operating system");
         assert_eq!(a.len(), b.len(), "{scheme}");
-        // The class is told by the number of rows, the only thing the length may depend on.
+        // The number of rows gives the size class, and the length may depend on nothing else.
         let rows = |file: &str| rows_of(&place.read(file));
         assert_eq!(rows("twice-a.vquery"), rows("twice-c.vquery"), "both images fill the profile's class");
         assert_eq!(a.len(), c.len(), "{scheme}: all messages of a class have one length");
@@ -355,11 +355,11 @@ fn a_scene_is_evaluated() {
         );
         assert!(row["sealed_bytes"].as_u64().is_some_and(|b| b > 0));
     }
-    // The map that was kept is a map like any other.
+    // The stored map is a valid map.
     place.run("map info kept.vmap").succeeded();
 
-    // The same into a file; people get the table then, and everything but the times is the same.
-    // The camera may come from the list, as hloc writes it: the model's own changes nothing, another one does.
+    // With a file for the document, the table goes to stdout, and everything except the times is the same. The camera
+    // may come from the list, as in hloc: the model's own camera changes nothing, another one does.
     let listed = |camera: &str| {
         let lines = (0..QUERIES).map(|i| format!("query-{i}.png {camera}")).collect::<Vec<_>>();
         place.write("listed.txt", lines.join("\n"));
@@ -369,7 +369,7 @@ fn a_scene_is_evaluated() {
     };
     let own = listed(&CAMERA.replace(',', " "));
     assert_eq!(Some(own), document["schemes"][0]["median_translation"].as_f64());
-    // A focal length 10 % too short is noticed: another pose, within two centimetres where it would be half a metre off.
+    // A focal length 10 % too short is estimated: another pose, within two centimetres instead of half a metre.
     let short = listed(&CAMERA.replace(',', " ").replace("330", "300"));
     assert!(
         short.to_bits() != own.to_bits() && short < 0.02,
@@ -393,7 +393,7 @@ fn without_times(mut document: Value) -> Value {
     document
 }
 
-/// Noise-free matches of a pinhole camera at a known pose, one problem a line; one match in five is wrong.
+/// Exact matches of a pinhole camera at a known pose, one problem per line; one match in five is wrong.
 fn problems(count: usize) -> String {
     let line = |k: usize| {
         let (half_turn, offset) = (0.1 * k as f64, 0.3 * k as f64);

@@ -1,4 +1,4 @@
-//! `veiloc serve` and `veiloc query send`, as two processes, with what can go wrong between them.
+//! `veiloc serve` and `veiloc query send` as two processes, with the errors between them.
 #![cfg(unix)]
 
 use super::common;
@@ -38,7 +38,7 @@ impl Service {
         service
     }
 
-    /// With a log that is read as far as the line that tells where it listens, and no further.
+    /// The log is read up to the line with the address, and no further.
     fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = place
             .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unknown-life 3600 --connection-life 3600 {arguments}"))
@@ -79,7 +79,7 @@ fn send(image: &str, url: &str) -> String {
     send_keeping(image, url, "cache")
 }
 
-/// The same, with profiles kept in this folder.
+/// The same, with a profile cache in this folder.
 fn send_keeping(image: &str, url: &str, cache: &str) -> String {
     format!("query send images/{image} --camera {CAMERA} --map place --cache {cache} --server {url}")
 }
@@ -117,7 +117,7 @@ fn a_image_gets_its_pose() {
         log.lines().filter(|l| l.contains("/profile") && l.contains(&format!("status={status}"))).count()
     };
     assert_eq!((fetched("200"), fetched("304")), (1, common::QUERIES), "{log}");
-    // A kept profile that was damaged is fetched again.
+    // A damaged profile in the cache is fetched again.
     let kept = fs::read_dir(place.path("own/profiles")).expect("the cache").next().expect("a profile");
     let kept = kept.expect("an entry").path();
     fs::write(&kept, b"damaged").expect("written");
@@ -125,7 +125,7 @@ fn a_image_gets_its_pose() {
     assert!(fs::read(&kept).expect("kept") == place.read("place.vprofile"), "whole again");
 }
 
-/// A rendered room is recognized by few rows; an accuracy that nothing reaches takes all.
+/// A rendered room needs few rows; an unreachable accuracy needs all.
 #[test]
 fn a_progressive_query_sends_no_more_than_it_takes() {
     let place = place();
@@ -148,7 +148,7 @@ fn a_progressive_query_sends_no_more_than_it_takes() {
     let first = sent("");
     assert!([256, 512, 1024].starts_with(&first) && first.len() < 3, "a trusted pose ends it: {first:?}");
     assert_eq!(sent("--accuracy 1e-9"), [256, 512, 1024]);
-    // As many requests as steps.
+    // One request per step.
     let asked = service.log().lines().filter(|line| line.contains("/localize")).count();
     assert_eq!(asked, first.len() + 3, "{}", service.log());
     for (more, part) in [
@@ -161,7 +161,7 @@ fn a_progressive_query_sends_no_more_than_it_takes() {
     }
 }
 
-/// Sealed queries of a session, sent as they are.
+/// Sealed queries of a session, sent unchanged.
 #[test]
 fn a_session_gets_one_pose() {
     let place = place();
@@ -191,7 +191,7 @@ fn a_session_gets_one_pose() {
     let text = place.run(&command).succeeded();
     assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
     assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
-    // What says how to seal an image has no say.
+    // Options of sealing are refused.
     for (more, word) in
         [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE"), ("--progressive", "--progressive")]
     {
@@ -266,13 +266,13 @@ fn what_would_be_a_mistake_is_refused() {
         let run = place.run(arguments);
         assert!(run.code == Some(code) && run.stderr.contains(part), "{part}: {run}");
     }
-    // Nobody there.
+    // No service at this address.
     let run = place.run(&format!("{} --retries 1", send("query-0.png", "http://127.0.0.1:1")));
     assert!(run.code == Some(1) && run.stderr.contains("sending the same bytes again"), "{run}");
     assert!(run.stderr.contains("that the service runs"), "{run}");
 }
 
-/// The paper's degenerate case is found on the device, and nothing is sent.
+/// The device detects the paper's degenerate case, and sends nothing.
 #[test]
 fn a_image_with_one_blank_side_is_not_sent() {
     let place = place();
@@ -290,7 +290,7 @@ fn a_image_with_one_blank_side_is_not_sent() {
     assert!(!service.log().contains("/localize"), "nothing was sent: {}", service.log());
 }
 
-/// L7: a service that is busy gets the very same bytes again.
+/// L7: a busy service gets the same bytes again.
 #[test]
 fn a_retry_sends_the_same_bytes() {
     let place = place();
@@ -320,7 +320,7 @@ fn a_retry_sends_the_same_bytes() {
             } else {
                 ("200 OK", &profile)
             };
-            // One of them breaks off without an answer.
+            // One of the connections ends without an answer.
             if !status.is_empty() {
                 let head = format!(
                     "HTTP/1.1 {status}\r\ncontent-type: application/x-protobuf\r\nretry-after: 0\r\nconnection: close\r\n\
@@ -361,18 +361,18 @@ fn signals_stop_and_reload() {
     assert_eq!(status.code(), Some(0), "{}", service.log());
 }
 
-/// What a client may speak through.
+/// A connection of a client.
 trait Stream: Read + Write {}
 
 impl<S: Read + Write> Stream for S {}
 
-/// A pipe that nobody reads, a reader that has gone, a disk that is full: requests are answered, and SIGTERM ends it.
+/// A full pipe, a closed pipe, a full disk: requests are answered, and SIGTERM stops the service.
 #[test]
 fn a_log_that_cannot_be_written_stops_nothing() {
     let place = place();
     let answered = |stream: &mut dyn Stream| {
         let request = http::Request::get("/v1/maps").bytes();
-        // Some ten times what a pipe holds.
+        // About ten times the capacity of a pipe.
         for _ in 0..6000 {
             stream.write_all(&request).expect("written");
             assert_eq!(http::Response::read(&mut &mut *stream).status, 200);
@@ -391,7 +391,7 @@ fn a_log_that_cannot_be_written_stops_nothing() {
     answered(&mut http::connect(service.address));
     end(service);
     if let Ok(full) = fs::File::options().write(true).open("/dev/full") {
-        // Nobody can be told a port: so a socket.
+        // The port cannot be printed, so the service listens on a socket.
         let command = "serve --map place=place.vmap --listen unix:full.sock --admin-listen 127.0.0.1:0 \
                        --unknown-life 3600 --connection-life 3600 --rate 1000000";
         let child = place.command(command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
@@ -410,7 +410,7 @@ fn a_log_that_cannot_be_written_stops_nothing() {
     }
 }
 
-/// With `--log-json` every line is JSON, those for people too.
+/// With `--log-json` every line is JSON, including messages for people.
 #[test]
 fn a_log_of_json_holds_nothing_else() {
     let place = place();
@@ -449,7 +449,7 @@ fn a_log_of_json_holds_nothing_else() {
     }
 }
 
-/// Connections that cannot all be open are an error at the start, not a service that stops to accept.
+/// A connection limit above the system's is an error at the start, not a service that stops accepting.
 #[test]
 fn connections_that_cannot_fit_are_refused_at_the_start() {
     let place = place();
@@ -471,7 +471,7 @@ fn connections_that_cannot_fit_are_refused_at_the_start() {
     child.wait().expect("ended");
 }
 
-/// `kill -9` while requests are answered and the map is being exchanged: the map is whole, a new service answers.
+/// `kill -9` during requests and the replacement of the map: the map is complete, and a new service answers.
 #[test]
 fn killed_services_leave_nothing_half_done() {
     let place = place();
@@ -500,7 +500,7 @@ fn killed_services_leave_nothing_half_done() {
             for _ in 0..3 {
                 scope.spawn(|| {
                     let bytes = http::Request::localize(&query).header("connection", "close").bytes();
-                    // Until the service is gone: then connecting fails, or no answer comes.
+                    // Until the service has ended: then connecting fails, or no answer comes.
                     while let Ok(mut stream) = std::net::TcpStream::connect(address) {
                         if stream.write_all(&bytes).is_err() {
                             break;

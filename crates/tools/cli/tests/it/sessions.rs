@@ -1,4 +1,5 @@
-//! `--session`: images of one place sealed as frames that share their anchors in the world, and what is no session is told.
+//! `--session`: images of one scene sealed as frames that share their anchors in the world, and errors of invalid
+//! sessions.
 
 use super::common;
 
@@ -7,12 +8,12 @@ use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_protocol::{Observations, SealedQuery};
 
-/// The words with which an image of the place is sealed.
+/// The arguments that seal an image of the scene.
 fn seal(image: &str, words: &str, out: &str) -> String {
     format!("seal images/{image} --camera {CAMERA} --profile place.vprofile {words} -o {out}")
 }
 
-/// How the camera of an image was held, as a device would tell it.
+/// Orientation of the camera of an image, as a device would give it.
 fn held(place: &Place, image: &str) -> String {
     let [w, x, y, z] = place.pose_of(image).quaternion();
     format!("--orientation={w},{x},{y},{z}")
@@ -32,7 +33,7 @@ fn anchor(place: &Place, image: &str, query: &str) -> Vector3<f64> {
 #[test]
 fn frames_of_a_session_share_their_anchors_and_are_localized() {
     let place = place();
-    // The third has turned so far that two halves are one to it.
+    // The third has rotated so far that two halves coincide for it.
     let striped = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
     for (name, scheme, frames) in [("plain", "dcl", 2), ("striped", striped, 3)] {
         let mut anchors = Vec::new();
@@ -55,7 +56,7 @@ fn frames_of_a_session_share_their_anchors_and_are_localized() {
             assert_eq!(mode & 0o777, 0o600);
         }
     }
-    // The same measure on frames that are each a session of their own.
+    // The same measure on frames in separate sessions.
     place.seal("query-1.png", "dcl", "alone.vquery");
     let apart =
         anchor(place, "query-1.png", "alone.vquery").angle(&anchor(place, "query-0.png", "plain-0.vquery"));
@@ -80,7 +81,8 @@ fn an_image_that_is_seen_again_is_of_the_session_without_an_orientation() {
 #[test]
 fn the_third_start_at_one_place_is_refused() {
     let place = place();
-    // The same things seen from elsewhere: the image mirrored holds the same descriptors nowhere, so it is cut and moved.
+    // The same scene from another viewpoint: a mirrored image has the same descriptors nowhere, so it is cropped and
+    // shifted.
     let image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
     let stretched = |name: &str, factor: u32| {
         let (width, height) = image.dimensions();
@@ -117,7 +119,7 @@ fn anchors_are_tied_to_what_is_asked_for() {
     let words = format!("{words} --scheme {layout} --gravity={},{},{}", down[0], down[1], down[2]);
     place.run(&seal(image, &words, "level.vquery")).succeeded();
     assert!(anchor(place, image, "level.vquery").z.abs() > 0.999);
-    // What was begun with one tie does not go on with another.
+    // A session does not continue with other anchors.
     let run = place.run(&seal(image, "--session level.session --anchors world", "never.vquery"));
     assert!(run.code == Some(1) && run.stderr.contains("--anchors"), "{run}");
 }
@@ -145,7 +147,7 @@ fn what_is_no_session_or_orientation_is_told() {
     let lock = std::fs::File::create(place.path(".held.session.lock")).expect("made");
     lock.lock().expect("locked");
     wrong("--session held.session", 1, &["another program"]);
-    // An image that cannot be read leaves no session behind.
+    // An unreadable image leaves no session file.
     wrong("--session new.session", 1, &["query-0.png"]);
     assert!(!place.path("new.session").exists());
 }

@@ -1,4 +1,4 @@
-//! `veiloc serve` with a file of settings and variables, as an operator starts it.
+//! `veiloc serve` with a settings file and variables, as an operator starts it.
 
 use super::common;
 
@@ -6,12 +6,12 @@ use std::path::Path;
 
 use common::folder;
 
-/// Keys and values of what is printed, without where they come from.
+/// Keys and values of printed settings, without their origins.
 fn values(printed: &str) -> Vec<&str> {
     printed.lines().map(|line| line.split(" # ").next().unwrap_or_default()).collect()
 }
 
-/// The example that operators begin with says what it seems to say, and what is printed of it can be given back.
+/// The example file has the expected values, and its printed form can be read again.
 #[test]
 fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
     let folder = folder();
@@ -70,7 +70,7 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
     assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
 }
 
-/// A password of the bus, or a key in the address of a store, is in nothing that is printed or logged.
+/// A password of the bus, or a key in the address of a store, is never printed or logged.
 #[test]
 fn no_secret_of_an_address_is_repeated() {
     let folder = folder();
@@ -82,7 +82,7 @@ fn no_secret_of_an_address_is_repeated() {
     let masked = "nats = \"tls://worker-town:***@127.0.0.1:1,nats://worker-town:***@127.0.0.1:2\" # worker.toml, line 1; \
                   write the secret in place of ***\n";
     assert!(printed.stdout.contains(masked), "{printed}");
-    // It can be given back, and whoever does not fill it in is told.
+    // It can be read again, and an unfilled secret gives an error.
     folder.write("again.toml", &printed.stdout);
     let again = folder.run("worker --config again.toml --print-config").succeeded();
     assert_eq!(values(&again.stdout), values(&printed.stdout));
@@ -123,7 +123,7 @@ fn no_secret_of_an_address_is_repeated() {
     }
 }
 
-/// A worker needs no command line: what is required may stand in a file, or in variables.
+/// A worker needs no command line: required options may come from a file or from variables.
 #[test]
 fn a_worker_starts_from_a_file_or_from_variables_alone() {
     let folder = folder();

@@ -1,4 +1,4 @@
-//! Several files at once: each is answered for itself, and folders, lists and `-` are taken where files are.
+//! Several inputs at once: each has its own result, and folders, lists and `-` are accepted as inputs.
 
 use super::common;
 
@@ -9,7 +9,7 @@ use std::process::Stdio;
 use common::{CAMERA, Place, QUERIES, Run, keys, place};
 use serde_json::Value;
 
-/// The words with which an image of the place is sealed.
+/// The arguments that seal an image of the scene.
 fn seal(what: &str, out: &str) -> String {
     format!("seal {what} --camera {CAMERA} --profile place.vprofile -o {out}")
 }
@@ -33,7 +33,7 @@ fn names(place: &Place, folder: &str) -> Vec<String> {
     names
 }
 
-/// Items of a document that ended with a status.
+/// Items of a document with this status.
 fn with_status<'a>(items: &'a Value, status: &str) -> Vec<&'a Value> {
     items.as_array().expect("an array").iter().filter(|item| item["status"] == status).collect()
 }
@@ -105,7 +105,7 @@ fn ten_queries_with_two_broken_ones_give_eight_poses_and_two_reasons() {
         (&"damaged".into(), &"missing".into())
     );
 
-    // A folder is what is in it, sorted; nothing usable at all is no success, whatever is skipped.
+    // A folder stands for its files, sorted; if no input is usable, the command fails even with --skip-bad.
     let run = place.run("localize --map place.vmap queries --skip-bad --quiet").succeeded();
     let first: Vec<&str> = run.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let sound = [0, 1, 2, 4, 5, 6, 8, 9].map(|i| format!("queries/{i}.vquery"));
@@ -131,7 +131,7 @@ fn folders_keep_their_shape_and_names_do_not_clash() {
     assert!(run.code == Some(1) && run.stderr.contains("folder above them"), "{run}");
     assert!(!place.path("loose").exists(), "refused before the work");
 
-    // One image goes into a folder that is there, or that is named as one.
+    // One image is written into an existing folder, or into a path that ends in `/`.
     place.run(&seal("images/query-0.png", "cameras-sealed")).succeeded();
     assert!(place.path("cameras-sealed/query-0.vquery").is_file());
     place.run(&seal("images/query-0.png", "new/folder/")).succeeded();
@@ -190,7 +190,7 @@ fn lists_bring_their_cameras() {
     refused(seal("", "named"), &["query-0.png", "has no EXIF", "--camera unknown"]);
     let run = seal(&format!("--camera {CAMERA} --skip-bad"), "named").succeeded();
     assert!(run.stderr.contains("images/no-such.png") && run.stderr.contains("1 of 2 sealed"), "{run}");
-    // The camera as hloc writes it, or as COLMAP does.
+    // The camera in hloc's form, or in COLMAP's.
     for camera in ["posed/cameras.txt", "posed"] {
         seal(&format!("--camera {camera} --skip-bad"), "named").succeeded();
     }
@@ -199,7 +199,7 @@ fn lists_bring_their_cameras() {
     let out = place.command("").args(one).arg(&with_spaces).output().expect("runs");
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
 
-    // A wrong camera is the list's, not an average of all.
+    // A wrong camera in the list affects only its own image.
     list(&["query-0.png PINHOLE 640 480 500 500 320 240".to_owned()]);
     refused(seal("", "wrong"), &["query-0.png", "400x300", "640x480"]);
     list(&["../images/query-0.png PINHOLE 640 480 500 500 320 240".to_owned()]);

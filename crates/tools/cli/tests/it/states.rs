@@ -1,17 +1,17 @@
-//! Trusted, doubtful, not found: the same in text, JSON and exit codes, of one query and of several.
+//! Trusted, doubtful, not found: the same in text, JSON and exit codes, for one query and for several.
 
 use super::common;
 
 use common::{CAMERA, Place, place};
 
-/// Seals three images: one of the place, one that shows just enough of it for a doubtful pose, one of something else.
+/// Seals three images: one of the scene, one that shows just enough of it for a doubtful pose, one of another scene.
 fn sealed() -> &'static Place {
     static READY: std::sync::Once = std::sync::Once::new();
     let place = place();
     READY.call_once(|| {
         seal_window(place, "whole", 100);
         seal_window(place, "none", 0);
-        // A sealed query is always answered alike: the first window that gets a doubtful pose is good for all tests.
+        // The result of a sealed query is deterministic: the first window with a doubtful pose serves all tests.
         let found = (8..80).step_by(3).any(|percent| {
             seal_window(place, "half", percent);
             let run = place.run("localize --map place.vmap states-half.vquery --json");
@@ -22,7 +22,7 @@ fn sealed() -> &'static Place {
     place
 }
 
-/// Seals an image of which the middle part of the width, in percent, shows the place, and the rest texture that it has not.
+/// Seals an image whose middle part, in percent of the width, shows the scene, and the rest other texture.
 fn seal_window(place: &Place, name: &str, percent: u32) {
     let mut image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
     let width = image.width();
@@ -107,7 +107,7 @@ fn a_withheld_pose_is_nowhere() {
     assert!(!text.stdout.contains("at ("), "{text}");
 }
 
-/// A wrong place is no place; a right one leaves the answer what it is.
+/// A wrong position hint gives no pose; a correct one does not change the result.
 #[test]
 fn a_place_nearby_is_checked_and_used() {
     let center = localize("whole", "--json").json()["queries"][0]["center"].clone();

@@ -1,4 +1,4 @@
-//! `veiloc token`: what operators do with the file of tokens, and what of it is ever shown.
+//! `veiloc token`: operations on the token file, and what of it is printed.
 
 use super::common;
 

@@ -1,4 +1,5 @@
-//! Features of map images: one file an image, named by the hash of the image's file and of what makes features of it.
+//! Cached features of map images: one file per image, named by the hash of the image file and of the extraction
+//! parameters.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ use veiloc_map::atomic_file::write_whole;
 
 use crate::build_cache::key::Key;
 
-/// Bytes before the keypoints: how many keypoints, how long the global descriptor is.
+/// Bytes of the header: number of keypoints, length of the global descriptor.
 const HEAD: usize = 16;
 /// Bytes of a keypoint: `u v` as f32.
 const KEYPOINT: usize = 8;
@@ -30,7 +31,7 @@ impl FeatureFolder {
         Self { folder, base }
     }
 
-    /// `None` where the image cannot be read: who extracts it says why.
+    /// Returns `None` if the image cannot be read; the extraction then reports why.
     fn file_of(&self, wanted: &Wanted<'_>) -> Option<PathBuf> {
         let mut key = self.base.clone();
         key.debug(&(wanted.size, wanted.limits, wanted.kind, wanted.global));
@@ -48,7 +49,8 @@ impl FeatureFolder {
     }
 }
 
-/// Number of keypoints, length of the global descriptor, keypoints, descriptors, global descriptor, and the hash of all that.
+/// Layout: number of keypoints, length of the global descriptor, keypoints, descriptors, global descriptor, and the
+/// hash of all that.
 fn encoded(found: &Extracted) -> Vec<u8> {
     let global = found.global.as_ref().map_or(&[][..], GlobalDescriptor::as_codes);
     let mut bytes = (found.keypoints.len() as u64).to_le_bytes().to_vec();
@@ -61,7 +63,7 @@ fn encoded(found: &Extracted) -> Vec<u8> {
     bytes
 }
 
-/// `None` for what was not written so, whole, or is not what is wanted.
+/// Returns `None` for a file that is damaged, truncated, or does not fit the request.
 fn decoded(bytes: &[u8], wanted: &Wanted<'_>) -> Option<Extracted> {
     let (content, hash) = bytes.split_at_checked(bytes.len().checked_sub(HASH)?)?;
     if Sha256::digest(content)[..] != *hash {

@@ -1,13 +1,13 @@
-//! A hash of what something is computed from.
+//! Hash of the inputs of a computation.
 
 use sha2::{Digest as _, Sha256};
 
-/// A hash of what something is computed from; the version of this program is part of it.
+/// Hash of the inputs of a computation; the version of this program is part of it.
 #[derive(Debug, Clone)]
 pub struct Key(Sha256);
 
 impl Key {
-    /// Of something with this name.
+    /// Begins the hash for a computation with this name.
     pub fn new(what: &str) -> Self {
         let mut key = Self(Sha256::new());
         key.text(what);
@@ -15,7 +15,7 @@ impl Key {
         key
     }
 
-    /// Adds bytes, and how many they are.
+    /// Adds bytes with their length.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.0.update((bytes.len() as u64).to_le_bytes());
         self.0.update(bytes);
@@ -26,12 +26,12 @@ impl Key {
         self.bytes(text.as_bytes());
     }
 
-    /// Adds a value as it is printed for debugging.
+    /// Adds the debug output of a value.
     pub fn debug(&mut self, value: &impl std::fmt::Debug) {
         self.text(&format!("{value:?}"));
     }
 
-    /// Adds numbers, to the bit.
+    /// Adds the exact bits of numbers.
     pub fn numbers(&mut self, numbers: impl Iterator<Item = f64>) {
         numbers.for_each(|n| self.0.update(n.to_le_bytes()));
     }
@@ -41,7 +41,7 @@ impl Key {
         self.0.finalize().into()
     }
 
-    /// The hash, written out.
+    /// The hash in hexadecimal.
     pub fn hex(self) -> String {
         hex::encode(self.digest())
     }

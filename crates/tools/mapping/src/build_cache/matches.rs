@@ -1,5 +1,5 @@
-//! Matches of pairs of map images: a record a pair, found by the hash of both images' descriptors. Each process appends to a file
-//! of its own and reads those of the others.
+//! Cached matches of image pairs: one record per pair, keyed by the hash of both images' descriptors. Each process
+//! appends to its own file and reads the files of the others.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
@@ -16,27 +16,27 @@ use crate::build_cache::key::Key;
 
 /// Bytes before the matches of a record: key, number of matches, hash of the matches.
 const HEAD: usize = 16 + 8 + 8;
-/// Bytes of a match: rows of both images, distance, ratio.
+/// Bytes of a match: descriptor rows in both images, distance, ratio.
 const MATCH: usize = 16;
 
 type PairKey = [u8; 16];
 
-/// All files of a folder; one is written.
+/// All files of a folder; one of them is written.
 #[derive(Debug)]
 pub(crate) struct MatchFiles {
     own: Mutex<MatchFile>,
     others: Vec<Mutex<MatchFile>>,
-    /// Held: two processes would write into each other's records.
+    /// Held as long as the file is open: two processes would corrupt each other's records.
     _lock: TargetLock,
 }
 
-/// `matches-0.bin`, `matches-1.bin` and so on: as many as processes ever kept here at the same time.
+/// `matches-0.bin`, `matches-1.bin` and so on: one for each process that ever wrote to the folder at the same time.
 fn numbered(folder: &Path, number: usize) -> PathBuf {
     folder.join(format!("matches-{number}.bin"))
 }
 
 impl MatchFiles {
-    /// Takes the first file that nobody writes, and reads the others as far as they are written now.
+    /// Opens the first file without a writer for writing, and reads the present content of the others.
     pub(crate) fn in_folder(folder: &Path) -> Result<Self, MappingError> {
         let (mut own, mut others) = (None, Vec::new());
         for path in (0..).map(|number| numbered(folder, number)) {
@@ -79,13 +79,13 @@ impl MatchFiles {
 struct MatchFile {
     path: PathBuf,
     file: File,
-    /// Where the record of a pair begins.
+    /// Offset of the record of each pair.
     records: HashMap<PairKey, u64>,
     end: u64,
 }
 
 impl MatchFile {
-    /// Opens it, made if need be; what an interruption cut short at its end is cut off.
+    /// Opens or creates a file for writing; removes a record that an interruption truncated.
     fn writing(path: &Path) -> Result<Self, MappingError> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let file = Self::indexed(path, file.map_err(MappingError::io(path))?)?;
@@ -93,7 +93,7 @@ impl MatchFile {
         Ok(file)
     }
 
-    /// Opens one that another process may be writing.
+    /// Opens a file that another process may be writing.
     fn reading(path: &Path) -> Result<Self, MappingError> {
         Self::indexed(path, File::open(path).map_err(MappingError::io(path))?)
     }
@@ -139,7 +139,7 @@ impl MatchFile {
     }
 }
 
-/// Where the record after one begins.
+/// Returns the offset of the next record.
 fn after(begin: u64, count: u64) -> Option<u64> {
     begin.checked_add(HEAD as u64)?.checked_add(count.checked_mul(MATCH as u64)?)
 }
@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(files.get(&a, &b, &options), None, "damaged");
         assert_eq!(files.get(&a, &c, &options), Some(found(5)));
         drop(files);
-        // A count that no file can hold ends the file there.
+        // A count that exceeds the file ends the file there.
         bytes[16..24].copy_from_slice(&u64::MAX.to_le_bytes());
         fs::write(&path, &bytes).expect("written");
         assert_eq!(open().get(&a, &c, &options), None);
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(third.get(&a, &b, &options), Some(found(2)));
         assert_eq!(third.get(&b, &c, &options), Some(found(4)));
         drop((first, third));
-        // A file that is nobody's between others is taken before a new one is made.
+        // An unused file between others is reused before a new one is created.
         let again = MatchFiles::in_folder(folder.path()).expect("opened");
         again.keep(&a, &c, &options, &found(6)).expect("kept");
         drop((again, second));

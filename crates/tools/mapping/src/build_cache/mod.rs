@@ -1,13 +1,13 @@
-//! What building a map computes, kept in a folder: features of images, matches of pairs.
+//! Cache of a map build: features of images, matches of pairs.
 //!
-//! For builds that were interrupted, that are done again with some more images, or that many hands share: several processes, on
-//! one machine or on several that see the folder, may keep in it at once ([`crate::prepare`]).
+//! It serves interrupted builds, builds with more images, and distributed builds: several processes, on one machine or
+//! on several with a shared folder, may use it at once ([`crate::prepare`]).
 //!
-//! Everything is found by a hash of what it was computed from: the bytes of the image's file, the options, what the extractor
-//! makes of an image that is always the same (its name does not say which weights it was read with), the version of this
-//! program. What no longer fits is never taken for what does; what is damaged or cut short is computed again.
+//! Every entry is keyed by the hash of its inputs: the bytes of the image file, the options, the extractor's output on
+//! a fixed pattern (the extractor's name does not identify its weights), the version of this program. An outdated entry
+//! is therefore never used; a damaged or truncated entry is computed again.
 //!
-//! The folder holds keypoints and descriptors of the map's images, as the map does, and is to be kept from others like it.
+//! The folder contains keypoints and descriptors of the map's images, as the map does: protect it in the same way.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -16,9 +16,9 @@
 //! use veiloc_mapping::{BuildOptions, Input, build};
 //!
 //! let (posed, options) = (read_posed(Path::new("hall/sparse"))?, BuildOptions::default());
-//! let keeping = Keeping::in_folder(Path::new("hall.work"), &options)?;
-//! let (map, _) = build(&Input::new(&posed, Path::new("hall/images")).with_kept(&keeping), &options, &())?;
-//! keeping.finish()?;
+//! let cache = Keeping::in_folder(Path::new("hall.work"), &options)?;
+//! let (map, _) = build(&Input::new(&posed, Path::new("hall/images")).with_kept(&cache), &options, &())?;
+//! cache.finish()?;
 //! veiloc_map::write(&map, Path::new("hall.vmap"))?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -40,20 +40,20 @@ use features::FeatureFolder;
 pub use key::Key;
 use matches::MatchFiles;
 
-/// A folder in which builds keep what they compute.
+/// Cache of map builds in a folder.
 #[derive(Debug)]
 pub struct Keeping {
     features: FeatureFolder,
     matches: MatchFiles,
-    /// The first thing that could not be kept.
+    /// The first write error.
     fault: Mutex<Option<MappingError>>,
 }
 
 impl Keeping {
-    /// A folder, made if it is not there, for builds with these options.
+    /// Opens or creates the cache folder for builds with these options.
     ///
     /// # Errors
-    /// [`MappingError`]: the folder cannot be written, or the options name an extractor that is not there or cannot run.
+    /// [`MappingError`]: the folder cannot be written, or the options name an extractor that is missing or cannot run.
     pub fn in_folder(folder: &Path, options: &BuildOptions) -> Result<Self, MappingError> {
         let features = folder.join("features");
         fs::create_dir_all(&features).map_err(MappingError::io(&features))?;
@@ -66,10 +66,10 @@ impl Keeping {
         })
     }
 
-    /// To be asked when a build has ended: whether all could be kept.
+    /// Returns the first write error; call it after the build.
     ///
     /// # Errors
-    /// [`MappingError`]: the first file that could not be written. What was built is right all the same.
+    /// [`MappingError`]: the first file that could not be written. The built map is valid in any case.
     pub fn finish(&self) -> Result<(), MappingError> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner).take();
         fault.map_or(Ok(()), Err)

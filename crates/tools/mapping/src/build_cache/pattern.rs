@@ -1,4 +1,4 @@
-//! What an extractor makes of an image that is always the same: it tells two networks of one name apart.
+//! The extractor's output on a fixed pattern: it distinguishes two networks of the same name.
 
 use crate::BuildOptions;
 use veiloc_features::{FeatureError, GrayImage, Image};
@@ -7,10 +7,10 @@ use crate::build_cache::key::Key;
 
 /// Width and height of the pattern, pixels.
 const SIZE: (u32, u32) = (160, 120);
-/// Features of it that count.
+/// Maximum number of compared features.
 const MOST: usize = 64;
 
-/// Adds what the extractor of the options, and what describes whole images, make of the pattern.
+/// Adds the output of the local and global extractors on the pattern to the key.
 pub(crate) fn behaviour(key: &mut Key, options: &BuildOptions) -> Result<(), FeatureError> {
     let extractor = options.extractors.named(&options.features)?;
     let image = Image::from(pattern()?);
@@ -26,7 +26,7 @@ pub(crate) fn behaviour(key: &mut Key, options: &BuildOptions) -> Result<(), Fea
     Ok(())
 }
 
-/// Blobs of several sizes and a few edges: every detector finds something.
+/// Blobs of several sizes and a few edges, so that every detector finds keypoints.
 fn pattern() -> Result<GrayImage, FeatureError> {
     let (width, height) = SIZE;
     let at = |x: f32, y: f32| {
@@ -36,7 +36,7 @@ fn pattern() -> Result<GrayImage, FeatureError> {
         0.5 + 0.2 * waves + blocks
     };
     let samples = (0..height).flat_map(|y| (0..width).map(move |x| at(x as f32, y as f32)));
-    // In steps of a byte's, so that the last bit of a sine does not matter.
+    // Quantized to bytes, so that the last bit of a sine has no effect.
     GrayImage::from_luma8(width, height, &samples.map(|v| (255.0 * v).round() as u8).collect::<Vec<_>>())
 }
 

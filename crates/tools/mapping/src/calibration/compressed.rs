@@ -1,4 +1,5 @@
-//! A small map tested with the images of the whole one, and the smallest that loses no more than it may.
+//! Self-test of a compressed map with the images of the whole map, and search for the smallest map within a recall
+//! loss.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +11,10 @@ use veiloc_map::{
 
 use crate::calibration::run::{SelfTestOptions, self_test, test_in};
 
-/// Localizes images of a map in the small one that was made of it, each left out of both: queries are what the whole map
-/// keeps of an image, and points are as they would be in the whole map without it.
+/// Localizes images of a map in a compressed version of it; each image is left out of both. Queries are made from the
+/// whole map's features of an image, and points are those of the whole map without it.
 ///
-/// The result belongs into the small map's `self_test`. Which points were kept is not chosen again without the image.
+/// The result belongs in the compressed map's `self_test`. The choice of points is not repeated without the image.
 ///
 /// # Errors
 /// As for [`self_test`].
@@ -42,10 +43,10 @@ pub fn self_test_compressed(
     test_in(whole, &file, &without, options, progress)
 }
 
-/// The smallest map whose self-test falls at most `points` percentage points short of the whole map's, in trusted images
-/// and in images within a hundredth of the scale and 1°, on average over the schemes; with its self-test in it.
+/// Finds the smallest map whose self-test is at most `points` percentage points below the whole map's, in the mean of
+/// trusted images and images within 1 % of the scale and 1°, averaged over the schemes; returns it with its self-test.
 ///
-/// Searched by halving, to a tenth of the size. `None` when no small map is as good.
+/// Searches by bisection, to a tenth of the size. `None` if no compressed map reaches it.
 ///
 /// # Errors
 /// As for [`self_test`] and [`compress`].
@@ -69,7 +70,7 @@ pub fn smallest_within(
             CompressOptions::new(size as u64).with_descriptors(compress_options.descriptors_per_point);
         let mut small = match compress(whole, &asked, progress) {
             Ok(small) => small,
-            // No map can be smaller.
+            // This is the minimum size.
             Err(MappingError::TooSmall { least, .. }) => {
                 low = least as f64;
                 continue;
@@ -77,7 +78,7 @@ pub fn smallest_within(
             Err(error) => return Err(error),
         };
         let test = self_test_compressed(whole, &small, options, progress)?;
-        // Written so that NaN is not good enough.
+        // Written so that NaN fails.
         if recall(&test) >= least {
             small.model.self_test = Some(test);
             high = size;
@@ -89,15 +90,14 @@ pub fn smallest_within(
     Ok(found)
 }
 
-/// Share of the images that are trusted, and share that are within a hundredth of the scale: the mean of both, over all
-/// schemes.
+/// Mean over all schemes of the share of trusted images and the share of images within 1 % of the scale.
 fn recall(test: &SelfTest) -> f64 {
     let of = |count: u32| f64::from(count) / f64::from(test.images.max(1));
     let sum: f64 = test.schemes.iter().map(|s| f64::midpoint(of(s.trusted), of(s.within_of_scale[1]))).sum();
     sum / test.schemes.len().max(1) as f64
 }
 
-/// The search ends when it knows the size so well.
+/// Relative size difference at which the search ends.
 const SEARCHED_TO: f64 = 0.1;
-/// By so much each step is smaller until one is too small.
+/// Factor between the sizes of the first steps, until a map is too small.
 const FIRST_STEP: f64 = 3.0;

@@ -1,23 +1,23 @@
-//! The calibration that makes the covariances of a map's poses fit the errors that they have.
+//! Calibration of a map's pose covariances, fitted to the observed pose errors.
 //!
-//! With the step `e` from each trusted pose to the true one and the estimator's covariance `C` of it, `a`, `s_r` and `s_t`
-//! of [`Calibration`] are those of the greatest posterior probability: `e` is normal with covariance
-//! `a C + diag(s_r² I, s_t² I)`, and the three are log-normal about [`Calibration::unmeasured`]. The latter counts like an
-//! image or two, so that a handful of images cannot say anything they like.
+//! Let `e` be the step from a trusted pose to the true one and `C` the estimator's covariance. The parameters `a`,
+//! `s_r` and `s_t` of [`Calibration`] maximize the posterior probability under `e ~ N(0, a C + diag(s_r² I, s_t² I))`
+//! with log-normal priors about [`Calibration::unmeasured`]. The priors count like one or two images, so that a handful
+//! of images cannot dominate.
 //!
 //! # Outliers
-//! A trusted pose may be wrong. A first fit under a heavy-tailed distribution (Student's of [`FREEDOM`] degrees of freedom)
-//! finds those that no calibration of the rest explains, [`FARTHEST`] or more; they are left out of the second fit, but
-//! never more than a tenth: what is frequent is no outlier, and covariances have to cover it.
+//! A trusted pose may be wrong. A first fit with a heavy-tailed distribution (Student's t with [`FREEDOM`] degrees of
+//! freedom) finds the poses beyond [`FARTHEST`]; the second fit leaves them out, but at most a tenth of all: frequent
+//! errors are not outliers, and the covariances must cover them.
 
 use veiloc_map::Calibration;
 
 use crate::calibration::minimum::minimum;
 use crate::calibration::trial::Trial;
 
-/// Fits the calibration of a scheme; `scale` is the distance of what images of the map see, map units.
+/// Fits the calibration of a scheme; `scale` is the typical distance of observed points, map units.
 ///
-/// Trials that are not trusted, or have a direction left free, say nothing. Without any, it is
+/// Trials that are not trusted, or leave a direction unconstrained, are ignored. Without usable trials the result is
 /// [`Calibration::unmeasured`].
 pub fn fit(trials: &[Trial], scale: f64) -> Calibration {
     let prior = Calibration::unmeasured(scale);
@@ -59,7 +59,7 @@ fn most_probable(trials: &[&Trial], prior: &Calibration, tail: Tail) -> Calibrat
     at(&minimum(loss, [0.0; 3], 0.7))
 }
 
-/// All but those that are too far away under a first calibration, of which there are a tenth at most.
+/// Leaves out the trials beyond [`FARTHEST`] under a first calibration, at most a tenth.
 fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<&'a Trial> {
     let mut ranked: Vec<(f64, &'a Trial)> = trials
         .iter()
@@ -77,8 +77,8 @@ fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<
 
 /// Degrees of freedom of the heavy-tailed distribution of the first fit.
 const FREEDOM: f64 = 5.0;
-/// Squared distance under the first fit from which a pose is an outlier. Of normal errors that fit estimates the
-/// covariance at about 0.8, so this is the region of 99.99 %.
+/// Squared distance under the first fit from which a pose is an outlier. For normal errors that fit estimates the
+/// covariance at about 0.8, so this corresponds to the region of 99.99 %.
 const FARTHEST: f64 = 35.0;
 /// Standard deviations of the logarithms of `a`, `s_r` and `s_t` about their defaults.
 const PRIOR_SD: [f64; 3] = [0.5, 1.0, 1.0];

@@ -1,4 +1,4 @@
-//! The fit on errors that were drawn from known covariances.
+//! Tests of the fit, with errors drawn from known covariances.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,8 +9,8 @@ use veiloc_synthetic::problems::normal;
 use crate::calibration::fit::fit;
 use crate::calibration::trial::Trial;
 
-/// Poses known to a thousandth of a radian and a hundredth of a unit, more or less and correlated, with errors drawn from
-/// the calibrated covariance.
+/// Poses with correlated standard deviations of about a thousandth of a radian and a hundredth of a unit, with errors
+/// drawn from the calibrated covariance.
 fn trials(count: usize, truth: &Calibration, seed: u64) -> Vec<Trial> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..count)
@@ -85,14 +85,14 @@ fn few_images_stay_near_the_default_and_none_are_the_default() {
         t.covariance[4][4] = f64::INFINITY;
     }
     assert_eq!(fit(&free, 10.0), default);
-    // Three images that err by nothing at all: covariances shrink, but not to nothing.
+    // Three images without any error shrink the covariances, but not to zero.
     let mut lucky = trials(3, &TRUTH, 3);
     for t in &mut lucky {
         t.step = [0.0; 6];
     }
     let found = fit(&lucky, 10.0);
     assert!(found.factor > 0.1 * default.factor && found.factor < default.factor, "{found:?}");
-    // And three that err wildly do not grow beyond all bounds.
+    // Three images with very large errors increase the covariances within bounds.
     let mut wild = trials(3, &TRUTH, 4);
     for t in &mut wild {
         t.step = t.step.map(|x| 30.0 * x);

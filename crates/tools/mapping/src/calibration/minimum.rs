@@ -1,10 +1,9 @@
-//! The least value of a smooth function of three numbers, without derivatives: Nelder and Mead's simplex (*A simplex
-//! method for function minimization*, Computer Journal 1965).
+//! Minimum of a smooth function of three variables without derivatives: the simplex method of Nelder and Mead (*A
+//! simplex method for function minimization*, Computer Journal 1965).
 
 type Point = [f64; 3];
 
-/// The point of the least value found from a start, with first steps of this size. Values that are not numbers count as
-/// infinite.
+/// Returns the best point found from `start`, with initial steps of this size. NaN counts as infinite.
 pub(crate) fn minimum(value: impl Fn(&Point) -> f64, start: Point, size: f64) -> Point {
     let value = |p: &Point| {
         let v = value(p);

@@ -1,28 +1,28 @@
-//! A map localizes its own images, and learns how far to believe itself.
+//! Self-test of a map on its own images, and calibration of its pose covariances.
 //!
 //! ```text
-//! each of up to 50 images ── left out of the map ── sealed from what the map keeps of it ── localized ── its error
+//! each of up to 50 images ── left out of the map ── sealed from the stored features ── localized ── its error
 //!                                                                        │
-//!                      recall, medians, coverage, noise, calibration ◀───┘  of all of them, a scheme
+//!           recall, medians, coverage, noise, calibration  ◀────────────┘  over all images, per scheme
 //! ```
-//! For whoever builds maps: [`self_test`] takes a map and returns a [`SelfTest`] that belongs into
-//! [`MapModel::self_test`](veiloc_map::MapModel::self_test); the server's side reads it there and needs nothing of this crate, which knows both
-//! sides.
+//!
+//! [`self_test`] takes a map and returns a [`SelfTest`] that belongs in
+//! [`MapModel::self_test`](veiloc_map::MapModel::self_test); the server side reads it there and does not depend on this
+//! crate, which uses both the device side and the server side.
 //!
 //! # What is left out
-//! The image is not retrieved or matched, and the points it sees are triangulated again without it, or dropped
-//! ([`crate::LeaveOut`]). It keeps its share in the words of the vocabulary, and in which keypoints of the
-//! others were joined.
+//! The image is not retrieved or matched, and the points it observes are triangulated again without it, or dropped
+//! ([`crate::LeaveOut`]). Its share in the words of the vocabulary and in the merging of other images' keypoints
+//! remains.
 //!
-//! # What the query is
-//! The keypoints and descriptors that the map keeps of the image, sealed as a device seals: canonical camera, dither,
-//! quantized, as many as the profile asks for; it is matched once for all schemes, whose rows hold the same descriptors. They
-//! were extracted from the image as the map's settings say, so no image
-//! is read again.
+//! # The query
+//! The keypoints and descriptors that the map stores of the image, sealed as on a device: canonical camera, dither,
+//! quantization, as many as the profile requests. It is matched once for all schemes, whose rows have the same
+//! descriptors. The features were extracted with the map's settings, so no image is read again.
 //!
-//! # What it cannot know
-//! The poses it compares with are those the map was built with. An error that they share (a wrong scale, a wrong common
-//! focal length) shows neither in its errors nor in its coverage.
+//! # Limits
+//! The reference poses are those the map was built with. An error that they share (a wrong scale, a wrong common focal
+//! length) affects neither the measured errors nor the coverage.
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 

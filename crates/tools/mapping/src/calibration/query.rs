@@ -1,4 +1,4 @@
-//! From what a map keeps of an image to a sealed query.
+//! Makes a sealed query from the features that a map stores of an image.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use veiloc_map::{MapImage, MapModel};
 use veiloc_obfuscation::{SealError, SealOptions, seal};
 use veiloc_protocol::{Profile, Scheme, SealedQuery};
 
-/// How a device seals under a scheme when it decides nothing else but to send what the map asks for of whole images.
+/// Returns the options of a device with default decisions under a scheme, with consent to the map's global descriptor.
 pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {
     let options = SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points());
     match profile.global_model() {
@@ -20,7 +20,7 @@ pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {
     }
 }
 
-/// Global descriptors that the map keeps of its own images, and that are not made again.
+/// The map's stored global descriptors of its own images, which are not computed again.
 struct Stored(NamedGlobal);
 
 impl GlobalExtractor for Stored {
@@ -34,8 +34,8 @@ impl GlobalExtractor for Stored {
     }
 }
 
-/// Features of an image of a map, and the camera they are in: as a device would see them, which makes an image smaller
-/// that is larger than it wants.
+/// Returns the stored features of a map image with their camera, scaled down as on a device if the image is larger than
+/// the profile's limit.
 pub(crate) fn stored_features(
     model: &MapModel,
     image: &MapImage,
@@ -55,7 +55,7 @@ pub(crate) fn stored_features(
         pixel: Pixel::new(f64::from(*u) * along, f64::from(*v) * down),
         scale: 1.0,
         orientation: 0.0,
-        // A map keeps the strongest first, and not how strong they were.
+        // A map stores keypoints by descending response, but not the response itself.
         response: 1.0 / (1.0 + rank as f32),
     };
     let keypoints = image.keypoints.iter().enumerate().map(keypoint).collect();
@@ -63,7 +63,8 @@ pub(crate) fn stored_features(
     Ok((Features { keypoints, descriptors: image.descriptors.clone(), global }, seen))
 }
 
-/// Seals the features of an image; a device draws from the operating system, here the draw must be repeatable.
+/// Seals the features of an image with a seeded generator; a device uses the operating system's, but a self-test must
+/// be repeatable.
 pub(crate) fn sealed(
     features: Features,
     camera: &Intrinsics,
@@ -72,16 +73,16 @@ pub(crate) fn sealed(
     rng: &mut ChaCha20Rng,
 ) -> Result<SealedQuery, SealError> {
     let query = seal(features, camera, profile, options, rng)?;
-    // As it crosses the network: what does not survive that is not tested either.
+    // Encoded and decoded, so that the test includes the wire format's precision.
     Ok(SealedQuery::decode(&query.encode())?)
 }
 
-/// The matches of a query as those of another one of the same image: its rows have the same descriptors in another order,
-/// and matching takes most of the time. `None` when they are not the same, as decoys never are.
+/// Transfers the matches of a query to another query of the same image: its rows have the same descriptors in another
+/// order, and matching takes most of the time. `None` if the descriptors differ, which is always the case for decoys.
 pub(crate) fn transferred(matched: &Matched, from: &SealedQuery, to: &SealedQuery) -> Option<Matched> {
     let mut rows: BTreeMap<&[u8], Option<usize>> = BTreeMap::new();
     for row in 0..to.len() {
-        // Of descriptors that are there twice it is not known which is which.
+        // Duplicate descriptors are ambiguous.
         rows.entry(to.descriptors().row(row)).and_modify(|r| *r = None).or_insert(Some(row));
     }
     let row_of = |row: usize| rows.get(from.descriptors().row(row)).copied().flatten();

@@ -1,4 +1,4 @@
-//! Running a self-test: which images, each left out, sealed and localized under each scheme.
+//! Runs a self-test: chooses the images, leaves each out, seals and localizes it under each scheme.
 
 use crate::{LeaveOut, MappingError, Progress};
 use rand::SeedableRng;
@@ -12,18 +12,18 @@ use crate::calibration::query::{options_for, sealed, stored_features, transferre
 use crate::calibration::summary::{median, summarize};
 use crate::calibration::trial::Trial;
 
-/// How to test a map.
+/// Options of a self-test.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct SelfTestOptions {
-    /// Most images that are localized, spread evenly over the map. Default 50: more say little more about a factor of the
-    /// standard deviations, which 50 tell to a twentieth.
+    /// Maximum number of localized images, evenly spaced over the map. Default 50: they determine the factor of the
+    /// standard deviations to about 5 %, and more images add little.
     pub images: usize,
-    /// Under which schemes. Default: all.
+    /// The schemes. Default: all.
     pub schemes: Vec<Scheme>,
-    /// How queries of the map will be localized.
+    /// Localization options, as for later queries of the map.
     pub localize: LocalizeOptions,
-    /// Seed of the seals' draws.
+    /// Seed for sealing.
     pub seed: u64,
 }
 
@@ -33,19 +33,19 @@ impl Default for SelfTestOptions {
     }
 }
 
-/// Whether the map has images to test with, and words of its own to find them by.
+/// Returns whether the map has images to test with, and a vocabulary of its own for retrieval.
 pub fn is_testable(model: &MapModel) -> bool {
     !model.images.is_empty() && model.profile.vocabulary().is_some()
 }
 
-/// Localizes images of the map, each left out of it, and says how well that went.
+/// Localizes images of the map, each left out of it, and summarizes the errors.
 ///
-/// The map stays as it is; the result belongs into its `self_test`. An image of which no query can be made, because it has
-/// no keypoints, counts as one that was not localized. Equal maps and options give equal results, whatever the number of
-/// threads. Takes the memory of the map's file beside the map.
+/// The map does not change; the result belongs in its `self_test`. An image without keypoints counts as not localized.
+/// Equal maps and options give equal results for any number of threads. Memory: the size of the map's file in addition
+/// to the map.
 ///
 /// # Errors
-/// [`MappingError`]: the map does not hold together, or no device can seal for its profile.
+/// [`MappingError`]: the map is inconsistent, or no device can seal for its profile.
 pub fn self_test(
     model: &MapModel,
     options: &SelfTestOptions,
@@ -56,7 +56,7 @@ pub fn self_test(
     test_in(model, &file, &|image| leave_out.without(image), options, progress)
 }
 
-/// Localizes images of a map, each left out, in a file that may be another one with the same images.
+/// Localizes images of a map, each left out, in a file that may be another map with the same images.
 pub(crate) fn test_in(
     model: &MapModel,
     file: &MapFile,
@@ -69,13 +69,13 @@ pub(crate) fn test_in(
     Ok(test_of(model, &trials, options))
 }
 
-/// The images that a self-test localizes, by their places in the map: up to [`SelfTestOptions::images`], spread evenly.
+/// Returns the indices of the images that a self-test localizes: up to [`SelfTestOptions::images`], evenly spaced.
 pub fn chosen(model: &MapModel, options: &SelfTestOptions) -> Vec<usize> {
     spread(model.images.len(), options.images)
 }
 
-/// Localizes these images of the map, each left out, under each scheme: a part of a [`self_test`], for many hands. `None` where
-/// there is no pose.
+/// Localizes these images of the map, each left out, under each scheme: one part of a distributed [`self_test`]. `None`
+/// if no pose was found.
 ///
 /// # Errors
 /// [`MappingError`] as for [`self_test`].
@@ -90,7 +90,7 @@ pub fn trials(
     tried(model, &file, &|image| leave_out.without(image), images, options, progress)
 }
 
-/// What the trials of all [`chosen`] images, in their order, come to: [`self_test`] of parts.
+/// Summarizes the trials of all [`chosen`] images, in their order: the result of a distributed [`self_test`].
 pub fn test_of(model: &MapModel, trials: &[Vec<Option<Trial>>], options: &SelfTestOptions) -> SelfTest {
     let scale = scale(model);
     let of_scheme = |(index, scheme): (usize, &Scheme)| {
@@ -128,7 +128,7 @@ fn tried(
     Ok(trials)
 }
 
-/// One entry a scheme; `None` where there is no pose.
+/// One entry per scheme; `None` if no pose was found.
 fn trials_of(
     model: &MapModel,
     file: &MapFile,
@@ -143,7 +143,7 @@ fn trials_of(
         let seal_options = options_for(*scheme, &model.profile);
         let (features, camera) = stored_features(model, &model.images[image], &seal_options).ok()?;
         let mut rng = ChaCha20Rng::seed_from_u64(options.seed);
-        // Of the scheme itself, so that it draws the same whichever others are tested.
+        // Depends on the scheme only, so that the other tested schemes do not change its random numbers.
         let stream = Scheme::ALL.iter().position(|s| s.name() == scheme.name()).unwrap_or(0);
         rng.set_stream((image as u64) << 8 | stream as u64);
         let query = sealed(features, &camera, &model.profile, &seal_options, &mut rng).ok()?;
@@ -159,13 +159,13 @@ fn trials_of(
     options.schemes.iter().map(&mut trial).collect()
 }
 
-/// Up to `most` of so many images, spread evenly.
+/// Returns up to `limit` of the image indices, evenly spaced.
 fn spread(images: usize, most: usize) -> Vec<usize> {
     let count = images.min(most);
     (0..count).map(|i| (2 * i + 1) * images / (2 * count)).collect()
 }
 
-/// Median over the images of the median distance of the points they see, map units; 0 when none sees any.
+/// Median over the images of the median distance to their points, map units; 0 if no image has points.
 fn scale(model: &MapModel) -> f64 {
     let of_image = |image: &veiloc_map::MapImage| {
         let center = image.cam_from_world.center();

@@ -1,4 +1,4 @@
-//! From the trials of a scheme to what is said of it.
+//! Summarizes the trials of a scheme.
 
 use veiloc_geometry::statistics::upper_median;
 use veiloc_map::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest};
@@ -7,7 +7,7 @@ use veiloc_protocol::Scheme;
 use crate::calibration::fit::fit;
 use crate::calibration::trial::{Distances, Trial};
 
-/// Of all images that were tried; `None` where there was no pose.
+/// Summarizes all tested images; `None` marks an image without pose.
 pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) -> SchemeTest {
     let found: Vec<Trial> = trials.iter().flatten().cloned().collect();
     let trusted: Vec<Trial> = found.iter().filter(|t| t.is_usable()).cloned().collect();
@@ -35,7 +35,7 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) ->
 /// The estimator's own covariances.
 const AS_ESTIMATED: Calibration = Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 };
 
-/// Each trial under a calibration fitted to trials of other images: of five parts, each by the other four.
+/// Cross-validation: each trial under a calibration fitted to the other four fifths.
 fn crossed(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
     let mut distances = vec![None; trials.len()];
     for part in 0..PARTS {
@@ -60,7 +60,7 @@ fn coverage(distances: impl Iterator<Item = Option<Distances>>) -> Coverage {
     }
 }
 
-/// Upper median; infinite of nothing.
+/// Upper median; infinite for an empty list.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     upper_median(&mut values).unwrap_or(f64::INFINITY)
 }
@@ -68,9 +68,10 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
 /// Parts of the trials in cross-validation.
 const PARTS: usize = 5;
 
-/// Squared radii of the regions of [`LEVELS`] of a normal distribution in three dimensions (quantiles of chi-squared).
+/// Squared radii of the confidence regions of [`LEVELS`] for a normal distribution in three dimensions (quantiles of
+/// chi-squared).
 const SQUARED_RADII_3: [f64; LEVELS.len()] =
     [2.365_973_884_375_338, 6.251_388_631_170_325, 11.344_866_730_144_373];
-/// The same in six.
+/// The same in six dimensions.
 const SQUARED_RADII_6: [f64; LEVELS.len()] =
     [5.348_120_627_447_122, 10.644_640_675_668_42, 16.811_893_829_770_927];

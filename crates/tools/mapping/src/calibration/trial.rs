@@ -1,21 +1,21 @@
-//! What became of one image under one scheme.
+//! Result for one image under one scheme.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_localization::Localization;
 use veiloc_map::Calibration;
 
-/// A pose that was found for an image, and how far it is from the image's own.
+/// An estimated pose of an image, and its error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// The step that takes the pose found to the true one, in the chart of [`CameraFromWorld::perturbed`]: radians, then map
+    /// Step from the estimated pose to the true one, in the chart of [`CameraFromWorld::perturbed`]: radians, then map
     /// units.
     pub step: [f64; 6],
     /// The estimator's own covariance in that chart.
     pub covariance: [[f64; 6]; 6],
     /// Whether the pose is trusted.
     pub trusted: bool,
-    /// Noise that agreeing keypoints showed, pixels.
+    /// Keypoint noise estimated from the inliers, pixels.
     pub noise_px: f64,
 }
 
@@ -34,12 +34,12 @@ impl Trial {
         length(&self.step[..3]).to_degrees()
     }
 
-    /// Error of the camera centre, map units: to turn a camera about its centre moves nothing.
+    /// Error of the camera centre, map units; a rotation about the centre does not change it.
     pub(crate) fn translation(&self) -> f64 {
         length(&self.step[3..])
     }
 
-    /// Whether it can say something about covariances.
+    /// Returns whether the trial can calibrate covariances.
     pub(crate) fn is_usable(&self) -> bool {
         self.trusted
             && self.step.iter().chain(self.covariance.iter().flatten()).all(|v| v.is_finite())
@@ -48,8 +48,8 @@ impl Trial {
                 .is_some()
     }
 
-    /// Squared error in units of the calibrated covariance, of the centre and of the pose, and half the logarithm of the
-    /// covariance's determinant; `None` when that is no covariance.
+    /// Squared error in units of the calibrated covariance, for the centre and for the pose, and half the logarithm of
+    /// the covariance's determinant; `None` if the matrix is not a covariance.
     pub(crate) fn squared_distances(&self, calibration: &Calibration) -> Option<Distances> {
         let c = calibration.apply(&self.covariance);
         let pose = Matrix6::from_fn(|i, j| c[i][j]).cholesky()?;

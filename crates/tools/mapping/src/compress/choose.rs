@@ -1,19 +1,19 @@
-//! Which points a small map keeps: those that cover all parts of all images, by the bytes they take.
+//! Chooses the points of a compressed map: they cover all parts of all images within the byte budget.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use veiloc_map::{MapModel, MapPoint, PointId};
 
-/// Parts of an image along each side. Points that lie together tell less of a pose than points far apart.
+/// Cells of an image along each side. Close points constrain a pose less than distant ones.
 const CELLS: u32 = 4;
 
-/// Chooses points until the bytes are spent, the most useful first; each will keep at most `descriptors` keypoints.
+/// Chooses points until the byte budget is used, the most useful first; each keeps at most `descriptors` keypoints.
 ///
-/// Greedy on a sum that saturates: a part of an image that has `n` points is worth `log(1 + n)`, a point what it adds over
-/// all images that see it, weighed by how sure it is to be seen again ([`sureness`]). Greedy comes within `1 − 1/e` of the
-/// best choice of a submodular sum (Nemhauser, Wolsey and Fisher, 1978). Gains only fall, so that a gain computed before is
-/// a bound, and most are never computed again.
+/// Greedy maximization of a submodular sum: an image cell with `n` points counts `log(1 + n)`; the gain of a point is
+/// its increase over all images that observe it, weighted by the probability of seeing it again ([`sureness`]). Greedy
+/// selection reaches `1 − 1/e` of the optimum (Nemhauser, Wolsey and Fisher, 1978). Gains only decrease, so an old gain
+/// is an upper bound, and most gains are never recomputed.
 pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<PointId> {
     let cell_of = |image: u32, keypoint: u32| {
         let image_of = &model.images[image as usize];
@@ -49,7 +49,7 @@ pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<Po
             queue.push(now);
             continue;
         }
-        // One that is too large may be followed by one that is not.
+        // A smaller point may still fit.
         let Some(rest) = left.checked_sub(bytes_of(point)) else { continue };
         left = rest;
         for o in &point.track {
@@ -61,13 +61,13 @@ pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<Po
     chosen
 }
 
-/// How sure a point that so many images see is to be seen by another one: of `n` images that found it, one more is as
-/// likely as `(n − 1) / n`, the share of them that one of them would have found foretold.
+/// Probability that another image sees a point with this many observing images: `(n − 1) / n`, the leave-one-out
+/// estimate from `n` images.
 fn sureness(images: usize) -> f64 {
     images.saturating_sub(1) as f64 / images.max(1) as f64
 }
 
-/// A point that may be chosen next; the greatest is the one that adds most, of equals the first.
+/// A candidate for the next point; the greatest has the largest gain, and ties go to the first point.
 struct Candidate {
     gain: f64,
     id: PointId,
@@ -95,5 +95,5 @@ impl Eq for Candidate {}
 
 /// Bytes of a point in the file (`docs/reference/map-format.md`, section 16).
 const POINT_BYTES: u64 = 28;
-/// Bytes of a keypoint that sees a point, its descriptor aside.
+/// Bytes of a keypoint with a point, without its descriptor.
 const KEYPOINT_BYTES: u64 = 8;

@@ -1,15 +1,16 @@
-//! A map made small: the points that help most, each with a few of its descriptors.
+//! Map compression: keeps the most useful points, each with a few of its descriptors.
 //!
 //! ```text
-//! points ── those that cover the images best ── of each a few keypoints, as unlike as its descriptors are ── small map
-//!                  until the bytes are spent
+//! points ── those that cover the images best ── of each a few keypoints with diverse descriptors ── compressed map
+//!                  until the bytes are used
 //! ```
-//! What a query is localized by is that enough points are found in each retrieved image, spread over it. So a point is worth
-//! what it adds to the parts of images that have few yet ([`choose`]), by the bytes it takes; keypoints that see no point
-//! go. Of the keypoints of a point those stay whose descriptors stand best for all of them ([`represent`]).
 //!
-//! Positions stay as they are, up to the rounding of a packed file, and of each point the number of images that saw it and its covariance are remembered
-//! ([`Compressed`]): a small map believes a match as much as the whole one does.
+//! Localization needs enough points in each retrieved image, spread over it. The gain of a point is therefore its
+//! contribution to image parts with few points ([`choose`]), per byte; keypoints without a point are removed. Of the
+//! keypoints of a point those with the most representative descriptors stay ([`represent`]).
+//!
+//! Positions stay the same up to the rounding of a packed file, and for each point the number of observing images and
+//! the covariance are stored ([`Compressed`]): match weights are the same as in the whole map.
 
 mod choose;
 mod represent;
@@ -24,46 +25,47 @@ use self::represent::represent;
 use crate::error::MappingError;
 use crate::progress::Progress;
 
-/// How small a map is to be.
+/// Size of a compressed map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CompressOptions {
-    /// Bytes of the file, at most.
+    /// Maximum size of the file in bytes.
     pub bytes: u64,
-    /// Descriptors that a point keeps, at most. Default 3 (`docs/results/scale.md` has the table).
+    /// Maximum number of descriptors per point. Default 3 (`docs/scale.md` has the table).
     pub descriptors_per_point: usize,
 }
 
 impl CompressOptions {
-    /// A file of at most so many bytes.
+    /// Options for a file of at most this many bytes.
     pub const fn new(bytes: u64) -> Self {
         Self { bytes, descriptors_per_point: 3 }
     }
 
-    /// With at most so many descriptors a point; at least one.
+    /// Sets the maximum number of descriptors per point; at least one.
     #[must_use]
     pub fn with_descriptors(self, descriptors_per_point: usize) -> Self {
         Self { descriptors_per_point: descriptors_per_point.max(1), ..self }
     }
 }
 
-/// A map that was made small.
+/// A compressed map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compression {
-    /// The small map; it has no self-test yet.
+    /// The compressed map; it has no self-test yet.
     pub model: MapModel,
-    /// `[P]`, which points of the whole map its points are, in rising order.
+    /// `[P]`, the indices of its points in the whole map, ascending.
     pub kept: Vec<PointId>,
 }
 
-/// Makes a map small.
+/// Compresses a map.
 ///
-/// Images, poses, cameras, profile and global descriptors stay: queries sealed for the whole map fit the small one. Images
-/// can neither join nor leave it: keypoints that would be needed are gone. The result depends on map and options alone.
+/// Images, poses, cameras, profile and global descriptors stay: queries sealed for the whole map are valid for the
+/// compressed one. Images cannot be added or removed, because the necessary keypoints are gone. The result depends on
+/// map and options only.
 ///
 /// # Errors
-/// [`MappingError::TooSmall`] when the images alone take more bytes, [`MappingError::Compressed`] when the map was made small
-/// before, and [`MappingError::Map`] when it does not hold together.
+/// [`MappingError::TooSmall`] if the images alone exceed the size, [`MappingError::Compressed`] if the map is already
+/// compressed, and [`MappingError::Map`] if it is inconsistent.
 pub fn compress(
     model: &MapModel,
     options: &CompressOptions,
@@ -86,15 +88,15 @@ pub fn compress(
     Ok(Compression { model: small, kept: kept_of.into_keys().collect() })
 }
 
-/// What gaps between sections and a self-test take, bytes at most.
+/// Maximum size of section gaps and a self-test, bytes.
 const RESERVE: u64 = 2048;
 
-/// Compressed maps change no more.
+/// Refuses changes of a compressed map.
 pub(crate) fn refuse_compressed(model: &MapModel) -> Result<(), MappingError> {
     if model.compressed.is_some() { Err(MappingError::Compressed) } else { Ok(()) }
 }
 
-/// The map without any point or keypoint: what no compression saves.
+/// Returns the map without points and keypoints: the minimum that compression cannot remove.
 fn emptied(model: &MapModel, bytes: u64) -> MapModel {
     let images = model.images.iter().map(|image| MapImage {
         keypoints: Vec::new(),
@@ -121,10 +123,10 @@ fn emptied(model: &MapModel, bytes: u64) -> MapModel {
     }
 }
 
-/// The map of these points and keypoints alone.
+/// Assembles the map of these points and keypoints.
 fn assemble(model: &MapModel, file: &MapFile, kept_of: &BTreeMap<PointId, Vec<Observation>>) -> MapModel {
     let mut small = emptied(model, file.byte_count());
-    // New indices of the keypoints that stay: those of an image in the order that they had.
+    // New indices of the remaining keypoints, in the old order within each image.
     let mut staying: Vec<Vec<u32>> = vec![Vec::new(); model.images.len()];
     for observation in kept_of.values().flatten() {
         staying[observation.image as usize].push(observation.keypoint);

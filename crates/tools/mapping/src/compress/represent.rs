@@ -1,4 +1,4 @@
-//! Which keypoints of a point stay: those whose descriptors stand best for those of all.
+//! Chooses the keypoints of a point that stay: those whose descriptors represent all best.
 
 use std::collections::BTreeMap;
 
@@ -7,14 +7,14 @@ use veiloc_map::{MapModel, Observation, PointId};
 
 use crate::progress::Progress;
 
-/// Keypoints of a track that are compared with each other, at most: a track of a thousand would take a million distances,
-/// and spread over it so many say the same.
+/// Maximum number of compared keypoints per track: a track of a thousand would need a million distances, and an evenly
+/// spaced sample represents it.
 const COMPARED: usize = 48;
 
-/// Of each chosen point up to `most` keypoints, in rising order.
+/// Returns up to `limit` keypoints of each chosen point, ascending.
 ///
-/// Greedy k-medoids: the first is nearest to all others, each further one takes the most away from the sum of squared
-/// distances of all to the nearest that stays.
+/// Greedy k-medoids: the first has the smallest sum of squared distances to all others; each further one reduces the
+/// sum of squared distances to the nearest kept one the most.
 pub(super) fn represent(
     model: &MapModel,
     chosen: &[PointId],
@@ -62,7 +62,7 @@ fn medoids(model: &MapModel, track: &[Observation], most: usize) -> Vec<Observat
     staying.into_iter().map(|i| track[i]).collect()
 }
 
-/// Up to [`COMPARED`] of a track, spread evenly.
+/// Returns up to [`COMPARED`] keypoints of a track, evenly spaced.
 fn spread(track: &[Observation]) -> Vec<Observation> {
     let count = track.len().min(COMPARED);
     (0..count).map(|i| track[i * track.len() / count]).collect()

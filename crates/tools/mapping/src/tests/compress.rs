@@ -1,4 +1,4 @@
-//! Maps made small: what they keep, what they remember, and what they refuse.
+//! Tests of compressed maps: their content, their stored statistics, and the changes they refuse.
 
 use std::collections::BTreeSet;
 
@@ -30,7 +30,7 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
         for ((id, point), remembered) in small.kept.iter().zip(&small.model.points).zip(&compressed.of_points)
         {
             let before = &whole.points[id.index()];
-            // The place is some ten units wide: 24 bits are a millionth of that.
+            // The scene is about ten units wide: 24 bits are a millionth of that.
             assert!((point.position.coords - before.position.coords).norm() < 1e-5);
             assert_eq!(remembered.seen_by as usize, before.track.len());
             assert!((1..=3).contains(&point.track.len()));
@@ -39,7 +39,7 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
                 let largest = (0..3).map(|i| was[i][i]).fold(0.0, f64::max);
                 assert!((a - b).abs() <= 4e-3 * largest, "{a} {b}");
             }
-            // Its keypoints and descriptors are those of the whole map, at the same place of the same image.
+            // Its keypoints and descriptors equal those of the whole map at the same pixels of the same images.
             for o in &point.track {
                 let (now, then) = (&small.model.images[o.image as usize], &whole.images[o.image as usize]);
                 let there = then.point_of_keypoint.iter().position(|p| *p == Some(*id)).unwrap();
@@ -51,7 +51,7 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
     }
 }
 
-/// Every image keeps points, all over it: an image without any could not be localized in.
+/// Every image keeps points in all its parts; otherwise it would be useless for localization.
 #[test]
 fn no_image_is_left_without_points() {
     let whole = whole();

@@ -1,4 +1,4 @@
-//! Bad input: each error names what is wrong and what to do.
+//! Tests of bad input: each error names the problem and the remedy.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -63,7 +63,7 @@ fn lists_and_images_that_cannot_be_used_are_named() {
     assert!(matches!(nothing, Err(MappingError::EmptyList)));
 }
 
-/// Says that extraction began.
+/// Records that extraction began.
 struct Begun(AtomicBool);
 
 impl Progress for Begun {
@@ -110,14 +110,14 @@ fn bad_images_are_left_out_when_that_is_asked_for() {
     std::fs::write(dir.path().join("b.png"), &PNG[..40]).unwrap();
     let model = posed("PINHOLE,1,1,1,1,0.5,0.5");
     let input = Input::new(&model, dir.path()).on_bad_image(OnBadImage::Skip);
-    // What is left is one blank image: no vocabulary can be learned from it.
+    // One blank image remains: no vocabulary can be trained on it.
     let blank = build(&input, &BuildOptions::default(), &()).unwrap_err();
     assert!(matches!(blank, MappingError::NoKeypoints { images: 1, .. }), "{blank}");
-    // Nothing is left.
+    // No image remains.
     let names = strings(&["c.png", "b.png"]);
     let none = build(&input.with_names(&names), &BuildOptions::default(), &()).unwrap_err();
     assert!(matches!(&none, MappingError::BadImages(bad) if bad.images.len() == 1), "{none}");
-    // In one go, when they are not to be left out: also those that are found only as they are read.
+    // If images must not be left out, one error names all, including those that fail only when they are read.
     let input = input.on_bad_image(OnBadImage::Refuse);
     let names = strings(&["b.png", "a.png"]);
     let cut = build(&input.with_names(&names), &BuildOptions::default(), &()).unwrap_err();

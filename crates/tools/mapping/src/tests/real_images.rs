@@ -1,4 +1,4 @@
-//! Real images, found by `VEILOC_DATA`.
+//! Tests with real images, found by `VEILOC_DATA`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,8 +13,9 @@ use veiloc_testdata::real_data_test;
 use crate::import::recomputed_error;
 use crate::{BadReason, BuildOptions, Doubt, Fault, Input, MappingError, Words, add, build, import, remove};
 
-/// COLMAP's convention of pixels, poses and distortion is ours: we find the errors that it wrote down, as far as the six
-/// digits of its text go. (COLMAP itself, reading this file, finds them within 0.0043 px: `update_point_3d_errors`.)
+/// COLMAP's conventions of pixels, poses and distortion are ours: the recomputed errors equal the stored ones to the
+/// six digits of the text file. (COLMAP itself, reading this file, reproduces them within 0.0043 px:
+/// `update_point_3d_errors`.)
 #[real_data_test]
 fn errors_of_a_colmap_model_are_what_the_file_says(data: &Path) {
     let colmap = read_model(&data.join("lund-door/sparse")).unwrap();
@@ -27,7 +28,7 @@ fn errors_of_a_colmap_model_are_what_the_file_says(data: &Path) {
     assert!((own / told - 1.0).abs() < 1e-4, "means {own} and {told}");
 }
 
-/// The model cut down to these images; points that fewer than two of them see go.
+/// The model restricted to these images; points with fewer than two of them are removed.
 fn cut(model: &ColmapModel, names: &[&str]) -> ColmapModel {
     let mut images: Vec<_> =
         model.images().iter().filter(|i| names.contains(&i.name.as_str())).cloned().collect();
@@ -102,7 +103,7 @@ fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
     assert!((now / then - 1.0).abs() < 0.06, "{now} points, {then} before");
     assert_eq!(model.profile, before.profile);
 
-    // Images that share nothing: no map.
+    // Images without overlap give no map.
     let far: Vec<String> = vec![names[0].clone()];
     assert!(matches!(
         build(&input.with_names(&far), &options, &()),
@@ -110,7 +111,7 @@ fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
     ));
 }
 
-/// What an operator gets who hands over poses the wrong way round, or a focal length that is twice the right one.
+/// The message for inverted poses, or a focal length that is twice the correct one.
 #[real_data_test]
 fn a_map_of_wrong_poses_or_cameras_is_doubted(data: &Path) {
     let right = read_posed(&data.join("redkitchen/posed")).unwrap();

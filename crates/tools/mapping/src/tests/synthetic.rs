@@ -1,4 +1,4 @@
-//! Maps of a scene whose points are known: descriptors and keypoints are made, nothing is photographed.
+//! Tests of maps of a synthetic scene with known points, keypoints and descriptors, without rendered images.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,12 +17,12 @@ use crate::scene::Scene;
 use crate::view::View;
 use crate::vocabulary::learn;
 
-/// Cameras on an arc, points in a box before them.
+/// Cameras on an arc, points in a box in front of them.
 pub(super) struct Place {
     posed: Vec<PosedImage>,
     points: Vec<Vector3<f64>>,
     features: Vec<Extracted>,
-    /// `[images][N]`, which point each keypoint truly shows; none for clutter.
+    /// `[images][N]`, the true point of each keypoint; none for clutter.
     truth: Vec<Vec<Option<usize>>>,
 }
 
@@ -61,7 +61,7 @@ pub(super) fn place(images: u32, points: usize) -> Place {
         let (mut keypoints, mut shown) = (Vec::new(), Vec::new());
         let mut descriptors = Descriptors::empty(DescriptorKind::ROOT_SIFT);
         for (p, point) in points.iter().enumerate() {
-            // Three quarters of what is in view is found.
+            // Three quarters of the visible points are detected.
             let Some(pixel) = view.pixel_inside(point).filter(|_| rng.random_bool(0.75)) else { continue };
             let mut shift = || rng.random_range(-NOISE_PX..NOISE_PX);
             keypoints.push([pixel.u as f32 + shift(), pixel.v as f32 + shift()]);
@@ -93,7 +93,7 @@ fn empty_map() -> MapModel {
     MapModel::empty(profile, BuildSettings::default())
 }
 
-/// What `build` does behind extraction.
+/// The steps of `build` after extraction.
 pub(super) fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
     let mut model = empty_map();
     model.settings = *settings;
@@ -110,7 +110,7 @@ pub(super) fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
     model
 }
 
-/// The point that most observations of a map point truly show, and the share of them that do.
+/// Returns the true point of most observations of a map point, and their share.
 fn shown_by(place: &Place, point: &MapPoint, names: &[usize]) -> (usize, f64) {
     let mut votes = std::collections::BTreeMap::<usize, usize>::new();
     for o in &point.track {
@@ -139,7 +139,7 @@ fn the_points_of_a_known_place_are_found() {
         assert!(point.error < NOISE_PX.into(), "{}", point.error);
         found[p] += 1;
     }
-    // A point that fewer than three images show cannot be found; one that is found twice was not merged.
+    // A point in fewer than three images cannot be found; a point found twice was not merged.
     let shown = |p: usize| place.truth.iter().flatten().filter(|t| **t == Some(p)).count();
     let visible = (0..place.points.len()).filter(|p| shown(*p) >= 4);
     let missed = visible.clone().filter(|p| found[*p] == 0).count();
@@ -228,7 +228,7 @@ fn names_that_cannot_leave_are_refused_and_the_map_stays() {
     }
 }
 
-/// What a map was built with, it is changed with.
+/// A map is changed with the settings of its build.
 #[test]
 fn images_join_and_leave_by_the_settings_of_the_build() {
     let place = place(10, 200);
@@ -249,7 +249,7 @@ fn images_join_and_leave_by_the_settings_of_the_build() {
     assert!(!strict.points.is_empty() && strict.points.iter().all(|p| p.track.len() >= 8));
 }
 
-/// The map as it would be had the images never been there, as far as the vocabulary goes.
+/// The vocabulary equals that of a map that never had the removed images.
 #[test]
 fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
     let place = place(10, 200);
@@ -281,11 +281,11 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
     for (image, features) in retrained.images.iter().zip(&place.features) {
         assert_eq!(image.global, of_left.aggregate(features.descriptors.view()));
     }
-    // All else is as without learning again.
+    // Everything else is the same as without retraining.
     assert_eq!((&retrained.points, &retrained.cameras), (&kept.points, &kept.cameras));
     assert_eq!(retrained.profile.limits(), whole.profile.limits());
 
-    // Whatever the images that left looked like, the map is the same: nothing of them is in it.
+    // The map is the same for any content of the removed images, so it contains nothing of them.
     let mut other = whole.clone();
     for image in &mut other.images[7..] {
         let reversed: Vec<u8> = image.descriptors.as_bytes().iter().rev().copied().collect();
@@ -301,7 +301,7 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
     assert_eq!(none, whole);
 }
 
-/// Five camera models, written by pycolmap with all digits: its reprojection errors are ours.
+/// Five camera models, written by pycolmap with all digits: its reprojection errors equal ours.
 #[test]
 fn errors_of_pycolmaps_model_are_ours() {
     for format in ["text", "binary"] {

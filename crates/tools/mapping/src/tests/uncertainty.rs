@@ -1,4 +1,4 @@
-//! The covariance that a map tells of a point, against what its triangulation does: noise is drawn again and again.
+//! Tests the stored covariance of a point against the scatter of its triangulation under repeated noise.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +15,7 @@ use crate::triangulation::triangulate;
 const NOISE_PX: f64 = 0.4;
 const DRAWS: usize = 10;
 
-/// Images on an arc of so many degrees about points before them, and keypoints of all points in all images.
+/// Images on an arc of this many degrees around the points, with keypoints of all points in all images.
 fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut ChaCha8Rng) -> MapModel {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
     let profile = Profile::vlad(Vocabulary::new(words).unwrap());
@@ -60,7 +60,7 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
     model
 }
 
-/// Two views and ten, wide and narrow: where triangulation puts a point scatters as the map says.
+/// Two views and ten, wide and narrow: the scatter of triangulated points equals the stored covariance.
 #[test]
 fn points_scatter_as_their_covariances_say() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -74,8 +74,8 @@ fn points_scatter_as_their_covariances_say() {
         })
         .collect();
     for (images, degrees) in [(2, 20.0), (3, 25.0), (4, 8.0), (10, 40.0)] {
-        // Mean over all points and draws of the normalized square, in all and along the worst and best known axes; and
-        // shares within 90 %.
+        // Mean over all points and draws of the normalized squared error, in total and along the worst and best
+        // determined axes; and shares within 90 %.
         let (mut sum, mut within, mut along) = (0.0, 0, Vector3::zeros());
         for _ in 0..DRAWS {
             let model = noisy_map(images, degrees, &points, &mut rng);
@@ -96,8 +96,8 @@ fn points_scatter_as_their_covariances_say() {
         }
         let n = (DRAWS * points.len()) as f64;
         let (mean, share, along) = (sum / n, within as f64 / n, along / n);
-        // A mean of chi-squared of three has a standard deviation of √(6/n) = 0.05, of one of √(2/n) = 0.03; the noise of
-        // two views is known to √(2/200) = 0.1 in each of ten draws.
+        // A mean of chi-squared with three degrees of freedom has a standard deviation of √(6/n) = 0.05, with one of
+        // √(2/n) = 0.03; the noise of two views is determined to √(2/200) = 0.1 in each of ten draws.
         assert!((mean - 3.0).abs() < 0.4, "{images} views over {degrees}°: {mean}");
         assert!((share - 0.9).abs() < 0.03, "{images} views over {degrees}°: {share}");
         assert!(along.iter().all(|a| (a - 1.0).abs() < 0.15), "{images} views over {degrees}°: {along}");

@@ -1,4 +1,4 @@
-//! The place against what images of a real place obey: geometry, repetition, free space.
+//! Tests that rendered scenes behave like real ones: geometry, no repetition, free space.
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
@@ -31,7 +31,7 @@ fn project(view: &Rendering, point: &Point3<World>) -> Option<(Pixel, f64)> {
     Some((view.camera().project(PlanePoint::from_camera_point(&p)?), p.depth()))
 }
 
-/// Grey differences of points seen in both views, and how many were hidden or outside.
+/// Grey differences of points visible in both views, and the number of points that are occluded or outside.
 fn compare(a: &Rendering, b: &Rendering) -> (Vec<f64>, usize) {
     let (ga, gb) = (a.gray(), b.gray());
     let (mut differences, mut unseen) = (Vec::new(), 0);
@@ -62,13 +62,13 @@ fn a_point_has_the_same_colour_in_two_views() {
     let (differences, unseen) = compare(&first, &next);
     assert!(differences.len() > unseen, "neighbours share most of the view: {} seen", differences.len());
     assert!(differences[differences.len() / 2] < 5.0, "median {}", differences[differences.len() / 2]);
-    // Turned by four pixels nothing agrees: the texture is fine enough to tell.
+    // After a rotation by four pixels nothing agrees: the texture is fine enough to show the difference.
     let turned = first.cam_from_world().perturbed(&[0.0, 4.0 / 262.5, 0.0, 0.0, 0.0, 0.0]);
     let (ga, gb) = (first.gray(), place.render(&turned, &camera(), &quiet()).gray());
     let mut changes: Vec<u8> = ga.pixels().zip(gb.pixels()).map(|(a, b)| a.0[0].abs_diff(b.0[0])).collect();
     changes.sort_unstable();
     assert!(f64::from(changes[changes.len() / 2]) > 2.0 * differences[differences.len() / 2]);
-    // From the other end of the room something else is seen.
+    // From the other end of the room something else is visible.
     assert!(compare(&first, &far).0.len() < differences.len() / 2);
 }
 

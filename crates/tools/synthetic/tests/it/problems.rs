@@ -1,4 +1,4 @@
-//! Generated problems have the properties their options ask for.
+//! Generated problems have the properties that their options request.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,4 @@
-//! Why settings cannot be used, with where they stand and what to do.
+//! Errors of settings, with their location and the remedy.
 
 use std::path::PathBuf;
 
@@ -11,20 +11,20 @@ pub enum SettingsError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// It is no TOML.
+    /// The file is not valid TOML.
     #[error("{}, line {line}: {reason}; a line is `key = value` (TOML)", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,
         /// From 1.
         line: usize,
-        /// What the reader of TOML said.
+        /// The message of the TOML parser.
         reason: String,
     },
-    /// A key that is none.
+    /// The key does not exist.
     #[error("{}, line {line}: {key:?} is no setting; {remedy}", path.display())]
     UnknownKey {
         /// The file.
@@ -33,10 +33,10 @@ pub enum SettingsError {
         line: usize,
         /// The key.
         key: String,
-        /// What may have been meant.
+        /// The key that the user probably meant.
         remedy: String,
     },
-    /// A value of another type.
+    /// The value has the wrong type.
     #[error("{}, line {line}: {key} is given {found}, and needs {expected}", path.display())]
     WrongType {
         /// The file.
@@ -45,22 +45,22 @@ pub enum SettingsError {
         line: usize,
         /// The key.
         key: String,
-        /// What it is given.
+        /// The type of the value.
         found: &'static str,
-        /// What it needs, with an example.
+        /// The expected type, with an example.
         expected: String,
     },
-    /// A value that the flag would refuse.
+    /// The flag refuses the value.
     #[error("{place}: {key} cannot be that: {reason}")]
     Value {
         /// File and line, or the variable.
         place: String,
         /// The key.
         key: String,
-        /// What the flag says.
+        /// The message of the flag's parser.
         reason: String,
     },
-    /// A path that TOML cannot hold.
+    /// A path is not UTF-8, and TOML cannot hold it.
     #[error("{key}: a path that is no UTF-8 cannot be printed as TOML; rename it")]
     NotText {
         /// The key.

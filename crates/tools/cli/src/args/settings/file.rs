@@ -1,4 +1,4 @@
-//! The file of settings: TOML with the flags for keys.
+//! The settings file: TOML whose keys are the flags.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,14 +11,14 @@ use super::error::SettingsError;
 use super::is_setting;
 use super::kind::Kind;
 
-/// What a file says.
+/// Content of a settings file.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     path: PathBuf,
     entries: BTreeMap<String, Entry>,
 }
 
-/// What it says of one key.
+/// Value of one key.
 #[derive(Debug)]
 pub(super) struct Entry {
     pub(super) line: usize,
@@ -34,14 +34,14 @@ impl Found {
         &self.path
     }
 
-    /// What its relative paths are relative to.
+    /// The folder that relative paths are relative to.
     pub(super) fn folder(&self) -> PathBuf {
         let absolute = std::path::absolute(&self.path).unwrap_or_else(|_| self.path.clone());
         absolute.parent().unwrap_or(Path::new("")).to_owned()
     }
 }
 
-/// Reads the file and holds it against the flags of `command`.
+/// Reads the file and checks it against the flags of `command`.
 pub(super) fn read(path: &Path, command: &Command) -> Result<Found, SettingsError> {
     let text = fs::read_to_string(path)
         .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
@@ -49,7 +49,7 @@ pub(super) fn read(path: &Path, command: &Command) -> Result<Found, SettingsErro
 }
 
 pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found, SettingsError> {
-    // `get` and not an index: no span of the reader may break us.
+    // `get` instead of indexing: a wrong span of the TOML parser must not cause a panic.
     let line = |at: usize| 1 + text.get(..at).map_or(0, |before| before.matches('\n').count());
     let table = DeTable::parse(text).map_err(|error| SettingsError::Syntax {
         path: path.to_owned(),
@@ -91,7 +91,7 @@ pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found,
     Ok(found)
 }
 
-/// A value as the flag takes it; `None` when it is of another type.
+/// Converts a value to the flag's text form; `None` if the type is wrong.
 fn scalar(kind: Kind, value: &DeValue<'_>) -> Option<String> {
     match (kind, value) {
         (Kind::Switch, DeValue::Boolean(is_on)) => Some(is_on.to_string()),
@@ -107,7 +107,7 @@ fn scalar(kind: Kind, value: &DeValue<'_>) -> Option<String> {
     }
 }
 
-/// A type of TOML in words.
+/// Describes a TOML type in words.
 fn said(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a text",
@@ -120,7 +120,7 @@ fn said(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// What a key that is none may have meant.
+/// Suggests a key in place of an unknown one.
 fn remedy(key: &str, command: &Command) -> String {
     let plain = |key: &str| key.to_lowercase().replace(['_', '-', ' '], "");
     let keys: Vec<&str> =

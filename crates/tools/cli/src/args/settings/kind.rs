@@ -1,4 +1,4 @@
-//! What a flag takes: its type in TOML, the check of a value, and where in it a path is.
+//! The value of a flag: its TOML type, its check, and the position of a path in it.
 
 use std::any::TypeId;
 use std::error::Error as _;
@@ -17,7 +17,7 @@ pub(super) enum Kind {
     /// On or off.
     Switch,
     Integer,
-    /// With or without decimal point.
+    /// A number with or without decimal point.
     Number,
     Text,
 }
@@ -45,7 +45,7 @@ impl Kind {
         }
     }
 
-    /// In words, with an example.
+    /// Describes the type in words, with an example.
     pub(super) const fn expected(self, several: bool) -> &'static str {
         match (self, several) {
             (Self::Switch, _) => "`true` or `false`",
@@ -57,7 +57,7 @@ impl Kind {
     }
 }
 
-/// A switch as a variable may say it.
+/// Normalizes the value of a switch in a variable.
 pub(super) fn fit(value: &OsStr) -> OsString {
     match value.to_str() {
         Some("1") => "true".into(),
@@ -66,7 +66,7 @@ pub(super) fn fit(value: &OsStr) -> OsString {
     }
 }
 
-/// Whether the flag takes this value, asked of the flag itself.
+/// Checks the value with the flag's own parser.
 pub(super) fn check(argument: &Arg, kind: Kind, value: &OsStr, origin: &Origin) -> Result<(), SettingsError> {
     let wrong = |reason: String| {
         let place = match origin {
@@ -98,25 +98,25 @@ pub(super) fn check(argument: &Arg, kind: Kind, value: &OsStr, origin: &Origin) 
     }
 }
 
-/// Whether the value is an address, or several, by what it is called in the help.
+/// Returns whether the value is one or several addresses, judged by its value name in the help.
 pub(super) fn is_address(argument: &Arg) -> bool {
     argument.get_value_names().is_some_and(|names| names.iter().any(|name| name.contains("URL")))
 }
 
-/// Where in a value a path is.
+/// The position of a path in a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Paths {
     Nowhere,
-    /// All of it.
+    /// The whole value is a path.
     Whole,
-    /// Behind `NAME=`.
+    /// The path follows `NAME=`.
     Named,
-    /// Behind `unix:`, if it begins with that.
+    /// The path follows the prefix `unix:`.
     Socket,
 }
 
 impl Paths {
-    /// By what the value is called in the help.
+    /// Derives it from the value name in the help.
     pub(super) fn of(argument: &Arg) -> Self {
         let name =
             argument.get_value_names().and_then(|names| names.first()).map_or("", |name| name.as_str());
@@ -128,7 +128,7 @@ impl Paths {
         }
     }
 
-    /// The value with its path joined to a folder, unless it is absolute.
+    /// Resolves the path in the value against a folder, unless it is absolute.
     pub(super) fn join(self, base: &Path, value: &OsStr) -> OsString {
         let behind = |separator: char, text: &str| match text.split_once(separator) {
             Some((name, path)) if !path.is_empty() => {

@@ -1,4 +1,4 @@
-//! A setting as lines of a file.
+//! Prints a setting as lines of a TOML file.
 
 use std::ffi::OsString;
 use std::fmt::Write as _;
@@ -8,10 +8,10 @@ use super::kind::Kind;
 use super::secret::{MASK, masked};
 use super::{Origin, Setting, variable};
 
-/// `key = value # where from`; of a flag without value a comment.
+/// `key = value # origin`; a comment for a flag without value.
 pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
     if setting.values.is_empty() {
-        // What the help says of its absence, if it does.
+        // The help text's own description of an absent value, if there is one.
         let absence = setting.help.split_once("Default: ").map_or("none", |(_, rest)| rest);
         let absence = absence.split_once(". ").map_or(absence, |(first, _)| first).trim_end_matches('.');
         return Ok(format!("# {} is not given: {}\n", setting.key, absence.replace('\n', " ")));
@@ -30,7 +30,7 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
     let value = if setting.several { format!("[{}]", values.join(", ")) } else { values.concat() };
     let origin = match &setting.origin {
         Origin::Default => "default".to_owned(),
-        // A name of a file may hold anything, a comment of TOML not.
+        // A file name may contain any character; a TOML comment may not.
         Origin::File { path, line } => format!("{}, line {line}", path.display().to_string().escape_debug()),
         Origin::Variable(_) => variable(&setting.key),
         Origin::Flag => format!("--{}", setting.key),
@@ -44,13 +44,13 @@ fn written(kind: Kind, value: &str) -> String {
     match kind {
         Kind::Switch => value.to_owned(),
         Kind::Integer => value.trim_start_matches('+').to_owned(),
-        // Rust's own form of a number is one of TOML's.
+        // Rust's debug form of a number is valid TOML.
         Kind::Number => value.parse::<f64>().map_or_else(|_| quoted(value), |number| format!("{number:?}")),
         Kind::Text => quoted(value),
     }
 }
 
-/// A basic string of TOML.
+/// A TOML basic string.
 fn quoted(text: &str) -> String {
     let mut quoted = String::from('"');
     for c in text.chars() {

@@ -1,12 +1,13 @@
-//! Secrets in what is printed: a user's password and a query's keys in addresses.
+//! Masks secrets in printed settings: passwords and keys in addresses.
 
-/// What stands in place of a secret.
+/// Replaces a secret.
 pub(super) const MASK: &str = "***";
 
-/// The text without secrets; of an `address` all that may be one, of other texts what stands like a login before a host.
+/// Masks the secrets of a text. In an `address` everything that may be a secret is masked; in other texts only a login
+/// before a host.
 ///
-/// In each of several addresses with commas between them: what stands behind the user (`nats://USER:PASSWORD@HOST`), or before
-/// the `@` where no user is told apart, and all of a query (`?key=…`).
+/// For each address of a comma-separated list this masks the password (`nats://USER:PASSWORD@HOST`), or everything
+/// before the `@` if there is no separate user, and the whole query string (`?key=…`).
 pub(super) fn masked(text: &str, address: bool) -> String {
     let parts: Vec<String> = text.split(',').map(|part| masked_part(part, address)).collect();
     parts.join(",")
@@ -15,7 +16,7 @@ pub(super) fn masked(text: &str, address: bool) -> String {
 fn masked_part(part: &str, address: bool) -> String {
     let (scheme, rest) = match part.find("://") {
         Some(at) => part.split_at(at + 3),
-        // A path may hold anything, and so may what is no address.
+        // A path may contain any character, and so may a text that is not an address.
         None if !address || part.trim_start().starts_with(['/', '.', '~']) => return part.to_owned(),
         None => ("", part),
     };
@@ -23,7 +24,7 @@ fn masked_part(part: &str, address: bool) -> String {
         Some((rest, query)) if address && !query.is_empty() => (rest, format!("?{MASK}")),
         _ => (rest, String::new()),
     };
-    // An address of a file has no login, and its path may have an `@`.
+    // A file URL has no login, and its path may contain an `@`.
     let login = if scheme.trim_start() == "file://" { None } else { rest.rsplit_once('@') };
     match login {
         None if query.is_empty() => part.to_owned(),
@@ -67,7 +68,7 @@ mod tests {
         ] {
             assert_eq!(masked(plain, true), plain);
         }
-        // What is no address by its kind is touched only where it looks like nothing else.
+        // In other texts only an unambiguous login is masked.
         for plain in ["lobby=/maps/a:b@c.vmap", "1.5,-2,3,0.25", "what?key"] {
             assert_eq!(masked(plain, false), plain);
         }

@@ -1,4 +1,4 @@
-//! Layers of settings on a command of every kind of flag.
+//! Layers of settings, tested on a command with every kind of flag.
 
 use std::collections::BTreeMap;
 
@@ -82,7 +82,7 @@ fn what_comes_later_wins_and_a_switch_can_be_turned_off() {
     assert_eq!(of(&[], &[("VEILOC_QUEUE", "")]).queue, 8, "an empty variable is none");
 }
 
-/// What one layer leaves out another may bring, and the command's own parser asks for the rest.
+/// Arguments that depend on each other may come from different layers; the command's own parser checks the result.
 #[test]
 fn what_belongs_together_may_come_from_different_layers() {
     let settings = settle(&["--key=k"], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");

@@ -1,4 +1,4 @@
-//! What an audit is given: images, folders of them, and files of keypoints.
+//! Inputs of an audit: images, folders of images, and files of keypoints.
 
 use std::path::{Path, PathBuf};
 
@@ -11,19 +11,20 @@ use crate::exit::Failure;
 use crate::items::{self, IMAGES, Item};
 use crate::ui::Ui;
 
-/// Images with their keypoints, in groups, and where their files lie.
+/// Images with their keypoints, in groups, and the paths of their files.
 pub(super) struct Inputs {
     groups: Vec<Group>,
 }
 
 struct Group {
     name: String,
-    /// The image, and its file where it came from one.
+    /// The image, and its file if it has one.
     images: Vec<(KeypointImage, Option<PathBuf>)>,
 }
 
 impl Inputs {
-    /// Reads everything; of a folder and its sub-folders the first `most` images. Images that are given one by one are one group.
+    /// Reads all inputs; of a folder and its sub-folders only the first `limit` images. Images that are given one by
+    /// one form one group.
     pub(super) fn read(
         paths: &[PathBuf],
         most: usize,
@@ -82,7 +83,7 @@ impl Inputs {
         Ok(inputs)
     }
 
-    /// An image without keypoints sends nothing that could be attacked.
+    /// Drops images without keypoints: they send nothing that could be attacked.
     fn drop_empty(&mut self, ui: &Ui) -> Result<(), Failure> {
         let mut first = None;
         for group in &mut self.groups {
@@ -105,16 +106,16 @@ impl Inputs {
         }
     }
 
-    /// For the evaluation.
+    /// Returns the groups for the evaluation.
     pub(super) fn groups(&self) -> Vec<ImageGroup> {
         let images = |g: &Group| g.images.iter().map(|(image, _)| image.clone()).collect();
         self.groups.iter().map(|g| ImageGroup { name: g.name.clone(), images: images(g) }).collect()
     }
 
-    /// Attacks that these inputs allow and that end in reasonable time.
+    /// Returns the attacks that these inputs allow and that end in reasonable time.
     pub(super) fn default_attacks(&self) -> Vec<Attack> {
         let map = |g: &Group| g.images.len() > 1 && g.images.iter().all(|(p, _)| p.descriptors.is_some());
-        // Attackers who exist first, then those whom an oracle tells the neighbours.
+        // Realistic attackers come first, then attackers with an oracle's neighbours.
         let mut attacks = vec![Attack::PRIOR];
         if !self.groups.is_empty() {
             attacks.push(Attack::RESTING_CAMERA);
@@ -126,14 +127,14 @@ impl Inputs {
         attacks
     }
 
-    /// The file behind an image; `None` where there is none.
+    /// Returns the file of an image; `None` if it has none.
     pub(super) fn file_of(&self, group: usize, index: usize) -> Option<PathBuf> {
         self.groups.get(group)?.images.get(index)?.1.clone()
     }
 }
 
-/// A file of keypoints, with the images they are of: those of that name among what is `given` beside it, which are then
-/// not attacked on their own, and else those of that name beside the file.
+/// Reads a file of keypoints and finds their images: images of the same name among `given`, which then are not attacked
+/// separately, and otherwise images of the same name beside the file.
 fn paired(path: &Path, images: Vec<KeypointImage>, given: &mut [Vec<Item>]) -> Group {
     let mut files: Vec<Option<PathBuf>> = Vec::new();
     for image in &images {
@@ -167,7 +168,7 @@ fn display_name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Whether a file is one of keypoints, by its name.
+/// Returns whether a file holds keypoints, judged by its name.
 fn holds_keypoints(path: &Path) -> bool {
     let name = display_name(path).to_ascii_lowercase();
     let name = name.strip_suffix(".gz").unwrap_or(&name);

@@ -1,4 +1,4 @@
-//! `veiloc eval adversaries`: what each adversary gets from the queries of every scheme.
+//! `veiloc eval adversaries`: what each adversary recovers from the queries of every scheme.
 
 use std::path::PathBuf;
 
@@ -17,49 +17,51 @@ use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// What each adversary gets from the queries of every scheme, by the best of their attacks.
+/// Report what each adversary recovers from the queries of every scheme, with its best attack.
 ///
-/// Adversaries differ in what they know beside a query. Those who know a place are run where one is given (a map is built
-/// from the images of the map list, images of the query list are attacked), outsiders where they have learned from
-/// something (--train). The table shows the best attack of each, in pixels and in bits over the guess from the single line.
+/// Adversaries differ in their knowledge beside the query. Adversaries that know the scene run if a scene is given (a
+/// map is built from the images of the map list, and images of the query list are attacked); outsiders run if they have
+/// training data (--train). The table shows the best attack of each adversary, in pixels and in bits over the
+/// prior-only baseline.
 #[derive(clap::Args)]
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
     place: MaybePlaceArgs,
-    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
-    /// black in them is hidden, as with `seal --masks`.
+    /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
+    /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR", requires = "posed")]
     masks: Option<PathBuf>,
-    /// Keypoints of images of which nobody has a map, as `eval keypoints` writes them; may be given beside a place.
+    /// Keypoints of images without a map, as written by `eval keypoints`; may be combined with a scene.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     keypoints: Vec<PathBuf>,
     /// Schemes, in the order of the table. Default: all that hide positions.
     #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
-    /// Who attacks, in the order of the table; see below. Default: all who have what it takes.
+    /// Adversaries, in the order of the table; see below. Default: all whose inputs are given.
     #[arg(long, value_delimiter = ',', value_name = "ADVERSARY,…")]
     adversaries: Vec<Adversary>,
-    /// Keypoints of elsewhere that outsiders learn from, as `eval keypoints` writes them; attacked images among them are
-    /// left out.
+    /// Keypoints of other scenes that outsiders train on, as written by `eval keypoints`; attacked images among them
+    /// are left out.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     train: Vec<PathBuf>,
-    /// Description (.toml) of a network of neighbours, for `outsider-neighbours`; it must have been trained elsewhere.
+    /// Description (.toml) of a neighbour network, for `outsider-neighbours`; it must have been trained on other
+    /// scenes.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Descriptions (.toml) of networks of positions, one a scheme at most, for `outsider-network`.
+    /// Descriptions (.toml) of position networks, at most one per scheme, for `outsider-network`.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
-    /// Attack N images of each place or file only, spread evenly. Default: all.
+    /// Attack only N images of each scene or file, evenly spaced. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: Option<u32>,
-    /// Leave out attacks that take seconds an image: layouts of the neighbour graph.
+    /// Leave out attacks that take seconds per image (layouts of the neighbour graph).
     #[arg(long)]
     quick: bool,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Seed of every draw.
+    /// Seed of every random choice.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `veiloc eval compare`: two runs on the same queries, and which of their differences are more than chance.
+//! `veiloc eval compare`: compares two runs on the same queries and tests which differences are significant.
 
 use std::path::{Path, PathBuf};
 
@@ -10,32 +10,32 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;
 use crate::ui::Ui;
 
-/// Two runs on the same queries, and which of their differences are more than chance.
+/// Compare two runs on the same queries and report which differences are significant.
 ///
-/// Queries are paired by name and seed. Of each figure: both runs, the difference, and the interval that 95 % of the
-/// differences are in when queries are drawn with replacement (a paired bootstrap). A figure is called better only when its
-/// interval leaves zero out. Frames of one walk are alike, which the interval does not know: it is rather too narrow.
+/// Queries are paired by name and seed. For each figure the table has both runs, the difference, and its 95 %
+/// confidence interval from a paired bootstrap over queries. A figure is called better only if its interval excludes
+/// zero. Frames of one trajectory are correlated, and the bootstrap ignores this: its interval is rather too narrow.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The document of a run, as `eval scene --json` and `eval pose --json` write it.
+    /// Document of a run, as written by `eval scene --json` and `eval pose --json`.
     #[arg(value_name = "A.json")]
     a: PathBuf,
-    /// The document of the other one.
+    /// Document of the other run.
     #[arg(value_name = "B.json")]
     b: PathBuf,
-    /// Compare this row or scheme only, as the table calls it. Default: all rows that both have.
+    /// Compare only this row or scheme, named as in the table. Default: all rows that occur in both documents.
     #[arg(long, value_name = "ROW")]
     row: Option<String>,
-    /// Compare it with this row or scheme of B, be B the same file. Default: the row of the same name.
+    /// Compare it with this row or scheme of B; B may be the same file. Default: the row of the same name.
     #[arg(long, value_name = "ROW", requires = "row")]
     against: Option<String>,
-    /// Thresholds of recall, map units and degrees. Default: those that both documents have.
+    /// Recall thresholds, map units and degrees. Default: those that both documents contain.
     #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// Draws of the bootstrap.
+    /// Number of bootstrap samples.
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     draws: u32,
-    /// Seed of the draws.
+    /// Seed of the bootstrap.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
     #[command(flatten)]

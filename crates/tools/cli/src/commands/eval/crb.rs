@@ -1,4 +1,4 @@
-//! `veiloc eval crb`: errors on synthetic problems over what the Cramér–Rao bound allows.
+//! `veiloc eval crb`: errors on synthetic problems relative to the Cramér–Rao bound.
 
 use std::path::PathBuf;
 
@@ -14,11 +14,11 @@ use crate::localization_args::{EngineArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Errors on random synthetic problems over what the Cramér–Rao bound allows.
+/// Report errors on random synthetic problems relative to the Cramér–Rao bound.
 ///
 /// Every problem has matches all over a 640 × 480 image, some of them wrong, and Gaussian noise on its keypoints. The
-/// bound counts that noise, the dither and the rounding that obfuscation adds, and only the right matches. A second
-/// table says how often the truth lies in the region that the estimated covariance draws around the estimate.
+/// bound covers that noise and the dither and rounding of the obfuscation, and only the correct matches. A second table
+/// reports how often the true pose lies in the confidence region of the estimated covariance.
 #[derive(clap::Args)]
 #[command(after_long_help = SCENES)]
 pub(crate) struct Args {
@@ -31,27 +31,27 @@ pub(crate) struct Args {
     /// Standard deviations of a keypoint along each axis, pixels.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_name = "PX,…", value_parser = positive)]
     keypoint_noise: Vec<f64>,
-    /// Shares of wrong matches, percent.
+    /// Outlier ratios, percent.
     #[arg(long, value_delimiter = ',', default_value = "30,50,80", value_name = "PERCENT,…", value_parser = percent)]
     outliers: Vec<f64>,
-    /// Random problems for each row; the median of 500 is good to about 4 %.
+    /// Random problems per row; the median of 500 is accurate to about 4 %.
     #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     problems: u32,
-    /// Matches of each problem.
+    /// Matches per problem.
     #[arg(long, default_value_t = 400, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     matches: u32,
-    /// Draw exactly this many hypotheses; `adaptive` stops when a better one is unlikely.
+    /// Number of hypotheses; `adaptive` stops when a better one is unlikely.
     #[arg(long, value_name = "N", default_value = "adaptive")]
     hypotheses: Hypotheses,
     #[command(flatten)]
     engine: EngineArgs,
-    /// Bits of a line's angle, as a profile sets them.
+    /// Bits of a line's angle, as set in a profile.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
     /// Seed of every random choice; equal seeds give equal results.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-    /// Draw the translation errors over the bound into FILE, as SVG.
+    /// Plot the translation errors relative to the bound into FILE, as SVG.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -85,7 +85,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(if localized { Exit::Success } else { Exit::Refused })
 }
 
-/// A share of wrong matches that leaves some right.
+/// Parses an outlier ratio below 100 percent.
 fn percent(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if (0.0..100.0).contains(&value) {

@@ -1,4 +1,4 @@
-//! Which half of a set of images is used: one is to design with, the other untouched until the final figure.
+//! Split of an image set into two halves: one for design, the other untouched until the final figures.
 
 use std::path::Path;
 
@@ -8,11 +8,11 @@ use veiloc_datasets::problem_files::is_for_design;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Half {
-    /// The half to design and calibrate with.
+    /// The half for design and calibration.
     Design,
-    /// The half that only final figures may be of.
+    /// The half for final figures only.
     Final,
-    /// All of them.
+    /// All images.
     All,
 }
 

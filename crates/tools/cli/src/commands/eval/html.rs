@@ -1,4 +1,4 @@
-//! `--report FILE` of evaluations: collects while they run, and writes the report.
+//! `--report FILE` of evaluations: collects results while they run, and writes the report.
 
 use std::path::{Path, PathBuf};
 
@@ -19,18 +19,19 @@ use crate::report_args::ReportFileArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// The page an evaluation writes.
+/// The HTML report of an evaluation.
 #[derive(clap::Args)]
 pub(super) struct HtmlArgs {
     #[command(flatten)]
     report: ReportFileArgs,
-    /// Leave the images out of the report. Default: those of the queries it draws are in it, so that who gets the file gets them.
+    /// Leave the images out of the report. Default: it contains the images of the queries that it draws, so everyone
+    /// who gets the file gets these images.
     #[arg(long, requires = "report_file")]
     report_without_images: bool,
 }
 
 impl HtmlArgs {
-    /// A report of so many scenes, lengths in this unit; none when none is asked for.
+    /// Begins a report of this number of scenes, with lengths in this unit; `None` if no report was requested.
     pub(super) fn begin(&self, scenes: usize, unit: LengthUnit) -> Result<Option<HtmlReport>, Failure> {
         let Some(path) = self.report.file.clone() else { return Ok(None) };
         let folder = tempfile::tempdir().map_err(|e| Failure::output(std::env::temp_dir().display(), &e))?;
@@ -48,16 +49,16 @@ impl HtmlArgs {
 /// A report that is being filled.
 pub(super) struct HtmlReport {
     path: PathBuf,
-    /// Queries drawn of a scene.
+    /// Number of queries drawn per scene.
     each: usize,
     images: bool,
-    /// Holds maps until they are drawn, where nobody wants to keep them.
+    /// Stores maps until they are drawn, if the user does not keep them.
     folder: TempDir,
     run: LocalizationReport,
 }
 
 impl HtmlReport {
-    /// Sees to it that the map of an evaluation is there when it is over.
+    /// Makes the evaluation store its map, which is drawn afterwards.
     pub(super) fn keep_map(&self, evaluation: &mut SceneEvaluation) {
         evaluation.keep_map.get_or_insert_with(|| self.folder.path().join("place.vmap"));
     }
@@ -88,7 +89,7 @@ impl HtmlReport {
         Ok(())
     }
 
-    /// Adds what the document lacks: the ± of poses without a known truth, and what speaks against poses.
+    /// Adds what the document lacks: standard deviations of poses without ground truth, and the reasons for doubt.
     fn add_deviations(&mut self, scene: usize, drawn: &DrawnQuery) {
         let LocalizationReport { methods, outcomes, .. } = &mut self.run;
         for sent in &drawn.sent {
@@ -140,7 +141,7 @@ impl HtmlReport {
     }
 }
 
-/// Writes a page and says where.
+/// Writes a page and prints its path.
 pub(crate) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
     files::write(path, page.as_bytes())?;
     let megabytes = page.len() as f64 / 1e6;
@@ -148,7 +149,7 @@ pub(crate) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure
     Ok(())
 }
 
-/// What a repetition of a run needs.
+/// Returns the facts that are needed to repeat a run.
 pub(crate) fn facts(seed: Option<u64>) -> Vec<(String, String)> {
     let seed = seed.map(|seed| ("Seed".to_owned(), seed.to_string()));
     let run = [

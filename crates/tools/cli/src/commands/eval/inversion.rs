@@ -1,4 +1,4 @@
-//! `veiloc eval inversion`: the paper's Table 1: images made of what attacks recover, and how alike they are.
+//! `veiloc eval inversion`: the paper's Table 1: similarity of images that are reconstructed from attack results.
 
 use std::path::{Path, PathBuf};
 
@@ -21,71 +21,73 @@ use crate::ui::Ui;
 
 use super::html;
 
-/// Images made of what attacks recover from queries of every scheme, and how alike they are to those they were made of.
+/// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
 ///
-/// The paper's Table 1 and more. Each image's keypoints are sent under each scheme, attacked, put through a network that makes
-/// images of descriptors (research/train), and the result is judged beside the original on the network's grid: PSNR, SSIM, ST-LPIPS, the objects that a
-/// detector still finds, and whether a classifier still recognises what it shows. Give images that the network did not learn from.
+/// The paper's Table 1 and more. Each image's keypoints are obfuscated under each scheme, attacked, and passed to an
+/// image inversion network (research/train). The result is compared with the original on the network's grid: PSNR,
+/// SSIM, ST-LPIPS, the objects that a detector still finds, and whether a classifier still recognises the content. Use
+/// images that the network was not trained on.
 #[derive(clap::Args)]
 #[command(after_long_help = ATTACKS)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// Names of the images to use, one a line, relative to the one folder given.
+    /// Names of the images to use, one per line, relative to the one given folder.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
-    /// Use N of the images only, spread evenly. Default: all.
+    /// Use only N of the images, evenly spaced. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     most: Option<u32>,
-    /// Description (.toml) of the network that makes images of descriptors, as research/train exports it.
+    /// Description (.toml) of the image inversion network, as exported by research/train.
     #[arg(long, value_name = "FILE")]
     network: PathBuf,
     /// Schemes, in the order of the table. Default: all.
     #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
-    /// Keypoints of elsewhere, as `eval keypoints` writes them: an attacker learns from them which descriptors are neighbours.
+    /// Keypoints of other scenes, as written by `eval keypoints`: the attacker learns neighbours from them.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     elsewhere: Vec<PathBuf>,
-    /// Descriptions (.toml) of networks of positions, one a scheme at most.
+    /// Descriptions (.toml) of position networks, at most one per scheme.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
-    /// Images of the map of the place, relative to the one folder given, one a line: what a server can compare with.
+    /// Images of the scene's map, relative to the one given folder, one per line: the images that a server can compare
+    /// with.
     #[arg(long, value_name = "FILE")]
     map_list: Option<PathBuf>,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Seed of every draw.
+    /// Seed of every random choice.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Keypoints of an image at most, the strongest.
+    /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 1024, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
     #[command(flatten)]
     features: ImageFeatureArgs,
-    /// ST-LPIPS as an ONNX network, which `scripts/export_onnx.py` makes.
+    /// ST-LPIPS as an ONNX network, made by `scripts/export_onnx.py`.
     #[arg(long, value_name = "FILE")]
     perceptual: Option<PathBuf>,
-    /// A classifier of ImageNet's classes as an ONNX network, which `scripts/export_onnx.py` makes of EfficientNet-Lite0. The class
-    /// of an image is the synset that its file or folder is named by (`n01440764_tench.jpg`), or the classifier's own answer on
-    /// the original.
+    /// Classifier of the ImageNet classes as an ONNX network, made by `scripts/export_onnx.py` from EfficientNet-Lite0.
+    /// The class of an image is the synset in the name of its file or folder (`n01440764_tench.jpg`), or else the
+    /// classifier's answer for the original.
     #[arg(long, value_name = "FILE")]
     classifier: Option<PathBuf>,
-    /// A detector, as `seal --hide` takes one; objects are counted.
+    /// Object detector, as in `seal --hide`; it counts objects.
     #[arg(long, value_name = "FILE")]
     detector: Option<PathBuf>,
-    /// Least score of an object.
+    /// Minimum score of an object.
     #[arg(long, default_value_t = 0.25, value_name = "SCORE")]
     least_score: f32,
-    /// Write a contact sheet as PNG: the original, then a column for each row of the table, boxes around objects.
+    /// Write a contact sheet as PNG: the original, then a column for each row of the table, with boxes around objects.
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
-    /// Images on the contact sheet, and in the report.
+    /// Number of images on the contact sheet and in the report.
     #[arg(long, default_value_t = 6, value_name = "N")]
     shown: u32,
-    /// Write a report into FILE: one HTML file that needs no network, with the table and the images of the contact sheets; who
-    /// gets the file gets these images. Default: none is written.
+    /// Write a report into FILE: one HTML file without network access, with the table and the images of the contact
+    /// sheets; everyone who gets the file gets these images. Default: no report.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `veiloc eval keypoints`: keypoints and descriptors of images, for `attack` and the training of predictors.
+//! `veiloc eval keypoints`: extracts keypoints and descriptors of images, for `attack` and for training predictors.
 
 use std::path::PathBuf;
 
@@ -13,26 +13,26 @@ use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
+/// Extract keypoints and descriptors of images, for `attack` and for training predictors.
 ///
-/// Extracts what a device would and writes one JSON object an image, one a line, gzipped when the name ends in
-/// `.gz`. The file holds keypoint positions in the clear: it is for tests of one's own images, never to be sent.
+/// Extracts the features of a device and writes one JSON object per image and line, gzipped if the name ends in `.gz`.
+/// The file contains keypoint positions in the clear: use it for tests with your own images and never send it.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// Names of the images to use, one a line, relative to the one folder given. Cameras behind the names are not
-    /// needed: keypoints are those of the image as it is.
+    /// Names of the images to use, one per line, relative to the one given folder. Cameras after the names are ignored:
+    /// keypoints are in pixels of the stored image.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
-    /// Where the keypoints go; `-` for stdout.
+    /// Output file of the keypoints; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Keypoints of an image at most, the strongest.
+    /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
-    /// Longest side, pixels; larger images are made smaller first, and positions are those of the smaller one.
+    /// Longest side, pixels; larger images are scaled down first, and positions refer to the scaled image.
     #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
     max_size: u32,
     #[command(flatten)]

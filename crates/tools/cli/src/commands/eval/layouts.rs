@@ -1,4 +1,4 @@
-//! `veiloc eval layouts`: layouts of dcl between exactness and privacy.
+//! `veiloc eval layouts`: pose accuracy and privacy of dcl layouts.
 
 use std::path::PathBuf;
 
@@ -18,42 +18,43 @@ use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
+/// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
 ///
-/// Builds a map from the images of the map list, localizes every image of the query list as points and under every layout,
-/// and attacks some of the same queries. Adversaries count by what they gain over the guess, bits a keypoint.
+/// Builds a map from the images of the map list, localizes every image of the query list as points and under every
+/// layout, and attacks some of the same queries. The result of an adversary is its gain over the prior-only baseline in
+/// bits per keypoint.
 #[derive(clap::Args)]
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
     place: PlaceArgs,
-    /// Layouts, as schemes of dcl, in the order of the table. Layouts are held against `dcl:paper` where that is among them.
-    /// Default: the paper's, a diagonal with two corners, stripes, and those that were found by search.
+    /// Layouts, as dcl schemes, in the order of the table. Layouts are compared with `dcl:paper` if it is among them.
+    /// Default: the paper's, a diagonal with two corners, stripes, and layouts found by search.
     #[arg(long, value_delimiter = ',', value_parser = layout, value_name = "LAYOUT,…")]
     layouts: Vec<DclLayout>,
-    /// What the queries are put under for their poses, beside the images as they are; see `eval stress`.
+    /// Stress conditions of the localized queries, in addition to the unchanged images; see `eval stress`.
     #[arg(long, value_delimiter = ',', default_value = "half-hidden,sparse-map", value_name = "STRESS,…")]
     stress: Vec<Stress>,
-    /// Keypoints that teach the predictor of neighbours, as `eval keypoints` writes them; attacked images among them are
+    /// Keypoints to train the neighbour predictor on, as written by `eval keypoints`; attacked images among them are
     /// left out. Default: the images of the map.
     #[arg(long, value_name = "FILE")]
     train: Vec<PathBuf>,
-    /// Description (.toml) of a network that predicts neighbours as well, as research/train exports it.
+    /// Description (.toml) of a network that also predicts neighbours, as exported by research/train.
     #[arg(long, value_name = "FILE")]
     network: Option<PathBuf>,
-    /// Descriptions (.toml) of networks of positions, one a layout at most, for `outsider-network`.
+    /// Descriptions (.toml) of position networks, at most one per layout, for `outsider-network`.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
-    /// Attack N queries only, spread evenly; poses and the guess are of all.
+    /// Attack only N queries, evenly spaced; poses and the prior-only baseline use all queries.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: u32,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Seeds that poses are estimated with, from `--seed` upwards; the maps of each are built anew.
+    /// Number of seeds for pose estimation, from `--seed` upwards; a map is built for each.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
-    /// Draw what adversaries gain over the error of poses into FILE, as SVG.
+    /// Plot the adversaries' gain over the pose error into FILE, as SVG.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -114,7 +115,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(if localized { Exit::Success } else { Exit::Refused })
 }
 
-/// A layout of dcl from the text of its scheme.
+/// Parses a dcl layout from the text of its scheme.
 fn layout(text: &str) -> Result<DclLayout, String> {
     match text.parse() {
         Ok(Scheme::Dcl(layout)) => Ok(layout),

@@ -1,4 +1,4 @@
-//! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
+//! `veiloc eval`: measures localization on data with known poses, and against theoretical bounds.
 
 mod adversaries;
 mod compare;
@@ -27,49 +27,50 @@ use crate::ui::Ui;
 /// What to evaluate.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// The whole road on a place with known poses: build the map, seal the queries, localize them.
+    /// Run the whole pipeline on a scene with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
-    /// 7Scenes: all its scenes, from the folders as they are unpacked.
+    /// 7Scenes: evaluate all its scenes, from the unpacked folders.
     #[command(name = "7scenes")]
     SevenScenes(Box<data_set::seven_scenes::Args>),
-    /// Cambridge Landmarks: its scenes.
+    /// Cambridge Landmarks: evaluate its scenes.
     Cambridge(Box<data_set::cambridge::Args>),
-    /// Aachen Day-Night, v1 and v1.1, with the file for visuallocalization.net.
+    /// Aachen Day-Night, v1 and v1.1: evaluate it, and write the file for visuallocalization.net.
     Aachen(Box<data_set::aachen::Args>),
-    /// Tables as papers print them, of what a data set's command or `eval scene` found.
+    /// Print the results of a data-set command or `eval scene` as the tables of a paper.
     Tables(tables::Args),
-    /// One place, and queries of it in the dark, moved, half hidden, small, in a sparse map, with few keypoints.
+    /// Localize queries of one scene in the dark, with motion blur, half hidden, small, in a sparse map, with few
+    /// keypoints.
     Stress(Box<stress::Args>),
-    /// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
+    /// Query a map with out-of-map images, and count those with a trusted pose.
     Negatives(Box<negatives::Args>),
-    /// Finding the images of a map that look like a query: what it costs and misses, as maps grow.
+    /// Measure cost and recall of image retrieval as maps grow.
     Search(search::Args),
-    /// Several images in a row together, with simulated odometry: what a session gains over single images.
+    /// Localize several consecutive images together, with simulated odometry, and report the gain over single images.
     Rig(Box<rig::Args>),
-    /// Several frames of one place, attacked together: what a session gives away, by what its anchors are tied to.
+    /// Attack several frames of one scene together, and report what a session leaks for each kind of anchors.
     Sessions(Box<sessions::Args>),
-    /// The pose stage alone, on matches that are already there.
+    /// Run only the pose stage, on given matches.
     Pose(pose::Args),
-    /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
+    /// Report errors on random synthetic problems relative to the Cramér–Rao bound.
     Crb(crb::Args),
-    /// Correspondence sets from a place with known poses, as `eval pose` reads them.
+    /// Write correspondence sets of a scene with known poses, for `eval pose`.
     Problems(problems::Args),
-    /// What each adversary gets from the queries of every scheme, by the best of their attacks.
+    /// Report what each adversary recovers from the queries of every scheme, with its best attack.
     Adversaries(Box<adversaries::Args>),
-    /// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
+    /// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
     Layouts(Box<layouts::Args>),
-    /// Two runs on the same queries, and which of their differences are more than chance.
+    /// Compare two runs on the same queries and report which differences are significant.
     Compare(compare::Args),
-    /// Images made of what attacks recover from queries, and how alike they are to those they were made of.
+    /// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
     Inversion(Box<inversion::Args>),
-    /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
+    /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
     Keypoints(keypoints::Args),
 }
 
-/// Runs one of `veiloc eval`.
+/// Runs a command of `veiloc eval`.
 ///
 /// # Errors
-/// What was given cannot be read, or makes no sense together; results cannot be written.
+/// An input cannot be read, the inputs contradict each other, or results cannot be written.
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),

@@ -1,4 +1,4 @@
-//! `veiloc eval negatives`: images of elsewhere, which a map must not find.
+//! `veiloc eval negatives`: queries with out-of-map images, which must not get a trusted pose.
 
 use std::path::PathBuf;
 
@@ -23,30 +23,29 @@ use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
+/// Query a map with out-of-map images, and count those with a trusted pose.
 ///
-/// Every image is extracted once, sealed under every scheme and localized. All poses are wrong; a trusted one is a
-/// false positive. An image with too few keypoints to be sealed is a query that finds nothing, and is counted apart
-/// as unusable.
+/// Every image is extracted once, sealed under every scheme and localized. All poses are wrong; a trusted pose is a
+/// false positive. An image with too few keypoints to be sealed is counted separately as unusable.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The map that is asked.
+    /// The map.
     #[arg(long, value_name = "FILE")]
     map: PathBuf,
-    /// Folder of images of elsewhere, JPEG or PNG: all in it and in its sub-folders.
+    /// Folder of out-of-map images, JPEG or PNG, with its sub-folders.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Names of the images to use, one a line, relative to the folder; behind each name its camera (MODEL W H PARAMS…, as
-    /// in hloc's query lists) or nothing.
+    /// Names of the images to use, one per line, relative to the folder; a camera may follow each name (MODEL W H
+    /// PARAMS…, as in hloc's query lists).
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
-    /// Use one half of the images, told by the name of the file alone: `design` to choose thresholds with, `final` for
-    /// figures that nothing was chosen with. Bit 32 of the 64-bit FNV-1a hash of the name, folders left out, is 0 in
-    /// `design` and 1 in `final`.
+    /// Use one half of the images, chosen by the file name alone: `design` to choose thresholds with, `final` for final
+    /// figures only. Bit 32 of the 64-bit FNV-1a hash of the file name without folders is 0 in `design` and 1 in
+    /// `final`.
     #[arg(long, value_enum, default_value_t = Half::All)]
     half: Half,
-    /// The camera of all images, as `veiloc seal` takes it. Default: what the list says, then what EXIF says, and for the
-    /// others a guess that the query calls one: no distortion, a focal length of 1.2 times the longer side.
+    /// The camera of all images, as in `veiloc seal`. Default: the camera in the list, then EXIF, and otherwise an
+    /// assumed camera that the query marks as unknown: no distortion, a focal length of 1.2 times the longer side.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
     camera: Option<CameraArg>,
     /// Schemes to compare.
@@ -135,7 +134,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     tally.end(items.len() - document.failed, "", args.skip, ui)
 }
 
-/// The images, each with its camera where one is given.
+/// Returns the images, each with its camera if one is given.
 fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     if !args.images.is_dir() {
         return Err(Failure::with_help(

@@ -1,40 +1,40 @@
-//! A place with known poses, split into map and queries: what several evaluations start from.
+//! A scene with known poses, split into map and queries: the input of several evaluations.
 
 use std::path::PathBuf;
 
 use crate::localization_args::positive;
 
-/// A place with known poses.
+/// A scene with known poses.
 #[derive(clap::Args)]
 pub(super) struct PlaceArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
     #[arg(long, value_name = "DIR")]
     pub(super) posed: PathBuf,
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     pub(super) images: PathBuf,
-    /// Names of the images the map is built from, one a line.
+    /// Names of the images that the map is built from, one per line.
     #[arg(long, value_name = "FILE")]
     pub(super) map_list: PathBuf,
-    /// Names of the images taken as queries, one a line. `eval scene` seals with the cameras behind the names where
-    /// there are any (MODEL W H PARAMS…, as in hloc's query lists), with the model's elsewhere.
+    /// Names of the query images, one per line. `eval scene` seals with the cameras after the names if there are any
+    /// (MODEL W H PARAMS…, as in hloc's query lists), otherwise with the cameras of the model.
     #[arg(long, value_name = "FILE")]
     pub(super) query_list: PathBuf,
 }
 
-/// The same where a place may be left out: all of it or nothing.
+/// The same arguments if the scene is optional: all or none of them must be given.
 #[derive(clap::Args)]
 pub(super) struct MaybePlaceArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
     #[arg(long, value_name = "DIR", requires_all = ["images", "map_list", "query_list"])]
     posed: Option<PathBuf>,
     /// Folder of the images.
     #[arg(long, value_name = "DIR", requires = "posed")]
     images: Option<PathBuf>,
-    /// Names of the images the map is built from, one a line.
+    /// Names of the images that the map is built from, one per line.
     #[arg(long, value_name = "FILE", requires = "posed")]
     map_list: Option<PathBuf>,
-    /// Names of the images that are attacked, one a line.
+    /// Names of the attacked images, one per line.
     #[arg(long, value_name = "FILE", requires = "posed")]
     query_list: Option<PathBuf>,
 }
@@ -50,11 +50,12 @@ impl MaybePlaceArgs {
     }
 }
 
-/// What the devices feel.
+/// Simulated accelerometer.
 #[derive(clap::Args)]
 pub(super) struct GravityArgs {
-    /// Tell gravity too: the map is told which way is down, and every query is sealed a second time with what an
-    /// accelerometer of this standard deviation would feel at its true pose, degrees, at most 16. Default: nothing is told.
+    /// Also evaluate with gravity: the map gets the direction of gravity, and every query is sealed a second time with
+    /// the measurement of an accelerometer of this standard deviation at its true pose, degrees, at most 16. Default:
+    /// without gravity.
     #[arg(long = "gravity", value_name = "SD_DEG", value_parser = positive)]
     pub(super) sd_deg: Option<f64>,
 }

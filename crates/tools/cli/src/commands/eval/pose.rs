@@ -1,4 +1,4 @@
-//! `veiloc eval pose`: the pose stage alone, compared over schemes, recipes, effort, gravity and seeds.
+//! `veiloc eval pose`: compares the pose stage over schemes, recipes, effort, gravity and seeds.
 
 use std::path::PathBuf;
 
@@ -12,38 +12,38 @@ use crate::localization_args::{EngineArgs, RunArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// The pose stage alone, on matches that are already there.
+/// Run only the pose stage, on given matches.
 ///
-/// Every query's keypoints are obfuscated on reading, so that all schemes see the very same matches. A query without
-/// a pose counts as infinitely wrong.
+/// Every query's keypoints are obfuscated on reading, so that all schemes use the same matches. A query without a pose
+/// counts as infinite error.
 #[derive(clap::Args)]
 #[command(after_long_help = RECIPES)]
 pub(crate) struct Args {
-    /// Problems, one JSON object a line, plain or gzipped.
+    /// Problems, one JSON object per line, plain or gzipped.
     #[arg(required = true, value_name = "PROBLEMS")]
     files: Vec<PathBuf>,
-    /// Named ways of estimating to compare: paper, likelihood, likelihood+prior, vote, default, optimum, floor. They set score,
-    /// solver and prior together; see below. Default: none, single options count.
+    /// Named configurations to compare: paper, likelihood, likelihood+prior, vote, default, optimum, floor. Each sets
+    /// score, solver and prior; see below. Default: none; the single options apply.
     #[arg(long, value_delimiter = ',', value_name = "RECIPE,…", conflicts_with_all = ["score", "scores", "solver", "no_prior"])]
     recipes: Vec<Recipe>,
-    /// Add the floor: least squares from the true pose on the truly right matches.
+    /// Add the floor: least squares from the true pose on the correct matches.
     #[arg(long)]
     oracle: bool,
-    /// A match is truly right when its map point projects this near to the keypoint under the true pose, pixels.
+    /// A match is correct if its map point projects within this distance of the keypoint under the true pose, pixels.
     #[arg(long, default_value_t = 4.0, value_name = "PX", value_parser = positive)]
     oracle_radius: f64,
     /// Numbers of hypotheses to compare; `adaptive` stops when a better one is unlikely.
     #[arg(long, value_delimiter = ',', default_value = "adaptive", value_name = "N,…")]
     hypotheses: Vec<Hypotheses>,
-    /// What to tell about gravity: `file` (what the problems bring), `none`, or the true direction turned by so many
-    /// degrees towards a random side.
+    /// Gravity in the queries: `file` (as in the problems), `none`, or the true direction rotated by this number of
+    /// degrees in a random direction.
     #[arg(long, value_delimiter = ',', default_value = "file", value_name = "GRAVITY,…")]
     gravity: Vec<GravitySource>,
-    /// Repeat with so many seeds, from `--seed` upwards; the table then shows the mean over seeds, and below it the
-    /// smallest and the largest.
+    /// Number of seeds to repeat with, from `--seed` upwards; the table then shows the mean over seeds, and below it
+    /// the minimum and the maximum.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: u64,
-    /// Queries estimated at the same time. With more than one the times of a query are those of a busy machine.
+    /// Queries that are estimated in parallel. With more than one, times are those of a loaded machine.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: u16,
     #[command(flatten)]
@@ -52,7 +52,7 @@ pub(crate) struct Args {
     engine: EngineArgs,
     #[command(flatten)]
     run: RunArgs,
-    /// Bits of a line's angle, as a profile sets them.
+    /// Bits of a line's angle, as set in a profile.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
 }

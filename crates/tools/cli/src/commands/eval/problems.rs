@@ -1,4 +1,4 @@
-//! `veiloc eval problems`: correspondence sets from a place with known poses, for `eval pose` and for fitting.
+//! `veiloc eval problems`: writes correspondence sets of a scene with known poses, for `eval pose` and for fitting.
 
 use std::path::{Path, PathBuf};
 
@@ -16,23 +16,23 @@ use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Correspondence sets from a place with known poses, as `eval pose` reads them.
+/// Write correspondence sets of a scene with known poses, for `eval pose`.
 ///
 /// Builds a map from the images of the map list, matches every image of the query list with it, and writes the matches
-/// with the true poses: one JSON object a line, gzipped when the name ends in `.gz`.
+/// with the true poses: one JSON object per line, gzipped if the name ends in `.gz`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     place: PlaceArgs,
-    /// Where the problems go; `-` for stdout.
+    /// Output file of the problems; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval adversaries` read
-    /// them: the very positions of the problems. They are in the clear, for tests of one's own images.
+    /// Output file for all keypoints of the queries, with descriptors, strongest first, as read by `attack` and `eval
+    /// adversaries`; positions are those of the problems. They are in the clear: use it for tests with your own images.
     #[arg(long, value_name = "FILE")]
     keypoints: Option<PathBuf>,
-    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
-    /// black in them is hidden, as with `seal --masks`.
+    /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
+    /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
     /// Seed of the keypoints' dither.

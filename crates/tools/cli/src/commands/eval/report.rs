@@ -1,4 +1,4 @@
-//! What the evaluations of `veiloc eval` compare, and how they tell the result.
+//! Comparison and output options of the `veiloc eval` commands.
 
 use serde::Serialize;
 use veiloc_evaluation::results::metrics::Threshold;
@@ -11,16 +11,16 @@ use crate::json_args::JsonArgs;
 use crate::localization_args::EngineArgs;
 use crate::ui::Ui;
 
-/// What `eval scene` and `eval pose` compare and print.
+/// Comparison and output of `eval scene` and `eval pose`.
 #[derive(clap::Args)]
 pub(super) struct ReportArgs {
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     pub(super) schemes: Vec<Scheme>,
-    /// Scores to compare; each scheme is run with each. Default: one score, as `--score`.
+    /// Scores to compare; each scheme runs with each score. Default: one score, as `--score`.
     #[arg(long, value_delimiter = ',', value_name = "SCORE,…", conflicts_with = "score")]
     scores: Vec<ScoreKind>,
-    /// Bounds of the recall columns, `translation/degrees` with the translation in map units.
+    /// Thresholds of the recall columns, `translation/degrees` with the translation in map units.
     #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]
     pub(super) thresholds: Vec<Threshold>,
     #[command(flatten)]
@@ -36,12 +36,12 @@ impl ReportArgs {
         }
     }
 
-    /// Prints another evaluation's table and document.
+    /// Prints the table and document of another evaluation.
     pub(super) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
         self.json.print(table, document, ui)
     }
 
-    /// Prints the table and the document; nothing localized at all is a refusal.
+    /// Prints the table and the document; refuses a result without any localized query.
     pub(super) fn finish(&self, evaluation: &Evaluation, ui: &Ui) -> Outcome {
         self.json.print(&table(&evaluation.schemes), evaluation, ui)?;
         let localized = evaluation.schemes.iter().any(|s| s.localized > 0);

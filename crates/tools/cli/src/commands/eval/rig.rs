@@ -1,4 +1,4 @@
-//! `veiloc eval rig`: sessions of several images on a place with known poses.
+//! `veiloc eval rig`: localizes sessions of several images of a scene with known poses.
 
 use std::num::NonZeroUsize;
 
@@ -10,29 +10,30 @@ use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Several images in a row together, with simulated odometry.
+/// Localize several consecutive images together, with simulated odometry.
 ///
-/// Builds a map from the images of the map list. Every query is then the newest image of a session with those before it
-/// in the list; their relative poses are the true ones with noise at every step. A row of the table is a scheme and a
-/// number of images; errors are those of the newest image's pose. A session without a pose counts as infinitely wrong.
+/// Builds a map from the images of the map list. Every query is then the newest image of a session that also has the
+/// preceding images of the list; their relative poses are the true ones with noise at every step. A row of the table is
+/// a scheme and a number of images; errors are those of the newest image's pose. A session without a pose counts as
+/// infinite error.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Images of a session, a row of the table each.
+    /// Images per session; one row of the table for each number.
     #[arg(long, value_delimiter = ',', default_value = "1,2,4,8", value_name = "N,…")]
     frames: Vec<NonZeroUsize>,
-    /// Standard deviation of the odometry's error about each axis at every step, degrees.
+    /// Standard deviation of the odometry error about each axis per step, degrees.
     #[arg(long, default_value_t = 0.1, value_name = "DEG")]
     rotation_noise: f64,
-    /// Standard deviation of the odometry's error along each axis at every step, map units.
+    /// Standard deviation of the odometry error along each axis per step, map units.
     #[arg(long, default_value_t = 0.01, value_name = "T")]
     translation_noise: f64,
-    /// Queries farther apart than this are not of one walk, map units.
+    /// Maximum distance between consecutive queries of one trajectory, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
     reach: f64,
-    /// What all queries are put under, as in `eval stress`: none, dark, motion, half-hidden, side-hidden, low-resolution,
-    /// sparse-map, few-keypoints or focal-N.
+    /// Stress condition of all queries, as in `eval stress`: none, dark, motion, half-hidden, side-hidden,
+    /// low-resolution, sparse-map, few-keypoints or focal-N.
     #[arg(long, default_value_t = Stress::None, value_name = "STRESS")]
     stress: Stress,
 }

@@ -1,4 +1,4 @@
-//! `veiloc eval scene`: the whole road on a place with known poses.
+//! `veiloc eval scene`: runs the whole pipeline on a scene with known poses.
 
 use std::path::PathBuf;
 
@@ -19,10 +19,10 @@ use crate::progressive_args::ProgressiveArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// The whole road on a place with known poses.
+/// Run the whole pipeline on a scene with known poses.
 ///
-/// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes
-/// it, and compares with its known pose. A query without a pose counts as infinitely wrong.
+/// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes it,
+/// and compares with its known pose. A query without a pose counts as infinite error.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -33,37 +33,41 @@ pub(crate) struct Args {
     negatives: NegativeArgs,
     #[command(flatten)]
     progressive: ProgressiveArgs,
-    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is black in
-    /// them is hidden, as with `seal --masks`.
+    /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
+    /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Folder for what is computed: features and matches of map images, the map, and the results of each query as soon as it is finished. A run that was interrupted
-    /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
+    /// Folder for intermediate results: features and matches of map images, the map, and the result of each finished
+    /// query. An interrupted run continues from there, and results for the same images and options are not computed
+    /// again. Default: nothing is stored.
     #[arg(long, value_name = "DIR")]
     work: Option<PathBuf>,
-    /// Queries that are localized at the same time; with more than one, times are those of a busy machine.
+    /// Queries that are localized in parallel; with more than one, times are those of a loaded machine.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     jobs: u16,
-    /// Localize in a map so many times smaller, as `veiloc map compress --ratio` makes it. Default: in the map as it is built.
+    /// Localize in a map that is this many times smaller, made by `veiloc map compress --ratio`. Default: in the map as
+    /// it is built.
     #[arg(long, value_name = "TIMES", value_parser = above_one)]
     compress: Option<f64>,
-    /// Cut the map into regions of at most so many images, as `veiloc map split --images` does, and ask each query in up to
-    /// three that hold what the whole map would retrieve, as `veiloc serve --cluster` does. Default: the map stays whole.
+    /// Split the map into regions of at most N images, as `veiloc map split --images` does, and localize each query in
+    /// up to three regions that hold the images which the whole map would retrieve, as `veiloc serve --cluster` does.
+    /// Default: the map is not split.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     regions: Option<u32>,
-    /// Share of a region's images that is kept free for images of other regions, as of `veiloc map split`. Default: 0.3.
+    /// Share of a region's images that is reserved for images of other regions, as in `veiloc map split`. Default: 0.3.
     #[arg(long, value_name = "SHARE", requires = "regions")]
     overlap: Option<f64>,
     #[command(flatten)]
     html: HtmlArgs,
 }
 
-/// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
+/// A scene, its map building, and the localization of its queries: the arguments that `eval scene` and `eval rig`
+/// share.
 #[derive(clap::Args)]
 pub(super) struct SceneArgs {
     #[command(flatten)]
     place: PlaceArgs,
-    /// Keep the map that was built.
+    /// Write the map to this file.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
     #[command(flatten)]
@@ -77,9 +81,9 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// What they ask for, without gravity and negatives.
+    /// Returns the evaluation without gravity and negatives.
     pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
-        // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
+        // A device may know its lens better than the model does, so cameras in the list take precedence.
         let queries = lists::read_with_cameras(&self.place.query_list)?;
         let names = queries.iter().map(|query| query.name.clone()).collect();
         Ok(SceneEvaluation {
@@ -111,11 +115,11 @@ impl Args {
 /// Queries that must not be localized.
 #[derive(clap::Args)]
 struct NegativeArgs {
-    /// Folder of a COLMAP model of another place, for the cameras of the negatives: queries of that place, whose poses
-    /// in this map would all be wrong. Those that get a pose, and a trusted pose, are counted.
+    /// Folder of a COLMAP model of another scene, for the cameras of the negative queries, whose poses in this map are
+    /// all wrong. The table counts those that get a pose, and those that get a trusted pose.
     #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "DIR", requires_all = ["negatives_images", "negatives_list"])]
     posed: Option<PathBuf>,
-    /// Folder of the other place's images.
+    /// Folder of the other scene's images.
     #[arg(
         id = "negatives_images",
         long = "negatives-images",
@@ -123,7 +127,7 @@ struct NegativeArgs {
         requires = "negatives_posed"
     )]
     images: Option<PathBuf>,
-    /// Names of the negatives, one a line.
+    /// Names of the negative queries, one per line.
     #[arg(id = "negatives_list", long = "negatives-list", value_name = "FILE", requires = "negatives_posed")]
     list: Option<PathBuf>,
 }
@@ -141,7 +145,7 @@ impl NegativeArgs {
     }
 }
 
-/// A number above 1.
+/// Parses a number above 1.
 fn above_one(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(times) if times > 1.0 && times.is_finite() => Ok(times),

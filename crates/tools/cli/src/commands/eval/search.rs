@@ -1,4 +1,4 @@
-//! `veiloc eval search`: retrieval as maps grow.
+//! `veiloc eval search`: image retrieval as maps grow.
 
 use std::path::PathBuf;
 
@@ -14,11 +14,11 @@ use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// What finding the images of a map that look like a query costs, and what it misses, as maps grow.
+/// Measure cost and recall of image retrieval as maps grow.
 ///
-/// The images of the map are put among images of elsewhere and as many more, drawn from the global descriptors of all of
-/// them, as each size asks for. Every query is sought twice: by comparing its global descriptor with every other, and
-/// through the index that large maps are searched with.
+/// The database holds the images of the map, out-of-map images, and synthetic global descriptors, drawn from the
+/// distribution of all real ones, up to each size. Every query is searched twice: exhaustively, and with the index that
+/// large maps use.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The map that is searched.
@@ -27,24 +27,24 @@ pub(crate) struct Args {
     /// Folder of the queries, JPEG or PNG.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Names of the queries, one a line, relative to the folder; cameras behind them are not read. Default: all images in it
-    /// and in its sub-folders.
+    /// Names of the queries, one per line, relative to the folder; cameras after the names are ignored. Default: all
+    /// images in it and in its sub-folders.
     #[arg(long, value_name = "FILE")]
     query_list: Option<PathBuf>,
-    /// Folder of images of elsewhere, put among those of the map. Default: none.
+    /// Folder of out-of-map images that are added to those of the map. Default: none.
     #[arg(long, value_name = "DIR")]
     others: Option<PathBuf>,
-    /// Numbers of images to search; global descriptors take some 4 kB each.
+    /// Sizes of the database in images; a global descriptor takes about 4 kB.
     #[arg(long, value_delimiter = ',', default_value = "10000,100000,1000000", value_name = "N,…")]
     sizes: Vec<usize>,
-    /// Images that are asked for.
+    /// Number of retrieved images.
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     retrieve: u32,
-    /// Seed of the global descriptors that are drawn.
+    /// Seed of the synthetic global descriptors.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-    /// Folder for the global descriptors as NumPy files, for a comparison with other indexes (`scripts/bench_search.py`):
-    /// `searched.npy` of the largest size and `queries.npy`, int8, a row an image.
+    /// Folder for the global descriptors as NumPy files, for a comparison with other indexes
+    /// (`scripts/bench_search.py`): `searched.npy` of the largest size and `queries.npy`, int8, one row per image.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
     #[command(flatten)]

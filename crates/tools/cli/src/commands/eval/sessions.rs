@@ -1,4 +1,4 @@
-//! `veiloc eval sessions`: what several frames of one place give away, by what their anchors are tied to.
+//! `veiloc eval sessions`: leaks of several frames of one scene, for each kind of anchors.
 
 use std::num::NonZeroUsize;
 
@@ -10,52 +10,52 @@ use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Several frames of one place, attacked together by a server that has localized each.
+/// Attack several frames of one scene together, as a server that has localized each frame.
 ///
-/// Builds a map from the images of the map list. The images of the query list are the frames of one walk; a device seals
-/// them in one session, with anchors tied to the image, the world or gravity, and a server puts some of them together.
-/// Attacked are a region like a person, of which the map knows nothing, and the keypoints that the map knows, as if it did
-/// not. The first table says what the single frames are worth.
+/// Builds a map from the images of the map list. The images of the query list are the frames of one trajectory; a
+/// device seals them in one session, with anchors fixed to the image, the world or gravity, and a server combines some
+/// of them. The attack targets a region the size of a person that the map does not contain, and the keypoints that the
+/// map contains, without their known positions. The first table shows the attack on single frames.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    /// What anchors are tied to: image, world, gravity.
+    /// Frame that anchors are fixed to: image, world, gravity.
     #[arg(long, value_delimiter = ',', default_value = "image,world,gravity", value_name = "ANCHORS,…")]
     anchors: Vec<SessionAnchors>,
-    /// How the frames that are put together came about: turning (those of the walk that tell most), walking (those before
-    /// the attacked one), resting (the same image with new noise of the sensor), visiting (as turning, each frame in a session
-    /// of its own).
+    /// Origin of the combined frames: turning (the frames of the trajectory that give the most information), walking
+    /// (the frames before the attacked one), resting (the same image with new sensor noise), visiting (as turning, but
+    /// each frame in a session of its own).
     #[arg(long, value_delimiter = ',', default_value = "turning,walking,resting", value_name = "MOTION,…")]
     motion: Vec<Motion>,
-    /// Frames put together, the attacked one included.
+    /// Number of combined frames, including the attacked one.
     #[arg(long, value_delimiter = ',', default_value = "2,3,5,8", value_name = "N,…")]
     frames: Vec<NonZeroUsize>,
     /// Standard deviation of each orientation's own error about each axis, degrees.
     #[arg(long, value_delimiter = ',', default_value = "0,0.1,0.5", value_name = "DEG,…")]
     gyro_deg: Vec<f64>,
-    /// Standard deviation by which the orientation drifts about each axis from a frame to the next, degrees.
+    /// Standard deviation of the orientation drift about each axis per frame, degrees.
     #[arg(long, value_delimiter = ',', default_value = "0", value_name = "DEG,…")]
     drift_deg: Vec<f64>,
-    /// Attack N images only, spread evenly. Default: all that have frames enough.
+    /// Attack only N images, evenly spaced. Default: all that have enough frames.
     #[arg(long, value_name = "N")]
     attacked: Option<NonZeroUsize>,
-    /// Share of an image's keypoints that the region like a person holds.
+    /// Share of an image's keypoints in the region the size of a person.
     #[arg(long, default_value_t = 0.1, value_name = "SHARE")]
     private: f64,
-    /// Queries farther apart than this are not of one walk, map units.
+    /// Maximum distance between consecutive queries of one trajectory, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
     reach: f64,
-    /// Standard deviation of the sensor's noise in frames of a camera at rest, grey levels of 255.
+    /// Standard deviation of the sensor noise in frames of a resting camera, grey levels of 255.
     #[arg(long, default_value_t = 2.0, value_name = "LEVELS")]
     sensor_noise: f64,
-    /// Width of the band along borders of sectors that sessions leave out, degrees. Default: as devices do.
+    /// Width of the band along sector borders whose keypoints sessions leave out, degrees. Default: as on devices.
     #[arg(long, value_name = "DEG")]
     band: Option<f64>,
-    /// Width of the cells that sessions tell angles on, radians; 0 dithers each frame anew. Default: as devices do.
+    /// Quantization step of angles in a session, radians; 0 dithers each frame anew. Default: as on devices.
     #[arg(long, value_name = "RAD")]
     step: Option<f64>,
-    /// Let sessions forget what they told of which keypoint.
+    /// Do not let sessions remember what was sent of each keypoint.
     #[arg(long)]
     no_memory: bool,
 }

@@ -1,4 +1,4 @@
-//! `veiloc eval stress`: one place, and queries of it under hard conditions.
+//! `veiloc eval stress`: queries of one scene under hard conditions.
 
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress, table};
@@ -14,10 +14,10 @@ use crate::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// One place, and queries of it under hard conditions: recall, and what is trusted.
+/// Localize queries of one scene under hard conditions, and report recall and trust.
 ///
-/// Builds a map from the images of the map list, seals every image of the query list under every stress and scheme,
-/// localizes it, and compares with its known pose. A query without a pose counts as infinitely wrong.
+/// Builds a map from the images of the map list, seals every image of the query list under every stress condition and
+/// scheme, localizes it, and compares with its known pose. A query without a pose counts as infinite error.
 #[derive(clap::Args)]
 #[command(after_long_help = STRESSES)]
 pub(crate) struct Args {
@@ -25,7 +25,7 @@ pub(crate) struct Args {
     place: PlaceArgs,
     #[command(flatten)]
     gravity: GravityArgs,
-    /// What the queries are put under, see below; `none`, the images as they are, is always the first row.
+    /// Stress conditions of the queries, see below; `none`, the unchanged images, is always the first row.
     #[arg(
         long,
         value_delimiter = ',',
@@ -36,18 +36,18 @@ pub(crate) struct Args {
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
-    /// Bounds of the recall columns, `translation/degrees` with the translation in map units.
+    /// Thresholds of the recall columns, `translation/degrees` with the translation in map units.
     #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// A pose beyond either bound, `translation/degrees`, is wrong, and must not be trusted.
+    /// A pose beyond either threshold, `translation/degrees`, is wrong and must not be trusted.
     #[arg(long, default_value = "0.25/2", value_name = "T/DEG")]
     wrong_beyond: Threshold,
-    /// Look from the true pose as well: the engine's own optimum, which a search that misses nothing finds, and the
-    /// floor, least squares on the truly right matches.
+    /// Also start from the true pose: the engine's own optimum (the result of a perfect search), and the floor (least
+    /// squares on the correct matches).
     #[arg(long)]
     optimum: bool,
-    /// For --optimum: a match is truly right when its map point projects this near to the keypoint under the true pose,
-    /// pixels.
+    /// For --optimum: a match is correct if its map point projects within this distance of the keypoint under the true
+    /// pose, pixels.
     #[arg(long, default_value_t = 4.0, value_name = "PX", value_parser = positive)]
     oracle_radius: f64,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `veiloc eval tables`: tables as papers print them, made of documents.
+//! `veiloc eval tables`: formats result documents as the tables of a paper.
 
 use std::path::PathBuf;
 
@@ -10,16 +10,16 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::ui::Ui;
 
-/// Tables as papers print them, of what an evaluation found.
+/// Print the results of an evaluation as the tables of a paper.
 ///
-/// Errors of every scheme on every place, with the figures of others where the data is the very same; 95 % intervals; the
-/// ablation of the anchors where its schemes were run; times. Nothing is computed but the tables.
+/// Errors of every scheme on every scene, beside published figures for the same data; 95 % intervals; the ablation of
+/// the anchors if its schemes were run; times. Computes nothing but the tables.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The document, as `eval 7scenes|cambridge|aachen|scene --json FILE` wrote it.
+    /// The document, as written by `eval 7scenes|cambridge|aachen|scene --json FILE`.
     #[arg(value_name = "RESULTS.json")]
     results: PathBuf,
-    /// Write Markdown, which is the default.
+    /// Write Markdown (the default).
     #[arg(long, group = "format")]
     markdown: bool,
     /// Write LaTeX: `tabular` with the rules of `booktabs`.
@@ -28,22 +28,22 @@ pub(crate) struct Args {
     /// Write CSV, one table after another.
     #[arg(long, group = "format")]
     csv: bool,
-    /// What cells say: medians-recall, medians or recalls. Default: as the paper has it for the data set.
+    /// Content of the cells: medians-recall, medians or recalls. Default: as in the paper for the data set.
     #[arg(long, value_name = "CELLS")]
     cells: Option<Cells>,
-    /// Bounds of recall, map units and degrees. Default: those that the paper has for the data set.
+    /// Recall thresholds, map units and degrees. Default: the paper's thresholds for the data set.
     #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// Leave the figures of others out.
+    /// Leave published figures out.
     #[arg(long)]
     ours_only: bool,
-    /// Draw position.svg, orientation.svg (the share of queries within a bound) and times.svg into this folder.
+    /// Plot position.svg, orientation.svg (share of queries within a threshold) and times.svg into this folder.
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
-    /// Draws of the bootstrap behind the intervals.
+    /// Number of bootstrap samples for the intervals.
     #[arg(long, default_value_t = 2000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     draws: u32,
-    /// Seed of the draws.
+    /// Seed of the bootstrap.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
 }

@@ -1,4 +1,4 @@
-//! What `veiloc localize` says of each query: its document, and its lines for people.
+//! Results of `veiloc localize`: the JSON document, and the lines of the text output.
 
 use std::collections::BTreeMap;
 
@@ -21,36 +21,36 @@ pub(super) struct Document {
     pub(super) queries: Vec<Query>,
 }
 
-/// What became of a query.
+/// Result of a query.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Status {
-    /// It has a pose; whether to trust it is said beside it.
+    /// It has a pose; `trusted` says whether the pose is trusted.
     Localized,
-    /// It was read, and no pose was found.
+    /// The query is valid, and no pose was found.
     NotLocalized,
-    /// The file could not be used.
+    /// The file cannot be used.
     Failed,
 }
 
-/// What stands for gravity that took no part, because the map does not know which way is down.
+/// `gravity` of a query whose gravity was not used, because the map does not know the direction of gravity.
 pub(super) const UNUSED_GRAVITY: &str = "unused";
 
-/// Why a query has no pose, for programs.
+/// Reason why a query has no pose, for programs.
 #[derive(Clone, Copy, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum NoPoseKind {
-    /// Too few matches agree.
+    /// Too few inliers.
     NoPose,
-    /// It was sealed for another map, or for an older state of this one.
+    /// The query was sealed for another map, or for an older version of this one.
     WrongProfile,
-    /// The map holds nothing to localize in.
+    /// The map has no points.
     EmptyMap,
-    /// There is a doubtful pose, and trusted ones only are wanted.
+    /// The pose is doubtful, and only trusted poses were requested.
     Withheld,
 }
 
-/// Why a query has no pose.
+/// Reason why a query has no pose.
 #[derive(Serialize)]
 #[serde(untagged)]
 pub(super) enum ErrorDocument {
@@ -71,30 +71,30 @@ impl ErrorDocument {
 pub(super) struct Query {
     pub(super) file: String,
     pub(super) status: Status,
-    /// What the answer is worth.
+    /// `trusted`, `doubtful` or `not-found`.
     pub(super) state: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cam_from_world: Option<PoseDocument>,
     /// Projection centre in the map, map units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) center: Option<[f64; 3]>,
-    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text.
+    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text output.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) position_sd: Option<f64>,
-    /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
-    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`.
+    /// Row-major; a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map units), of
+    /// `R' = exp(w) R`, `t' = exp(w) t + v`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) covariance: Option<[[f64; 6]; 6]>,
-    /// Standard deviation that the agreeing rows show, pixels of the query's camera.
+    /// Standard deviation estimated from the inliers, pixels of the query's camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) noise_px: Option<f64>,
-    /// Estimated focal length over the one the query names.
+    /// Estimated focal length divided by the one in the query.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) focal_scale: Option<f64>,
-    /// What became of the direction of gravity that the query tells; absent when it tells none.
+    /// How the direction of gravity in the query was used; absent if the query has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) gravity: Option<&'static str>,
-    /// Whether nothing speaks against the pose, and what does.
+    /// Whether the pose is trusted, and the reasons for doubt.
     pub(super) trusted: bool,
     pub(super) doubts: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -107,13 +107,13 @@ pub(super) struct Query {
     pub(super) error: Option<ErrorDocument>,
 }
 
-/// What speaks for and against a pose; see `veiloc_pose::Confidence`.
+/// Evidence for and against a pose; see `veiloc_pose::Confidence`.
 #[derive(Serialize)]
 pub(super) struct ConfidenceDocument {
-    /// Natural logarithm of the evidence against chance.
+    /// Natural logarithm of the evidence against a chance pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     log_evidence: Option<f64>,
-    /// Log likelihood by which the pose beats the best other one; absent when no other was found.
+    /// Difference in log likelihood to the best other pose; absent if no other was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     margin: Option<f64>,
     /// Standard deviation of the camera centre in its least certain direction, map units.
@@ -137,12 +137,12 @@ impl ConfidenceDocument {
 }
 
 impl Query {
-    /// Whether it has a pose that something speaks against.
+    /// Returns whether it has a doubtful pose.
     pub(super) fn is_doubtful(&self) -> bool {
         self.status == Status::Localized && !self.trusted
     }
 
-    /// Whether it was read, and cannot be used here: it is for another map.
+    /// Returns whether the query is valid but for another map.
     pub(super) fn is_refused(&self) -> bool {
         matches!(self.error, Some(ErrorDocument::NotLocalized { kind: NoPoseKind::WrongProfile, .. }))
     }
@@ -186,7 +186,7 @@ pub(super) fn found_query(file: String, found: &Localization) -> Query {
     }
 }
 
-/// The same without its pose, and everything that is said of the pose but what speaks against it.
+/// Removes the pose and all statements on it, except the reasons for doubt.
 pub(super) fn withheld(query: Query) -> Query {
     let message = format!(
         "its pose is withheld: {}; send another frame of the same session, or move on by a step or more first",
@@ -238,7 +238,7 @@ pub(super) fn lost_query(file: String, error: ErrorDocument) -> Query {
     }
 }
 
-/// A line for each query that was answered; files that could not be used are told on stderr.
+/// One line for each query that was answered; unusable files are reported on stderr.
 pub(super) fn table(document: &Document) -> String {
     use std::fmt::Write as _;
     let answered = || document.queries.iter().filter(|q| q.status != Status::Failed);

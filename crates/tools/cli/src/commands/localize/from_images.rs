@@ -1,4 +1,4 @@
-//! `veiloc localize --queries LIST --images DIR`: images are sealed here, as a device does it, before they are localized.
+//! `veiloc localize --queries LIST --images DIR`: seals the images here, as on a device, before they are localized.
 
 use std::path::PathBuf;
 
@@ -16,12 +16,12 @@ use crate::exit::Failure;
 use crate::items::{Fault, FaultKind, Item};
 use crate::ui::Ui;
 
-/// Images in the place of sealed queries.
+/// Images instead of sealed queries.
 #[derive(clap::Args)]
 pub(super) struct ImageArgs {
-    /// Images instead of sealed queries: their names, one a line, relative to --images; behind each name its camera (MODEL W H
-    /// PARAMS…, as in hloc's query lists), or nothing where --camera or its EXIF says it. Each is sealed as `veiloc seal` does
-    /// it, by the options below, and localized from what would be sent. Default: queries that were sealed elsewhere.
+    /// Images instead of sealed queries: their names, one per line, relative to --images; a camera may follow each name
+    /// (MODEL W H PARAMS…, as in hloc's query lists) unless --camera or EXIF gives it. Each image is sealed as by
+    /// `veiloc seal`, with the options below, and the sealed query is localized. Default: the given sealed queries.
     #[arg(
         long = "queries",
         value_name = "LIST",
@@ -32,15 +32,15 @@ pub(super) struct ImageArgs {
     /// Folder of the images that --queries names.
     #[arg(long = "images", value_name = "DIR", requires = "list")]
     folder: Option<PathBuf>,
-    /// The camera of all images of the list, as of `veiloc seal`. Default: what the list says, else the focal length that each
-    /// image's EXIF tells.
+    /// The camera of all images of the list, as in `veiloc seal`. Default: the camera in the list, otherwise the focal
+    /// length in each image's EXIF data.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown", requires = "list")]
     camera: Option<CameraArg>,
     #[command(flatten)]
     device: DeviceArgs,
 }
 
-/// What says how images are sealed means nothing of sealed queries.
+/// Makes an option of sealing require --queries: it has no effect on sealed queries.
 pub(super) fn tie_to_list(arg: Arg) -> Arg {
     const OF_SEALING: [&str; 9] = [
         "scheme",
@@ -60,7 +60,7 @@ pub(super) fn tie_to_list(arg: Arg) -> Arg {
     }
 }
 
-/// The images of a list, and all that sealing them takes.
+/// The images of a list, with everything needed to seal them.
 pub(super) struct Sealing {
     images: Vec<(Item, CameraSource)>,
     profile: Profile,
@@ -68,10 +68,10 @@ pub(super) struct Sealing {
 }
 
 impl ImageArgs {
-    /// The images of the list, if one is given.
+    /// Reads the images of the list, if one is given.
     ///
     /// # Errors
-    /// As of `veiloc seal --list`.
+    /// As `veiloc seal --list`.
     pub(super) fn read(&self, map: &MapFile, ui: &Ui) -> Result<Option<Sealing>, Failure> {
         let (Some(list), Some(folder)) = (&self.list, &self.folder) else { return Ok(None) };
         if !folder.is_dir() {
@@ -94,15 +94,16 @@ impl ImageArgs {
 }
 
 impl Sealing {
-    /// The images, in the list's order.
+    /// Returns the images, in the order of the list.
     pub(super) fn items(&self) -> Vec<Item> {
         self.images.iter().map(|(item, _)| item.clone()).collect()
     }
 
-    /// The query that a device would send of an image, through its bytes, and the image's camera; or what is wrong with the image.
+    /// Returns the sealed query of an image, decoded from its bytes, and the image's camera; or the error of this
+    /// image.
     ///
     /// # Errors
-    /// None that is about one image.
+    /// Errors that do not belong to one image.
     pub(super) fn seal(&self, index: usize) -> Result<Result<(SealedQuery, Intrinsics), Fault>, Failure> {
         let (item, camera) = &self.images[index];
         if let Some(fault) = &item.fault {

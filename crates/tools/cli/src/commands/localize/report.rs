@@ -1,4 +1,4 @@
-//! `veiloc localize --report`: the answers as one HTML file, to look at.
+//! `veiloc localize --report`: the results as one HTML file.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -18,29 +18,30 @@ use crate::commands::eval::html;
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-/// The report, and where the images of its queries are.
+/// The report, and the folder of the query images.
 #[derive(clap::Args)]
 pub(super) struct ReportArgs {
     #[command(flatten)]
     report: ReportFileArgs,
-    /// Folder of the images that were sealed, for the report: of `door.vquery` the image `door.jpg` or another ending, in it or in
-    /// a folder of it as the query is; of images of a list (--queries) those of that name. Default: the report holds no images.
+    /// Folder of the images that were sealed, for the report: for `door.vquery` the image `door.jpg` or another image
+    /// extension, at the same relative path; for images of a list (--queries) the image of that name. Default: the
+    /// report contains no images.
     #[arg(long, value_name = "DIR", requires = "report_file")]
     report_images: Option<PathBuf>,
 }
 
-/// Endings that images have.
+/// File extensions of images.
 const ENDINGS: [&str; 6] = ["jpg", "jpeg", "png", "JPG", "JPEG", "PNG"];
 
 impl ReportArgs {
-    /// Whether there will be one: then queries are kept until it is written.
+    /// Returns whether a report was requested: queries are then stored until it is written.
     pub(super) const fn is_asked(&self) -> bool {
         self.report.file.is_some()
     }
 
-    /// Writes the report where one is asked for. Queries that are drawn are localized once more, with the same result.
+    /// Writes the report if requested. Drawn queries are localized once more, with the same result.
     ///
-    /// `sealed` are the queries of the document, in its order, as far as they could be read.
+    /// `sealed` holds the queries of the document, in its order, as far as they could be read.
     pub(super) fn write(
         &self,
         document: &Document,
@@ -128,11 +129,11 @@ fn outcome(query: &Query, sealed: Option<&SealedQuery>, method: usize) -> QueryO
     }
 }
 
-/// The image of a sealed query: the longest tail of its path that is there under the folder.
+/// Finds the image of a sealed query: the longest suffix of its path that exists in the folder.
 fn image_of(folder: &Path, query: &Path) -> Option<image::RgbImage> {
     let parts: Vec<_> = query.iter().collect();
     let tails = (0..parts.len()).map(|from| parts[from..].iter().collect::<PathBuf>());
-    // Others would leave the folder.
+    // Other paths would leave the folder.
     let inside = tails.filter(|tail| tail.components().all(|part| matches!(part, Component::Normal(_))));
     let named = inside.flat_map(|tail| ENDINGS.map(|ending| folder.join(tail.with_extension(ending))));
     let path = named.into_iter().find(|path| path.is_file())?;

@@ -1,4 +1,4 @@
-//! `veiloc localize --rig`: the sealed queries of a session to one pose.
+//! `veiloc localize --rig`: estimates one pose from the sealed queries of a session.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,24 +17,24 @@ use crate::commands::rig_file;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// What became of a session.
+/// Result of a session.
 #[derive(Serialize)]
 struct RigDocument {
     version: u32,
     map: String,
     rig: String,
-    /// What the answer is worth.
+    /// `trusted`, `doubtful` or `not-found`.
     state: &'static str,
-    /// Map to rig.
+    /// World to rig.
     #[serde(skip_serializing_if = "Option::is_none")]
     rig_from_world: Option<PoseDocument>,
-    /// Where the rig's origin is in the map, map units.
+    /// Origin of the rig in the map, map units.
     #[serde(skip_serializing_if = "Option::is_none")]
     center: Option<[f64; 3]>,
-    /// Standard deviation of that in its least certain direction, map units.
+    /// Its standard deviation in its least certain direction, map units.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_sd: Option<f64>,
-    /// As that of a query, of the rig's axes.
+    /// As for a query, about the rig's axes.
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<[[f64; 6]; 6]>,
     trusted: bool,
@@ -107,7 +107,7 @@ pub(super) fn run(
 
 fn found_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) -> RigDocument {
     let c = found.rig_from_world.center().coords;
-    // A document's pose is a quaternion and a translation, whatever the frame.
+    // The JSON pose type is a quaternion and a translation, independent of the frame.
     let pose = CameraFromWorld::new(*found.rig_from_world.rotation(), *found.rig_from_world.translation());
     let frames = files.iter().zip(&found.frames).map(|(file, frame)| FrameDocument {
         query: file.clone(),
@@ -139,7 +139,7 @@ fn found_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) 
     }
 }
 
-/// The same without its poses, and everything that is said of them but what speaks against them.
+/// Removes the poses and all statements on them, except the reasons for doubt.
 fn withheld(document: RigDocument) -> RigDocument {
     let message = format!(
         "its pose is withheld: {}; take images from elsewhere in the place",
@@ -190,7 +190,7 @@ fn empty(map: &Path, rig: &Path) -> RigDocument {
     }
 }
 
-/// A line for the rig, and one for each frame.
+/// One line for the rig, and one for each frame.
 fn text(document: &RigDocument) -> String {
     use std::fmt::Write as _;
     let state = document.state;

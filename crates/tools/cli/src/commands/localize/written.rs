@@ -1,4 +1,4 @@
-//! Poses of queries, written for other programs.
+//! Writes the poses of queries for other programs.
 
 use std::path::{Path, PathBuf};
 
@@ -12,45 +12,47 @@ use crate::files;
 use crate::items::Item;
 use crate::ui::Ui;
 
-/// Files of poses.
+/// Output files of poses.
 #[derive(clap::Args)]
 pub(super) struct WrittenArgs {
-    /// Write the poses as hloc's file of results: `name qw qx qy qz tx ty tz`, world to camera, in the order of the list, under its
-    /// names; of sealed queries their paths without `.vquery`. Queries without a pose are left out. Default: not written.
+    /// Write the poses in hloc's result format: `name qw qx qy qz tx ty tz`, world to camera, in the order of the list,
+    /// under its names; for sealed queries their paths without `.vquery`. Queries without a pose are left out. Default:
+    /// not written.
     #[arg(long, value_name = "FILE")]
     out_hloc: Option<PathBuf>,
-    /// Write the images of the list that have a pose as a COLMAP model, cameras as they were given, without points. Default: not
+    /// Write the localized images of the list as a COLMAP model without points, with the given cameras. Default: not
     /// written.
     #[arg(long, value_name = "DIR", requires = "list")]
     out_colmap: Option<PathBuf>,
-    /// Write COLMAP's text files in the place of the binary ones.
+    /// Write COLMAP's text files instead of the binary ones.
     #[arg(long, requires = "out_colmap")]
     text: bool,
-    /// Write the poses as a TUM trajectory: `time tx ty tz qx qy qz qw`, camera to world. The time is the number in each file's
-    /// name where all are named by seconds with a point, else the index in the list. Default: not written.
+    /// Write the poses as a TUM trajectory: `time tx ty tz qx qy qz qw`, camera to world. The time is the number in
+    /// each file name if all names are seconds with a decimal point, otherwise the index in the list. Default: not
+    /// written.
     #[arg(long, value_name = "FILE")]
     out_tum: Option<PathBuf>,
 }
 
-/// What became of a query.
+/// Result of a query.
 pub(super) struct Answered {
     pub(super) name: String,
     pub(super) pose: Option<PoseDocument>,
-    /// Of the image as it was taken, where it was sealed here.
+    /// The original camera, if the image was sealed here.
     pub(super) camera: Option<Intrinsics>,
 }
 
-/// What a query is called in files of poses: by its image's name, as far as it is known.
+/// Returns the name of a query in pose files: the name of its image, if known.
 pub(super) fn name_of(item: &Item, is_image: bool) -> String {
     let name = item.name();
     if is_image { name } else { name.strip_suffix(".vquery").unwrap_or(name) }.to_owned()
 }
 
 impl WrittenArgs {
-    /// Refuses, before the work, names that files of poses cannot hold.
+    /// Refuses names that pose files cannot hold, before the computation.
     ///
     /// # Errors
-    /// A name with white space.
+    /// A name contains white space.
     pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
         if let Some(out) = self.files().find(|path| files::is_standard(path)) {
             return Err(Failure::with_help(
@@ -74,10 +76,10 @@ impl WrittenArgs {
         [&self.out_hloc, &self.out_colmap, &self.out_tum].into_iter().filter_map(|path| path.as_deref())
     }
 
-    /// Writes what is asked for.
+    /// Writes the requested files.
     ///
     /// # Errors
-    /// What cannot be written.
+    /// A file cannot be written.
     pub(super) fn write(&self, answered: &[Answered], ui: &Ui) -> Result<(), Failure> {
         let posed = || answered.iter().filter_map(|query| Some((query, query.pose?)));
         if let Some(path) = &self.out_hloc {
@@ -108,7 +110,7 @@ fn save(path: &Path, lines: &str, queries: usize, ui: &Ui) -> Result<(), Failure
     Ok(())
 }
 
-/// Images with poses and their cameras, each camera once.
+/// Builds a COLMAP model of images with poses; equal cameras are shared.
 fn colmap_model<'a>(
     posed: impl Iterator<Item = (&'a Answered, PoseDocument)>,
 ) -> Result<ColmapModel, Failure> {

@@ -1,4 +1,4 @@
-//! `veiloc map compress`: a map made small.
+//! `veiloc map compress`: compresses a map.
 
 use std::path::PathBuf;
 
@@ -11,30 +11,30 @@ use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Make a map small: a tenth of the bytes, at hardly any loss.
+/// Compress a map: a tenth of the bytes with almost no loss.
 ///
-/// Keeps the points that help most to localize, and a few descriptors of each; all other keypoints go. Images, poses and the
-/// profile stay, so that queries sealed for the whole map fit the small one. Images can neither join nor leave it: keep the
-/// whole map, change that, and compress it again.
+/// Keeps the points that contribute most to localization, with a few descriptors each, and removes all other keypoints.
+/// Images, poses and the profile stay, so queries sealed for the whole map are valid for the compressed one. Images
+/// cannot be added to a compressed map or removed from it: keep the whole map, change it, and compress it again.
 #[derive(clap::Args)]
 pub(crate) struct CompressArgs {
     /// The map.
     map: PathBuf,
-    /// How many times smaller the file is to be. Default: 10.
+    /// Ratio of the file sizes before and after. Default: 10.
     #[arg(long, value_name = "TIMES", conflicts_with_all = ["size", "recall_loss"])]
     ratio: Option<f64>,
-    /// Largest size of the file, MB. Default: what --ratio says.
+    /// Maximum size of the file, MB. Default: what --ratio says.
     #[arg(long, value_name = "MB", conflicts_with = "recall_loss")]
     size: Option<f64>,
-    /// Find the smallest map whose self-test falls at most so many percentage points short of the whole map's. Takes some
-    /// self-tests. Default: what --ratio says.
+    /// Find the smallest map whose self-test recall is at most this many percentage points below the whole map's. Runs
+    /// several self-tests. Default: what --ratio says.
     #[arg(long, value_name = "POINTS")]
     recall_loss: Option<f64>,
-    /// Most descriptors that a point keeps.
+    /// Maximum number of descriptors per point.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     descriptors: u32,
-    /// Do not test the small map with the images of the whole one: no recall, and covariances calibrated by those of other
-    /// maps. Default: it is tested.
+    /// Do not test the compressed map with the images of the whole one: no recall, and covariances calibrated with
+    /// those of other maps. Default: it is tested.
     #[arg(long, conflicts_with = "recall_loss")]
     no_self_test: bool,
     /// The map file to write.
@@ -68,7 +68,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
 }
 
 impl CompressArgs {
-    /// Bytes that the small map may have.
+    /// Returns the maximum size of the compressed map in bytes.
     fn bytes(&self, whole: u64) -> Result<u64, Failure> {
         let above_zero = |value: f64, option: &str| {
             if value > 0.0 && value.is_finite() {

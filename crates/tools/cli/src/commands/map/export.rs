@@ -1,4 +1,4 @@
-//! `veiloc map export`: a map for other programs.
+//! `veiloc map export`: exports a map for other programs.
 
 use std::path::PathBuf;
 
@@ -8,22 +8,23 @@ use veiloc_map::{MapFile, write_ply};
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
 
-/// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
+/// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
 ///
-/// The COLMAP model has the map's cameras, poses, keypoints and points with their tracks, for COLMAP, pycolmap and hloc;
-/// images and points are numbered from 1 in the map's order. Descriptors are not in it: `veiloc map import` extracts them
-/// from the images again. The PLY file has positions, in map units, mean reprojection errors and numbers of images, for
-/// programs that show point clouds.
+/// The COLMAP model has the map's cameras, poses, keypoints and points with their tracks, for COLMAP, pycolmap and
+/// hloc; images and points are numbered from 1 in the map's order. It has no descriptors: `veiloc map import` extracts
+/// them from the images again. The PLY file has positions in map units, mean reprojection errors and numbers of images,
+/// for point cloud viewers.
 ///
-/// Both show the place that was mapped: keep them as you keep the map.
+/// Both files reveal the mapped scene: protect them as you protect the map.
 #[derive(clap::Args)]
 pub(crate) struct ExportArgs {
     /// The map.
     map: PathBuf,
-    /// Folder of the COLMAP model to write: cameras.bin, images.bin and points3D.bin. Made if need be. No default.
+    /// Folder of the COLMAP model to write: cameras.bin, images.bin and points3D.bin. It is created if it does not
+    /// exist. No default.
     #[arg(long, value_name = "DIR", required_unless_present = "ply")]
     colmap: Option<PathBuf>,
-    /// Write COLMAP's text files in the place of the binary ones.
+    /// Write COLMAP's text files instead of the binary ones.
     #[arg(long, requires = "colmap")]
     text: bool,
     /// The PLY file of points to write. No default.

@@ -1,4 +1,4 @@
-//! What is in a map, as text and as JSON.
+//! Facts about a map, as text and as JSON.
 
 use std::path::Path;
 
@@ -26,11 +26,11 @@ struct Info {
     descriptors: String,
     global: String,
     profile: String,
-    /// Which way is down, a unit vector in the axes of the map; null when nobody has said it.
+    /// Direction of gravity (down), a unit vector in the axes of the map; null if not known.
     down: Option<[f64; 3]>,
-    /// What it was made of, where it is a compressed map; null otherwise.
+    /// The original of a compressed map; null otherwise.
     compressed: Option<CompressedInfo>,
-    /// Of which part of a larger map it is, where it is a region; null otherwise.
+    /// The part of a larger map that a region holds; null otherwise.
     region: Option<RegionInfo>,
     self_test: Option<SelfTestInfo>,
     warnings: Vec<Warning>,
@@ -40,7 +40,7 @@ struct Info {
     image_list: Option<Vec<ImageInfo>>,
 }
 
-/// The whole map that a compressed one was made of.
+/// The map from which a compressed one was made.
 #[derive(Serialize)]
 struct CompressedInfo {
     bytes: u64,
@@ -48,14 +48,14 @@ struct CompressedInfo {
     points: u64,
 }
 
-/// What a region is of; its self-test is then the whole map's.
+/// The part of a larger map that a region holds; the self-test is then the whole map's.
 #[derive(Serialize)]
 struct RegionInfo {
     core_images: usize,
     images_of_whole: u32,
 }
 
-/// Why the map may be good for nothing.
+/// A reason to expect poor localization in the map.
 #[derive(Serialize)]
 struct Warning {
     name: &'static str,
@@ -78,7 +78,7 @@ struct ImageInfo {
     camera: String,
 }
 
-/// How facts about a map are told, and what the command that made it knows beyond them.
+/// Output format of the facts about a map, and facts that only the building command knows.
 #[derive(Default)]
 pub(super) struct Told {
     pub(super) json: bool,
@@ -218,7 +218,7 @@ fn describe(info: &Info) -> String {
     text
 }
 
-/// A name as it is, but for characters that would steer a terminal.
+/// Escapes the characters of a name that would control a terminal.
 fn printable(name: &str) -> String {
     let shown = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     name.chars().map(shown).collect()

@@ -1,4 +1,4 @@
-//! `veiloc map publish` and `veiloc map fetch`: regions to object storage, and back.
+//! `veiloc map publish` and `veiloc map fetch`: transfer of regions to and from object storage.
 
 use std::path::PathBuf;
 
@@ -10,29 +10,29 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::output::progress::Stage;
 use crate::ui::Ui;
 
-/// Publish the regions of a map, so that services take them.
+/// Publish the regions of a map to object storage, for services.
 ///
-/// Objects go first, then the manifest, last the pointer that names it: whoever reads finds the new regions, all of them, or
-/// the old ones. Objects that are there already are not sent again, and nothing is removed.
+/// Uploads the objects, then the manifest, and last the pointer to the manifest: a reader sees either all new regions
+/// or all old ones. Existing objects are not uploaded again, and nothing is removed.
 #[derive(clap::Args)]
 pub(crate) struct PublishArgs {
     /// The folder that `veiloc map split` wrote.
     folder: PathBuf,
-    /// Where to: a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH. Those of clouds take the
-    /// cargo feature `clouds`, and their credentials from the environment (AWS_…, GOOGLE_…, AZURE_…).
+    /// Destination: a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH. Cloud storage
+    /// needs the cargo feature `clouds`, and takes its credentials from the environment (AWS_…, GOOGLE_…, AZURE_…).
     url: String,
     /// Print one JSON document to stdout.
     #[arg(long)]
     json: bool,
 }
 
-/// Fetch the regions of a map that was published into a folder, verified.
+/// Fetch and verify the regions of a published map.
 ///
-/// Files that are there already and sound are not fetched again. Services fetch by themselves; this is for looking at what
-/// was published, and for machines that reach no storage.
+/// Existing intact files are not fetched again. Services fetch regions themselves; this command is for inspection, and
+/// for machines without access to the storage.
 #[derive(clap::Args)]
 pub(crate) struct FetchArgs {
-    /// Where from, as of `veiloc map publish`.
+    /// Source, as in `veiloc map publish`.
     url: String,
     /// Name of the map.
     map: String,
@@ -140,7 +140,7 @@ pub(super) fn fetch(args: &FetchArgs, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// Bytes as megabytes of a stage.
+/// Reports bytes as megabytes of a stage.
 fn watched(stage: &Stage) -> impl Fn(u64, u64) + Send + Sync {
     |done, total| stage.reach(done / 1_000_000, total.div_ceil(1_000_000))
 }

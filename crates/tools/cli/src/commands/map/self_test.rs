@@ -1,4 +1,4 @@
-//! The self-test at the end of a build or a change, and how it is told.
+//! The self-test at the end of a build or a change, and its output.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,17 +12,16 @@ use crate::exit::Failure;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Whether the map tests itself.
+/// Whether the map is tested.
 #[derive(clap::Args)]
 pub(super) struct SelfTestArgs {
-    /// Do not let the map localize its own images at the end: no recall, and covariances calibrated by those of other
-    /// maps.
+    /// Do not localize the map's own images at the end: no recall, and covariances calibrated with those of other maps.
     #[arg(long)]
     no_self_test: bool,
 }
 
 impl SelfTestArgs {
-    /// Tests the map, keeps the result in it, and adds what is to be doubted about it.
+    /// Tests the map, stores the result in it, and adds the warnings that follow from it.
     pub(super) fn test(&self, model: &mut MapModel, doubts: &mut Vec<Doubt>, ui: &Ui) -> Result<(), Failure> {
         model.self_test = None;
         if self.no_self_test || !is_testable(model) {
@@ -40,16 +39,16 @@ impl SelfTestArgs {
     }
 }
 
-/// Whether a map that is good for nothing is written.
+/// Whether an unusable map is written.
 #[derive(clap::Args)]
 pub(super) struct KeepArgs {
-    /// Write the map even when nothing can be localized in it.
+    /// Write the map even if nothing can be localized in it.
     #[arg(long)]
     keep_broken: bool,
 }
 
 impl KeepArgs {
-    /// Refuses a map in which nothing can be localized, so that it does not take the place of a good one.
+    /// Refuses a map in which nothing can be localized, so that it does not replace a usable one.
     pub(super) fn allow(
         &self,
         model: &MapModel,
@@ -74,8 +73,8 @@ impl KeepArgs {
     }
 }
 
-/// A map of hardly any points, or one that localizes few of its own images and of which it is known why. That it localizes
-/// few is no proof alone: where images are few and far between, each one that is left out may take all points with it.
+/// Detects a map with almost no points, or one that localizes few of its own images for a known reason. A low share
+/// alone proves nothing: if images are sparse, each left-out image may take all points with it.
 fn is_broken(model: &MapModel, doubts: &[Doubt]) -> bool {
     let doubted = |which: fn(&Doubt) -> bool| doubts.iter().any(which);
     let explained = doubted(|d| matches!(d, Doubt::LikelyCause { .. }));
@@ -86,7 +85,7 @@ fn is_broken(model: &MapModel, doubts: &[Doubt]) -> bool {
         || (empty && failed)
 }
 
-/// Points below which no query can be localized: a pose takes ten keypoints that agree.
+/// Minimum number of points for localization: a pose needs ten inliers.
 const FEWEST_POINTS: usize = 10;
 
 /// A self-test as JSON.
@@ -141,7 +140,7 @@ impl SelfTestInfo {
         }
     }
 
-    /// For people: a line a scheme.
+    /// Text output: one line per scheme.
     pub(super) fn describe(&self) -> String {
         let head = format!(
             "  self-test   {} images, each left out of the map; what they see is {:.3} map units away\n    {:<24}{:>9}{:>9}\
@@ -188,7 +187,8 @@ impl SchemeInfo {
 }
 
 impl SchemeInfo {
-    /// A line for people. Shares of true poses in the region of 90 %: by the estimator's covariances, then calibrated.
+    /// Formats one line of text: the shares of true poses in the 90 % confidence region, by the estimator's covariances
+    /// and after calibration.
     fn describe(&self) -> String {
         let error = match (self.median_translation, self.median_rotation_deg) {
             (Some(t), Some(r)) => format!("{t:.4}, {r:.3}°"),
@@ -220,7 +220,7 @@ fn coverage(coverage: &Coverage) -> CoverageInfo {
     CoverageInfo { center: levels(coverage.center), pose: levels(coverage.pose) }
 }
 
-/// `translation/degrees`, as everywhere.
+/// `translation/degrees`, as in all thresholds.
 fn key((translation, degrees): (f64, f64)) -> String {
     format!("{translation}/{degrees}")
 }

@@ -1,4 +1,4 @@
-//! `veiloc map split`: a map cut into regions.
+//! `veiloc map split`: splits a map into regions.
 
 use std::path::{Path, PathBuf};
 
@@ -11,28 +11,28 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Cut a map into regions, so that it may be larger than a machine.
+/// Split a map into regions, for maps that exceed one machine.
 ///
-/// Every image is in the core of one region; a region takes along images beside its core that show the same. Each is a map of
-/// its own with the profile of the whole map: queries sealed for the whole map fit every region. Files are named by their
-/// content, and a manifest names them. Images can neither join nor leave a region: keep the whole map, change that, and cut it
-/// again.
+/// Every image is in the core of one region; a region also contains overlapping images beside its core. Each region is
+/// a map with the profile of the whole map: queries sealed for the whole map are valid for every region. Files are
+/// named by their content hash, and a manifest lists them. Images cannot be added to a region or removed from it: keep
+/// the whole map, change it, and split it again.
 #[derive(clap::Args)]
 pub(crate) struct SplitArgs {
     /// The map.
     map: PathBuf,
-    /// The folder to write: `manifest.json` and `objects`. What an older manifest there named and the new one does not is
+    /// Folder to write: `manifest.json` and `objects`. Objects that only an older manifest in the folder names are
     /// removed.
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
-    /// Images of a region at most, those beside its core among them.
+    /// Maximum number of images per region, including those beside its core.
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..))]
     images: u32,
-    /// Share of a region's images that is kept free for images of other regions, from 0 to 0.9; a core that fills less leaves them
-    /// more.
+    /// Share of a region's images that is reserved for images of other regions, from 0 to 0.9; a smaller core leaves
+    /// more for them.
     #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     overlap: f64,
-    /// Name of the map, as services serve it. Default: the name of the file without its ending.
+    /// Name of the map, under which services serve it. Default: the name of the file without its extension.
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// Print one JSON document to stdout.
@@ -142,5 +142,5 @@ fn describe(written: &Written<'_>) -> String {
     text
 }
 
-/// Regions that are listed for people.
+/// Maximum number of regions in the text output.
 const SHOWN: usize = 20;

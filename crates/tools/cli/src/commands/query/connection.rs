@@ -1,4 +1,4 @@
-//! How to reach a service, as the command line says it, and what to do when the service cannot be used.
+//! Connection options of a service, and the remedies for connection errors.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,13 +9,13 @@ use crate::exit::Failure;
 use crate::files;
 use crate::ui::Ui;
 
-/// How to reach a service.
+/// Connection to a service.
 #[derive(clap::Args)]
 pub(super) struct Connection {
     /// The service, for example `https://places.example:8443`.
     #[arg(long, value_name = "URL")]
     server: String,
-    /// Token to identify with. Better in a file or in the environment, where other users cannot see it.
+    /// Token for authentication. Prefer a file or the environment: other users can see the command line.
     #[arg(long, conflicts_with = "token_file", value_name = "TOKEN")]
     token: Option<String>,
     /// File that holds the token. Default: the environment variable VEILOC_TOKEN, or none.
@@ -24,19 +24,19 @@ pub(super) struct Connection {
     /// Certificates to trust instead of the public ones, PEM: for a service with a certificate of its own.
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Speak plain HTTP beyond loopback, where everybody on the way can read token and query.
+    /// Use plain HTTP beyond loopback; everyone on the network path can then read token and query.
     #[arg(long)]
     insecure_http: bool,
-    /// How often to send the same bytes again when the service is busy or the network fails.
+    /// Number of retries with the same bytes if the service is busy or the network fails.
     #[arg(long, default_value_t = 4, value_name = "N")]
     retries: u32,
-    /// Folder to keep profiles in. Default: the user's cache folder.
+    /// Cache folder for profiles. Default: the user's cache folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
 }
 
 impl Connection {
-    /// A client that tells its user what it waits for.
+    /// Returns a client that reports when it waits.
     pub(super) fn client(&self, ui: &Arc<Ui>) -> Result<Client, Failure> {
         let mut options = ClientOptions::default();
         options.certificates = self.ca.as_deref().map(files::read).transpose()?;
@@ -47,7 +47,7 @@ impl Connection {
         options.notice = Some(Arc::new(move |notice: &Notice| tell(&ui, notice)));
         let token = self.token()?;
         Client::new(&self.server, token.as_deref(), options).map_err(|error| match (&error, &self.ca) {
-            // The library got bytes; a person wants the file's name.
+            // The library has only the bytes; the message needs the name of the file.
             (ClientError::Certificates, Some(path)) => Failure::with_help(
                 format!("{}: holds no certificate", path.display()),
                 "give a PEM file, which begins with -----BEGIN CERTIFICATE-----",
@@ -83,7 +83,7 @@ fn user_cache() -> Option<PathBuf> {
     Some(user.join(Path::new("veiloc")))
 }
 
-/// What went wrong, with a remedy where there is one.
+/// Adds a remedy to the error if there is one.
 pub(super) fn failure(error: ClientError) -> Failure {
     let help = match &error {
         ClientError::PlainHttp { .. } => "use https://, or say with --insecure-http that the way is safe",
@@ -107,7 +107,7 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "give a token with --token-file or in VEILOC_TOKEN"
         }
         ClientError::BadAnswer { .. } => "check the address; a service of another kind may be there",
-        // The message says all: a name, a query or an image that is refused.
+        // The message is complete: it names the map, the query or the image.
         _ => {
             return Failure::refused(error);
         }

@@ -1,4 +1,4 @@
-//! `veiloc query`: the device's side of the service.
+//! `veiloc query`: the client of the service.
 
 mod connection;
 mod send;
@@ -9,10 +9,10 @@ use std::sync::Arc;
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
-/// Ask a service where an image was taken, without sending it.
+/// Localize an image with a service, without sending the image.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Seal one image, or take the sealed ones of a session, send, print the pose.
+    /// Seal one image, or read the sealed queries of a session, send them, and print the pose.
     Send(send::Args),
 }
 

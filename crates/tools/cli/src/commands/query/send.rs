@@ -1,4 +1,4 @@
-//! `veiloc query send`: image or session in, pose out, and only sealed bytes on the way.
+//! `veiloc query send`: takes an image or session and prints its pose; only sealed bytes are sent.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,33 +21,33 @@ use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// Seal one image, send it, print the pose.
+/// Seal one image, send it, and print the pose.
 ///
-/// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
-/// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
-/// another way afterwards (see docs/reference/privacy-rules.md, rule L7).
+/// The query contains descriptors and lines, never pixels or keypoints. The image is sealed once; if the service is
+/// busy or the network fails, the same bytes are sent again. Send an image once, and do not seal it again in another
+/// way (see docs/privacy.md, rule L7).
 ///
-/// With `--progressive` no more rows leave than a trusted pose takes.
+/// With `--progressive` only as many rows are sent as a trusted pose needs.
 ///
-/// With `--rig` the queries of a session, sealed before, are sent as they are, and the pose is that of the device.
+/// With `--rig` the previously sealed queries of a session are sent unchanged, and the pose is that of the device.
 ///
-/// Ends with 0 for a trusted pose, with 4 for a doubtful one, with 1 for none.
+/// The exit code is 0 for a trusted pose, 4 for a doubtful one, and 1 for none.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// An image, JPEG or PNG.
     #[arg(required_unless_present = "rig")]
     image: Option<PathBuf>,
-    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
-    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
+    /// its standard deviations (docs/json.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE",
         conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
-    /// Its camera: COLMAP's model name, width, height and parameters, for example
-    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
-    /// focal length and says so. Default: the focal length that the image's EXIF tells.
+    /// The camera: COLMAP's model name, width, height and parameters, for example
+    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which assumes
+    /// a focal length and marks it as unknown. Default: the focal length in the image's EXIF data.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
     camera: Option<CameraArg>,
-    /// Which of the service's maps to ask.
+    /// Name of the service's map.
     #[arg(long, value_name = "NAME")]
     map: String,
     #[command(flatten)]
@@ -60,11 +60,11 @@ pub(crate) struct Args {
     mask: MaskArgs,
     #[command(flatten)]
     progressive: ProgressiveArgs,
-    /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
-    /// along each axis. Default: it is not told.
+    /// Send the approximate camera position in map units, for example from GPS: a mean and a standard deviation along
+    /// each axis. Default: not sent.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
     near: Option<PositionHint>,
-    /// Ask for a trusted pose only: a doubtful one is withheld by the service, though not what speaks against it.
+    /// Request a trusted pose only: the service withholds a doubtful pose, and still reports the reasons for doubt.
     #[arg(long)]
     trusted_only: bool,
     /// Print the answer as one JSON document to stdout.
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     })
 }
 
-/// An answer, and for a progressive query what it took.
+/// A response, with the steps of a progressive query.
 struct Answered {
     answer: Answer,
     steps: Option<Vec<StepDocument>>,
@@ -114,22 +114,22 @@ struct Document {
 /// A step of a progressive query.
 #[derive(Serialize)]
 struct StepDocument {
-    /// Rows sent, those of the steps before included.
+    /// Rows sent, including those of the steps before.
     rows: usize,
     /// Bytes of the message.
     bytes: usize,
-    /// What became of it.
+    /// `trusted`, `doubtful` or `not-found`.
     state: &'static str,
 }
 
-/// Seals an image and asks where it was taken.
+/// Seals an image and requests its pose.
 fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answered, Failure> {
     let camera = args.device.camera(args.camera.as_ref())?;
     let camera = camera.of(image).map_err(|error| match error {
         FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
         error => error.into(),
     })?;
-    // A mask or a detector that cannot be used ends the command before anybody is asked for anything.
+    // An unusable mask or detector ends the command before any request.
     let hidden = args.mask.open()?.of(image, args.mask.file());
     let hidden = hidden.map_err(|fault| Failure::refused(fault.of(&image.display().to_string())))?;
     let client = args.connection.client(ui)?;
@@ -161,7 +161,7 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         sealed.query.encode().len()
     ));
     let refused = |error| match error {
-        // Not sent: which image it is matters more than which service.
+        // Nothing was sent: the error names the image, not the service.
         ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
         error => failure(error),
     };

@@ -1,4 +1,4 @@
-//! `veiloc query send --rig`: the sealed queries of a session, sent as they are.
+//! `veiloc query send --rig`: sends the sealed queries of a session unchanged.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use crate::commands::rig_file;
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-/// Reads a rig file and its queries, and asks where the device was. Nothing is sealed, and the client is made last.
+/// Reads a rig file and its queries, and requests the pose of the device. The client is created last.
 pub(super) fn send(
     rig: &Path,
     map: &str,
@@ -28,7 +28,7 @@ pub(super) fn send(
         message.encode().len()
     ));
     client.localize_rig(map, &message, request).map_err(|error| match error {
-        // Not sent: which session it is matters more than which service.
+        // Nothing was sent: the error names the session, not the service.
         ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", rig.display())),
         error => failure(error),
     })

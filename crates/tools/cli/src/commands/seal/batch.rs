@@ -1,4 +1,4 @@
-//! Many images to seal: which, where each query goes, and what became of all.
+//! Seals many images: selection, output files, and the summary.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ use crate::ui::Ui;
 #[derive(Serialize)]
 struct Document {
     version: u32,
-    /// Scheme that hides the keypoints.
+    /// Obfuscation scheme.
     scheme: String,
     sealed: usize,
     failed: usize,
@@ -37,7 +37,7 @@ struct ImageDocument {
     /// The sealed query's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<String>,
-    /// Keypoints found in the image.
+    /// Number of keypoints in the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     found: Option<usize>,
     /// Rows sent.
@@ -45,16 +45,16 @@ struct ImageDocument {
     sent: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<usize>,
-    /// Share of the image that is hidden.
+    /// Hidden share of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     hidden: Option<f64>,
-    /// Class to how many of it were found to hide.
+    /// Number of hidden detections per class.
     #[serde(skip_serializing_if = "Option::is_none")]
     found_to_hide: Option<BTreeMap<String, usize>>,
-    /// Model of the global descriptor that was made of the image and is sent.
+    /// Model of the global descriptor that was computed from the whole image and is sent.
     #[serde(skip_serializing_if = "Option::is_none")]
     image_global: Option<String>,
-    /// How well the focal length is known, as the query says.
+    /// Knowledge of the focal length, as stated in the query.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -147,7 +147,7 @@ pub(super) fn run(
     tally.end(sealed, "", args.skip, ui)
 }
 
-/// Writes a sealed query; a failure ends the command, as the others could not be written either.
+/// Writes a sealed query; a failure ends the command, because the others could not be written either.
 fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
     if let Some(folder) = out.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
         files::make_folder(folder)?;
@@ -180,7 +180,7 @@ fn document_of(
     }
 }
 
-/// Which images, with which cameras, to which files.
+/// Returns the images with their cameras and output files.
 fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
     let with_cameras = images(args)?;
     let several =
@@ -235,7 +235,8 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
             files::make_folder(&args.out)?;
         }
     } else if let Some(missing) = args.out.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
-        // A single file's folder is not made: a slip of the pen would leave a query where nobody looks.
+        // The folder of a single output file is not created: a typing error would put the query into an unexpected
+        // folder.
         return Err(Failure::with_help(
             format!("{}: there is no folder {}", args.out.display(), missing.display()),
             "make the folder, or choose another --out",
@@ -244,7 +245,7 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
     Ok(jobs)
 }
 
-/// The images, each with its camera.
+/// Returns the images, each with its camera.
 fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
     if args.images.iter().any(|path| files::is_standard(path)) {
         return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
@@ -256,7 +257,7 @@ fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
     images_of_list(list, lists::one_folder(&args.images)?, &args.device, args.camera.as_ref())
 }
 
-/// Two images of one name would overwrite each other's query.
+/// Two images of the same name would overwrite each other's query.
 fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
     for (i, a) in jobs.iter().enumerate() {
         if let Some(b) = jobs[..i].iter().find(|b| a.out == b.out) {
@@ -275,7 +276,7 @@ fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Nobody means to lose an image, the profile or a list.
+/// Refuses an output that overwrites an image, the profile or a list.
 fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
     let masks = jobs.iter().filter_map(|job| job.mask.as_ref());
     let images = jobs.iter().map(|job| &job.item.path);

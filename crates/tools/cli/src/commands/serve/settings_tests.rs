@@ -1,4 +1,4 @@
-//! Every option of `serve` in a file and in the environment.
+//! Tests every option of `serve` in a file and in the environment.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -81,7 +81,7 @@ fn settle(line: &[OsString], variables: &BTreeMap<String, String>) -> Settings {
     Settings::of(&complete(), &first, &|name| variables.get(name).map(OsString::from)).expect("settings")
 }
 
-/// What is printed without where it comes from.
+/// Removes the origins from printed settings.
 fn values(settings: &Settings) -> Vec<String> {
     let printed = settings.to_toml().expect("text");
     printed.lines().map(|line| line.split(" # ").next().expect("a part").to_owned()).collect()
@@ -119,7 +119,7 @@ fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_sam
         assert_ne!(*theirs, ours, "{key}: the value to try is the default");
     }
 
-    // What is printed can be given back, of all options and of none.
+    // Printed settings can be read again: all options, and none.
     for settings in [&by_file, &by_default] {
         std::fs::write(&path, settings.to_toml().expect("text")).expect("written");
         assert_eq!(values(&settle(&line, &BTreeMap::new())), values(settings));

@@ -1,4 +1,4 @@
-//! `veiloc synth city`: hundreds of rooms in one world.
+//! `veiloc synth city`: hundreds of rendered rooms in one world.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,29 +13,29 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Many rendered rooms in one world, some of which look alike: to see how maps, search and trust hold as they grow.
+/// Render many rooms in one world, some of them similar, to test how maps, retrieval and trust scale.
 ///
 /// Writes `images/`, their true poses as a COLMAP text model in `posed/`, and `map.txt` and `query.txt`, in which the
-/// images of one room follow those of the one before: the first lines are a smaller city. Of five rooms the last has the
-/// furniture and the prints of the one before it, and of its other surfaces only a part is its own.
+/// images are listed room by room: the first lines are a smaller city. Every fifth room has the furniture and the
+/// prints of the room before it, and differs from it in only a part of the other surfaces.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Folder to write into; it must be new or empty.
+    /// Output folder; it must be new or empty.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Rooms.
+    /// Number of rooms.
     #[arg(long, default_value_t = 250, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     rooms: u32,
-    /// Views for the map, of each room.
+    /// Map views per room.
     #[arg(long, default_value_t = 40, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     map_views: u32,
-    /// Views that are queries, of each room.
+    /// Query views per room.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
     query_views: u32,
-    /// Surfaces of a room that looks like another which are its own, a share of those that are not printed.
+    /// For a room that is similar to another: share of the surfaces without print that differ.
     #[arg(long, default_value_t = 0.5, value_name = "SHARE")]
     differing: f64,
-    /// Width of an image in pixels; its height is three quarters of it.
+    /// Width of an image in pixels; the height is three quarters of it.
     #[arg(long, default_value_t = 320, value_name = "PX", value_parser = clap::value_parser!(u32).range(160..=4096))]
     width: u32,
     /// Seed of the city; equal seeds give equal cities.
@@ -43,11 +43,11 @@ pub(crate) struct Args {
     seed: u64,
 }
 
-/// Metres from room to room: nothing of one reaches into the next.
+/// Distance between rooms in metres: no room reaches into the next.
 const PITCH: f64 = 12.0;
-/// Rooms in a row.
+/// Rooms per row.
 const ROW: u64 = 20;
-/// One room in so many looks like the one before it.
+/// Every room of this number is similar to the room before it.
 const ALIKE_EVERY: u64 = 5;
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -109,7 +109,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// A room of its own, or one that looks like the one before it.
+/// Returns a new room, or one that is similar to the room before it.
 fn place_of(args: &Args, room: u64) -> Place {
     let seed = |room: u64| args.seed.wrapping_mul(1_000_003).wrapping_add(room);
     if room % ALIKE_EVERY == ALIKE_EVERY - 1 {
@@ -119,9 +119,9 @@ fn place_of(args: &Args, room: u64) -> Place {
     }
 }
 
-/// A pose in a room as a pose in the city: rooms stand in rows, each turned by an angle of its own.
+/// Converts a pose in a room to a pose in the city: rooms stand in rows, each rotated by its own angle.
 fn in_city(cam_from_room: &CameraFromWorld, room: u64) -> CameraFromWorld {
-    // Any angles do that do not repeat: steps of the golden angle.
+    // The angles must only differ: multiples of the golden angle.
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), room as f64 * 2.399_963_229_728_653);
     let corner = Vector3::new((room % ROW) as f64 * PITCH, (room / ROW) as f64 * PITCH, 0.0);
     let rotation = *cam_from_room.rotation() * turn.inverse();

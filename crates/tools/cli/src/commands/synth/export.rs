@@ -11,34 +11,34 @@ use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Light of a query by night, a share of the day's.
+/// Brightness of a query at night, relative to day.
 const NIGHT: f32 = 0.25;
 
-/// A rendered place with its true poses, in the folders and lists of a published data set.
+/// Render a scene with its true poses, in the folders and lists of a published data set.
 ///
-/// Programs that read the data set read it: to try them, and to see that what they print is right. Of Aachen, whose poses of
-/// queries are not published, `queries/poses.txt` holds them (`veiloc eval aachen --truth`).
+/// Tests programs that read the data set, with known results. For Aachen, whose query poses are not published,
+/// `queries/poses.txt` contains them (`veiloc eval aachen --truth`).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The layout: 7scenes, cambridge, aachen or aachen-v1.1.
     #[arg(long, value_name = "LAYOUT")]
     layout: Layout,
-    /// Folder to write into; it must be new or empty.
+    /// Output folder; it must be new or empty.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Name of the scene, for layouts that have several.
+    /// Name of the scene, for layouts with several scenes.
     #[arg(long, default_value = "room", value_name = "NAME")]
     scene: String,
-    /// Views for the map.
+    /// Number of map views.
     #[arg(long, default_value_t = 40, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     map_views: u32,
-    /// Views that are queries; every third of them by night, where the layout knows night.
+    /// Number of query views; every third of them is at night if the layout has night queries.
     #[arg(long, default_value_t = 12, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     query_views: u32,
-    /// Width of an image in pixels; its height is three quarters of it.
+    /// Width of an image in pixels; the height is three quarters of it.
     #[arg(long, default_value_t = 640, value_name = "PX", value_parser = clap::value_parser!(u32).range(160..=4096))]
     width: u32,
-    /// Seed of the place; equal seeds give equal places.
+    /// Seed of the scene; equal seeds give equal scenes.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
 }

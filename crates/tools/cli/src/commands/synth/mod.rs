@@ -1,4 +1,4 @@
-//! `veiloc synth`: rendered places, written as data sets.
+//! `veiloc synth`: renders scenes and writes them as data sets.
 
 mod city;
 mod export;
@@ -8,19 +8,19 @@ use std::path::Path;
 use crate::exit::{Failure, Outcome};
 use crate::ui::Ui;
 
-/// What to do with rendered places.
+/// What to render.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// A rendered place with its true poses, in the folders and lists of a published data set.
+    /// Render a scene with its true poses, in the folders and lists of a published data set.
     Export(export::Args),
-    /// Many rendered rooms in one world, some of which look alike: to see how maps, search and trust hold as they grow.
+    /// Render many rooms in one world, some of them similar, to test how maps, retrieval and trust scale.
     City(city::Args),
 }
 
-/// Runs one of `veiloc synth`.
+/// Runs a command of `veiloc synth`.
 ///
 /// # Errors
-/// The folder holds something, or cannot be written.
+/// The folder is not empty, or cannot be written.
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Export(args) => export::run(args, ui),
@@ -28,7 +28,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     }
 }
 
-/// Nothing that is there is written over.
+/// Existing files are never overwritten.
 fn check_empty(folder: &Path) -> Result<(), Failure> {
     if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(Failure::with_help(

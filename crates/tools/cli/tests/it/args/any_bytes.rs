@@ -1,4 +1,4 @@
-//! A settings file, damaged in every way, is refused, or read as what it says.
+//! A damaged settings file is either refused, or read and printed consistently.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
 #[path = "../../../../../../fuzz/src/damage.rs"]
@@ -9,7 +9,8 @@ use std::path::Path;
 use clap::{Arg, ArgAction, Command, value_parser};
 use veiloc_cli::args::settings::{Settings, layered};
 
-/// A file of settings for a command with every kind of option: what is taken is printed so that it reads the same.
+/// A settings file for a command with every kind of option: if it is accepted, its printed form gives the same
+/// settings.
 fn settings(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Some(settings) = settle(text) else { return };
@@ -17,7 +18,7 @@ fn settings(bytes: &[u8]) {
     let again = settle(&printed).expect("what is printed can be read");
     let again = again.to_toml().expect("what is read is text");
     assert_eq!(values(&again), values(&printed), "{printed}");
-    // Nothing that is taken may look like another option on the command line.
+    // No accepted value may look like another option on the command line.
     let line = std::iter::once("serve".into()).chain(settings.arguments());
     options().try_get_matches_from(line).expect("what is taken is a command line");
 }
@@ -31,7 +32,7 @@ fn settle(text: &str) -> Option<Settings> {
     Settings::of(&options(), &matches, &|_| None).ok()
 }
 
-/// What is printed, without where it comes from.
+/// Removes the origins from printed settings.
 fn values(printed: &str) -> Vec<&str> {
     printed.lines().map(|line| line.split(" # ").next().unwrap_or_default()).collect()
 }

@@ -1,4 +1,4 @@
-//! The tables of `docs/json.md`, and whether a document holds what they say.
+//! The tables of `docs/json.md`, and the check of a document against them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,14 +6,14 @@ use std::path::Path;
 
 use serde_json::Value;
 
-/// Fields of a command's document, `a.b[].c` to what the tables say of it.
+/// Fields of a command's document: the path `a.b[].c` to its description in the tables.
 pub type Fields = BTreeMap<String, Field>;
 
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Whether it may be left out.
+    /// Whether it may be absent.
     pub optional: bool,
-    /// Whether it may be `null` without the document being wrong.
+    /// Whether it may be `null`.
     pub nullable: bool,
 }
 
@@ -62,8 +62,8 @@ fn cells(line: &str) -> Option<Vec<&str>> {
     Some(inside.split('|').map(str::trim).collect())
 }
 
-/// What is wrong between a command's documents and its table: fields that are not in the table, `null`s that it does not
-/// allow, and fields of it that never come although nothing says that they may be absent.
+/// Differences between a command's documents and its table: fields that are not in the table, `null`s that it does not
+/// allow, and fields that never occur although the table does not call them optional.
 pub fn mistakes(fields: &Fields, documents: &[Value]) -> Vec<String> {
     let mut seen = BTreeSet::new();
     let mut wrong = BTreeSet::new();
@@ -87,7 +87,7 @@ fn walk(
 ) {
     match value {
         Value::Object(object) => {
-            // Names that are data.
+            // Object keys that are data.
             let any = format!("{path}.*");
             if fields.contains_key(&any) {
                 seen.insert(any.clone());
@@ -107,7 +107,7 @@ fn walk(
             }
         }
         _ => {
-            // Of an empty list nothing more can be told.
+            // The elements of an empty list are unknown.
             let empty = value.as_array().is_some_and(Vec::is_empty);
             if empty && fields.keys().any(|name| name.starts_with(&format!("{path}[]."))) {
                 return;

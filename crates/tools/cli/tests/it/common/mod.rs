@@ -1,4 +1,4 @@
-//! A small place, rendered once a test program, and the `veiloc` binary to be run on it.
+//! A small scene, rendered once per test program, and the `veiloc` binary to run on it.
 #![allow(dead_code, reason = "each test program uses a part")]
 #![expect(unreachable_pub, reason = "a module of each test program, not of the crate")]
 
@@ -18,16 +18,16 @@ use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
 use veiloc_synthetic::{PathOptions, RenderOptions};
 use veiloc_testing::{copy_folder, fixture};
 
-/// A lens with some distortion, so that undistortion is part of the road.
+/// A lens with some distortion, so that the pipeline includes undistortion.
 pub const CAMERA: &str = "SIMPLE_RADIAL,400,300,330,201,149,-0.04";
-/// Views of the map: a third of the walk around the room, so that neighbours overlap.
+/// Map views: a third of the trajectory around the room, so that neighbours overlap.
 pub const MAP_VIEWS: usize = 10;
-/// Views to be localized, within the same third.
+/// Query views, within the same third.
 pub const QUERIES: usize = 3;
-/// Few keypoints, for the sake of time.
+/// Few keypoints, to save time.
 pub const EXTRACTION: [&str; 4] = ["--max-keypoints", "1024", "--query-keypoints", "1024"];
 
-/// A folder with what an operator has, and the map made of it by the binary:
+/// A folder with an operator's files, and the map that the binary built from them:
 ///
 /// ```text
 /// images/          map-00.png …, query-0.png …
@@ -43,8 +43,8 @@ pub struct Place {
     pub poses: Vec<(String, CameraFromWorld)>,
 }
 
-/// A rendered place with its map `place.vmap` and its profile `place.vprofile`, in a folder of its own for each file of tests: they
-/// write beside each other.
+/// A rendered scene with its map `place.vmap` and its profile `place.vprofile`, in a separate folder for each test
+/// file, because the tests write into it.
 #[track_caller]
 pub fn place() -> &'static Place {
     static PLACES: Mutex<BTreeMap<&str, &Place>> = Mutex::new(BTreeMap::new());
@@ -63,7 +63,7 @@ pub fn place() -> &'static Place {
     })
 }
 
-/// Views of another room, beside the place of the tests: `other/images`, `other/posed`, `other/list.txt`.
+/// Views of another room, beside the scene of the tests: `other/images`, `other/posed`, `other/list.txt`.
 #[track_caller]
 pub fn render_elsewhere(count: usize) {
     let folder = &place().folder;
@@ -84,12 +84,12 @@ pub fn render_elsewhere(count: usize) {
     write_text(&model, &folder.join("other/posed")).expect("written");
 }
 
-/// A folder with nothing in it, for commands that need no place.
+/// An empty folder, for commands that need no scene.
 pub fn folder() -> Place {
     Place { folder: fresh_folder(), poses: Vec::new() }
 }
 
-/// A static is never dropped, so the folder stays until a later run of the tests finds it old.
+/// A static is never dropped, so the folder stays until a later run of the tests removes it.
 fn fresh_folder() -> PathBuf {
     let parent = Path::new(env!("CARGO_TARGET_TMPDIR"));
     for entry in fs::read_dir(parent).into_iter().flatten().flatten() {
@@ -132,24 +132,24 @@ impl Place {
         self.poses.iter().find(|(n, _)| n == name).expect("an image of the place").1
     }
 
-    /// A path in the place's folder.
+    /// A path in the scene's folder.
     pub fn path(&self, relative: impl AsRef<Path>) -> PathBuf {
         self.folder.join(relative)
     }
 
-    /// Bytes of a file of the place.
+    /// Reads a file of the scene.
     pub fn read(&self, relative: &str) -> Vec<u8> {
         fs::read(self.path(relative)).unwrap_or_else(|e| panic!("{relative}: {e}"))
     }
 
-    /// Writes a file into the place's folder; folders above are made.
+    /// Writes a file into the scene's folder and creates its parent folders.
     pub fn write(&self, relative: &str, bytes: impl AsRef<[u8]>) {
         let path = self.path(relative);
         fs::create_dir_all(path.parent().expect("a parent")).expect("folder");
         fs::write(path, bytes).expect("written");
     }
 
-    /// `veiloc` with these arguments, words parted by spaces, run in the place's folder.
+    /// `veiloc` with these arguments, separated by spaces, run in the scene's folder.
     pub fn command(&self, arguments: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_veiloc"));
         command.args(arguments.split_whitespace()).current_dir(&self.folder);
@@ -164,7 +164,7 @@ impl Place {
         Run::of(arguments, &output)
     }
 
-    /// Seals an image of the place with its profile; `scheme` empty for the default.
+    /// Seals an image of the scene with its profile; `scheme` is empty for the default.
     pub fn seal(&self, image: &str, scheme: &str, out: &str) -> Run {
         let scheme = if scheme.is_empty() { String::new() } else { format!("--scheme {scheme}") };
         self.run(&format!("seal images/{image} --camera {CAMERA} --profile place.vprofile {scheme} -o {out}"))
@@ -188,11 +188,11 @@ fn write_list(path: &Path, poses: &[(String, CameraFromWorld)]) {
     fs::write(path, names.join("\n")).expect("written");
 }
 
-/// How a run of the binary ended.
+/// Result of a run of the binary.
 pub struct Run {
-    /// What was run.
+    /// The command line.
     pub command: String,
-    /// `None` when a signal ended it.
+    /// `None` if a signal ended it.
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
@@ -211,7 +211,7 @@ impl Run {
         run
     }
 
-    /// Whatever was asked: no panic, no signal, no exit code but the four for people, no colour into a pipe.
+    /// Checks what holds for every command: no panic, no signal, only documented exit codes, no colour into a pipe.
     fn is_sound(&self) {
         assert!(matches!(self.code, Some(0..=2 | 4)), "{self}");
         for text in [&self.stdout, &self.stderr] {
@@ -226,7 +226,7 @@ impl Run {
         self
     }
 
-    /// Stdout as exactly one JSON document, with nothing of the kind on stderr.
+    /// Stdout as exactly one JSON document; stderr contains no JSON.
     pub fn json(&self) -> Value {
         let document = serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}\n{self}"));
         assert!(!self.stderr.contains('{'), "data on stderr: {self}");

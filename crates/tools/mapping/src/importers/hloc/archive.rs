@@ -1,4 +1,4 @@
-//! A file of groups by name: what files of features, matches and global descriptors have in common.
+//! HDF5 file with named groups: the common structure of feature, match and global descriptor files.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,9 @@ use crate::MappingError;
 use crate::importers::hloc::numbers::{self, Numbers};
 use hdf5_pure::{Dataset, File, Group};
 
-/// How deep groups may lie in each other: names of images have folders, and none have so many.
+/// Maximum depth of nested groups; image names with folders stay far below it.
 const DEEPEST: usize = 24;
-/// Most groups that are looked through.
+/// Maximum number of visited groups.
 const MOST_GROUPS: usize = 1 << 20;
 
 /// An open file.
@@ -40,7 +40,7 @@ impl Archive {
         &self.path
     }
 
-    /// What is wrong with what stands under a name.
+    /// Returns the error of an invalid entry.
     pub(crate) fn bad(&self, name: &str, reason: impl Into<String>) -> MappingError {
         MappingError::BadInFile { path: self.path.clone(), name: name.to_owned(), reason: reason.into() }
     }
@@ -61,7 +61,7 @@ impl Archive {
         Ok(found)
     }
 
-    /// One of those names.
+    /// Returns one of those names.
     pub(crate) fn any_name(&self, dataset: &str) -> Result<Option<String>, MappingError> {
         let mut found = None;
         self.walk(dataset, &mut |name| {
@@ -71,7 +71,7 @@ impl Archive {
         Ok(found)
     }
 
-    /// Calls `then` with each such name until it says no.
+    /// Calls `then` with each such name until it returns false.
     fn walk(&self, dataset: &str, then: &mut dyn FnMut(&str) -> bool) -> Result<(), MappingError> {
         let mut open = vec![(String::new(), self.file.root(), 0)];
         let mut seen = 0;

@@ -1,13 +1,13 @@
-//! Numbers of 16 bits, IEEE 754's binary16, which Rust does not have: as bits, as files hold them.
+//! Half-precision numbers (IEEE 754 binary16) as bits; stable Rust has no such type.
 
 use half::f16;
 
-/// The number that these bits are; exact.
+/// Converts bits to a number; exact.
 pub(crate) fn from_bits(bits: u16) -> f32 {
     f16::from_bits(bits).to_f32()
 }
 
-/// The nearest number of 16 bits, ties to even; infinite where there is none.
+/// Rounds to the nearest half-precision number, ties to even; infinite on overflow.
 pub(crate) fn to_bits(value: f32) -> u16 {
     f16::from_f32(value).to_bits()
 }
@@ -42,7 +42,7 @@ mod tests {
             assert_eq!(from_bits(bits), value);
             assert_eq!(to_bits(value), bits);
         }
-        // Between 1 and the next number, 1 + 2^-10: the middle goes to the even one.
+        // The midpoint between 1 and the next number, 1 + 2^-10, rounds to the even one.
         assert_eq!(to_bits(1.0 + 2.0_f32.powi(-11)), 0x3c00);
         assert_eq!(to_bits(1.0 + 3.0 * 2.0_f32.powi(-11)), 0x3c02);
         assert_eq!(to_bits(1.0 + 2.0_f32.powi(-11) + 2.0_f32.powi(-20)), 0x3c01);

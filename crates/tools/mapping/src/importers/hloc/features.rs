@@ -1,4 +1,4 @@
-//! Files of features: for each image a group of its name with its keypoints, scores and descriptors.
+//! Feature files: one group per image with keypoints, scores and descriptors.
 
 use std::path::Path;
 
@@ -17,31 +17,31 @@ const SCORES: &str = "scores";
 const SIZE: &str = "image_size";
 const UNCERTAINTY: &str = "uncertainty";
 
-/// Most keypoints of an image.
+/// Maximum number of keypoints per image.
 const MOST_KEYPOINTS: usize = 1 << 17;
-/// Most pixels of a side of an image.
+/// Maximum side length of an image, pixels.
 const LONGEST_SIDE: f32 = 65535.0;
 
-/// Vectors one after another.
+/// Vectors, stored contiguously.
 #[derive(Clone, PartialEq)]
 pub struct Vectors {
-    /// Numbers of each.
+    /// Elements per vector.
     pub dim: usize,
     /// `[N, dim]`
     pub values: Vec<f32>,
 }
 
-// What descriptors show, no log may know (leak L8).
+// Descriptors reveal image content and must not reach a log (leak L8).
 impl std::fmt::Debug for Vectors {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Vectors({} of {})", self.values.len() / self.dim.max(1), self.dim)
     }
 }
 
-/// What a file holds of one image.
+/// Features of one image.
 #[derive(Clone, PartialEq)]
 pub struct ImageFeatures {
-    /// `[N]`, COLMAP's pixels of the image as it is in its file.
+    /// `[N]`, in COLMAP's pixels of the stored image.
     pub keypoints: Vec<Pixel>,
     /// `[N]`, larger is stronger.
     pub scores: Option<Vec<f32>>,
@@ -49,7 +49,7 @@ pub struct ImageFeatures {
     pub descriptors: Vectors,
     /// Width and height of the image, pixels.
     pub image_size: Option<(u32, u32)>,
-    /// Standard deviation of a keypoint, pixels, as far as its maker knows it.
+    /// Standard deviation of a keypoint, pixels, if the file states it.
     pub uncertainty: Option<f64>,
 }
 
@@ -60,12 +60,12 @@ impl std::fmt::Debug for ImageFeatures {
     }
 }
 
-/// A file of features.
+/// A feature file.
 #[derive(Debug)]
 pub struct FeaturesFile(Archive);
 
 impl FeaturesFile {
-    /// Opens a file; what is in it is read image by image.
+    /// Opens a file; each image is read on demand.
     ///
     /// # Errors
     /// [`MappingError::Io`], [`MappingError::NotHdf5`].
@@ -73,26 +73,26 @@ impl FeaturesFile {
         Archive::open(path).map(Self)
     }
 
-    /// The file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
 
-    /// Names of all images in it, sorted folder by folder.
+    /// Returns the names of all images, sorted folder by folder.
     ///
     /// # Errors
-    /// [`MappingError::BadInFile`] for groups that cannot be read, or lie in each other without end.
+    /// [`MappingError::BadInFile`] for groups that cannot be read, or are nested without end.
     pub fn names(&self) -> Result<Vec<String>, MappingError> {
         self.0.names(KEYPOINTS)
     }
 
-    /// Whether it holds keypoints of an image of this name.
+    /// Returns whether it contains keypoints of an image of this name.
     pub fn holds(&self, name: &str) -> bool {
         let group = self.0.group(name);
         group.is_some_and(|group| matches!(self.0.dataset(name, &group, KEYPOINTS), Ok(Some(_))))
     }
 
-    /// How many numbers a descriptor has, by the first image that has keypoints; `None` where none has.
+    /// Returns the descriptor dimension, from the first image with keypoints; `None` if there is none.
     ///
     /// # Errors
     /// As [`Self::names`] and [`Self::read`].
@@ -101,11 +101,11 @@ impl FeaturesFile {
         self.read(&name).map(|features| Some(features.descriptors.dim))
     }
 
-    /// The features of an image.
+    /// Reads the features of an image.
     ///
     /// # Errors
-    /// [`MappingError::MissingInFile`] where there are none; [`MappingError::BadInFile`] for numbers that cannot be read, are not finite, or do not fit
-    /// together.
+    /// [`MappingError::MissingInFile`] if there are none; [`MappingError::BadInFile`] for datasets that cannot be read,
+    /// are not finite, or have inconsistent sizes.
     pub fn read(&self, name: &str) -> Result<ImageFeatures, MappingError> {
         let file = &self.0;
         let missing =
@@ -156,7 +156,7 @@ impl FeaturesFile {
     }
 }
 
-/// hloc's descriptors lie in columns, `[dim, N]`; here in rows.
+/// hloc stores descriptors in columns, `[dim, N]`; here they are rows.
 fn rows_of(columns: Numbers, count: usize) -> Result<Vectors, String> {
     let [dim, own] = columns.shape[..] else {
         return Err(format!("has shape {:?}; [numbers of a descriptor, {count}] is expected", columns.shape));
@@ -183,13 +183,15 @@ fn size_of(size: &Numbers) -> Result<(u32, u32), String> {
 }
 
 impl ImageFeatures {
-    /// As features of a kind, strongest first: vectors times the kind's length, rounded to its bytes. Those about as long as 1 are
-    /// taken as they are, so that what was written here comes back; others are brought to length 1.
+    /// Converts to features of a kind, strongest first: vectors times the kind's norm, rounded to its bytes. Vectors
+    /// with a norm of about 1 are not normalized, so that features written here are read back exactly; others are
+    /// normalized.
     ///
-    /// `scale`: standard deviation of the smoothing at which keypoints were found, pixels; files do not tell it.
+    /// `scale`: standard deviation of the smoothing at which keypoints were detected, pixels; the files do not contain
+    /// it.
     ///
     /// # Errors
-    /// What is wrong, when descriptors have another number of numbers than the kind.
+    /// The reason, if the descriptor dimension differs from the kind's.
     pub fn features(&self, kind: DescriptorKind, scale: f32) -> Result<Features, String> {
         let dim = self.descriptors.dim;
         if dim != kind.dim() {
@@ -216,7 +218,7 @@ impl ImageFeatures {
         Ok(Features { keypoints: keypoints.collect(), descriptors, global: None })
     }
 
-    /// Of features in pixels of an image of this size: unit vectors.
+    /// Converts features in pixels of an image of this size to unit vectors.
     pub fn of(features: &Features, image_size: (u32, u32)) -> Self {
         let kind = features.descriptors.kind();
         let view = features.descriptors.view();
@@ -232,11 +234,12 @@ impl ImageFeatures {
     }
 }
 
-/// Writes features of images by their names, as hloc's `extract_features` does: keypoints and scores as float32, which keep a
-/// hundredth of a pixel, descriptors in columns as float16.
+/// Writes the features of images by name, like hloc's `extract_features`: keypoints and scores as float32 (a hundredth
+/// of a pixel is preserved), descriptors in columns as float16.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a name that is there twice, or vectors that are not as many as keypoints; [`MappingError::Io`].
+/// [`MappingError::Unwritable`] for a duplicate name, or different numbers of vectors and keypoints;
+/// [`MappingError::Io`].
 pub fn write_features(
     path: &Path,
     images: impl IntoIterator<Item = (String, ImageFeatures)>,

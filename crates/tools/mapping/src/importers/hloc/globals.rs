@@ -1,4 +1,4 @@
-//! Files of global descriptors: for each image one vector.
+//! Global descriptor files: one vector per image.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use crate::importers::hloc::archive::Archive;
 use crate::importers::hloc::write::{Tree, Values, Written};
 
 const GLOBAL: &str = "global_descriptor";
-/// Most numbers of a vector.
+/// Maximum number of elements per vector.
 const MOST_NUMBERS: usize = 1 << 16;
 
-/// A file of global descriptors.
+/// A global descriptor file.
 #[derive(Debug)]
 pub struct GlobalsFile(Archive);
 
 impl GlobalsFile {
-    /// Opens a file; vectors are read image by image.
+    /// Opens a file; each vector is read on demand.
     ///
     /// # Errors
     /// [`MappingError::Io`], [`MappingError::NotHdf5`].
@@ -23,18 +23,19 @@ impl GlobalsFile {
         Archive::open(path).map(Self)
     }
 
-    /// Names of all images in it.
+    /// Returns the names of all images.
     ///
     /// # Errors
-    /// [`MappingError::BadInFile`] for groups that cannot be read, or lie in each other without end.
+    /// [`MappingError::BadInFile`] for groups that cannot be read, or are nested without end.
     pub fn names(&self) -> Result<Vec<String>, MappingError> {
         self.0.names(GLOBAL)
     }
 
-    /// The vector of an image, `[numbers]`.
+    /// Reads the vector of an image, `[dim]`.
     ///
     /// # Errors
-    /// [`MappingError::MissingInFile`]; [`MappingError::BadInFile`] for numbers that cannot be read, are not finite, or no vector.
+    /// [`MappingError::MissingInFile`]; [`MappingError::BadInFile`] for a dataset that cannot be read, is not finite,
+    /// or is not a vector.
     pub fn read(&self, name: &str) -> Result<Vec<f32>, MappingError> {
         let missing = || MappingError::MissingInFile {
             path: self.0.path().to_owned(),
@@ -55,10 +56,10 @@ impl GlobalsFile {
     }
 }
 
-/// Writes vectors of images by their names, as float32.
+/// Writes the vectors of images by name, as float32.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a name that is there twice; [`MappingError::Io`].
+/// [`MappingError::Unwritable`] for a duplicate name; [`MappingError::Io`].
 pub fn write_globals(
     path: &Path,
     images: impl IntoIterator<Item = (String, Vec<f32>)>,

@@ -1,4 +1,4 @@
-//! Files of matches: for each pair of images the partner of every keypoint of the first.
+//! Match files: for each image pair the partner of every keypoint of the first image.
 
 use std::path::Path;
 
@@ -10,26 +10,26 @@ use crate::importers::hloc::write::{Tree, Values, Written};
 
 const MATCHES: &str = "matches0";
 const SCORES: &str = "matching_scores0";
-/// Most keypoints of an image.
+/// Maximum number of keypoints per image.
 const MOST_KEYPOINTS: usize = 1 << 17;
 
-/// Two keypoints that are taken for one point.
+/// Two matched keypoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
     /// Index of the keypoint in the first image.
     pub first: u32,
     /// Index of the keypoint in the second image.
     pub second: u32,
-    /// How sure the matcher is, 0 to 1; 1 where it does not say.
+    /// Confidence of the matcher, 0 to 1; 1 if the file has none.
     pub score: f32,
 }
 
-/// A file of matches.
+/// A match file.
 #[derive(Debug)]
 pub struct MatchesFile(Archive);
 
 impl MatchesFile {
-    /// Opens a file; matches are read pair by pair.
+    /// Opens a file; each pair is read on demand.
     ///
     /// # Errors
     /// [`MappingError::Io`], [`MappingError::NotHdf5`].
@@ -37,11 +37,11 @@ impl MatchesFile {
         Archive::open(path).map(Self)
     }
 
-    /// The matches of two images, whichever of them the file names first, under hloc's names of pairs (`a/b`) or its older ones
-    /// (`a_b`), where folders of names are parted by `-`; `None` where the pair is not there.
+    /// Reads the matches of two images in either order of the pair, under hloc's pair names (`a/b`) or its older ones
+    /// (`a_b`), in which `-` separates the folders of names; `None` if the pair does not exist.
     ///
     /// # Errors
-    /// [`MappingError::BadInFile`] for numbers that cannot be read, or are no indices.
+    /// [`MappingError::BadInFile`] for datasets that cannot be read or are not indices.
     pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<Match>>, MappingError> {
         for separator in ['/', '_'] {
             for (a, b, turned) in [(first, second, false), (second, first, true)] {
@@ -93,11 +93,12 @@ fn name_of_pair(first: &str, second: &str, separator: char) -> String {
     format!("{}{separator}{}", first.replace('/', "-"), second.replace('/', "-"))
 }
 
-/// Writes matches of pairs by the names of their images; each with how many keypoints the first image has. A keypoint of the first
-/// image has one partner: of several the last is kept.
+/// Writes the matches of pairs by the names of their images; each pair has the number of keypoints of the first image.
+/// A keypoint of the first image has one partner: of several the last one is written.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a pair that is there twice, or a keypoint that the first image does not have; [`MappingError::Io`].
+/// [`MappingError::Unwritable`] for a duplicate pair, or a keypoint that the first image does not have;
+/// [`MappingError::Io`].
 pub fn write_matches<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<Match>)>,

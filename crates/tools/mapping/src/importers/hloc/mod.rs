@@ -1,18 +1,19 @@
-//! hloc's files, read and written: what others extracted is localized here, and what is extracted here is theirs to use.
+//! Reads and writes hloc's files: features of other programs can be localized here, and features extracted here can be
+//! used there.
 //!
-//! - [`FeaturesFile`]: `feats-….h5`, keypoints and descriptors by the name of the image; [`write_features`].
-//! - [`StoredFeatures`]: such a file in the place of an extractor ([`veiloc_features::Stored`]).
+//! - [`FeaturesFile`]: `feats-….h5`, keypoints and descriptors by image name; [`write_features`].
+//! - [`StoredFeatures`]: such a file instead of an extractor ([`veiloc_features::Stored`]).
 //! - [`MatchesFile`]: `matches-….h5`; [`write_matches`]. [`GlobalsFile`]: `global-feats-….h5`; [`write_globals`].
 //! - [`read_pairs`], [`write_pairs`]: lists of pairs.
 //!
-//! All but lists of pairs is HDF5, and takes the cargo feature `hloc`.
+//! All formats except lists of pairs are HDF5 and need the cargo feature `hloc`.
 //!
-//! hloc counts pixels from the centre of the first; here they are COLMAP's as everywhere, half a pixel more
-//! ([`veiloc_geometry::Pixel::from_center_at_zero`]). Numbers may be float16, float32 or float64, as hloc's `as_half` has it, stored in
-//! one piece or in chunks, compressed with gzip or not.
+//! hloc's pixel coordinates have their origin at the centre of the first pixel; here they are COLMAP's, half a pixel
+//! more ([`veiloc_geometry::Pixel::from_center_at_zero`]). Numbers may be float16, float32 or float64, as with hloc's
+//! `as_half`, stored contiguously or in chunks, with or without gzip.
 //!
-//! A file may come from anybody: shapes, chunks and lengths are bounded before anything is read, groups that hold themselves end
-//! at a depth, and what does not fit is an error that names the file, the image and the remedy (`tests/hostile.rs`).
+//! A file may be untrusted: shapes, chunks and lengths are bounded before anything is read, recursive groups end at a
+//! maximum depth, and an invalid entry is an error that names the file, the image and the remedy (`tests/hostile.rs`).
 //!
 //! ```
 //! use veiloc_geometry::Pixel;

@@ -1,24 +1,25 @@
-//! The numbers of a dataset, bounded before they are read.
+//! Reads the numbers of a dataset, with bounds on their size.
 
 use hdf5_pure::{Dataset, Datatype, DatatypeByteOrder};
 
 use crate::importers::hloc::binary16;
 
-/// Most numbers of a dataset: 64 million, a quarter of a gigabyte. hloc's largest descriptors are a tenth of it.
+/// Maximum number of elements in a dataset: 64 million, a quarter of a gigabyte. hloc's largest descriptors are a tenth
+/// of it.
 const MOST: u64 = 1 << 26;
-/// Most bytes of a chunk before it is compressed.
+/// Maximum size of an uncompressed chunk in bytes.
 const MOST_OF_CHUNK: u64 = 1 << 28;
-/// How many times as long deflate's data can become, and room for small files whose numbers are not stored at all.
+/// Maximum expansion ratio of deflate, with room for small files whose numbers are not stored at all.
 const LONGEST: u64 = 1040;
 
-/// Numbers and how they lie: rows one after another.
+/// Numbers and their shape, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Numbers {
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Vec<f32>,
 }
 
-/// What numbers a dataset is stored as.
+/// Number type of a dataset.
 #[derive(Clone, Copy)]
 enum Stored {
     Half,
@@ -38,7 +39,7 @@ impl Stored {
         }
     }
 
-    /// Little endian, `bytes()` of them.
+    /// Decodes `bytes()` bytes, little endian.
     fn value(self, bytes: &[u8]) -> f32 {
         let mut eight = [0; 8];
         eight[..bytes.len()].copy_from_slice(bytes);
@@ -56,9 +57,9 @@ impl Stored {
     }
 }
 
-/// Reads the numbers of a dataset in a file of so many bytes.
+/// Reads the numbers of a dataset in a file of `file_bytes` bytes.
 ///
-/// The error says what is wrong with them and the remedy.
+/// The error states the problem and the remedy.
 pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String> {
     let shape = dataset.shape().map_err(|e| damaged(&e))?;
     let stored = stored(&dataset.datatype().map_err(|e| damaged(&e))?)?;
@@ -83,7 +84,7 @@ pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String
     Ok(Numbers { shape: shape.into_iter().map(|side| side as usize).collect(), values })
 }
 
-/// The library takes the lengths of chunks from the file, and allocates them before it reads.
+/// Checks chunk sizes, because the HDF5 library allocates the size that the file states before it reads.
 fn check_chunks(dataset: &Dataset, stored: Stored, file_bytes: u64) -> Result<(), String> {
     let Some(chunk) = dataset.chunk_shape().map_err(|e| damaged(&e))? else { return Ok(()) };
     let whole = product(&chunk).and_then(|count| count.checked_mul(stored.bytes() as u64));

@@ -1,4 +1,4 @@
-//! Lists of pairs: two names a line.
+//! Lists of image pairs: two names per line.
 
 use std::path::Path;
 
@@ -6,10 +6,11 @@ use veiloc_map::atomic_file::write_whole;
 
 use crate::MappingError;
 
-/// Reads a list of pairs; empty lines do not count.
+/// Reads a list of pairs; empty lines are ignored.
 ///
 /// # Errors
-/// [`MappingError::Io`]; [`MappingError::PairsLine`] for a line that is not two different names, or a file that is no text or names no pair.
+/// [`MappingError::Io`]; [`MappingError::PairsLine`] for a line that does not have two different names, or a file that
+/// is not text or has no pair.
 pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
     let bytes = std::fs::read(path).map_err(|source| MappingError::Io { path: path.to_owned(), source })?;
     let refused = |line, reason: &str| MappingError::PairsLine {
@@ -36,7 +37,8 @@ pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
 /// Writes a list of pairs.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a name with white space, which ends a name in such a list; [`MappingError::Io`].
+/// [`MappingError::Unwritable`] for a name with white space, which separates the names in such a list;
+/// [`MappingError::Io`].
 pub fn write_pairs<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str)>,

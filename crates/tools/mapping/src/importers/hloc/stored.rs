@@ -1,4 +1,4 @@
-//! A file of features in the place of an extractor.
+//! A feature file instead of an extractor.
 
 use std::path::{Component, Path};
 
@@ -8,10 +8,10 @@ use veiloc_features::{Extractor, FeatureError, Features, Image, Stored};
 use crate::MappingError;
 use crate::importers::hloc::FeaturesFile;
 
-/// Features of a file by the name of the image: nothing is extracted.
+/// Features of a file by image name, without extraction.
 ///
-/// An image goes by the end of its path: of `images/db/a.jpg` the file may say `db/a.jpg` or `a.jpg`, and where it says both, nobody
-/// knows which is meant, and the image is refused.
+/// An image is found by the end of its path: for `images/db/a.jpg` the file may have `db/a.jpg` or `a.jpg`; if it has
+/// both, the image is ambiguous and refused.
 #[derive(Debug)]
 pub struct StoredFeatures {
     file: FeaturesFile,
@@ -19,12 +19,12 @@ pub struct StoredFeatures {
 }
 
 impl StoredFeatures {
-    /// Opens a file whose descriptors are of a kind that is known, or of a new one of this name: signed bytes, as descriptors of
-    /// networks have them.
+    /// Opens a file whose descriptors are of a known kind, or of a new kind with this name: signed bytes, as for
+    /// network descriptors.
     ///
     /// # Errors
-    /// What [`FeaturesFile::open`] says; [`MappingError::BadInFile`] where no image has keypoints, descriptors have another number of numbers
-    /// than the kind, or the name is none.
+    /// As [`FeaturesFile::open`]; [`MappingError::BadInFile`] if no image has keypoints, the descriptor dimension
+    /// differs from the kind's, or the name is invalid.
     pub fn open(path: &Path, name: &str, known: Option<DescriptorKind>) -> Result<Self, MappingError> {
         let file = FeaturesFile::open(path)?;
         let bad =
@@ -49,7 +49,7 @@ impl StoredFeatures {
         Ok(Self { file, kind })
     }
 
-    /// The name under which the file holds the image at this path.
+    /// Returns the name of the image at this path in the file.
     fn name_of(&self, path: &Path) -> Result<String, String> {
         let parts: Vec<&str> = path
             .components()
@@ -86,7 +86,8 @@ impl Extractor for StoredFeatures {
         Err(FeatureError::Extractor { name: self.kind.name().to_owned(), reason })
     }
 
-    /// As far as networks look ([`Stored`] says the scale): nobody continued the image by its mirror image.
+    /// The receptive field of typical networks ([`Stored`] has the scale), because the file does not state one and
+    /// images were not padded by mirroring.
     fn reach(&self) -> f64 {
         SIGHT
     }
@@ -112,16 +113,17 @@ impl Stored for StoredFeatures {
                 size.1
             )));
         }
-        // hloc makes images smaller first, to this side by default; what a pixel was then, is wider now.
+        // hloc scales images down first, to this side by default, so a keypoint covers more pixels of the original
+        // image.
         let scale = (f64::from(size.0.max(size.1)) / SIDE).max(1.0) as f32;
         let bad = |reason| refused(format!("{}: {name}: {reason}", self.file.path().display()));
         stored.features(self.kind, scale).map_err(bad)
     }
 }
 
-/// A unit vector times 32 roots of its numbers: as kinds of networks are (decision 0022).
+/// A unit vector times 32 square roots of its dimension, as for network kinds (decision 0022).
 const LENGTH: f64 = 32.0;
-/// Pixels around a keypoint that a descriptor of SuperPoint shows (docs/reference/privacy-rules.md, rule L11).
+/// Radius in pixels around a keypoint that a SuperPoint descriptor covers (docs/privacy.md, rule L11).
 const SIGHT: f64 = 32.0;
-/// hloc's `resize_max` of most of its settings.
+/// hloc's `resize_max` in most of its settings.
 const SIDE: f64 = 1024.0;

@@ -1,4 +1,4 @@
-//! Datasets in groups by name, written as one file.
+//! Writes datasets in named groups as one file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -35,7 +35,7 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// Puts datasets into the group of a name with folders.
+    /// Writes the file atomically: the old one stays until the new one is complete.
     pub(crate) fn put(&mut self, name: &str, datasets: Vec<Written>) -> Result<(), MappingError> {
         let refused =
             |reason: &str| MappingError::Unwritable { name: name.to_owned(), reason: reason.to_owned() };

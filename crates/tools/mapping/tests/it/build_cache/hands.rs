@@ -1,4 +1,4 @@
-//! Many hands build the map that one pair of hands builds, whatever was done already, twice, or not at all.
+//! A distributed build gives the same map as a single process, with complete, duplicate and missing shares.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use veiloc_mapping::build_cache::Keeping;
 use veiloc_mapping::{BuildOptions, Input, Share, Stage, build, prepare};
 use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
-/// A rendered place of so many views, in `folder`.
+/// A rendered scene of this many views, in `folder`.
 fn rendered(folder: &Path, views: usize) -> PosedImages {
     let place = Place::generate(11);
     let camera = "PINHOLE,320,240,262.4,262.4,160,120".parse().expect("a camera");
@@ -25,7 +25,7 @@ fn rendered(folder: &Path, views: usize) -> PosedImages {
     PosedImages::new(images.collect(), Vec::new()).expect("posed")
 }
 
-/// Counts the images it is asked for, but for the pattern that a folder asks it of.
+/// Counts the extracted images, without the pattern of the build cache.
 struct Counting {
     inner: Compact,
     images: Arc<AtomicUsize>,
@@ -80,7 +80,7 @@ fn many_hands_build_the_map_that_one_builds() {
         map
     };
 
-    // Three hands, of which two do the same and one does nothing at all.
+    // Three workers, two with the same share and one without any.
     let done: Vec<_> = [0, 1, 1].map(|part| share(Stage::Features, part, 3)).to_vec();
     assert_eq!(done.iter().map(|d| (d.done, d.of_all)).collect::<Vec<_>>(), [(5, 14), (5, 14), (5, 14)]);
     assert_eq!(extracted.load(Ordering::Relaxed), 10);
@@ -91,7 +91,7 @@ fn many_hands_build_the_map_that_one_builds() {
     assert_eq!(built(), alone);
     assert_eq!(extracted.load(Ordering::Relaxed), 14, "what was missing was made once");
 
-    // Damage costs time and nothing else.
+    // A damaged entry costs only time.
     let features = std::fs::read_dir(work.path().join("features")).expect("a folder").next().expect("a file");
     std::fs::write(features.expect("a file").path(), b"not features").expect("written");
     std::fs::write(work.path().join("matches-0.bin"), [7; 1000]).expect("written");

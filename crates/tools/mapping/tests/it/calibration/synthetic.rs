@@ -1,4 +1,4 @@
-//! Self-tests of a place whose points are known: what is left out is left out, and broken maps fail.
+//! Self-tests of a scene with known points: a left-out image has no influence, and broken maps fail.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -29,7 +29,7 @@ fn pose(image: usize) -> CameraFromWorld {
     )
 }
 
-/// Random points with random descriptors, seen with noise; every point is where it truly is, moved by no noise.
+/// Random points with random descriptors, observed with noise; the points themselves are exact.
 fn place() -> MapModel {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let points: Vec<Point3<World>> = (0..900)
@@ -97,7 +97,7 @@ fn a_sound_map_localizes_its_images_under_every_scheme() {
         assert!(scheme.median_noise_px > 0.2 && scheme.median_noise_px < 2.0, "{scheme:?}");
         assert!((0.4..4.0).contains(&scheme.calibration.factor), "{scheme:?}");
     }
-    // It may be kept, and a map without it is the same otherwise.
+    // The self-test is stored in the map, and the map is otherwise the same.
     let kept = MapModel { self_test: Some(test.clone()), ..model.clone() };
     kept.validate().expect("a self-test belongs into a map");
     assert_eq!(tested(&kept, &Scheme::ALL), test, "a calibration that is there already takes no part");
@@ -113,7 +113,7 @@ fn the_number_of_threads_changes_nothing() {
     assert_eq!(with(1), with(4));
 }
 
-/// Matches are handed from scheme to scheme: with the same result as each by itself.
+/// Matches are transferred between schemes, with the same result as separate matching.
 #[test]
 fn schemes_do_not_meddle_with_each_other() {
     let model = place();
@@ -122,7 +122,7 @@ fn schemes_do_not_meddle_with_each_other() {
     assert_eq!(together.of_scheme(Scheme::default()), alone.of_scheme(Scheme::default()));
 }
 
-/// An image with a wrong pose, and points of its own where that pose has them: were it used, it would find itself there.
+/// An image with a wrong pose and its own points at that pose: if it were used, it would find itself there.
 #[test]
 fn an_image_that_is_left_out_takes_no_part() {
     let mut model = place();
@@ -152,14 +152,14 @@ fn an_image_that_is_left_out_takes_no_part() {
     assert_eq!(points.within_of_scale[2], 9, "and that is not where it says");
 }
 
-/// A point whose place only the image that is left out supports goes back to where the others see it, or goes.
+/// A point whose position only the left-out image supports moves back to where the others see it, or is removed.
 #[test]
 fn points_are_triangulated_again_without_the_image() {
     let model = place();
     let id = model.images[3].point_of_keypoint.iter().flatten().next().expect("it sees a point");
     let truth = model.points[id.index()].position;
     let mut bent = model.clone();
-    // Along the ray of image 3, which so agrees with it still; the others do not.
+    // Along the ray of image 3, which therefore still agrees; the others do not.
     let center = model.images[3].cam_from_world.center().coords;
     bent.points[id.index()].position = Point3::from_vector(center + (truth.coords - center) * 1.5);
     let without = veiloc_mapping::LeaveOut::of(&bent).without(3);
@@ -170,7 +170,7 @@ fn points_are_triangulated_again_without_the_image() {
     assert!(track.iter().all(|o| o.image != 3) && track.len() >= 3);
     let all = model.images[3].point_of_keypoint.iter().flatten().count();
     assert_eq!(without.points.len(), all, "the points it sees, and no others");
-    // Of three views two are left, which is too few.
+    // Two of three views remain, which is too few.
     let three = model.points.iter().position(|p| p.track.len() == 3).expect("some point of three views");
     let image = model.points[three].track[1].image as usize;
     let without = veiloc_mapping::LeaveOut::of(&model).without(image);
@@ -190,8 +190,8 @@ fn a_map_whose_poses_are_wrong_fails() {
     assert_eq!(tested(&empty, &Scheme::ALL).images, 0);
 }
 
-/// A small map localizes images of the whole one, left out of both, and trusts what it finds; and what it is told of points
-/// without an image is what the whole map would know, not what the few keypoints left in it do.
+/// A compressed map localizes images of the whole map, left out of both, and trusts the poses; points without an image
+/// equal those of the whole map, not those from the few keypoints in the compressed map.
 #[test]
 fn a_small_map_localizes_the_images_of_the_whole_one() {
     let whole = place();
@@ -210,7 +210,7 @@ fn a_small_map_localizes_the_images_of_the_whole_one() {
     kept.validate().expect("a self-test belongs into a small map");
 }
 
-/// The smallest map that loses nothing is smaller than the whole one, and as good by its own test.
+/// The smallest map without loss is smaller than the whole one, and as good in its own test.
 #[test]
 fn the_smallest_map_is_found_by_its_recall() {
     let whole = place();

@@ -10,25 +10,26 @@ use super::{DataSet, DataSetArgs, evaluate};
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
-/// Aachen Day-Night: a map of its database images, and its day and night queries.
+/// Aachen Day-Night: build a map of the database images and localize the day and night queries.
 ///
-/// Poses of the queries are not published: `--submission` writes the files that https://www.visuallocalization.net judges.
+/// The poses of the queries are not published: `--submission` writes the files that https://www.visuallocalization.net
+/// evaluates.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     data_set: DataSetArgs,
-    /// Version of the data set, 1 (the paper's) or 1.1. Default: 1.1 when its model is there, else 1.
+    /// Version of the data set, 1 (the paper's) or 1.1. Default: 1.1 if its model exists, otherwise 1.
     #[arg(long, value_name = "VERSION")]
     version: Option<Version>,
-    /// Conditions to ask under, as their lists are named.
+    /// Query conditions, named as their lists.
     #[arg(long, value_delimiter = ',', default_values_t = CONDITIONS.map(str::to_owned), value_name = "CONDITION,…")]
     conditions: Vec<String>,
-    /// Poses of the queries, `name qw qx qy qz tx ty tz` a line, world to camera, for copies of the data set whose poses are
-    /// known. Default: nobody is judged.
+    /// True poses of the queries, `name qw qx qy qz tx ty tz` per line, world to camera, for copies of the data set
+    /// with known poses. Default: no errors are computed.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Write the poses for visuallocalization.net, `name qw qx qy qz tx ty tz` a line with the names of files alone; with several
-    /// schemes a file each, the scheme behind the name.
+    /// Write the poses for visuallocalization.net, `name qw qx qy qz tx ty tz` per line, with file names without
+    /// folders; with several schemes one file per scheme, with the scheme appended to the name.
     #[arg(long, value_name = "FILE")]
     submission: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `--attack N` of the data-set commands: what each adversary gets from the queries of each place.
+//! `--attack N` of the data-set commands: what each adversary recovers from the queries of each scene.
 
 use std::path::PathBuf;
 
@@ -12,23 +12,24 @@ use crate::files;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Attacks on the queries of the places.
+/// Attacks on the queries of the scenes.
 #[derive(clap::Args)]
 pub(in crate::commands::eval) struct AttackArgs {
-    /// Attack N queries of each place too, spread evenly, as `eval adversaries` does with nothing to learn from: a server with
-    /// map images, one that has the pose, several frames, and the oracle. A map is built for it again. Default: none is attacked.
+    /// Also attack N queries of each scene, evenly spaced, as `eval adversaries` does without training data: a server
+    /// with map images, a server that knows the pose, several frames, and the oracle. This builds another map. Default:
+    /// no attack.
     #[arg(id = "attack", long = "attack", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: Option<u32>,
-    /// Neighbours a keypoint in these attacks; the paper has 20 and 100.
+    /// Neighbours per keypoint in these attacks; the paper uses 20 and 100.
     #[arg(long, value_name = "K", default_value_t = 20, requires = "attack", value_parser = clap::value_parser!(u32).range(1..=1000))]
     attack_neighbours: u32,
-    /// Write what they came to, as `eval adversaries --json` has it, with the places' names. Default: a table alone.
+    /// Write the attack results as in `eval adversaries --json`, with the names of the scenes. Default: only a table.
     #[arg(long, value_name = "FILE", requires = "attack")]
     attack_json: Option<PathBuf>,
 }
 
 impl AttackArgs {
-    /// Attacks the queries of a place, if that is asked for, and adds what came of it to the others.
+    /// Attacks the queries of a scene if requested, and adds the result to the others.
     pub(super) fn attack(
         &self,
         name: &str,
@@ -47,7 +48,7 @@ impl AttackArgs {
             localize: scene.localize.clone(),
             masks: None,
         });
-        // Points hide nothing: there is nothing to attack.
+        // `points` hides nothing, so there is nothing to recover.
         let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
         evaluation.schemes = hiding.copied().collect();
         if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
@@ -70,7 +71,7 @@ impl AttackArgs {
         Ok(())
     }
 
-    /// Prints what all came to, and writes it where that is asked for.
+    /// Prints the results of all scenes, and writes the document if requested.
     pub(super) fn finish(
         &self,
         found: Option<&AdversariesDocument>,

@@ -8,22 +8,22 @@ use super::{DataSet, DataSetArgs, evaluate};
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
-/// Cambridge Landmarks: a map of each scene's `dataset_train.txt`, and its `dataset_test.txt` as queries.
+/// Cambridge Landmarks: build a map of each scene's `dataset_train.txt` and localize its `dataset_test.txt`.
 ///
-/// Focal lengths and lenses are those of each scene's `reconstruction.nvm`. Errors are in metres and degrees. The paper's
-/// figures stand beside ours for scenes that are whole.
+/// Focal lengths and distortion come from each scene's `reconstruction.nvm`. Errors are in metres and degrees. The
+/// table also shows the paper's figures for complete scenes.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     data_set: DataSetArgs,
-    /// Scenes to evaluate. Default: all that are there but the excluded.
+    /// Scenes to evaluate. Default: all that exist, without the excluded ones.
     #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
     scenes: Vec<String>,
-    /// Scenes to leave out; the default leaves out those that the paper does, for their many geometric outliers; an empty text
-    /// leaves out none.
+    /// Scenes to leave out; the default are the scenes that the paper leaves out for their many geometric outliers; an
+    /// empty text leaves out none.
     #[arg(long, value_delimiter = ',', default_values_t = LEFT_OUT.map(str::to_owned), value_name = "SCENE,…")]
     exclude: Vec<String>,
-    /// One camera for all images, MODEL,WIDTH,HEIGHT,PARAMS…. Default: those of `reconstruction.nvm`.
+    /// One camera for all images, MODEL,WIDTH,HEIGHT,PARAMS…. Default: the cameras of `reconstruction.nvm`.
     #[arg(long, value_name = "CAMERA")]
     camera: Option<Intrinsics>,
 }

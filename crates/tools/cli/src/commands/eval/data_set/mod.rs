@@ -1,4 +1,4 @@
-//! `veiloc eval 7scenes`, `cambridge` and `aachen`: every place of a published data set, one after another.
+//! `veiloc eval 7scenes`, `cambridge` and `aachen`: every scene of a published data set, one after another.
 
 pub(super) mod aachen;
 mod adversaries;

@@ -1,4 +1,4 @@
-//! What the data sets have in common on the command line.
+//! Options that the data-set commands share.
 
 use std::path::PathBuf;
 
@@ -13,33 +13,35 @@ use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
 use crate::localization_args::{MatchArgs, PoseArgs};
 
-/// Which places, how maps are built, and how queries are localized in them.
+/// Selection of scenes, map building, and localization of the queries.
 #[derive(clap::Args)]
 pub(in crate::commands::eval) struct DataSetArgs {
     /// Folder of the data set.
     #[arg(long, value_name = "DIR")]
     pub(super) root: PathBuf,
-    /// Evaluate the images that are there, when some are missing. Figures are not compared with those of others then. Default:
-    /// missing images are refused.
+    /// Evaluate the existing images if some are missing. Figures are then not compared with published ones. Default:
+    /// missing images are an error.
     #[arg(long)]
     available_only: bool,
     /// Schemes to compare; `dcl:s=2`, `dcl:s=3` and `dcl:horizontal` are those of the paper's ablations.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     pub(super) schemes: Vec<Scheme>,
-    /// Bounds of the recall columns, `translation/degrees` with the translation in map units. Default: those that the paper
-    /// has for the data set.
+    /// Thresholds of the recall columns, `translation/degrees` with the translation in map units. Default: the paper's
+    /// thresholds for the data set.
     #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// Estimate poses as the paper does: msac, p6lp, all matches alike, and its inlier threshold for the data set (4 pixels for
-    /// 7Scenes, 18 for Cambridge, 8 for Aachen; lines divided by √2). Default: the likelihood, as in service.
+    /// Estimate poses as in the paper: msac, p6lp, equal match weights, and the paper's inlier threshold for the data
+    /// set (4 pixels for 7Scenes, 18 for Cambridge, 8 for Aachen; lines divided by √2). Default: likelihood, as in the
+    /// service.
     #[arg(long, conflicts_with_all = ["score", "solver", "max_error"])]
     pub(super) paper: bool,
-    /// Folder for what is computed: features and matches of map images, maps, and the results of each query as soon as it is finished. A run that was interrupted
-    /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
+    /// Folder for intermediate results: features and matches of map images, maps, and the result of each finished
+    /// query. An interrupted run continues from there, and results for the same images and options are not computed
+    /// again. Default: nothing is stored.
     #[arg(long, value_name = "DIR")]
     pub(super) work: Option<PathBuf>,
-    /// Queries that are localized at the same time. Default: as many as there are cores; times are those of a busy machine
-    /// then, and 1 gives times to report.
+    /// Queries that are localized in parallel. Default: one per core; times are then those of a loaded machine. Use 1
+    /// to report times.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     #[command(flatten)]
@@ -57,12 +59,12 @@ pub(in crate::commands::eval) struct DataSetArgs {
 }
 
 impl DataSetArgs {
-    /// What is done about images that are missing.
+    /// How missing images are handled.
     pub(super) const fn missing(&self) -> MissingImages {
         if self.available_only { MissingImages::LeaveOut } else { MissingImages::Refuse }
     }
 
-    /// Those asked for, or the data set's.
+    /// Returns the given thresholds, or the data set's.
     pub(super) fn thresholds(&self, of_data_set: &[(f64, f64)]) -> Vec<Threshold> {
         if !self.thresholds.is_empty() {
             return self.thresholds.clone();
@@ -83,7 +85,7 @@ impl DataSetArgs {
     }
 }
 
-/// Cores that this program may use.
+/// Returns the number of cores that this program may use.
 pub(super) fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }

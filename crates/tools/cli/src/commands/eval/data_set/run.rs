@@ -1,4 +1,4 @@
-//! The places of a data set, evaluated one after another, and the document of all of them.
+//! Evaluates the scenes of a data set one after another, and collects their results in one document.
 
 use veiloc_datasets::{DatasetError, Place};
 use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
@@ -17,17 +17,17 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// A data set, as far as evaluating it goes.
+/// The facts about a data set that its evaluation needs.
 pub(in crate::commands::eval) struct DataSet {
-    /// The command, as `eval 7scenes`.
+    /// The command, for example `eval 7scenes`.
     pub(super) command: &'static str,
-    /// Bounds of recall, map units and degrees.
+    /// Recall thresholds, map units and degrees.
     pub(super) thresholds: &'static [(f64, f64)],
     /// The paper's inlier threshold for points, pixels.
     pub(super) paper_max_error_px: f64,
 }
 
-/// Evaluates the places, and prints what came of them. Each is read when its turn comes.
+/// Evaluates the scenes and prints the results. Each scene is read again when its turn comes.
 pub(in crate::commands::eval) fn evaluate(
     data_set: &DataSet,
     places: &[String],
@@ -35,7 +35,7 @@ pub(in crate::commands::eval) fn evaluate(
     args: &DataSetArgs,
     ui: &Ui,
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
-    // All are read once before the first is computed: what is missing is told at once.
+    // All scenes are read before the first is computed, so that missing files are reported at once.
     let places: Vec<Place> =
         places.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
     let mut document = DataSetEvaluation {
@@ -91,7 +91,7 @@ pub(in crate::commands::eval) fn evaluate(
         };
         tables(data, &options)
     } else {
-        // Nobody here knows the truth: what became of the queries is all there is to tell.
+        // The true poses are unknown: only counts can be printed.
         let rows: Vec<_> = document.schemes.iter().map(|row| row.summary.clone()).collect();
         table(&rows)
     };
@@ -101,12 +101,12 @@ pub(in crate::commands::eval) fn evaluate(
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
 }
 
-/// A data set that cannot be read, in words.
+/// Converts the error of a data set.
 pub(in crate::commands::eval) fn refused(error: DatasetError) -> Failure {
     Failure::with_help(error.to_string(), "see `docs/guide/data-sets.md` for the layout of each data set")
 }
 
-/// Prints, as the commands end.
+/// Prints the results, and returns the exit code.
 pub(in crate::commands::eval) fn outcome(found: Result<(DataSetEvaluation, Exit), Failure>) -> Outcome {
     found.map(|(_, exit)| exit)
 }
@@ -161,7 +161,7 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
     })
 }
 
-/// Adds what was found of a place.
+/// Adds the result of a scene.
 fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
     document.places.push(PlaceFacts {
         name: place.name.clone(),
@@ -180,7 +180,7 @@ fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evalu
             conditions.push(query.condition.clone());
         }
     }
-    // Rows of the table stand one after another, a query each.
+    // The document lists the queries row by row of the table.
     let rows = found.queries.chunks(place.queries.len().max(1));
     for (row, summary) in rows.zip(found.schemes) {
         for condition in &conditions {

@@ -9,23 +9,23 @@ use super::{DataSet, DataSetArgs, evaluate};
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
-/// 7Scenes: a map of each scene's training sequences, and its test sequences as queries.
+/// 7Scenes: build a map of each scene's training sequences and localize its test sequences.
 ///
-/// Reads the folders as they are unpacked: `<scene>/TrainSplit.txt`, `<scene>/seq-01/frame-000000.color.png`. A scene's map is
+/// Reads the unpacked folders: `<scene>/TrainSplit.txt`, `<scene>/seq-01/frame-000000.color.png`. A scene's map is
 /// built from all images of its training sequences; every image of its test sequences is sealed under every scheme and
-/// localized. The paper's figures stand beside ours for scenes that are whole.
+/// localized. The table also shows the paper's figures for complete scenes.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     data_set: DataSetArgs,
-    /// Scenes to evaluate. Default: all that are there.
+    /// Scenes to evaluate. Default: all that exist.
     #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
     scenes: Vec<String>,
     /// Scenes to leave out. Default: none.
     #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
     exclude: Vec<String>,
-    /// Whose poses are taken for true: `sfm`, the pseudo ground truth of structure from motion, as in the paper; or `depth`, those
-    /// that come with the images, which are of the depth camera.
+    /// Ground truth: `sfm`, the pseudo ground truth from structure from motion, as in the paper; or `depth`, the poses
+    /// of the depth camera that come with the images.
     #[arg(long, default_value = "sfm", value_parser = ["sfm", "depth"], value_name = "KIND")]
     poses: String,
     /// Folder of the lists of pseudo ground truth, `<scene>_train.txt` and `<scene>_test.txt`. Default: `pgt_sfm` or

@@ -1,4 +1,4 @@
-//! Files of results as visuallocalization.net judges them.
+//! Result files in the format of visuallocalization.net.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use crate::exit::Failure;
 use crate::files;
 use crate::ui::Ui;
 
-/// Writes a file a scheme: of each query with a pose the name of its file, quaternion and translation, world to camera. Queries
-/// without one are left out, and count as not localized there.
+/// Writes one file per scheme: for each query with a pose the file name, quaternion and translation, world to camera.
+/// Queries without a pose are left out; the site counts them as not localized.
 pub(super) fn write_submissions(path: &Path, document: &DataSetEvaluation, ui: &Ui) -> Result<(), Failure> {
     let mut by_scheme: BTreeMap<&str, String> = BTreeMap::new();
     let mut without: BTreeMap<&str, usize> = BTreeMap::new();

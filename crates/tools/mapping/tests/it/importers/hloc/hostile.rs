@@ -1,4 +1,4 @@
-//! Damaged and hostile files: an error, never a panic, and memory in proportion to the file.
+//! Damaged and hostile files give an error, never a panic, with memory in proportion to the file.
 
 use std::path::{Path, PathBuf};
 
@@ -9,14 +9,14 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/importers/hloc").join(name)
 }
 
-/// Reads all there is; how many images could be read.
+/// Reads everything; returns the number of readable images.
 fn read_all(path: &Path) -> Result<usize, MappingError> {
     let file = FeaturesFile::open(path)?;
     let names = file.names()?;
     Ok(names.iter().filter(|name| file.read(name).is_ok()).count())
 }
 
-/// A generator of its own: xorshift.
+/// A small random generator: xorshift.
 struct Random(u64);
 
 impl Random {
@@ -28,8 +28,8 @@ impl Random {
     }
 }
 
-/// Bytes changed, at the end cut off: hundreds of each file. More than a share of the address space was never asked for
-/// (800,000 files under `ulimit -v 400000`, decision 0025).
+/// Hundreds of variants of each file, with changed bytes and truncated ends. They never needed more than a bounded part
+/// of the address space (800,000 files under `ulimit -v 400000`, decision 0025).
 #[test]
 fn damaged_files_are_errors_or_less_is_in_them() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Files as h5py writes them for hloc (`scripts/oracle_hloc.py`), and what is written here, read again.
+//! Reads files as h5py writes them for hloc (`scripts/oracle_hloc.py`), and files written here.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ fn expected(image: &str) -> ImageFeatures {
     let value = |row: usize, column: usize| number(column * COUNT + row, 29, 128) - 1.0;
     let rows = (0..COUNT).flat_map(|row| (0..DIM).map(move |column| value(row, column)));
     ImageFeatures {
-        // Half a pixel more than the file says.
+        // Half a pixel more than in the file.
         keypoints: (0..COUNT).map(|i| Pixel::new(at(2 * i) + 0.5, at(2 * i + 1) + 0.5)).collect(),
         scores: Some((0..COUNT).map(|i| number(i, 11, 64)).collect()),
         descriptors: Vectors { dim: DIM, values: rows.collect() },
@@ -57,7 +57,7 @@ fn features_are_what_h5py_wrote_in_every_form() {
     }
 }
 
-/// HDF5 2.0 packs chunks in a form of its own when it is asked for its latest; hloc does not pack.
+/// HDF5 2.0 has its own chunk packing in its latest format; hloc does not use it.
 #[test]
 fn a_form_that_is_not_read_is_told() {
     let file = FeaturesFile::open(&data("feats-packed-latest.h5")).expect("a file");
@@ -136,7 +136,7 @@ fn stored_features_go_by_the_end_of_the_path() {
     let features = lookup.features(Path::new("/data/images/db/a.jpg"), (640, 480)).expect("features");
     assert_eq!(features.keypoints.len(), COUNT);
     assert!(features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response));
-    // The strongest is the one of the largest score.
+    // The strongest has the largest score.
     let expected = expected("db/a.jpg");
     let scores = expected.scores.expect("scores");
     let best = (0..COUNT).max_by(|a, b| scores[*a].total_cmp(&scores[*b])).expect("some");
@@ -157,7 +157,7 @@ fn stored_features_go_by_the_end_of_the_path() {
     assert!(StoredFeatures::open(&data("globals.h5"), "mine", None).is_err());
 }
 
-/// A file written here and brought back gives the very bytes.
+/// Features written here are read back to the same bytes.
 #[test]
 fn bytes_of_a_kind_come_back() {
     let kind = DescriptorKind::XFEAT;
