@@ -24,7 +24,7 @@ fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
         "admin-listen = \"127.0.0.1:9100\" # ",
         "drain-delay = 5.0 # ",
         "queue = 32 # default\n",
-        "# workers is not given: one a core; with --cluster 64, each for a query under way\n",
+        "# workers is not given: one per core; with --cluster 64, one per concurrent query\n",
     ] {
         assert!(printed.stdout.contains(line), "{line}\n{printed}");
     }

@@ -12,7 +12,7 @@ struct Sample {
     config: Option<PathBuf>,
     #[arg(long, default_value_t = 32, value_name = "N")]
     queue: u32,
-    /// Threads. Default: one a core.
+    /// Threads. Default: one per core.
     #[arg(long, value_name = "N")]
     workers: Option<u32>,
     #[arg(long, default_value_t = 2.0, value_name = "SECONDS")]
@@ -169,6 +169,6 @@ fn what_is_printed_says_the_same_again() {
             .expect("settings")
             .to_toml()
             .expect("text")
-            .contains("# workers is not given: one a core\n")
+            .contains("# workers is not given: one per core\n")
     );
 }
