@@ -195,6 +195,6 @@ mod tests {
                 silent.push(format!("{name}: default"));
             }
         });
-        assert!(silent.is_empty(), "help does not say:\n{}", silent.join("\n"));
+        assert!(silent.is_empty(), "help lacks:\n{}", silent.join("\n"));
     }
 }

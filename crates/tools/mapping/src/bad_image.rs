@@ -26,10 +26,10 @@ impl fmt::Display for BadImage {
 #[derive(Debug, thiserror::Error)]
 pub enum BadReason {
     /// Its name occurs twice.
-    #[error("is in the list twice; name every image once")]
+    #[error("is in the list twice; list every image once")]
     Twice,
     /// It has no pose.
-    #[error("there is no pose for it; take it from the list or add its pose")]
+    #[error("there is no pose for it; remove it from the list or add its pose")]
     NoPose,
     /// It is to be added to a map that already has it.
     #[error("is already in the map; remove it first to replace it")]

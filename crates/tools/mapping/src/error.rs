@@ -21,8 +21,8 @@ pub enum MappingError {
     EmptyList,
     /// None of the given pairs consists of mapped images.
     #[error(
-        "none of the {given} pairs that are given is of two of the {images} images that are mapped; give pairs with the names of \
-         the posed images"
+        "none of the {given} given pairs consists of two of the {images} mapped images; give pairs with \
+         the names of the posed images"
     )]
     NoPairs {
         /// Number of given pairs.
@@ -43,27 +43,31 @@ pub enum MappingError {
         names: Vec<String>,
     },
     /// An image to remove occurs twice.
-    #[error("{name} is in the list twice; name every image once")]
+    #[error("{name} is in the list twice; list every image once")]
     DuplicateName {
         /// Its name.
         name: String,
     },
     /// No image would be left to train a vocabulary on.
-    #[error("no image would be left to learn a vocabulary from; delete the map instead")]
+    #[error("no image would remain to train a vocabulary on; delete the map instead")]
     NothingLeft,
     /// The extractor of the features does not exist or cannot be used.
     #[error(transparent)]
     Features(#[from] FeatureError),
     /// The map's global descriptors need an extractor that this program does not have.
     #[error(
-        "the map's global descriptors are made of the images by {name}, which this program does not have"
+        "the map's global descriptors are computed from the images by {name}, which this program does not \
+         have"
     )]
     GlobalOfImage {
         /// The extractor's name.
         name: String,
     },
     /// No image has keypoints.
-    #[error("no usable keypoints in {images} images: {source}; are they blank, or not the right files?")]
+    #[error(
+        "no usable keypoints in {images} images: {source}; check that they are the right files and \
+             not blank"
+    )]
     NoKeypoints {
         /// Number of images.
         images: usize,
@@ -75,7 +79,8 @@ pub enum MappingError {
         "no point could be triangulated from {images} images ({matches} matches, {verified} of them agree with \
          the poses); {}",
         cause.map_or_else(
-            || "do the images overlap, from different places, and are the poses world-to-camera?".to_owned(),
+            || "check that the images overlap, from different positions, and that the poses are \
+                world-to-camera".to_owned(),
             |cause| cause.to_string()
         )
     )]
@@ -91,8 +96,9 @@ pub enum MappingError {
     },
     /// The COLMAP model has nothing to import.
     #[error(
-        "the COLMAP model has {points} points, and no keypoint found in the images lies near any of their \
-         observations; are these the images of the model? To make points from poses alone, build a map instead"
+        "the COLMAP model has {points} points, and no detected keypoint is near any of their \
+         observations; check that these are the images of the model. To triangulate points from the \
+         poses, build a map instead"
     )]
     NothingImported {
         /// Points of the model.
@@ -100,14 +106,14 @@ pub enum MappingError {
     },
     /// The map is compressed and lacks the keypoints for a change.
     #[error(
-        "the map is a compressed one or a region of a larger one, which no image can join or leave, and which cannot be \
-         made smaller: do it to the map that it was made of, and compress or cut that again"
+        "the map is compressed or a region of a larger one: images cannot be added or removed, and it \
+         cannot be compressed further; change the original map, and compress or split it again"
     )]
     Compressed,
     /// The requested size of a compressed map is too small.
     #[error(
-        "{bytes} bytes are too few: poses, names and global descriptors of the images take {least} alone; ask for more, \
-         or build a map of fewer images"
+        "{bytes} bytes are too few: poses, names and global descriptors of the images need {least}; allow \
+         more, or build a map of fewer images"
     )]
     TooSmall {
         /// Requested bytes.
@@ -122,7 +128,7 @@ pub enum MappingError {
     #[error(transparent)]
     Map(#[from] MapError),
     /// No device could seal a query for the map.
-    #[error("no query can be sealed for the map, so it cannot test itself: {0}")]
+    #[error("no query can be sealed for the map, so the self-test is impossible: {0}")]
     Seal(#[from] SealError),
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
@@ -133,7 +139,7 @@ pub enum MappingError {
         source: std::io::Error,
     },
     /// The file is not an HDF5 file, or is truncated or damaged.
-    #[error("{}: not a whole HDF5 file: {reason}; copy it again, or write it again with hloc", path.display())]
+    #[error("{}: not a complete HDF5 file: {reason}; copy it again, or write it again with hloc", path.display())]
     NotHdf5 {
         /// The file.
         path: PathBuf,
@@ -141,7 +147,7 @@ pub enum MappingError {
         reason: String,
     },
     /// The file has no entry of this name.
-    #[error("{}: holds no {what} of {name}; give the file that was made of this image", path.display())]
+    #[error("{}: contains no {what} of {name}; give the file that was extracted from this image", path.display())]
     MissingInFile {
         /// The file.
         path: PathBuf,
@@ -171,7 +177,7 @@ pub enum MappingError {
         reason: String,
     },
     /// An entry cannot be written.
-    #[error("{name:?} cannot be written into a file of hloc's: {reason}")]
+    #[error("{name:?} cannot be written into an hloc file: {reason}")]
     Unwritable {
         /// Name of the image or pair.
         name: String,

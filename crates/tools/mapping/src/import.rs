@@ -179,8 +179,7 @@ fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extrac
     }
     let indices: Vec<usize> = (0..keep.len()).filter(|k| keep[*k]).collect();
     for (_, keypoint) in &mut joined.keypoints {
-        let new =
-            indices.binary_search(&(*keypoint as usize)).expect("every keypoint that sees a point is kept");
+        let new = indices.binary_search(&(*keypoint as usize)).expect("every keypoint with a point is kept");
         *keypoint = new as u32;
     }
     let keypoints = indices.iter().map(|k| found.keypoints[*k]).collect();

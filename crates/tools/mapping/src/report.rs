@@ -100,21 +100,22 @@ pub enum Fault {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::CameraToWorld => {
-                f.write_str("the poses look camera-to-world; world-to-camera is wanted, so invert them")
-            }
+            Self::CameraToWorld => f.write_str(
+                "the poses seem to be camera-to-world; world-to-camera is expected, so invert \
+                             them",
+            ),
             Self::AxesUpAndBack => f.write_str(
-                "the camera's axes look like OpenGL's (y up, z backwards); y down and z forwards are wanted, so negate \
-                 the second and third row of each world-to-camera pose",
+                "the camera's axes seem to be OpenGL's (y up, z backwards); y down and z forwards are \
+                 expected, so negate the second and third row of each world-to-camera pose",
             ),
             Self::CameraToWorldAxesUpAndBack => f.write_str(
-                "the poses look camera-to-world with OpenGL's axes (y up, z backwards), as NeRF data has them; negate \
-                 the second and third column of each rotation, then invert the pose",
+                "the poses seem to be camera-to-world with OpenGL's axes (y up, z backwards), as in NeRF \
+                 data; negate the second and third column of each rotation, then invert the pose",
             ),
             Self::FocalLength { percent } => write!(
                 f,
-                "the focal length looks wrong: what was given is about {:.2} times the right one; do the cameras \
-                 belong to images of this size?",
+                "the focal length seems to be wrong: the given one is about {:.2} times the correct one; \
+                 check that the cameras belong to images of this size",
                 f64::from(*percent) / 100.0
             ),
         }
@@ -181,7 +182,7 @@ impl fmt::Display for Doubt {
                 write!(f, "the map has only {points} points, of {images} images")
             }
             Self::BlindImages { blind, images } => {
-                write!(f, "{blind} of {images} images see fewer than {MIN_SEEN} points each")
+                write!(f, "{blind} of {images} images observe fewer than {MIN_SEEN} points each")
             }
             Self::SelfTest { right, images } => {
                 write!(f, "the map localizes only {right} of {images} of its own images")
@@ -189,14 +190,14 @@ impl fmt::Display for Doubt {
             Self::LikelyCause { fault, agree_percent, would_percent } => {
                 return write!(
                     f,
-                    "likely cause: {fault} ({agree_percent} % of matches agree with what was given, {would_percent} % \
-                     would)"
+                    "likely cause: {fault} ({agree_percent} % of matches agree with the given poses and \
+                     cameras, {would_percent} % would after the fix)"
                 );
             }
         }?;
         f.write_str(
-            "; queries will hardly be localized. Are the poses world-to-camera, are the focal lengths right, and do \
-             the images overlap, from different places?",
+            "; most queries will fail. Check that the poses are world-to-camera, that the focal lengths \
+             are correct, and that the images overlap, from different positions",
         )
     }
 }

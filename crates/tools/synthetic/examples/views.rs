@@ -1,7 +1,7 @@
 //! Renders a few views of a scene into a folder, and prints the time of each.
 //!
 //! `cargo run --release -p veiloc-synthetic --example views -- DIR [SEED] [MAPPING VIEWS] [QUERIES]`
-#![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
+#![expect(clippy::print_stdout, reason = "an example prints to the terminal")]
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let folder = PathBuf::from(arguments.next().ok_or("where to? give a folder")?);
+    let folder = PathBuf::from(arguments.next().ok_or("give an output folder")?);
     let mut number = |default: u64| arguments.next().map_or(Ok(default), |a| a.parse());
     let (seed, mapping, queries) = (number(7)?, number(6)? as usize, number(2)? as usize);
     std::fs::create_dir_all(&folder)?;

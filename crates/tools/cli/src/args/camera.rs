@@ -87,7 +87,7 @@ fn only_camera(path: &Path) -> Result<Intrinsics, Failure> {
     let text = String::from_utf8(files::read(path)?).map_err(|_| {
         refused(
             "is not text".to_owned(),
-            "give a cameras.txt; `colmap model_converter --output_type TXT` makes one of a binary model",
+            "give a cameras.txt; `colmap model_converter --output_type TXT` converts a binary model",
         )
     })?;
     let mut cameras: Vec<Intrinsics> = Vec::new();
@@ -109,9 +109,9 @@ fn only_camera(path: &Path) -> Result<Intrinsics, Failure> {
         [camera] => Ok(*camera),
         [] => Err(refused("holds no camera".to_owned(), "give a cameras.txt as COLMAP writes it")),
         several => Err(refused(
-            format!("holds {} cameras, and images of one are wanted", several.len()),
-            "write the camera of each image behind its name into a list (name MODEL W H PARAMS…), and give that \
-             with --list instead of --camera",
+            format!("holds {} cameras, and exactly one is expected", several.len()),
+            "write the camera of each image after its name into a list (name MODEL W H PARAMS…), and give \
+             the list with --list instead of --camera",
         )),
     }
 }

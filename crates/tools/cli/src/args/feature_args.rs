@@ -85,7 +85,7 @@ impl ModelFileArgs {
     }
 
     #[cfg(not(feature = "hloc"))]
-    #[expect(clippy::unused_self, reason = "as where there are such files")]
+    #[expect(clippy::unused_self, reason = "same signature as with the feature")]
     fn stored(&self, file: &Path, _features: &str) -> Result<Arc<Learned>, Failure> {
         Err(absent::without(&format!("--features-file {}", file.display()), "hloc"))
     }
@@ -94,7 +94,7 @@ impl ModelFileArgs {
         match &self.model_file {
             Some(file) => Err(Failure::with_help(
                 format!("--model-file {} is given, and {features} has no network", file.display()),
-                "leave it out, or say whose it is with --features",
+                "leave it out, or name its features with --features",
             )),
             None => Ok(()),
         }
@@ -155,10 +155,10 @@ impl MapFeatureArgs {
         if extractors.of_kind(asked).is_err() || name != asked.name() {
             let own = extractors.named(&name)?.kind();
             let message =
-                format!("the map is of features {asked:?}, and --features makes {own:?}: they never match");
+                format!("the map has features {asked:?}, and --features gives {own:?}: these do not match");
             return Err(Failure::with_help(
                 message,
-                "leave --features out, or give the model the map was built with",
+                "leave --features out, or give the model that the map was built with",
             ));
         }
         Ok(extractors)

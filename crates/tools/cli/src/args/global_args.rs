@@ -77,22 +77,23 @@ impl ConsentArgs {
             None => {
                 options.image_global(profile).map_err(|refused| {
                     let help = format!(
-                        "to send it all the same give --image-global {asked}, after docs/reference/privacy-rules.md, rule L14; or ask for a map \
-                         without one"
+                        "to send it, read docs/privacy.md, rule L14, and give --image-global {asked}; or \
+                         query a map without it"
                     );
                     Failure::with_help(refused, help)
                 })?;
                 Ok(options)
             }
             Some(_) if of_rows => {
-                ui.say("the map asks for no global descriptor of the image; none is sent");
+                ui.say("the map requests no global descriptor of the whole image; none is sent");
                 Ok(options)
             }
             Some(name) => {
                 let own = global_named(models, name)?;
                 fits(profile, own.as_ref())?;
                 ui.complain(format!(
-                    "the global descriptor {asked} is made of the image and sent: it tells more of it than the rows do"
+                    "the global descriptor {asked} of the whole image is sent: it reveals more than the \
+                     local descriptors do"
                 ));
                 Ok(own.map_or(options.clone(), |own| options.with_image_global(own)))
             }
@@ -110,10 +111,11 @@ fn fits(profile: &Profile, own: Option<&SharedGlobal>) -> Result<(), Failure> {
     let numbers = codes.map_or_else(String::new, |codes| format!(" ({codes} numbers)"));
     Err(Failure::with_help(
         format!(
-            "the map's global descriptors are {} ({} numbers), and {name}{numbers} is given: they never match",
+            "the map's global descriptors are {} ({} numbers), and {name}{numbers} is given: these do not \
+             match",
             asked.name(),
             asked.global_len()
         ),
-        "give the model the map was built with",
+        "give the model that the map was built with",
     ))
 }

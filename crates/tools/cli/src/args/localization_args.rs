@@ -119,7 +119,7 @@ impl MatchArgs {
 /// # Errors
 /// The reason why the text is not such a number, for clap.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
 }
 
@@ -128,13 +128,17 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 /// # Errors
 /// The reason why the text is not such a number, for clap.
 pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
-    if value.is_finite() && value >= 0.0 { Ok(value) } else { Err("a number from 0 is expected".to_owned()) }
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    if value.is_finite() && value >= 0.0 {
+        Ok(value)
+    } else {
+        Err("a number of at least 0 is expected".to_owned())
+    }
 }
 
 /// Parses a number above zero and at most one.
 fn share(text: &str) -> Result<f32, String> {
-    let value: f32 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let value: f32 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if value > 0.0 && value <= 1.0 {
         Ok(value)
     } else {

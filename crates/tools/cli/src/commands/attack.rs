@@ -145,8 +145,8 @@ impl AdversaryArgs {
     pub(super) fn evaluation(&self, attacks: &[Attack]) -> Result<AttackEvaluation, Failure> {
         if let Some(scheme) = self.schemes.iter().find(|s| !s.hides_positions()) {
             return Err(Failure::with_help(
-                format!("{scheme} hides nothing that could be attacked"),
-                "name schemes that hide positions: random-lines, coordinate-permutation, dcl",
+                format!("{scheme} hides no positions, so there is nothing to attack"),
+                "give schemes that hide positions: random-lines, coordinate-permutation, dcl",
             ));
         }
         Ok(AttackEvaluation {
@@ -206,7 +206,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 
 /// Parses a standard deviation in pixels.
 fn noise(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if (0.0..=20.0).contains(&value) {
         Ok(value)
     } else {
@@ -216,7 +216,7 @@ fn noise(text: &str) -> Result<f64, String> {
 
 /// Parses a number from 0 to 100.
 fn percent(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if (0.0..=100.0).contains(&value) {
         Ok(value)
     } else {

@@ -122,7 +122,7 @@ fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
 fn report_path(out: &Path) -> Result<PathBuf, Failure> {
     if files::is_standard(out) {
         return Err(Failure::with_help(
-            "-: the report is a file to be opened in a browser",
+            "-: the report cannot go to stdout",
             "name a file or folder with --out",
         ));
     }

@@ -40,12 +40,12 @@ impl ClusterArgs {
     pub(crate) fn source(&self) -> Result<Arc<ObjectStoreSource>, Failure> {
         let Some(store) = &self.store else {
             return Err(Failure::with_help(
-                "a cluster needs the place where maps are published",
-                "name it with --store, for example --store s3://bucket/maps",
+                "a cluster needs the address of the published maps",
+                "give it with --store, for example --store s3://bucket/maps",
             ));
         };
         let cache = self.cache.clone().or_else(own_cache).ok_or_else(|| {
-            Failure::with_help("there is no folder for what is fetched", "name one with --cache")
+            Failure::with_help("there is no cache folder for fetched objects", "give one with --cache")
         })?;
         let most_bytes = (self.cache_gb * 1e9) as u64;
         Ok(Arc::new(ObjectStoreSource::open(store, &cache, most_bytes)?))

@@ -85,7 +85,10 @@ fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
     options.page_points = SHOWN_POINTS;
     run_until_signal(options, |listening| {
         for address in &listening.addresses {
-            ui.say(format!("The place is on http://{address} (open it in a browser; Ctrl-C ends it)"));
+            ui.say(format!(
+                "The scene is served on http://{address} (open it in a browser; Ctrl-C stops \
+                            the server)"
+            ));
         }
     })?;
     Ok(Exit::Success)

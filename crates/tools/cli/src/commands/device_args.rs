@@ -51,7 +51,7 @@ impl DeviceArgs {
         match (given, self.focal_known) {
             (Some(CameraArg::Unknown), Some(focal)) if focal != FocalKnowledge::Unknown => {
                 Err(Failure::with_help(
-                    format!("--focal-known {focal} says that an unknown camera is known"),
+                    format!("--focal-known {focal} contradicts an unknown camera"),
                     "leave it out, or give the camera with --camera",
                 ))
             }
@@ -80,8 +80,8 @@ impl DeviceArgs {
         let options = match self.scheme {
             Scheme::Points => {
                 ui.complain(
-                    "WARNING: --scheme points hides nothing: the position of every keypoint is sent, and with the \
-                     descriptors the image can be reconstructed from them",
+                    "WARNING: --scheme points hides nothing: the position of every keypoint is sent, and \
+                     the image can be reconstructed from positions and descriptors",
                 );
                 SealOptions::unprotected_points()
             }

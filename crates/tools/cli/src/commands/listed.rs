@@ -30,7 +30,7 @@ pub(crate) fn images_of_list(
             if !Path::new(&listed.name).components().all(inside) {
                 return Err(Failure::with_help(
                     format!("{} leads out of {}", at(), folder.display()),
-                    "name images relative to the folder given, without `..`",
+                    "name images relative to the given folder, without `..`",
                 ));
             }
             let camera = match (listed.camera, given) {
@@ -40,8 +40,8 @@ pub(crate) fn images_of_list(
                 (None, _) => camera,
                 (Some(_), Some(_)) => {
                     return Err(Failure::with_help(
-                        format!("{} has a camera of its own, and --camera is given too", at()),
-                        "leave out --camera, or give a list of names only",
+                        format!("{} has its own camera, and --camera is given too", at()),
+                        "leave out --camera, or give a list without cameras",
                     ));
                 }
             };

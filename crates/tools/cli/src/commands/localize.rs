@@ -82,7 +82,10 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if args.queries.iter().filter(|path| files::is_standard(path)).count() > 1 {
-        return Err(Failure::with_help("-: stdin is given twice", "it holds one sealed query; give it once"));
+        return Err(Failure::with_help(
+            "-: stdin is given twice",
+            "stdin has one sealed query; give it once",
+        ));
     }
     let mut options = args.matching.options(&args.pose);
     options.position = args.near.map(|near| {
@@ -149,8 +152,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
     if unused > 0 {
         ui.say(format!(
-            "{unused} of {} tell which way is down, and the map does not know it: gravity was not used; build the map with \
-             --down",
+            "{unused} of {} have a direction of gravity, and the map has none: gravity was not used; \
+             build the map with --down",
             document.queries.len()
         ));
     }

@@ -278,7 +278,10 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let (mut model, mut report) =
         veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
     if let Some(fault) = keeping.and_then(|keeping| keeping.finish().err()) {
-        ui.complain(format!("not all could be kept, and will be computed again: {fault}"));
+        ui.complain(format!(
+            "the work folder is incomplete, and the missing part will be computed again: \
+                             {fault}"
+        ));
     }
     if let Some(path) = &args.pairs.out_pairs {
         write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
@@ -338,18 +341,18 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
     change.write(&model)?;
     ui.say(match words {
         Words::Keep => {
-            "What is left of the images: their share in the words of the vocabulary, which are averages of descriptors \
-             of many images and are published in the profile. --retrain learns them again without these images. Copies \
-             and backups of the old map hold the images' keypoints still."
+            "The images still contribute to the words of the vocabulary, which are means of descriptors \
+             of many images and are published in the profile. --retrain trains the vocabulary without \
+             these images. Copies and backups of the old map still contain the images' keypoints."
         }
         Words::Retrain if model.profile.id() == profile => {
-            "The profile is as it was: nothing in it was learned from the images. Copies and backups of the old map hold \
-             the images' keypoints still."
+            "The profile is unchanged: nothing in it was trained on the images. Copies and backups of the \
+             old map still contain the images' keypoints."
         }
         Words::Retrain => {
-            "The vocabulary was learned again without the images, so the map has a new profile: publish it, and have \
-             devices fetch it; queries sealed with the old one are refused. Copies and backups of the old map hold the \
-             images' keypoints still."
+            "The vocabulary was trained again without the images, so the map has a new profile: publish \
+             it, and let devices fetch it; queries sealed with the old one are refused. Copies and \
+             backups of the old map still contain the images' keypoints."
         }
     });
     Told { json: args.json, doubts, ..Told::default() }.info(change.out, ui)
@@ -389,7 +392,7 @@ fn with_skip_bad(error: MappingError) -> Failure {
     match error {
         MappingError::BadImages(_) => Failure::with_help(
             error,
-            "mend these, take them from the list, or leave them out with --skip-bad",
+            "repair them, remove them from the list, or leave them out with --skip-bad",
         ),
         error => error.into(),
     }

@@ -97,7 +97,7 @@ impl HiddenPart {
     pub(crate) fn said(&self) -> String {
         let share = self.share().map(|share| format!("{:.1} % of the image hidden", 100.0 * share));
         let found = self.found.as_ref().map(|found| match found.as_slice() {
-            [] => "nothing found to hide".to_owned(),
+            [] => "no objects found to hide".to_owned(),
             found => {
                 let each: Vec<String> = found.iter().map(|(class, n)| format!("{n} × {class}")).collect();
                 format!("found {}", each.join(" and "))

@@ -71,7 +71,7 @@ impl GlobalDocument {
             let _ = match found {
                 Some(file) => writeln!(text, "  there: {file}"),
                 None => {
-                    writeln!(text, "  not there: {}", missing(names, &self.source, self.export.as_deref()))
+                    writeln!(text, "  not found: {}", missing(names, &self.source, self.export.as_deref()))
                 }
             };
         }
@@ -121,7 +121,7 @@ impl ModelDocument {
     fn line(&self) -> String {
         let file = match &self.file {
             Some(file) => format!("there: {file}"),
-            None => format!("not there: {}", missing(&self.files, &self.source, self.export.as_deref())),
+            None => format!("not found: {}", missing(&self.files, &self.source, self.export.as_deref())),
         };
         format!("{}: {}; {} numbers; {}\n  {file}\n", self.name, self.about, self.numbers, self.licence)
     }
@@ -140,7 +140,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     for model in &all {
         text += &model.line();
     }
-    text += "global descriptors of whole images, beside vlad, which is made of the rows that are sent:\n";
+    text += "global descriptors of whole images, in addition to vlad, which is computed from the sent \
+             local descriptors:\n";
     for model in &globals {
         text += &model.line();
     }

@@ -56,7 +56,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     }
     let bytes = files::read(path)?;
     let file: RigFile =
-        serde_json::from_slice(&bytes).map_err(|e| refused(format!("no rig file: {e}"), form))?;
+        serde_json::from_slice(&bytes).map_err(|e| refused(format!("not a rig file: {e}"), form))?;
     let count = file.frames.len();
     if !(1..=RigMessage::MOST_FRAMES).contains(&count) {
         let help = "a session has 1 to 32 frames; localize a longer one in parts";
@@ -75,7 +75,7 @@ impl FrameEntry {
         let PoseEntry { q, t } = self.cam_from_rig;
         let cam_from_rig = CameraFromRig::from_quaternion(q, t).ok_or_else(|| {
             refused(
-                "cam_from_rig is no pose".to_owned(),
+                "cam_from_rig is not a pose".to_owned(),
                 "give a quaternion `w x y z` that is not 0, and finite numbers",
             )
         })?;
@@ -88,7 +88,7 @@ impl FrameEntry {
             }
         }
         let bytes = std::fs::read(folder.join(&self.query)).map_err(|e| {
-            refused(e.to_string(), "paths are relative to the rig file; check that the file may be read")
+            refused(e.to_string(), "paths are relative to the rig file; check that the file is readable")
         })?;
         let query = SealedQuery::decode(&bytes).map_err(|e| {
             refused(e.to_string(), "seal the image again with `veiloc seal`, and use the file unchanged")

@@ -239,21 +239,21 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
     let exit = match ended {
         Ok(Stopped { answered, given_up: 0, .. }) => {
             voice.say(format!(
-                "stopped; all that was accepted was answered, {answered} requests since it was told to"
+                "stopped; all accepted requests were answered, {answered} of them after the stop signal"
             ));
             Exit::Success
         }
         Ok(Stopped { answered, given_up, forced: true }) => {
             voice.complain(format!(
-                "stopped at once, as told: {given_up} connections were given up; {answered} requests were answered since the \
-                 first signal"
+                "stopped at once by a second signal: {given_up} connections were closed; {answered} \
+                 requests were answered after the first signal"
             ));
             Exit::Refused
         }
         Ok(Stopped { answered, given_up, forced: false }) => {
             voice.complain(format!(
-                "{given_up} connections did not end within {} s and were given up; {answered} requests were answered \
-                 meanwhile; give more time with --grace, if these were requests that mattered",
+                "{given_up} connections did not end within {} s and were closed; {answered} requests were \
+                 answered in that time; allow more time with --grace if those requests are important",
                 args.grace
             ));
             Exit::Refused
@@ -296,7 +296,7 @@ const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
 /// Without the cargo feature, maps of workers are refused.
 #[cfg(not(feature = "cluster"))]
-#[expect(clippy::unused_async, reason = "as with it")]
+#[expect(clippy::unused_async, reason = "same signature as with the feature")]
 async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
     match args.cluster {
         Some(_) => Err(crate::commands::absent::without("veiloc serve --cluster", "cluster")),

@@ -52,8 +52,9 @@ impl FromStr for OrientationArg {
             }
             _ => return Err(format!("{} numbers; a quaternion has 4, a matrix 9", numbers.len())),
         };
-        held.map(Self)
-            .ok_or_else(|| "no rotation: a quaternion has length 1, a matrix columns of length 1".to_owned())
+        held.map(Self).ok_or_else(|| {
+            "not a rotation: a quaternion has length 1, a matrix columns of length 1".to_owned()
+        })
     }
 }
 
@@ -82,12 +83,13 @@ pub(crate) fn failure(error: &ClientError) -> Failure {
     let help = match error {
         ClientError::SessionBusy { .. } => "wait until the other program has ended",
         ClientError::SessionBytes { .. } => {
-            "begin another session with another file, at another place: nobody knows any more what this one told"
+            "begin another session with another file, at another position: what this session has sent is \
+             no longer known"
         }
         ClientError::SessionOptions { .. } => {
             "leave out --anchors, or begin another session with another file"
         }
-        _ => "check that the folder is there, and that the file may be read and written",
+        _ => "check that the folder exists, and that the file is readable and writable",
     };
     Failure::with_help(error, help)
 }

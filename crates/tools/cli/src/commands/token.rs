@@ -68,7 +68,7 @@ fn map_name(text: &str) -> Result<String, String> {
     if is_map_name(text) {
         Ok(text.to_owned())
     } else {
-        Err("names of maps are expected, with commas between them and no spaces: lobby,garage".to_owned())
+        Err("names of maps are expected, separated by commas without spaces: lobby,garage".to_owned())
     }
 }
 
@@ -88,8 +88,8 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     };
     if let Some(end) = expires.filter(|end| *end <= now) {
         return Err(Failure::with_help(
-            format!("--expires {end}: that is over"),
-            "give a day that is to come",
+            format!("--expires {end}: this time is in the past"),
+            "give a future day",
         ));
     }
     let mut random = [0; 32];
@@ -109,8 +109,9 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     file.replace(&text).map_err(unwritten)?;
     ui.print(format_args!("{}\n", secret.reveal()));
     ui.say(format_args!(
-        "{} may ask{}. The line above is the token: it is nowhere else, so keep it now.\n\
-         Send it as `Authorization: Bearer TOKEN`, or keep it in a file for `veiloc query send --token-file`.",
+        "{} may send requests{}. The line above is the token: it is not stored anywhere, so save it \
+         now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc query send \
+         --token-file`.",
         args.name,
         worth(&entry)
     ));
@@ -119,13 +120,13 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
 
 fn too_late(days: u32) -> Failure {
     Failure::with_help(
-        format!("--days {days}: that is after the year 9999"),
-        "leave it out for a token without end",
+        format!("--days {days}: this is after the year 9999"),
+        "leave it out for a token that does not expire",
     )
 }
 
 fn unreadable(error: &ServerError) -> Failure {
-    Failure::with_help(error, "check that the folder exists, and that both may be written")
+    Failure::with_help(error, "check that the folder exists, and that file and folder are writable")
 }
 
 fn unwritten(error: ServerError) -> Failure {
@@ -187,7 +188,7 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
         return Ok(Exit::Success);
     }
     if tokens.is_empty() {
-        ui.say("nobody may ask");
+        ui.say("no client may send requests");
     }
     let width = tokens.iter().map(|token| token.name.len()).max().unwrap_or(0);
     for token in &tokens {
@@ -217,7 +218,7 @@ fn revoke(args: &RevokeArgs, ui: &Ui) -> Outcome {
         .map_err(|error| Failure::refused(format!("{}: {}: {error}", args.tokens.display(), args.name)))?;
     file.replace(&done.text).map_err(unwritten)?;
     let lines = if done.lines > 1 { format!(", {} lines", done.lines) } else { String::new() };
-    let last = if done.was_last { "; it was the last: nobody may ask now" } else { "" };
+    let last = if done.was_last { "; it was the last: no client may send requests now" } else { "" };
     ui.say(format_args!("{} revoked{lines}{last}", args.name));
     Ok(Exit::Success)
 }

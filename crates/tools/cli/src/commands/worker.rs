@@ -137,11 +137,11 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     // Jobs that do not end are abandoned.
     runtime.shutdown_background();
     if finished {
-        voice.say("stopped; all that was accepted was answered");
+        voice.say("stopped; all accepted queries were answered");
         return Ok(Exit::Success);
     }
     voice.complain(format_args!(
-        "stopped before all that was accepted was answered; give more time with --grace (it was {} s)",
+        "stopped before all accepted queries were answered; allow more time with --grace (it was {} s)",
         args.grace
     ));
     Ok(Exit::Refused)

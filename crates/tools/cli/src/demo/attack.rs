@@ -39,7 +39,7 @@ pub(crate) fn attack_all(
     options: &DemoOptions,
     progress: &dyn Progress,
 ) -> Result<Attacked, DemoError> {
-    progress.start("Extracting what queries send", place.query_list.len());
+    progress.start("Extracting query keypoints", place.query_list.len());
     let mut images = Vec::new();
     for name in &place.query_list {
         images.push(sent_of(place, map, name, options.seed)?);
@@ -57,7 +57,7 @@ pub(crate) fn attack_all(
     let mut document = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
     // An operator of the map has its images.
     images.truncate(SHOWN);
-    progress.start("Extracting what the map shows", place.map_list.len());
+    progress.start("Extracting map keypoints", place.map_list.len());
     for name in &place.map_list {
         images.push(sent_of(place, map, name, options.seed)?);
         progress.advance(1);
@@ -65,7 +65,7 @@ pub(crate) fn attack_all(
     evaluation.attacks = vec![Attack::TRANSFER, Attack::RESTING_CAMERA, Attack::GRAPH];
     evaluation.frames = vec![SEALS];
     evaluation.images = Some(SHOWN);
-    let mut slow_watched = Watched::new(progress, "Laying out the graph of neighbours");
+    let mut slow_watched = Watched::new(progress, "Computing the layout of the neighbour graph");
     let slow = attack_groups(&evaluation, vec![group(&images)], &mut slow_watched)?;
     progress.finish();
     let mut shown = watched.gallery.shown.pop();

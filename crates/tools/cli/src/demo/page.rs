@@ -85,12 +85,12 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
         cards.push(Card {
             value: format!("{} of {}", dcl.localized, dcl.queries),
             label: "hidden views found with dcl".to_owned(),
-            note: "The server saw lines, never keypoints.".to_owned(),
+            note: "The server got lines, never keypoints.".to_owned(),
         });
         cards.push(Card {
             value: dcl.median_translation.map_or("–".to_owned(), |t| LengthUnit::Metres.in_words(t)),
             label: "median error of the position".to_owned(),
-            note: "Half of the views were placed better than this, in a room of several metres.".to_owned(),
+            note: "Half of the views have a smaller error, in a room of several metres.".to_owned(),
         });
     }
     let attack_on = |scheme: &str, attack: Attack| {
@@ -127,7 +127,7 @@ fn facts(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)
         ));
         facts.push((
             "Map build".to_owned(),
-            format!("{:.2} s an image", map.build_seconds / map.images.max(1) as f64),
+            format!("{:.2} s per image", map.build_seconds / map.images.max(1) as f64),
         ));
     }
     facts

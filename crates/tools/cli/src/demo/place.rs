@@ -39,7 +39,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
         std::fs::create_dir_all(folder).map_err(|source| DemoError::Io { path: folder.clone(), source })?;
     }
 
-    progress.start("Painting the place", 1);
+    progress.start("Rendering textures", 1);
     let place = Place::generate(options.seed);
     progress.advance(1);
     let path = place.camera_path(&PathOptions::with_counts(options.map_views, options.query_views));

@@ -28,10 +28,10 @@ Exit codes:
   0  done
   1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
   2  wrong usage of the command line
-  3  results could not be written (disk full, device gone), or there is a bug in veiloc
-  4  localized, but something speaks against a pose (of several queries: against at least one)
+  3  results could not be written (for example, the disk is full), or there is a bug in veiloc
+  4  localized, but a pose is doubtful (of several queries: at least one)
 
-A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
+If the reader closes the pipe (`veiloc … | head`), that is not an error.";
 
 impl Exit {
     /// Returns the exit code of the process.
@@ -84,10 +84,11 @@ impl Failure {
     /// A path that cannot be an output file is a refused input; a failing disk or device is not.
     pub(crate) fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
         if is_about_the_path(error.kind()) {
-            let help = "check that the folder exists, may be written, and has room";
+            let help = "check that the folder exists, is writable, and has free space";
             return Self::with_help(format!("{target}: {error}"), help);
         }
-        let help = "results are lost: make room, or write them elsewhere, and run the command again";
+        let help = "results are lost: free some space, or choose another destination, and run the command \
+                    again";
         Self::Output { report: miette::miette!(help = help, "{target}: cannot be written: {error}") }
     }
 
@@ -140,17 +141,17 @@ fn io_kind(error: &(dyn std::error::Error + 'static)) -> Option<ErrorKind> {
 pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
     match kind {
         ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
-        ErrorKind::IsADirectory => "check the path: it leads to a folder, and a file is wanted",
+        ErrorKind::IsADirectory => "check the path: it is a folder, and a file is expected",
         ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-            "check the permissions of the file and of its folder, or choose another place"
+            "check the permissions of the file and of its folder, or choose another path"
         }
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
-            "make room on the disk, or choose another place"
+            "free some space on the disk, or choose another path"
         }
         ErrorKind::UnexpectedEof | ErrorKind::InvalidData | ErrorKind::InvalidInput => {
-            "the file is cut short or damaged; copy it again or make it anew"
+            "the file is truncated or damaged; copy it again or create it again"
         }
-        _ => "check the path, and that the file and its folder may be read and written",
+        _ => "check the path, and that the file and its folder are readable and writable",
     }
 }
 
@@ -177,7 +178,7 @@ struct Places(Mutex<Vec<(ThreadId, String)>>);
 
 impl Places {
     fn keep(&self, info: &PanicHookInfo<'_>) {
-        let place = info.location().map_or_else(|| "an unknown place".to_owned(), ToString::to_string);
+        let place = info.location().map_or_else(|| "an unknown location".to_owned(), ToString::to_string);
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
     }
 
@@ -186,7 +187,7 @@ impl Places {
     fn last(&self) -> String {
         let places = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let own = places.iter().rev().find(|(id, _)| *id == thread::current().id());
-        own.or(places.last()).map_or_else(|| "an unknown place".to_owned(), |(_, place)| place.clone())
+        own.or(places.last()).map_or_else(|| "an unknown location".to_owned(), |(_, place)| place.clone())
     }
 }
 

@@ -23,7 +23,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     fs::read(path).map_err(|e| {
         Failure::with_help(
             format!("{}: {e}", path.display()),
-            "check the path, and that the file may be read",
+            "check the path, and that the file is readable",
         )
     })
 }
@@ -60,8 +60,8 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let fault = |e: std::io::Error| Failure::output(path.display(), &e);
     if is_standard(path) {
         return Err(Failure::with_help(
-            "-: stdout is for other results of this command",
-            "name a file; ./- is one of this name",
+            "-: stdout is used for other results of this command",
+            "give a file name; ./- is a file named -",
         ));
     }
     if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
@@ -104,9 +104,8 @@ fn as_others_read<'a, 'b, 'c>(
 /// # Errors
 /// The folder cannot be created; the error names it.
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
-    fs::create_dir_all(path).map_err(|e| {
-        Failure::with_help(format!("{}: {e}", path.display()), "choose a folder that may be written")
-    })
+    fs::create_dir_all(path)
+        .map_err(|e| Failure::with_help(format!("{}: {e}", path.display()), "choose a writable folder"))
 }
 
 #[cfg(test)]

@@ -133,7 +133,7 @@ pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
             }
             Ok(()) if inside.is_empty() => Some(Fault::new(
                 FaultKind::Unreadable,
-                format_args!("holds no {}; give a folder that has some in it, or the files", wanted.what),
+                format_args!("contains no {}; give a folder that contains some, or the files", wanted.what),
             )),
             Ok(()) => None,
         };

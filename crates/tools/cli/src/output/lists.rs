@@ -26,7 +26,7 @@ pub(crate) struct Listed {
 pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let text = String::from_utf8(files::read(path)?)
-        .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name a line"))?;
+        .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name per line"))?;
     let mut listed = Vec::new();
     let mut seen = BTreeSet::new();
     for (line, words) in (1..).zip(text.lines().map(str::trim)) {
@@ -37,18 +37,18 @@ pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
         let camera = camera.map(intrinsics).transpose().map_err(|e| {
             refused(
                 format!("line {line}: {e}"),
-                "behind a name stands nothing, or MODEL W H PARAMS… of its camera",
+                "a name may be followed by its camera, MODEL W H PARAMS…, and by nothing else",
             )
         })?;
         if !seen.insert(name) {
-            return Err(refused(format!("{name} is there twice"), "name every image once"));
+            return Err(refused(format!("{name} occurs twice"), "list every image once"));
         }
         listed.push(Listed { name: name.to_owned(), camera, line });
     }
     if listed.is_empty() {
         return Err(refused(
             "names no image".to_owned(),
-            "write one image name a line, relative to the folder of the images",
+            "write one image name per line, relative to the folder of the images",
         ));
     }
     Ok(listed)
@@ -64,12 +64,12 @@ pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
     if let Some(with) = listed.iter().find(|l| l.camera.is_some()) {
         return Err(Failure::with_help(
             format!(
-                "{}: line {}: a camera stands behind the name, and it would not be used: cameras are those of the \
-                 COLMAP model",
+                "{}: line {}: a camera follows the name, and it would not be used: cameras are those of \
+                 the COLMAP model",
                 path.display(),
                 with.line
             ),
-            "give a list of names only, after a look whether the model's cameras are the right ones",
+            "check that the model's cameras are correct, and give a list of names only",
         ));
     }
     Ok(listed.into_iter().map(|l| l.name).collect())
@@ -83,12 +83,12 @@ pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
     match given {
         [folder] if folder.is_dir() => Ok(folder),
         [file] => Err(Failure::with_help(
-            format!("--list goes with a folder, and {} is none", file.display()),
+            format!("--list needs a folder, and {} is not a folder", file.display()),
             "give the folder that the names of the list are relative to",
         )),
         _ => Err(Failure::with_help(
-            "--list goes with one folder, and several places are given",
-            "give the folder that the names of the list are relative to, and no more",
+            "--list needs exactly one folder, and several inputs are given",
+            "give only the folder that the names of the list are relative to",
         )),
     }
 }

@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(tenths.len(), 10);
         assert_eq!(tenths[0], "Extracting features 90/900");
         let slow = told(1000);
-        assert_eq!(slow.len(), 90, "tenths fall on the tens of seconds here");
+        assert_eq!(slow.len(), 90, "here every tenth falls on a multiple of ten seconds");
         assert_eq!(slow[0], "Extracting features 10/900");
     }
 

@@ -41,7 +41,7 @@ impl Ui {
     }
 
     /// Prints a problem that does not end the work.
-    #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
+    #[expect(clippy::unused_self, reason = "all printing goes through one value")]
     pub(crate) fn complain(&self, text: impl std::fmt::Display) {
         tell(text);
     }
@@ -85,12 +85,13 @@ impl Ui {
     }
 
     /// Prints an error with its remedy.
-    #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
+    #[expect(clippy::unused_self, reason = "all printing goes through one value")]
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
             Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),
             Failure::Bug { place } => tell(format_args!(
-                "veiloc broke at {place}\nThis is a bug in veiloc; please report it with the command you ran."
+                "veiloc panicked at {place}\nThis is a bug in veiloc; please report it with the command \
+                 you ran."
             )),
         }
     }

@@ -69,7 +69,7 @@ fn what_makes_no_sense_is_refused() {
         ("attack --synthetic 9 --corrupt 101", 2, "from 0 to 100"),
         ("attack --synthetic 9 -k 0", 2, "-k"),
         ("attack --synthetic 9 --attacks graph-near-angles", 1, "predicted from descriptors"),
-        ("attack --synthetic 9 --schemes points", 1, "hides nothing"),
+        ("attack --synthetic 9 --schemes points", 1, "hides no positions"),
         ("attack bad.jsonl", 1, "bad.jsonl:1"),
         ("attack empty.jsonl", 1, "empty.jsonl"),
         ("attack missing.jsonl", 1, "missing.jsonl"),

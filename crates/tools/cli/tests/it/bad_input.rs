@@ -369,12 +369,12 @@ fn posed_models_and_lists() {
     check(
         place,
         vec![
-            refused(list("empty"), &["bad/empty.txt", "write one image name a line"]),
-            refused(list("comments"), &["bad/comments.txt", "write one image name a line"]),
+            refused(list("empty"), &["bad/empty.txt", "write one image name per line"]),
+            refused(list("comments"), &["bad/comments.txt", "write one image name per line"]),
             refused(list("twice"), &["bad/twice.txt", "map-00.png", "twice", "once"]),
-            refused(list("unposed"), &["map-99.png", "no pose", "take it from the list"]),
+            refused(list("unposed"), &["map-99.png", "no pose", "remove it from the list"]),
             refused(list("climbing"), &["../secret.png", "no pose"]),
-            refused(list("binary"), &["bad/binary.txt", "one image name a line"]),
+            refused(list("binary"), &["bad/binary.txt", "one image name per line"]),
             refused(list("missing"), &["bad/missing.txt", "check the path"]),
             refused(list("intrinsics"), &["bad/intrinsics.txt", "line 1", "would not be used", "names only"]),
             refused(list("one"), &["no point could be triangulated", "overlap"]),
@@ -394,7 +394,7 @@ fn posed_models_and_lists() {
             refused("map build --posed posed --images bad -o bad/x.vmap", &["map-00.png", "check the path"]),
             refused(build("posed", "map.txt", "bad/no/such/x.vmap"), &["bad/no/such/x.vmap", "folder"]),
             refused(build("posed", "map.txt", "bad/here/x.vmap"), &["bad/here/x.vmap", "folder"]),
-            refused(build("posed", "map.txt", "images"), &["images", "a file is wanted"]),
+            refused(build("posed", "map.txt", "images"), &["images", "a file is expected"]),
             refused(
                 "map import --model posed --images images -o bad/x.vmap",
                 &["0 points", "build a map instead"],
@@ -410,7 +410,7 @@ fn posed_models_and_lists() {
             ),
             refused(
                 "eval scene --posed posed --images images --map-list bad/empty.txt --query-list queries.txt",
-                &["bad/empty.txt", "write one image name a line"],
+                &["bad/empty.txt", "write one image name per line"],
             ),
         ],
     );
@@ -428,7 +428,7 @@ fn blank_images() {
     }
     place.write("bad/blank.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\n");
     let build = "map build --posed posed --images blank --list bad/blank.txt -o bad/blank.vmap";
-    check(place, vec![refused(build, &["no usable keypoints", "are they blank"])]);
+    check(place, vec![refused(build, &["no usable keypoints", "not blank"])]);
 }
 
 #[test]
@@ -466,7 +466,7 @@ fn problems() {
         refused("eval pose bad/nothing.jsonl", &["bad/nothing.jsonl", "one JSON object a line is expected"]),
         refused("eval pose bad/gzip.jsonl.gz", &["bad/gzip.jsonl.gz", "copy it again"]),
         refused("eval pose bad/absent.jsonl", &["bad/absent.jsonl", "check the path"]),
-        refused("eval pose images", &["images", "a file is wanted"]),
+        refused("eval pose images", &["images", "a file is expected"]),
         refused("eval pose bad/good.jsonl --json bad/no/such/r.json", &["bad/no/such/r.json", "folder"]),
         misused("eval pose bad/good.jsonl --schemes dcl,cubes", &["cubes", "points"]),
         misused("eval pose bad/good.jsonl --thresholds 5", &["TRANSLATION/DEGREES"]),
@@ -560,7 +560,7 @@ fn outputs() {
             ),
             refused(
                 two("images/query-0.png images/query-1.png", "bad/file"),
-                &["bad/file", "choose a folder"],
+                &["bad/file", "choose a writable folder"],
             ),
             refused(two("images/query-0.png", "bad/no/such/q.vquery"), &["bad/no/such/q.vquery", "folder"]),
             refused(

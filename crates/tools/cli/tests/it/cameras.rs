@@ -91,5 +91,5 @@ fn gravity_is_sent_when_it_is_given_and_of_one_image() {
     }
     let run =
         place.run(&format!("{} -o several/ --gravity 0,1,0", seal("images/query-0.png images/query-1.png")));
-    assert!(run.code == Some(1) && run.stderr.contains("of one image"), "{run}");
+    assert!(run.code == Some(1) && run.stderr.contains("for one image"), "{run}");
 }

@@ -27,7 +27,7 @@ fn a_city_is_a_place_that_maps_localize_in() {
     assert!(right >= 1, "{found}");
 
     let refused = place.run("synth city --out city --rooms 1");
-    assert!(refused.code == Some(1) && refused.stderr.contains("there is something in it"), "{refused}");
+    assert!(refused.code == Some(1) && refused.stderr.contains("the folder is not empty"), "{refused}");
     let refused = place.run("synth city --out none --rooms 1 --differing 1.5");
     assert!(refused.code == Some(1) && refused.stderr.contains("from 0 to 1"), "{refused}");
     assert!(!place.path("none").exists());

@@ -208,7 +208,7 @@ fn results_that_cannot_be_written_end_with_3() {
         let (code, stderr) = into_a_full_device(place, &command);
         assert_eq!(code, Some(3), "{command}: {stderr}");
         assert!(stderr.contains("stdout") && stderr.contains("cannot be written"), "{command}: {stderr}");
-        assert!(!stderr.contains("veiloc broke"), "{command}: {stderr}");
+        assert!(!stderr.contains("veiloc panicked"), "{command}: {stderr}");
     }
     // The same for a file on a full device or disk.
     for command in [

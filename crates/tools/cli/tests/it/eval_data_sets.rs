@@ -185,7 +185,7 @@ fn what_is_missing_is_named_with_where_it_is_got() {
     }
     let refused = place.run("synth export --layout 7scenes --out empty");
     assert_eq!(refused.code, Some(1), "{refused}");
-    assert!(refused.stderr.contains("there is something in it"), "{refused}");
+    assert!(refused.stderr.contains("the folder is not empty"), "{refused}");
     let refused = place.run("eval tables empty/here.txt");
     assert_eq!(refused.code, Some(1), "{refused}");
 }

@@ -71,5 +71,5 @@ fn what_makes_no_sense_is_refused() {
         assert!(run.stderr.contains(says), "{run}");
     }
     let help = place.run("eval layouts --help").succeeded().stdout;
-    assert!(help.contains("several-seals") && help.contains("@DEG infinitely far"), "{help}");
+    assert!(help.contains("several-seals") && help.contains("@DEG at infinity"), "{help}");
 }

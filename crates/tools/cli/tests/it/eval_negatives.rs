@@ -116,7 +116,7 @@ fn bad_images_are_named_and_do_not_stop_the_others() {
     let place = ready();
     let run = place.run(&format!("{ASK} --images mixed --json mixed.json"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("2 of 3 asked for their place") && run.stderr.contains("notes.jpg"), "{run}");
+    assert!(run.stderr.contains("2 of 3 queried") && run.stderr.contains("notes.jpg"), "{run}");
     let mixed = document(&place.read("mixed.json"));
     assert_eq!((&mixed["images"], &mixed["failed"]), (&3.into(), &1.into()));
     assert_eq!(

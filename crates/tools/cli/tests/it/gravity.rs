@@ -73,7 +73,7 @@ fn queries_are_held_upright_where_the_map_knows_and_told_so_where_it_does_not() 
     assert!(plain.get("gravity").is_none() && !said.contains("down"), "{plain} {said}");
     let (unused, said) = localized("place.vmap", "true.vquery");
     assert_eq!(unused["gravity"], "unused");
-    assert!(said.contains("1 of 1 tell which way is down") && said.contains("--down"), "{said}");
+    assert!(said.contains("1 of 1 have a direction of gravity") && said.contains("--down"), "{said}");
     let (used, said) = localized("upright.vmap", "true.vquery");
     assert_eq!((&used["gravity"], &used["state"]), (&"used".into(), &"trusted".into()));
     assert!(!said.contains("down"), "{said}");

@@ -82,7 +82,7 @@ fn features_of_another_name_are_a_kind_of_their_own() {
     seal("--features-file feats.h5").succeeded();
     place.run("localize --map theirs.vmap theirs.vquery").succeeded();
     let other = seal("--features sift --features-file feats.h5");
-    assert!(other.code == Some(1) && other.stderr.contains("never match"), "{other}");
+    assert!(other.code == Some(1) && other.stderr.contains("do not match"), "{other}");
     // They were extracted from the whole image.
     let (white, black) = (image::Luma([255_u8]), image::Luma([0_u8]));
     let mask = image::GrayImage::from_fn(400, 300, |x, _| if x < 100 { black } else { white });

@@ -55,7 +55,11 @@ fn who_leaves_a_map_is_told_what_stays_and_can_have_it_forgotten() {
     let kept = copy(place, "kept");
     let run = place.run(&format!("map remove {kept} map-02.png")).succeeded();
     assert!(run.stderr.contains("words of the vocabulary") && run.stderr.contains("--retrain"), "{run}");
-    assert_eq!(info(place, &kept)["profile"], before["profile"], "queries sealed for the map still fit");
+    assert_eq!(
+        info(place, &kept)["profile"],
+        before["profile"],
+        "queries sealed for the map are still valid"
+    );
 
     let forgot = copy(place, "forgot");
     let run = place.run(&format!("map remove {forgot} map-02.png --retrain")).succeeded();
@@ -132,7 +136,7 @@ fn poses_need_no_points_and_wrong_ones_are_doubted() {
     fields[4] = "660";
     place.write("long/cameras.txt", fields.join(" "));
     place.write("long/images.txt", place.read("posed/images.txt"));
-    is_refused(place, &build("long"), "long", "about 2.00 times the right one", "focal-length");
+    is_refused(place, &build("long"), "long", "about 2.00 times the correct one", "focal-length");
 }
 
 /// With camera-to-world poses the existing map stays, and the error names the cause.
@@ -152,7 +156,7 @@ fn inverted_poses_are_called_so_and_a_good_map_stays() {
         "map build --posed turned --images images --list map.txt --max-keypoints 1024 -o turned.vmap --json";
     let run = place.run(build);
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("poses look camera-to-world"), "{run}");
+    assert!(run.stderr.contains("poses seem to be camera-to-world"), "{run}");
     assert_eq!(place.read("turned.vmap"), b"a good map");
 }
 

@@ -168,7 +168,7 @@ fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
         ("--mask bad/text.png", &["bad/text.png", "cannot decode"]),
         ("--mask bad/gone.png", &["bad/gone.png", "cannot read"]),
         ("--masks bad", &["query-0.png.png", "cannot read"]),
-        ("--mask bad/nothing.png images/query-1.png", &["--mask is of one image"]),
+        ("--mask bad/nothing.png images/query-1.png", &["--mask is for one image"]),
     ] {
         refused(place, &seal(more).replace("masked.vquery", "none.vquery"), says);
         assert!(!place.path("none.vquery").exists(), "{more}");

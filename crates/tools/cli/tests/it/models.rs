@@ -44,10 +44,10 @@ fn a_described_network_maps_seals_and_localizes() {
 
     // `corners` without a description; another kind than the map's; compact rows for a map of corners.
     refused(place, &format!("{seal} -o none.vquery"), &["no features of the name \"corners\"", "xfeat"]);
-    refused(place, &format!("{seal} --features sift -o none.vquery"), &["never match", "corners", "sift"]);
+    refused(place, &format!("{seal} --features sift -o none.vquery"), &["do not match", "corners", "sift"]);
     let of_compact =
         format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o none.vquery");
-    refused(place, &format!("{of_compact} {features}"), &["never match", "corners", "compact"]);
+    refused(place, &format!("{of_compact} {features}"), &["do not match", "corners", "compact"]);
     place
         .run(&format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o compact.vquery"))
         .succeeded();
@@ -95,7 +95,7 @@ fn a_projected_network_maps_seals_and_localizes() {
     let run = place.run("localize --map wide.vmap small.vquery");
     assert!(run.code == Some(1) && run.stdout.contains("sealed with profile"), "{run}");
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile wide.vprofile -o none.vquery");
-    refused(place, &format!("{seal} {features}"), &["never match", "corners", "corners-compact"]);
+    refused(place, &format!("{seal} {features}"), &["do not match", "corners", "corners-compact"]);
 }
 
 /// A map with global descriptors of whole images: sealing requires consent to exactly this model.
@@ -117,10 +117,10 @@ fn l14_a_map_that_asks_for_the_image_needs_consent() {
         &format!("{whole} -o none.vquery"),
         &["global descriptor of the image (corner-map, 720 numbers)", "--image-global corner-map", "L14"],
     );
-    refused(place, &format!("{whole} --image-global vlad -o none.vquery"), &["never match"]);
+    refused(place, &format!("{whole} --image-global vlad -o none.vquery"), &["do not match"]);
     refused(place, &format!("{whole} --image-global gem -o none.vquery"), &["\"gem\"", "xfeat-netvlad"]);
     let run = place.run(&format!("{whole} --image-global {file} --json -o whole.vquery")).succeeded();
-    assert!(run.stderr.contains("tells more of it than the rows do"), "{run}");
+    assert!(run.stderr.contains("reveals more than the local descriptors"), "{run}");
     assert!(run.stderr.contains("as dcl with corner-map of the image"), "{run}");
     let document = run.json();
     assert_eq!(document["images"][0]["image_global"], "corner-map", "{document}");
@@ -166,7 +166,7 @@ fn maps_are_of_compact_descriptors_unless_told_otherwise() {
     refused(
         place,
         &format!("{seal} --profile place.vprofile --features sift -o none.vquery"),
-        &["never match"],
+        &["do not match"],
     );
     let run =
         place.run("map build --posed posed --images images -o x.vmap --features compact --model-file f.onnx");

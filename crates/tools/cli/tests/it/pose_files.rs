@@ -114,7 +114,7 @@ fn what_does_not_fit_together_is_told_before_the_work() {
         (of("spaced.txt", "--out-hloc a.txt"), "white space"),
         (of("away.txt", ""), "leads out of"),
         (of("list.txt", "--out-tum -"), "stdout"),
-        (of("list.txt", "--camera unknown"), "camera of its own"),
+        (of("list.txt", "--camera unknown"), "its own camera"),
     ] {
         assert!(run.code == Some(1) && run.stderr.contains(word), "{word}: {run}");
         assert!(!place.path("a.txt").exists());

@@ -39,7 +39,7 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
     }
     let told = place.run(&format!("map info {}", file(&regions[0]))).succeeded();
     assert!(told.stdout.contains("images of the 10 of the whole map"), "{told}");
-    assert!(told.stdout.contains("of the whole map, whose calibrations"), "{told}");
+    assert!(told.stdout.contains("of the whole map, whose calibration"), "{told}");
     for query in ["query-0.png", "query-1.png", "query-2.png"] {
         let sealed = format!("regions-{query}.vquery");
         place.seal(query, "dcl", &sealed);
@@ -63,7 +63,7 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
         (format!("map remove {} map-00.png -o again.vmap", file(&regions[0])), "a region of a larger"),
         (format!("map split {} --out again", file(&regions[0])), "cut the whole map"),
         ("map split place.vmap --out again --overlap 2".to_owned(), "from 0 to 0.9"),
-        ("map split place.vmap --out again --name a/b".to_owned(), "no name of a map"),
+        ("map split place.vmap --out again --name a/b".to_owned(), "not a valid map name"),
     ] {
         let refused = place.run(&command);
         assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");

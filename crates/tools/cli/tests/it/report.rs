@@ -65,7 +65,7 @@ fn a_scene_is_reported_and_its_document_stays_as_it_is() {
     place.run(&format!("{SCENE} {few}")).succeeded();
     let text = page(place, "few.html");
     assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 1);
-    assert!(!text.contains("data:image") && text.contains("The images are left out of this file"));
+    assert!(!text.contains("data:image") && text.contains("but no images"));
     assert!(text.contains("Queries that are not drawn"));
 
     let run = place.run(&format!("{SCENE} --report-without-images"));

@@ -81,9 +81,9 @@ fn what_is_no_rig_is_told() {
     };
     let many = |document: &mut Value| document["frames"] = vec![document["frames"][0].clone(); 33].into();
     let cases: [(String, &[&str]); 12] = [
-        (String::new(), &["no rig file", "frames"]),
-        ("{".to_owned(), &["no rig file"]),
-        ("[]".to_owned(), &["no rig file"]),
+        (String::new(), &["not a rig file", "frames"]),
+        ("{".to_owned(), &["not a rig file"]),
+        ("[]".to_owned(), &["not a rig file"]),
         (json!({"frames": []}).to_string(), &["0 frames", "1 to 32"]),
         (with(&many), &["33 frames", "1 to 32"]),
         (with(&|d| d["more"] = 1.into()), &["unknown field", "more"]),
@@ -104,7 +104,7 @@ fn what_is_no_rig_is_told() {
             with(&|d| d["frames"][2]["query"] = "rig-bad.json".into()),
             &["frame 2 (rig-bad.json)", "veiloc seal"],
         ),
-        (with(&|d| d["frames"][1]["cam_from_rig"]["t"] = json!([0, 0])), &["no rig file", "length"]),
+        (with(&|d| d["frames"][1]["cam_from_rig"]["t"] = json!([0, 0])), &["not a rig file", "length"]),
     ];
     for (text, says) in cases {
         place.write("session/rig-bad.json", &text);

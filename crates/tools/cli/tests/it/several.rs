@@ -128,7 +128,7 @@ fn folders_keep_their_shape_and_names_do_not_clash() {
         assert_eq!(names(place, &format!("{folder}/camB")), ["0001.vquery"]);
     }
     let run = place.run(&seal("rig/camA/0001.png rig/camB/0001.png", "loose"));
-    assert!(run.code == Some(1) && run.stderr.contains("folder above them"), "{run}");
+    assert!(run.code == Some(1) && run.stderr.contains("parent folder"), "{run}");
     assert!(!place.path("loose").exists(), "refused before the work");
 
     // One image is written into an existing folder, or into a path that ends in `/`.

@@ -40,7 +40,7 @@ fn a_token_is_shown_once_and_known_by_its_hash() {
     folder.run("token revoke phone --tokens tokens").succeeded();
     assert_eq!(list(&folder).entries().len(), 1);
     let last = folder.run("token revoke ops --tokens tokens").succeeded();
-    assert!(last.stderr.contains("nobody may ask"));
+    assert!(last.stderr.contains("no client may send requests"));
     assert!(list(&folder).entries().is_empty(), "and not a file that counts as an unfinished one");
     folder.run("token new again --tokens tokens").succeeded();
     assert_eq!(list(&folder).entries().len(), 1);
@@ -56,7 +56,7 @@ fn what_is_wrong_is_refused_and_the_file_stays() {
         ("token new phone --tokens tokens", 1, "revoke it first"),
         ("token new nobody --tokens tokens", 1, "not `nobody`"),
         ("token new a/b --tokens tokens", 1, "letters, digits"),
-        ("token new b --tokens tokens --expires 2020-01-01", 1, "that is over"),
+        ("token new b --tokens tokens --expires 2020-01-01", 1, "in the past"),
         ("token new b --tokens tokens --expires tomorrow", 2, "2027-01-31"),
         ("token new b --tokens tokens --days 0", 2, "--days"),
         ("token new b --tokens tokens --days 4000000000", 1, "9999"),

@@ -52,7 +52,7 @@ impl MatchFiles {
                 break;
             }
         }
-        let (lock, own) = own.expect("some file is nobody's: numbers do not end");
+        let (lock, own) = own.expect("the numbers are unbounded, so some file is unused");
         Ok(Self { own: Mutex::new(own), others, _lock: lock })
     }
 

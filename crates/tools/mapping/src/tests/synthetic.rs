@@ -130,7 +130,7 @@ fn the_points_of_a_known_place_are_found() {
     let mut found = vec![0; place.points.len()];
     for point in &model.points {
         let (p, share) = shown_by(&place, point, &all);
-        assert!(share > 0.99, "a track of keypoints of several points");
+        assert!(share > 0.99, "a track with keypoints of several points");
         let apart = (point.position.coords - place.points[p]).norm();
         assert!(
             apart < 0.05,
@@ -173,7 +173,7 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
     assert_eq!(model.images.len(), 14);
     let unseen = |p: &&MapPoint| p.track.iter().all(|o| o.image < 14);
     for old in before.points.iter().filter(unseen) {
-        assert!(model.points.contains(old), "a point that the images did not see changed");
+        assert!(model.points.contains(old), "a point that the images do not observe changed");
     }
     assert!(model.points.iter().flat_map(|p| &p.track).all(|o| o.image < 14));
 
@@ -271,7 +271,7 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
 
     let mut kept = whole.clone();
     remove(&mut kept, &leaving, Words::Keep, &()).unwrap();
-    assert_eq!(kept.profile, whole.profile, "queries sealed for the map still fit");
+    assert_eq!(kept.profile, whole.profile, "queries sealed for the map are still valid");
 
     let mut retrained = whole.clone();
     remove(&mut retrained, &leaving, Words::Retrain, &()).unwrap();

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum SettingsError {
     /// The file cannot be read.
-    #[error("{}: {source}; give a file of settings with --config or VEILOC_CONFIG", path.display())]
+    #[error("{}: {source}; give a settings file with --config or VEILOC_CONFIG", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -25,7 +25,7 @@ pub enum SettingsError {
         reason: String,
     },
     /// The key does not exist.
-    #[error("{}, line {line}: {key:?} is no setting; {remedy}", path.display())]
+    #[error("{}, line {line}: {key:?} is not a setting; {remedy}", path.display())]
     UnknownKey {
         /// The file.
         path: PathBuf,
@@ -37,7 +37,7 @@ pub enum SettingsError {
         remedy: String,
     },
     /// The value has the wrong type.
-    #[error("{}, line {line}: {key} is given {found}, and needs {expected}", path.display())]
+    #[error("{}, line {line}: {key} has {found}, and needs {expected}", path.display())]
     WrongType {
         /// The file.
         path: PathBuf,
@@ -51,7 +51,7 @@ pub enum SettingsError {
         expected: String,
     },
     /// The flag refuses the value.
-    #[error("{place}: {key} cannot be that: {reason}")]
+    #[error("{place}: {key} has an invalid value: {reason}")]
     Value {
         /// File and line, or the variable.
         place: String,
@@ -61,7 +61,7 @@ pub enum SettingsError {
         reason: String,
     },
     /// A path is not UTF-8, and TOML cannot hold it.
-    #[error("{key}: a path that is no UTF-8 cannot be printed as TOML; rename it")]
+    #[error("{key}: a path that is not UTF-8 cannot be printed as TOML; rename it")]
     NotText {
         /// The key.
         key: String,

@@ -54,7 +54,7 @@ pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found,
     let table = DeTable::parse(text).map_err(|error| SettingsError::Syntax {
         path: path.to_owned(),
         line: line(error.span().map_or(0, |span| span.start)),
-        reason: error.message().lines().next().unwrap_or("this is no TOML").to_owned(),
+        reason: error.message().lines().next().unwrap_or("this is not TOML").to_owned(),
     })?;
     let mut found = Found { path: path.to_owned(), entries: BTreeMap::new() };
     for (key, value) in table.get_ref() {

@@ -105,11 +105,11 @@ fn what_is_wrong_is_named_with_its_line_and_remedy() {
         ("drain_delay = 1", &["line 1", "did you mean `drain-delay`?"]),
         ("[serve]\nqueue = 1", &["line 1", "\"serve\""]),
         ("config = \"other\"", &["\"config\""]),
-        ("queue = \"8\"", &["line 1: queue is given a text, and needs a whole number"]),
+        ("queue = \"8\"", &["line 1: queue has a text, and needs a whole number"]),
         ("queue = 8.0", &["a number with a point"]),
         ("queue = [8]", &["a list"]),
-        ("queue = -1", &["line 1: queue cannot be that"]),
-        ("queue = 99999999999", &["line 1: queue cannot be that"]),
+        ("queue = -1", &["line 1: queue has an invalid value"]),
+        ("queue = 99999999999", &["line 1: queue has an invalid value"]),
         ("workers = 1979-05-27", &["a date"]),
         ("log-json = 1", &["`true` or `false`"]),
         ("maps = true", &["a text in quotation marks"]),
@@ -125,9 +125,9 @@ fn what_is_wrong_is_named_with_its_line_and_remedy() {
     }
     let hidden =
         settle(&["--queue=1"], &[("VEILOC_QUEUE", "2")], Some("queue = -1")).expect_err("a wrong file");
-    assert!(hidden.to_string().contains("line 1: queue cannot be that"), "{hidden}");
+    assert!(hidden.to_string().contains("line 1: queue has an invalid value"), "{hidden}");
     let error = settle(&[], &[("VEILOC_QUEUE", "many")], None).expect_err("no number").to_string();
-    assert!(error.contains("VEILOC_QUEUE: queue cannot be that: invalid digit"), "{error}");
+    assert!(error.contains("VEILOC_QUEUE: queue has an invalid value: invalid digit"), "{error}");
     let error = settle(&[], &[("VEILOC_LOG_JSON", "yes")], None).expect_err("no switch").to_string();
     assert!(error.contains("`true` or `false`"), "{error}");
     let error =

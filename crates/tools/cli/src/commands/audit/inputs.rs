@@ -67,8 +67,8 @@ impl Inputs {
         if !loose.is_empty() {
             if loose.len() > most {
                 return Err(Failure::with_help(
-                    format!("{} images are given, and {most} would be attacked", loose.len()),
-                    format!("say --images {} to attack all of them", loose.len()),
+                    format!("{} images are given, and only {most} would be attacked", loose.len()),
+                    format!("give --images {} to attack all of them", loose.len()),
                 ));
             }
             let name = if loose.len() == 1 {
@@ -90,7 +90,7 @@ impl Inputs {
             group.images.retain(|(image, _)| {
                 let empty = image.keypoints.is_empty();
                 if empty {
-                    ui.say(format!("{}: no keypoint in it, left out", image.name));
+                    ui.say(format!("{}: no keypoints found, left out", image.name));
                     first.get_or_insert_with(|| image.name.clone());
                 }
                 !empty
@@ -99,8 +99,8 @@ impl Inputs {
         self.groups.retain(|group| !group.images.is_empty());
         match first {
             Some(name) if self.groups.is_empty() => Err(Failure::with_help(
-                format!("{name}: no keypoint in it, so there is nothing that could be attacked"),
-                "give a sharp image with some texture in it",
+                format!("{name}: no keypoints found, so there is nothing to attack"),
+                "give a sharp image with some texture",
             )),
             _ => Ok(()),
         }

@@ -73,17 +73,17 @@ pub(crate) struct Args {
 }
 
 const ADVERSARIES: &str = "\
-Adversaries, and what each knows beside the query:
-  outsider-statistic  what a statistic of descriptors learned from the keypoints of --train
-  outsider-neighbours what the network of --model learned elsewhere: who is whose neighbour
-  outsider-network    what the networks of --positions learned elsewhere: from all rows to positions
+Adversaries, and their knowledge beside the query:
+  outsider-statistic  descriptor statistics, learned from the keypoints of --train
+  outsider-neighbours the neighbour network of --model, trained on other scenes
+  outsider-network    the position networks of --positions, trained on other scenes: from all rows to positions
   map-server          images of the map, with keypoints
-  pose-server         the map and the pose, found from the query itself; only what the map does not show is counted,
+  pose-server         the map and the pose, estimated from the query; only keypoints without a map point are counted,
                       here and in the next two
   pose-server-images  the same with the keypoints of the map's images
-  several-frames      the poses of two or eight queries of the place
-  several-seals       eight seals of one image
-  true-neighbours     who is whose neighbour, told by an oracle: nobody is told, it is for comparison
+  several-frames      the poses of two or eight queries of the scene
+  several-seals       eight sealed queries of one image
+  true-neighbours     the true neighbours, from an oracle; no real attacker has them, for comparison only
 
 Example: veiloc eval keypoints photos -o photos.jsonl.gz
          veiloc eval adversaries --posed posed --images images --map-list map.txt --query-list query.txt \\

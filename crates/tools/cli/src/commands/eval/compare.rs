@@ -58,7 +58,7 @@ struct Document {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let (a, b) = (read(&args.a)?, read(&args.b)?);
     if a.data() != b.data() {
-        ui.complain(format!("A was evaluated on {}, B on {}", a.data().join(", "), b.data().join(", ")));
+        ui.complain(format!("A was evaluated on {}, and B on {}", a.data().join(", "), b.data().join(", ")));
     }
     let options = ComparisonOptions {
         rows: [args.row.clone(), args.against.clone()],
@@ -69,7 +69,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let comparison = compare(&a, &b, &options).map_err(|error| {
         Failure::with_help(
             error.to_string(),
-            "give two runs on the same queries; --row and --against name rows that differ",
+            "give two runs on the same queries; --row and --against select rows of different names",
         )
     })?;
     let text = comparison.table();
@@ -88,12 +88,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 
 fn read(path: &Path) -> Result<Run, Failure> {
     let text = std::fs::read_to_string(path).map_err(|e| {
-        Failure::with_help(format!("{}: {e}", path.display()), "give the file that --json wrote")
+        Failure::with_help(format!("{}: {e}", path.display()), "give a file written by --json")
     })?;
     Run::parse(&text).map_err(|error| {
         Failure::with_help(
             format!("{}: {error}", path.display()),
-            "give the file that `eval scene --json FILE` wrote",
+            "give a file written by `eval scene --json FILE`",
         )
     })
 }

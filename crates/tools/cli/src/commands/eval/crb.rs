@@ -87,7 +87,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 
 /// Parses an outlier ratio below 100 percent.
 fn percent(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if (0.0..100.0).contains(&value) {
         Ok(value)
     } else {

@@ -121,17 +121,18 @@ impl HtmlReport {
         let (queries, scenes) = (worst_first(&run.methods, &run.outcomes).len(), run.scenes.len());
         title.clone_into(&mut run.title);
         run.lead = format!(
-            "{queries} queries of {} were sealed under every scheme, sent as to a server, and localized in {}. The server saw lines \
-             and descriptors, neither images nor keypoints.",
+            "{queries} queries of {} were sealed under every scheme, encoded as for a server, and \
+             localized in {}. The server got lines and descriptors, neither images nor keypoints.",
             if scenes > 1 { format!("{scenes} scenes") } else { "one scene".to_owned() },
             if scenes > 1 { "the maps of their scenes" } else { "its map" },
         );
         let images = run.drawings.iter().filter(|drawing| drawing.image.is_some()).count();
         run.notices.push(match images {
-            0 => "The images are left out of this file; lines and map points are in it.".to_owned(),
+            0 => "This file contains lines and map points, but no images.".to_owned(),
             n => format!(
-                "This file contains {n} images of queries, whole, also what masks hide. They were put in on this device and sent \
-                 nowhere; who gets the file gets them. --report-without-images leaves them out."
+                "This file contains {n} complete query images, including the parts that masks hide. They \
+                 were added on this device and were not sent anywhere; everyone who gets the file gets \
+                 them. --report-without-images leaves them out."
             ),
         });
         run.data = TableData::parse(json).ok();

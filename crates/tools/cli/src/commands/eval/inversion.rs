@@ -96,13 +96,13 @@ pub(crate) struct Args {
 
 const ATTACKS: &str = "\
 Rows of the table:
-  points, none          keypoints as they are: what the network can do
-  guess                 the expected place on the single line
-  closed-form, graph    attacks that are told the true neighbours, which nobody is: the paper's, and a stronger one
+  points, none          the true keypoints: the limit of the network
+  guess                 prior-only baseline: the expected position on the single line
+  closed-form, graph    attacks with true neighbours, which no real attacker has: the paper's, and a stronger one
   realistic             the best of the attacks that --elsewhere, --positions and --map-list allow
   lines                 no attack: each descriptor spread over its line
-  bag, none             descriptors without any place
-  nothing, none         no descriptor at all: what the network answers that was told nothing
+  bag, none             descriptors without positions
+  nothing, none         no descriptor: the output of the network without input
 
 Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --sheet sheet.png";
 

@@ -68,19 +68,19 @@ pub(crate) struct Args {
 }
 
 const ADVERSARIES: &str = "\
-A layout is written dcl:axis=DEG:sectors=N[:shift=S][:across=DEG/N/S]:anchors=X/Y+X/Y…, anchors in image heights right
-and down of the image's centre, or @DEG infinitely far in that direction; two to four of them.
+Form of a layout: dcl:axis=DEG:sectors=N[:shift=S][:across=DEG/N/S]:anchors=X/Y+X/Y…, anchors in image heights right
+of and below the image's centre, or @DEG at infinity in that direction; two to four anchors.
 
-Adversaries; each counts by the best of their attacks (see `attack`):
-  outsider-statistic  has the query, and neighbours predicted from descriptors by what was learned elsewhere
+Adversaries; the best attack of each counts (see `attack`):
+  outsider-statistic  has the query, and predicts neighbours from descriptors, learned on other scenes
   outsider-neighbours the same with the network of --network
   outsider-network    has the query, and the network of --positions
   map-server          has the images of the map
-  pose-server         a server that has found the pose; what counts is what its map does not show
+  pose-server         a server that has estimated the pose; only keypoints without a map point are counted
   pose-server-images  the same with the keypoints of all map images
-  several-frames      a server that has found the poses of two or eight queries
-  several-seals       has eight seals of one image
-  true-neighbours     is told the true neighbours, which nobody is; for comparison";
+  several-frames      a server that has estimated the poses of two or eight queries
+  several-seals       has eight sealed queries of one image
+  true-neighbours     has the true neighbours, which no real attacker has; for comparison only";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.place.query_list)?;
@@ -119,7 +119,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 fn layout(text: &str) -> Result<DclLayout, String> {
     match text.parse() {
         Ok(Scheme::Dcl(layout)) => Ok(layout),
-        Ok(other) => Err(format!("{other} has no layout: give schemes of dcl")),
+        Ok(other) => Err(format!("{other} has no layout: give dcl schemes")),
         Err(error) => Err(error.to_string()),
     }
 }

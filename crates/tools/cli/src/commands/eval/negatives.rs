@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let given = images(args)?;
     let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
     let names = items::names(&items);
-    let mut tally = Tally::begin("asked for their place", &items, ui);
+    let mut tally = Tally::begin("queried", &items, ui);
     let mut faults = Vec::new();
     let mut usable = Vec::new();
     for ((item, camera), name) in given.into_iter().zip(names) {
@@ -138,8 +138,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     if !args.images.is_dir() {
         return Err(Failure::with_help(
-            format!("{} is no folder", args.images.display()),
-            "give the folder of the images of elsewhere",
+            format!("{} is not a folder", args.images.display()),
+            "give the folder of the out-of-map images",
         ));
     }
     let common = match args.camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()? {
@@ -156,12 +156,12 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
             if let Some(own) = listed.iter().find(|l| common.is_some() && l.camera.is_some()) {
                 return Err(Failure::with_help(
                     format!(
-                        "{}: line {}: {} has a camera of its own, and --camera is given too",
+                        "{}: line {}: {} has its own camera, and --camera is given too",
                         list.display(),
                         own.line,
                         own.name
                     ),
-                    "leave out --camera, or give a list of names only",
+                    "leave out --camera, or give a list without cameras",
                 ));
             }
             let items = items::listed(&args.images, listed.iter().map(|l| l.name.as_str()));
@@ -174,7 +174,7 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     if kept.is_empty() {
         return Err(Failure::with_help(
             format!("none of the {all} images belongs to this half"),
-            "take more images, or leave out --half",
+            "give more images, or leave out --half",
         ));
     }
     Ok(kept)

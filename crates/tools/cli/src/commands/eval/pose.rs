@@ -59,17 +59,17 @@ pub(crate) struct Args {
 
 const RECIPES: &str = "\
 Recipes (points are always sampled with p3p, lines of any direction with p6lp, or with the gravity solvers):
-  paper             MSAC; for dcl p6lp; all matches weighed alike
-  likelihood        the likelihood in place of MSAC
-  likelihood+prior  the same, matches weighed by ratio, votes and track length
+  paper             MSAC; for dcl p6lp; equal match weights
+  likelihood        the likelihood instead of MSAC
+  likelihood+prior  the same, with match weights from ratio, votes and track length
   vote              the same, for dcl with the radial vote
-  default           the engine as it is shipped, with prior
-  optimum           the engine's own optimum from the true pose: what a search that misses nothing finds
-  floor             least squares from the true pose on the truly right matches
+  default           the default settings, with prior
+  optimum           the engine's own optimum, started from the true pose: the result of a perfect search
+  floor             least squares from the true pose on the correct matches
 
-Problems may hold gravity_in_camera, the direction in which things fall as the camera feels it (+y for an upright
-camera), and gravity_in_world, the same direction in the map (default 0,0,-1). `--gravity DEG` takes the mean of the
-true cameras' down axes of a file for the world's down.";
+Problems may have gravity_in_camera, the direction of gravity in the camera frame (+y for an upright
+camera), and gravity_in_world, the same direction in the map (default 0,0,-1). `--gravity DEG` uses the mean of the
+true cameras' down axes of a file as the world's down.";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = PoseEvaluation::new(args.files.clone(), args.report.schemes.clone());

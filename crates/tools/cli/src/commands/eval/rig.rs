@@ -43,7 +43,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if scores.iter().any(|score| *score != veiloc_pose::ScoreKind::Likelihood) {
         return Err(Failure::with_help(
             "sessions are localized with the likelihood only",
-            "leave --score and --scores away",
+            "leave out --score and --scores",
         ));
     }
     let evaluation = RigEvaluation {

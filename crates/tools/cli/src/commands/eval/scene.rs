@@ -172,7 +172,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
         ui.say(format!(
-            "map: {} images, {} points, {:.1} MB ({:.0} bytes a point), built in {:.1} s ({:.2} s an image)",
+            "map: {} images, {} points, {:.1} MB ({:.0} bytes per point), built in {:.1} s ({:.2} s per image)",
             map.images,
             map.points,
             map.bytes as f64 / 1e6,

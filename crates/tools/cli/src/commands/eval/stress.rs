@@ -61,17 +61,17 @@ pub(crate) struct Args {
 }
 
 const STRESSES: &str = "\
-Stresses (to the gray image that features are extracted from, rounded to 8 bits again; what is random is drawn from
---seed, the name of the image and that of the stress):
-  dark            an eighth of the light: 500 electrons a white pixel instead of 4000, shot noise, 3 electrons of readout
-  motion          moved by 13/640 of the longer side during the exposure, in a random direction; light is averaged
+Stress conditions (applied to the gray image before feature extraction, rounded to 8 bits again; random choices depend
+on --seed, the name of the image and the name of the stress):
+  dark            an eighth of the light: 500 instead of 4000 electrons per white pixel, shot noise, 3 electrons of readout
+  motion          motion blur over 13/640 of the longer side, in a random direction
   half-hidden     flat gray over one half, cut through the middle in a random direction
-  side-hidden     flat gray over exactly the left or the right half, which may leave dcl one of its two anchors
-  low-resolution  shrunk to 160 pixels along the longer side, enlarged to the old size
-  sparse-map      a map of every tenth image of the map list, or closer where fewer than four would stay
+  side-hidden     flat gray over exactly the left or the right half, which may leave dcl only one of its two anchors
+  low-resolution  reduced to 160 pixels along the longer side, enlarged to the old size
+  sparse-map      a map of every tenth image of the map list, or more if fewer than four would remain
   few-keypoints   the device sends 256 rows, the smallest size class
-  focal-N         the device takes its focal length to be N percent too long or too short, and says it is calibrated
-                  (N from 1 to 50; only when asked for)";
+  focal-N         the device assumes a focal length N percent too long or too short, and declares it calibrated
+                  (N from 1 to 50; only if given)";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.place.query_list)?;
@@ -96,7 +96,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     ui.say(format!("map: {} images, {} points", result.map.images, result.map.points));
     if let Some(sparse) = &result.sparse_map {
         ui.say(format!(
-            "sparse map: one in {} of them, {} images, {} points",
+            "sparse map: one image in {}, {} images, {} points",
             sparse.every, sparse.map.images, sparse.map.points
         ));
     }

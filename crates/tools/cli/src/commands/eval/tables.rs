@@ -52,7 +52,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let refused = |what: &dyn std::fmt::Display| {
         Failure::with_help(
             format!("{}: {what}", args.results.display()),
-            "give the file that `eval 7scenes --json FILE` or another data set's command wrote",
+            "give a file written by `eval 7scenes --json FILE` or another data-set command",
         )
     };
     let text = std::fs::read_to_string(&args.results).map_err(|e| refused(&e))?;

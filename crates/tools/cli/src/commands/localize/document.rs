@@ -189,7 +189,8 @@ pub(super) fn found_query(file: String, found: &Localization) -> Query {
 /// Removes the pose and all statements on it, except the reasons for doubt.
 pub(super) fn withheld(query: Query) -> Query {
     let message = format!(
-        "its pose is withheld: {}; send another frame of the same session, or move on by a step or more first",
+        "its pose is withheld: {}; send another frame of the same session, or first move by at least one \
+         step",
         query.doubts.join("; ")
     );
     Query {

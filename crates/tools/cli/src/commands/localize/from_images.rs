@@ -76,15 +76,15 @@ impl ImageArgs {
         let (Some(list), Some(folder)) = (&self.list, &self.folder) else { return Ok(None) };
         if !folder.is_dir() {
             return Err(Failure::with_help(
-                format!("--images {} is no folder", folder.display()),
+                format!("--images {} is not a folder", folder.display()),
                 "give the folder that the names of the list are relative to",
             ));
         }
         let images = images_of_list(list, folder, &self.device, self.camera.as_ref())?;
         if images.len() > 1 && self.device.tells_gravity() {
             return Err(Failure::with_help(
-                "--gravity is of one image, and the list names several",
-                "seal each image with `veiloc seal`, with the direction felt when it was taken",
+                "--gravity is for one image, and the list names several",
+                "seal each image with `veiloc seal`, with the direction measured when it was taken",
             ));
         }
         let profile = map.profile().clone();

@@ -65,11 +65,13 @@ impl ReportArgs {
         }
         let images = run.drawings.iter().filter(|drawing| drawing.image.is_some()).count();
         run.notices.push(match images {
-            0 => "This file contains no images, only what was sent. --report-images names the folder of those that were sealed."
+            0 => "This file contains no images, only what was sent. Give the folder of the sealed images \
+                  with --report-images to add them."
                 .to_owned(),
             n => format!(
-                "This file contains {n} images of queries. They were put in on this device and sent nowhere; who gets the file gets \
-                 them. Their lens distortion is not removed, for a sealed query does not hold it, so lines may lie beside their keypoints."
+                "This file contains {n} query images. They were added on this device and were not sent \
+                 anywhere; everyone who gets the file gets them. Their lens distortion is not removed, \
+                 because a sealed query does not contain it, so lines may lie beside their keypoints."
             ),
         });
         html::write_page(path, &localization_page(&run), ui)

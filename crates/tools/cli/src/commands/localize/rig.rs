@@ -142,7 +142,7 @@ fn found_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) 
 /// Removes the poses and all statements on them, except the reasons for doubt.
 fn withheld(document: RigDocument) -> RigDocument {
     let message = format!(
-        "its pose is withheld: {}; take images from elsewhere in the place",
+        "its pose is withheld: {}; take images in another part of the scene",
         document.doubts.join("; ")
     );
     let frames = document.frames.into_iter().map(|frame| FrameDocument { cam_from_world: None, ..frame });

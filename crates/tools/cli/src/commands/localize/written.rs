@@ -56,15 +56,15 @@ impl WrittenArgs {
     pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
         if let Some(out) = self.files().find(|path| files::is_standard(path)) {
             return Err(Failure::with_help(
-                format!("{}: stdout is for the answers", out.display()),
-                "name a file; ./- is one of this name",
+                format!("{}: stdout is used for the results", out.display()),
+                "give a file name; ./- is a file named -",
             ));
         }
         let called = items.iter().map(|item| name_of(item, are_images));
         for name in called.filter(|_| self.out_hloc.is_some()) {
             if name.contains(char::is_whitespace) {
                 return Err(Failure::with_help(
-                    format!("{name:?} has white space, which ends a name in a file of results"),
+                    format!("{name:?} has white space, which separates the fields of a result file"),
                     "leave it out of the list, or give the image another name",
                 ));
             }

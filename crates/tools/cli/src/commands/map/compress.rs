@@ -95,13 +95,16 @@ impl CompressArgs {
             return Err(Failure::with_help(wrong, "give percentage points from 0 to 100"));
         }
         if !is_testable(whole) {
-            let wrong = format!("{}: this map cannot test itself", self.map.display());
-            return Err(Failure::with_help(wrong, "give --ratio or --size in the place of --recall-loss"));
+            let wrong = format!("{}: this map has no self-test", self.map.display());
+            return Err(Failure::with_help(wrong, "give --ratio or --size instead of --recall-loss"));
         }
         let found = smallest_within(whole, points, options, &SelfTestOptions::default(), stages)?;
         found.ok_or_else(|| {
-            let wrong = format!("{}: every smaller map loses more than {points} points", self.map.display());
-            Failure::with_help(wrong, "allow more with --recall-loss, or choose with --ratio")
+            let wrong = format!(
+                "{}: every smaller map loses more than {points} percentage points",
+                self.map.display()
+            );
+            Failure::with_help(wrong, "allow more with --recall-loss, or give --ratio")
         })
     }
 }

@@ -169,7 +169,9 @@ fn facts(map: &MapFile, path: &Path) -> Info {
 
 fn describe(info: &Info) -> String {
     let mut text = format!(
-        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, global descriptors {}, profile {}\n",
+        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, \
+         observed by {:.1} images each, mean reprojection error {:.2} px\n  per point   {:.0} bytes of \
+         the file\n  devices     {} features, global descriptors {}, profile {}\n",
         info.file,
         info.format_version,
         info.bytes as f64 / 1e6,
@@ -184,18 +186,20 @@ fn describe(info: &Info) -> String {
         info.global,
         info.profile,
     );
-    let unknown = || "not known: gravity that queries tell is not used".to_owned();
+    let unknown = || "not known: the gravity of queries is not used".to_owned();
     let down = info.down.map_or_else(unknown, |[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"));
     text.extend(["  down        ", &down, "\n"]);
     if let Some(region) = &info.region {
         text.extend([format!(
-            "  region      {} images of the {} of the whole map, {} in its core; images neither join nor leave it\n",
+            "  region      {} images of the {} of the whole map, {} in its core; images cannot be added \
+             or removed\n",
             info.images, region.images_of_whole, region.core_images
         )]);
     } else if let Some(whole) = &info.compressed {
         let times = whole.bytes as f64 / info.bytes.max(1) as f64;
         text.extend([format!(
-            "  compressed  {times:.1} times, from {:.1} MB with {} points and {} keypoints; images neither join nor leave it\n",
+            "  compressed  {times:.1} times, from {:.1} MB with {} points and {} keypoints; images cannot \
+             be added or removed\n",
             whole.bytes as f64 / 1e6,
             whole.points,
             whole.keypoints
@@ -205,15 +209,18 @@ fn describe(info: &Info) -> String {
         Some(test) => {
             text.push_str(&test.describe());
             if info.region.is_some() {
-                text.push_str("              of the whole map, whose calibrations hold for its regions\n");
+                text.push_str("              of the whole map, whose calibration applies to its regions\n");
             }
         }
-        None => text.push_str("  self-test   none: covariances are calibrated by those of other maps\n"),
+        None => text.push_str("  self-test   none: covariances are calibrated with those of other maps\n"),
     }
     for image in info.image_list.iter().flatten() {
         let ImageInfo { name, keypoints, points_seen, camera } = image;
         let name = printable(name);
-        text.extend([format!("{points_seen:>7} of {keypoints:>6} keypoints see points  {camera}  {name}\n")]);
+        text.extend([format!(
+            "{points_seen:>7} of {keypoints:>6} keypoints with a map point  {camera}  \
+                              {name}\n"
+        )]);
     }
     text
 }

@@ -68,7 +68,7 @@ impl KeepArgs {
                 out.display(),
                 model.points.len()
             ),
-            "mend what the warnings name, or write the map all the same with --keep-broken",
+            "fix the problems that the warnings name, or write the map anyway with --keep-broken",
         ))
     }
 }
@@ -143,8 +143,8 @@ impl SelfTestInfo {
     /// Text output: one line per scheme.
     pub(super) fn describe(&self) -> String {
         let head = format!(
-            "  self-test   {} images, each left out of the map; what they see is {:.3} map units away\n    {:<24}{:>9}{:>9}\
-             {:>9}{:>20}{:>9}{:>12}{:>15}\n",
+            "  self-test   {} images, each left out of the map; typical distance to the scene {:.3} map \
+             units\n    {:<24}{:>9}{:>9}{:>9}{:>20}{:>9}{:>12}{:>15}\n",
             self.images,
             self.scale,
             "",

@@ -87,8 +87,8 @@ impl SplitArgs {
         if veiloc_map::is_map_name(&name) {
             return Ok(name);
         }
-        let wrong = format!("{name:?} is no name of a map");
-        Err(Failure::with_help(wrong, "give 1 to 64 of letters, digits, `-`, `_` and `.` with --name"))
+        let wrong = format!("{name:?} is not a valid map name");
+        Err(Failure::with_help(wrong, "give 1 to 64 letters, digits, `-`, `_` and `.` with --name"))
     }
 }
 
@@ -137,7 +137,7 @@ fn describe(written: &Written<'_>) -> String {
     }
     let more = written.regions.len().saturating_sub(SHOWN);
     if more > 0 {
-        text.extend([format!("  and {more} more: the manifest names them all\n")]);
+        text.extend([format!("  and {more} more, listed in the manifest\n")]);
     }
     text
 }

@@ -71,7 +71,7 @@ fn tell(ui: &Ui, notice: &Notice) {
             ui.say(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
         }
         Notice::NotKept { file, reason } => {
-            ui.say(format!("{}: the profile could not be kept there: {reason}", file.display()));
+            ui.say(format!("{}: the profile could not be cached: {reason}", file.display()));
         }
     }
 }
@@ -86,27 +86,31 @@ fn user_cache() -> Option<PathBuf> {
 /// Adds a remedy to the error if there is one.
 pub(super) fn failure(error: ClientError) -> Failure {
     let help = match &error {
-        ClientError::PlainHttp { .. } => "use https://, or say with --insecure-http that the way is safe",
-        ClientError::Address { .. } => "begin it with https://, and give host, port and path only",
-        ClientError::Token => "give one line of letters and digits, as the operator made it",
+        ClientError::PlainHttp { .. } => {
+            "use https://, or give --insecure-http if the network path is \
+                                          secure"
+        }
+        ClientError::Address { .. } => "give an address of the form https://HOST:PORT/PATH",
+        ClientError::Token => "give the token as created by the operator: one line of letters and digits",
         ClientError::Certificates => "give a PEM file with --ca",
         ClientError::Network { .. } => {
-            "check the address and that the service runs; for a certificate of its own give --ca"
+            "check the address and that the service runs; for a self-signed certificate give --ca"
         }
         ClientError::Busy { .. } => "try again later",
         ClientError::NotLocalized(_) => {
-            "send another frame of the same session (--session FILE, with --orientation where the device knows it); without \
-             a session move on by a step or more first, for several images of one spot tell more than one"
+            "send another frame of the same session (--session FILE, with --orientation if the device \
+             knows it); without a session first move by at least one step, because several images from \
+             one position reveal more than one"
         }
         ClientError::WrongProfile(_) => {
-            "the map was exchanged meanwhile: send another frame of the same session (--session FILE, with --orientation \
-             where the device knows it); without a session this image must not be sealed twice: move on by a step or more \
-             and take another"
+            "the map was replaced in the meantime: send another frame of the same session (--session \
+             FILE, with --orientation if the device knows it); without a session do not seal this image \
+             twice: move by at least one step and take another image"
         }
         ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
             "give a token with --token-file or in VEILOC_TOKEN"
         }
-        ClientError::BadAnswer { .. } => "check the address; a service of another kind may be there",
+        ClientError::BadAnswer { .. } => "check the address; it may belong to another service",
         // The message is complete: it names the map, the query or the image.
         _ => {
             return Failure::refused(error);

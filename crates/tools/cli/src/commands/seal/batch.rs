@@ -190,26 +190,26 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
     let standard = files::is_standard(&args.out);
     if several && args.device.tells_gravity() {
         return Err(Failure::with_help(
-            "--gravity is of one image, and several are given",
-            "seal each image in a call of its own, with the direction felt when it was taken",
+            "--gravity is for one image, and several are given",
+            "seal each image in a separate call, with the direction measured when it was taken",
         ));
     }
     if several && args.mask.is_of_one_image() {
         return Err(Failure::with_help(
-            "--mask is of one image, and several are given",
-            "give the folder of their masks with --masks, or seal each image in a call of its own",
+            "--mask is for one image, and several are given",
+            "give the folder of their masks with --masks, or seal each image in a separate call",
         ));
     }
     if several && args.session.tells_orientation() {
         return Err(Failure::with_help(
-            "--orientation is of one image, and several are given",
-            "seal each image in a call of its own, with --session and the orientation it was taken with",
+            "--orientation is for one image, and several are given",
+            "seal each image in a separate call, with --session and its orientation",
         ));
     }
     if standard && (several || args.json) {
         return Err(Failure::with_help(
-            "--out -: stdout takes one sealed query, and nothing beside it",
-            "name a folder with --out",
+            "--out -: stdout can hold one sealed query and nothing else",
+            "give a folder with --out",
         ));
     }
     let jobs: Vec<Job> = with_cameras
@@ -239,7 +239,7 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
         // folder.
         return Err(Failure::with_help(
             format!("{}: there is no folder {}", args.out.display(), missing.display()),
-            "make the folder, or choose another --out",
+            "create the folder, or choose another --out",
         ));
     }
     Ok(jobs)
@@ -268,8 +268,8 @@ fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
                     a.item.path.display(),
                     a.out.display()
                 ),
-                "give the folder above them, whose sub-folders are kept, or seal them in two calls with different --out \
-                 folders",
+                "give their common parent folder, which preserves the sub-folders, or seal them in two \
+                 calls with different --out folders",
             ));
         }
     }

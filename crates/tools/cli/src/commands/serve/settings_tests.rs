@@ -95,7 +95,7 @@ fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_sam
         .map(|argument| argument.get_long().expect("a flag").to_owned())
         .collect();
     let known: Vec<&str> = VALUES.iter().map(|(key, _, _)| *key).collect();
-    assert_eq!(options, known, "an option without a value to try, or the other way round");
+    assert_eq!(options, known, "an option without a test value, or a test value without an option");
 
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("veiloc.toml");
@@ -116,7 +116,7 @@ fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_sam
     assert_eq!(values(&by_file), values(&by_variables));
     let by_default = settle(&line[..1], &BTreeMap::new());
     for ((theirs, ours), (key, _, _)) in values(&by_default).iter().zip(values(&by_file)).zip(VALUES) {
-        assert_ne!(*theirs, ours, "{key}: the value to try is the default");
+        assert_ne!(*theirs, ours, "{key}: the test value is the default");
     }
 
     // Printed settings can be read again: all options, and none.

@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let lens = Lens::of(args.layout, (args.width, args.width * 3 / 4));
     let camera = lens.camera().map_err(super::refused)?;
     let progress = Stages::new(ui);
-    progress.start("Painting the place", 1);
+    progress.start("Rendering textures", 1);
     let place = Place::generate(args.seed);
     progress.advance(1);
     let path =

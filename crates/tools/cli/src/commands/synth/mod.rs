@@ -32,13 +32,13 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 fn check_empty(folder: &Path) -> Result<(), Failure> {
     if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(Failure::with_help(
-            format!("{}: there is something in it", folder.display()),
-            "name a folder that is new or empty; nothing there was touched",
+            format!("{}: the folder is not empty", folder.display()),
+            "give a new or empty folder; nothing was changed",
         ));
     }
     Ok(())
 }
 
 fn refused(error: impl ToString) -> Failure {
-    Failure::with_help(error.to_string(), "name a folder that may be written")
+    Failure::with_help(error.to_string(), "give a writable folder")
 }

@@ -80,8 +80,10 @@ impl Archive {
             if seen > MOST_GROUPS || depth > DEEPEST {
                 return Err(self.bad(
                     &name,
-                    format!("groups lie more than {DEEPEST} deep in each other, or there are more than {MOST_GROUPS}; this \
-                             is no file of hloc's"),
+                    format!(
+                        "groups are nested more than {DEEPEST} deep, or there are more than \
+                             {MOST_GROUPS}; this is not an hloc file"
+                    ),
                 ));
             }
             let broken = |e: hdf5_pure::Error| {

@@ -159,11 +159,12 @@ impl FeaturesFile {
 /// hloc stores descriptors in columns, `[dim, N]`; here they are rows.
 fn rows_of(columns: Numbers, count: usize) -> Result<Vectors, String> {
     let [dim, own] = columns.shape[..] else {
-        return Err(format!("has shape {:?}; [numbers of a descriptor, {count}] is expected", columns.shape));
+        return Err(format!("has shape {:?}; [descriptor dimension, {count}] is expected", columns.shape));
     };
     if own != count || dim == 0 {
         return Err(format!(
-            "has shape [{dim}, {own}] and there are {count} keypoints; descriptors lie in columns, [numbers, keypoints]"
+            "has shape [{dim}, {own}] and there are {count} keypoints; descriptors are columns, \
+             [dimension, keypoints]"
         ));
     }
     let mut values = Vec::with_capacity(columns.values.len());
@@ -178,7 +179,7 @@ fn size_of(size: &Numbers) -> Result<(u32, u32), String> {
     let side = |value: f32| (1.0..=LONGEST_SIDE).contains(&value) && value.fract() == 0.0;
     match size.values[..] {
         [width, height] if side(width) && side(height) => Ok((width as u32, height as u32)),
-        _ => Err("is not width and height of an image; write the file again".to_owned()),
+        _ => Err("is not the width and height of an image; write the file again".to_owned()),
     }
 }
 
@@ -195,7 +196,7 @@ impl ImageFeatures {
     pub fn features(&self, kind: DescriptorKind, scale: f32) -> Result<Features, String> {
         let dim = self.descriptors.dim;
         if dim != kind.dim() {
-            return Err(format!("descriptors have {dim} numbers, and those of {kind} {}", kind.dim()));
+            return Err(format!("descriptors have {dim} numbers, and {kind} needs {}", kind.dim()));
         }
         let score = |i: usize| self.scores.as_ref().map_or(1.0, |scores| scores[i]);
         let mut order: Vec<usize> = (0..self.keypoints.len()).collect();
@@ -249,7 +250,7 @@ pub fn write_features(
         let (count, dim) = (features.keypoints.len(), features.descriptors.dim);
         let of_scores = features.scores.as_ref().map_or(count, Vec::len);
         if features.descriptors.values.len() != count * dim || of_scores != count {
-            let reason = "it has not one descriptor and one score for each keypoint".to_owned();
+            let reason = "the numbers of keypoints, descriptors and scores differ".to_owned();
             return Err(MappingError::Unwritable { name, reason });
         }
         let at = |pixel: &Pixel| pixel.center_at_zero().map(|value| value as f32);

@@ -47,7 +47,7 @@ impl GlobalsFile {
         let bad = |reason: &str| Err(self.0.bad(&format!("{name}/{GLOBAL}"), reason));
         if numbers.shape.iter().filter(|side| **side != 1).count() > 1 || numbers.values.len() > MOST_NUMBERS
         {
-            return bad("is no single vector; write the file again");
+            return bad("is not a single vector; write the file again");
         }
         if numbers.values.iter().any(|value| !value.is_finite()) {
             return bad("has numbers that are not finite; extract the image again");

@@ -65,10 +65,10 @@ impl MatchesFile {
         let scores = self.0.numbers(name, group, SCORES)?;
         let partners = &partners.values;
         if partners.len() > MOST_KEYPOINTS {
-            return bad(MATCHES, format!("is of {} keypoints, more than {MOST_KEYPOINTS}", partners.len()));
+            return bad(MATCHES, format!("has {} keypoints, more than {MOST_KEYPOINTS}", partners.len()));
         }
         if let Some(scores) = scores.as_ref().filter(|scores| scores.values.len() != partners.len()) {
-            return bad(SCORES, format!("has {} numbers and not {}", scores.values.len(), partners.len()));
+            return bad(SCORES, format!("has {} numbers instead of {}", scores.values.len(), partners.len()));
         }
         let mut matches = Vec::new();
         for (index, partner) in partners.iter().enumerate().filter(|(_, partner)| **partner != -1.0) {
@@ -77,7 +77,7 @@ impl MatchesFile {
             if !known || !score.is_finite() {
                 return bad(
                     MATCHES,
-                    format!("keypoint {index} has no index of a keypoint; match the pair again"),
+                    format!("keypoint {index} has an invalid match index; match the pair again"),
                 );
             }
             let (own, other) = (index as u32, *partner as u32);

@@ -64,19 +64,19 @@ pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String
     let shape = dataset.shape().map_err(|e| damaged(&e))?;
     let stored = stored(&dataset.datatype().map_err(|e| damaged(&e))?)?;
     let count = product(&shape).filter(|count| *count <= MOST).ok_or_else(|| {
-        format!("claims a shape of {shape:?}, more than {MOST} numbers; the file is damaged, or not hloc's")
+        format!("has shape {shape:?}, more than {MOST} numbers; the file is damaged, or not an hloc file")
     })?;
     let bytes = count * stored.bytes() as u64;
     if bytes > file_bytes.saturating_mul(LONGEST) {
         return Err(format!(
-            "claims a shape of {shape:?}, more than a file of {file_bytes} bytes can hold; write it again"
+            "has shape {shape:?}, more than a file of {file_bytes} bytes can hold; write it again"
         ));
     }
     check_chunks(dataset, stored, file_bytes)?;
     let raw = dataset.read_raw().map_err(|e| damaged(&e))?;
     if raw.len() as u64 != bytes {
         return Err(format!(
-            "holds {} bytes and not {bytes}; the file is damaged, write it again",
+            "has {} bytes instead of {bytes}; the file is damaged, write it again",
             raw.len()
         ));
     }
@@ -89,7 +89,7 @@ fn check_chunks(dataset: &Dataset, stored: Stored, file_bytes: u64) -> Result<()
     let Some(chunk) = dataset.chunk_shape().map_err(|e| damaged(&e))? else { return Ok(()) };
     let whole = product(&chunk).and_then(|count| count.checked_mul(stored.bytes() as u64));
     if whole.is_none_or(|bytes| bytes > MOST_OF_CHUNK.min(file_bytes.saturating_mul(LONGEST))) {
-        return Err(format!("claims chunks of {chunk:?}; the file is damaged, or not hloc's"));
+        return Err(format!("has chunks of {chunk:?}; the file is damaged, or not an hloc file"));
     }
     let inside =
         |(address, length): (u64, u64)| address.checked_add(length).is_some_and(|end| end <= file_bytes);
@@ -97,7 +97,7 @@ fn check_chunks(dataset: &Dataset, stored: Stored, file_bytes: u64) -> Result<()
     if chunks.iter().all(|c| inside((c.address, c.storage_size))) {
         Ok(())
     } else {
-        Err("has chunks beyond the end of the file; it is cut short, copy it again".to_owned())
+        Err("has chunks beyond the end of the file; the file is truncated, copy it again".to_owned())
     }
 }
 
@@ -111,8 +111,8 @@ fn damaged(error: &hdf5_pure::Error) -> String {
 
 fn stored(datatype: &Datatype) -> Result<Stored, String> {
     let refused = || {
-        Err("holds no numbers that are read here: float16, float32, float64 or whole numbers, little \
-                          endian, are; write it as hloc does"
+        Err("has an unsupported number type; write float16, float32, float64 or integers, little endian, \
+             as hloc does"
             .to_owned())
     };
     match datatype {

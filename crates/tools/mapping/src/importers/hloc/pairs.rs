@@ -19,17 +19,17 @@ pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
         reason: reason.to_owned(),
     };
     let text = std::str::from_utf8(&bytes)
-        .map_err(|_| refused(1, "is not text; give a list with two names of images a line"))?;
+        .map_err(|_| refused(1, "is not text; give a list with two image names per line"))?;
     let mut pairs = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         match line.split_whitespace().collect::<Vec<_>>()[..] {
             [] => {}
             [first, second] if first != second => pairs.push((first.to_owned(), second.to_owned())),
-            _ => return Err(refused(number, "is not two different names with a space between")),
+            _ => return Err(refused(number, "does not have two different names separated by a space")),
         }
     }
     if pairs.is_empty() {
-        return Err(refused(1, "names no pair; write two names of images a line"));
+        return Err(refused(1, "has no pair; write two image names per line"));
     }
     Ok(pairs)
 }
@@ -47,7 +47,7 @@ pub fn write_pairs<'a>(
     for (first, second) in pairs {
         for name in [first, second] {
             if name.is_empty() || name.contains(char::is_whitespace) {
-                let reason = "white space ends a name in a list of pairs".to_owned();
+                let reason = "white space separates the names in a list of pairs".to_owned();
                 return Err(MappingError::Unwritable { name: name.to_owned(), reason });
             }
         }

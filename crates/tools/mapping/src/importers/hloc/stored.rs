@@ -36,8 +36,8 @@ impl StoredFeatures {
             Some(kind) if kind.dim() == dim => kind,
             Some(kind) => {
                 return Err(bad(format!(
-                    "its descriptors have {} numbers, and those in the file {dim}: they are others; give them their own \
-                     name with --features",
+                    "its descriptors have {} numbers, and those in the file have {dim}: they are of \
+                     another kind; give them their own name with --features",
                     kind.dim()
                 )));
             }
@@ -64,11 +64,12 @@ impl StoredFeatures {
         match held.as_slice() {
             [name] => Ok(name.clone()),
             [] => Err(format!(
-                "{file} holds nothing of {}; extract it too, or take it from the list",
+                "{file} has no features of {}; extract them, or remove the image from the list",
                 path.display()
             )),
             [one, other, ..] => Err(format!(
-                "{file} holds both {one} and {other}, and {} may be either; give files of features their images' whole names",
+                "{file} has both {one} and {other}, and {} may be either; use complete image names in \
+                 feature files",
                 path.display()
             )),
         }
@@ -82,7 +83,7 @@ impl Extractor for StoredFeatures {
 
     fn extract(&self, _: &Image, _: usize) -> Result<Features, FeatureError> {
         let reason =
-            format!("{} knows images by their names, and this one has none", self.file.path().display());
+            format!("{} finds images by name, and this image has no name", self.file.path().display());
         Err(FeatureError::Extractor { name: self.kind.name().to_owned(), reason })
     }
 
@@ -104,7 +105,8 @@ impl Stored for StoredFeatures {
         let stored = self.file.read(&name).map_err(|e| refused(e.to_string()))?;
         if let Some(of) = stored.image_size.filter(|of| *of != size) {
             return Err(refused(format!(
-                "{}: {name} was extracted from an image of {}x{} pixels, and {} has {}x{}; give the image it is of",
+                "{}: {name} was extracted from an image of {}x{} pixels, and {} has {}x{}; give the \
+                 original image",
                 self.file.path().display(),
                 of.0,
                 of.1,

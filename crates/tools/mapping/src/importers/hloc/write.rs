@@ -42,15 +42,15 @@ impl Tree {
         let mut at = self;
         for part in name.split('/') {
             if part.is_empty() || part == "." || part == ".." {
-                return Err(refused("its folders are no names of groups"));
+                return Err(refused("its folders are not valid group names"));
             }
             if !at.datasets.is_empty() {
-                return Err(refused("one of its folders is an image itself"));
+                return Err(refused("one of its folders is also an image"));
             }
             at = at.groups.entry(part.to_owned()).or_default();
         }
         if !at.datasets.is_empty() || !at.groups.is_empty() {
-            return Err(refused("it is there twice, or is a folder of others"));
+            return Err(refused("it occurs twice, or is a folder of other images"));
         }
         at.datasets = datasets;
         Ok(())

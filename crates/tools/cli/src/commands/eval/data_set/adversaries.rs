@@ -53,7 +53,7 @@ impl AttackArgs {
         evaluation.schemes = hiding.copied().collect();
         if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
             ui.complain(format!(
-                "{name}: nothing to attack: no scheme that hides, or no query whose pose is known"
+                "{name}: nothing to attack: no scheme hides positions, or no query has a known pose"
             ));
             return Ok(());
         }

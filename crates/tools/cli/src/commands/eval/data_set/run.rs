@@ -57,7 +57,7 @@ pub(in crate::commands::eval) fn evaluate(
             place.name,
             place.mapped.images().len(),
             place.queries.len(),
-            if place.is_official { "" } else { " (not the published place)" }
+            if place.is_official { "" } else { " (not the published scene)" }
         ));
         let mut evaluation = scene_of(place, data_set, args)?;
         if let Some(report) = &report {

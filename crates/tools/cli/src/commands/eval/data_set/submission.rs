@@ -24,7 +24,10 @@ pub(super) fn write_submissions(path: &Path, document: &DataSetEvaluation, ui: &
         };
         let line = hloc_line(base_name(&result.name), pose).ok_or_else(|| {
             Failure::with_help(
-                format!("{}: its name has white space, which ends a name in a file of results", result.name),
+                format!(
+                    "{}: its name has white space, which separates the fields of a result file",
+                    result.name
+                ),
                 "give the image another name",
             )
         })?;

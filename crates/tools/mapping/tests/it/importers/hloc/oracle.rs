@@ -143,7 +143,7 @@ fn stored_features_go_by_the_end_of_the_path() {
     assert_eq!(features.keypoints[0].pixel, expected.keypoints[best]);
 
     for (path, size, told) in [
-        ("/data/images/db/c.jpg", (640, 480), "holds nothing of"),
+        ("/data/images/db/c.jpg", (640, 480), "has no features of"),
         ("/data/images/db/a.jpg", (320, 240), "640x480"),
     ] {
         let Err(FeatureError::Extractor { reason, .. }) = lookup.features(Path::new(path), size) else {
