@@ -16,7 +16,7 @@ use std::sync::Arc;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 // Modules that every command uses, at the crate root under their own names.
 use crate::args::{
-    camera, extraction_args, faults, feature_args, global_args, json_args, localization_args,
+    camera, extraction_args, extraction_error, feature_args, global_args, json_args, localization_args,
     progressive_args, report_args,
 };
 use crate::output::{exit, files, items, lists, stages, ui};
@@ -49,7 +49,7 @@ enum Command {
     Features(commands::features::Args),
     /// Extract features of images for hloc (needs the cargo feature `hloc`).
     #[cfg(not(feature = "hloc"))]
-    Features(commands::absent::Args),
+    Features(commands::missing_feature::Args),
     /// Seal images: convert them to queries that hide the keypoint positions.
     Seal(commands::seal::Args),
     /// Estimate the poses of sealed queries.
@@ -61,7 +61,7 @@ enum Command {
     Worker(commands::worker::Args),
     /// Hold regions of a published map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
-    Worker(commands::absent::Args),
+    Worker(commands::missing_feature::Args),
     /// Create, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -85,24 +85,24 @@ enum Command {
 /// It prints its results; a program that needs them as values calls the libraries.
 pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
     let command_line: Vec<OsString> = command_line.into_iter().collect();
-    output::command_line::keep(command_line.get(1..).unwrap_or_default());
-    let matches = match commands::first_look(Cli::command()).try_get_matches_from(command_line) {
+    output::command_line::record(command_line.get(1..).unwrap_or_default());
+    let matches = match commands::prepare_layered(Cli::command()).try_get_matches_from(command_line) {
         Ok(matches) => matches,
-        Err(error) => return answered(&error),
+        Err(error) => return print_parser_output(&error),
     };
     let cli = match Cli::from_arg_matches(&matches) {
         Ok(cli) => cli,
-        Err(error) => return answered(&error),
+        Err(error) => return print_parser_output(&error),
     };
     let ui = Arc::new(Ui::new(cli.quiet));
-    let result = exit::catching_panics(|| match &cli.command {
+    let result = exit::catch_panics(|| match &cli.command {
         Command::Demo(args) => commands::demo::run(args, &ui),
         Command::Map(command) => commands::map::run(command, &ui),
         Command::Models(args) => commands::models::run(args, &ui),
         #[cfg(feature = "hloc")]
         Command::Features(args) => commands::features::run(args, &ui),
         #[cfg(not(feature = "hloc"))]
-        Command::Features(args) => commands::absent::run(args, "features", "hloc"),
+        Command::Features(args) => commands::missing_feature::run(args, "features", "hloc"),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
         // Its settings also come from a file and from variables.
@@ -114,7 +114,7 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
             commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
         }
         #[cfg(not(feature = "cluster"))]
-        Command::Worker(args) => commands::absent::run(args, "worker", "cluster"),
+        Command::Worker(args) => commands::missing_feature::run(args, "worker", "cluster"),
         Command::Token(command) => commands::token::run(command, &ui),
         Command::Query(command) => commands::query::run(command, &ui),
         Command::Eval(command) => commands::eval::run(command, &ui),
@@ -122,18 +122,18 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Audit(args) => commands::audit::run(args, &ui),
         Command::Synth(command) => commands::synth::run(command, &ui),
     });
-    let exit = result.unwrap_or_else(|failure| told(&failure, &ui));
+    let exit = result.unwrap_or_else(|failure| report_failure(&failure, &ui));
     // After any other error: results were lost.
-    ui.lost_output().map_or(exit, |failure| told(&failure, &ui)).code()
+    ui.lost_output().map_or(exit, |failure| report_failure(&failure, &ui)).code()
 }
 
-fn told(failure: &Failure, ui: &Ui) -> Exit {
+fn report_failure(failure: &Failure, ui: &Ui) -> Exit {
     ui.failure(failure);
     failure.exit()
 }
 
 /// Prints the parser's own output: help and version to stdout, wrong usage to stderr.
-fn answered(answer: &clap::Error) -> u8 {
+fn print_parser_output(answer: &clap::Error) -> u8 {
     let printed = answer.print().and_then(|()| std::io::Write::flush(&mut std::io::stdout()));
     match (answer.use_stderr(), printed) {
         (true, _) => Exit::Usage.code(),
@@ -187,11 +187,11 @@ mod tests {
             {
                 silent.push(format!("{name}: {unit}"));
             }
-            let told = argument.is_required_set()
+            let has_default_help = argument.is_required_set()
                 || !argument.get_default_values().is_empty()
                 || ON_DEMAND.iter().any(|v| value.starts_with(v))
                 || help.contains("default");
-            if !told {
+            if !has_default_help {
                 silent.push(format!("{name}: default"));
             }
         });

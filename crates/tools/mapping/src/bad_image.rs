@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_names_ten_and_counts_the_rest() {
+    fn message_names_ten_images_and_counts_the_rest() {
         let bad = |n: usize| BadImages {
             images: (0..n)
                 .map(|i| BadImage { name: format!("{i}.jpg"), reason: BadReason::NoPose })

@@ -7,12 +7,12 @@ use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_protocol::Profile;
 
+use crate::cache::{Cache, ExtractedFeatures};
 use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
-use crate::extract::{Found, Makers, extract_all};
+use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::input::Input;
-use crate::kept::{Extracted, Kept};
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
@@ -40,9 +40,9 @@ pub fn build(
     let extractors = input.extractors().unwrap_or(&options.extractors);
     let extractor = extractors.named(&options.features)?;
     let checked = input.check(|_| false)?;
-    let makers = Makers { extractor, global: options.global.as_ref() };
-    let Found { images, features, skipped } =
-        extract_all(checked, makers, options.settings.extraction, progress)?;
+    let extractor_pair = ExtractorPair { extractor, global: options.global.as_ref() };
+    let ExtractionResult { images, features, skipped } =
+        extract_all(checked, extractor_pair, options.settings.extraction, progress)?;
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.settings);
     append_images(&mut model, &images, features)?;
@@ -50,10 +50,10 @@ pub fn build(
     let settings = &for_images(&options.settings, images.len());
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let Matched { edges, pairs } = match input.pairs_of(&images)? {
-        Some(pairs) => match_given(&scene, pairs, settings, input.kept(), progress),
+    let MatchResult { edges, pairs } = match input.pairs_of(&images)? {
+        Some(pairs) => match_given(&scene, pairs, settings, input.cache(), progress),
         None => {
-            match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, input.kept(), progress)
+            match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, input.cache(), progress)
         }
     };
     progress.start("Triangulating points", 1);
@@ -87,7 +87,7 @@ pub(crate) fn sort_points(model: &mut MapModel) {
 /// Returns the profile for devices, with the model of the global descriptor or with a vocabulary that is trained on a
 /// sample of all descriptors.
 pub(crate) fn profile(
-    features: &[Extracted],
+    features: &[ExtractedFeatures],
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<Profile, MappingError> {
@@ -104,7 +104,7 @@ pub(crate) fn profile(
 pub(crate) fn append_images(
     model: &mut MapModel,
     images: &[&PosedImage],
-    features: Vec<Extracted>,
+    features: Vec<ExtractedFeatures>,
 ) -> Result<(), MappingError> {
     let global = model.profile.global_model();
     let of_image = || MappingError::GlobalOfImage { name: global.name().to_owned() };
@@ -133,7 +133,7 @@ pub(crate) fn append_images(
 }
 
 /// Result of matching.
-pub(crate) struct Matched {
+pub(crate) struct MatchResult {
     /// Best first.
     pub(crate) edges: Edges,
     /// The matched image pairs.
@@ -141,8 +141,8 @@ pub(crate) struct Matched {
 }
 
 /// Returns the cache keys of the descriptors of each image, if a cache is given.
-pub(crate) fn names_of(scene: &Scene<'_>, kept: Option<&dyn Kept>) -> Option<Vec<[u8; 32]>> {
-    kept.map(|kept| scene.descriptors.par_iter().map(|own| kept.name(*own)).collect())
+pub(crate) fn cache_keys(scene: &Scene<'_>, cache: Option<&dyn Cache>) -> Option<Vec<[u8; 32]>> {
+    cache.map(|cache| scene.descriptors.par_iter().map(|own| cache.key(*own)).collect())
 }
 
 /// Matches exactly these pairs.
@@ -150,15 +150,16 @@ fn match_given(
     scene: &Scene<'_>,
     pairs: Vec<(u32, u32)>,
     settings: &BuildSettings,
-    kept: Option<&dyn Kept>,
+    cache: Option<&dyn Cache>,
     progress: &dyn Progress,
-) -> Matched {
-    let names = names_of(scene, kept);
-    let kept = kept.zip(names.as_deref());
+) -> MatchResult {
+    let keys = cache_keys(scene, cache);
+    let cache = cache.zip(keys.as_deref());
     progress.start("Matching pairs", pairs.len());
-    let mut edges = match_pairs(&pairs, &scene.views, &scene.descriptors, settings.max_ratio, kept, progress);
+    let mut edges =
+        match_pairs(&pairs, &scene.views, &scene.descriptors, settings.max_ratio, cache, progress);
     edges.sort();
-    Matched { edges, pairs }
+    MatchResult { edges, pairs }
 }
 
 /// Matches the images of `focus` with each other and with the rest; edges are sorted, best first.
@@ -167,24 +168,24 @@ pub(crate) fn match_images(
     mut seeds: Seeds,
     focus: &[u32],
     settings: &BuildSettings,
-    kept: Option<&dyn Kept>,
+    cache: Option<&dyn Cache>,
     progress: &dyn Progress,
-) -> Matched {
+) -> MatchResult {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
     let first = first_pairs(scene, &seeds, focus);
     progress.start("Matching first pairs", first.len());
-    let names = names_of(scene, kept);
-    let kept = kept.zip(names.as_deref());
-    let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, kept, progress);
+    let keys = cache_keys(scene, cache);
+    let cache = cache.zip(keys.as_deref());
+    let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, cache, progress);
     add_seeds(scene, &edges.verified, &mut seeds);
 
     let mut pairs = further_pairs(scene, &seeds, focus, settings, &first);
     progress.start("Matching pairs", pairs.len());
-    edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, kept, progress));
+    edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, cache, progress));
     edges.sort();
     pairs.extend(first);
     pairs.sort_unstable();
-    Matched { edges, pairs }
+    MatchResult { edges, pairs }
 }
 
 /// Pairs of images with too few seeds to judge their overlap.

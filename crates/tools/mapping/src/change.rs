@@ -8,13 +8,13 @@ use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
 use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images};
+use crate::cache::{Cache, ExtractedFeatures};
 use crate::complete::grow;
 use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
-use crate::extract::{Found, Makers, extract_all};
+use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::input::Input;
-use crate::kept::{Extracted, Kept};
 use crate::matching::Edges;
 use crate::options::for_images;
 use crate::pairs::Seeds;
@@ -49,21 +49,21 @@ pub fn add(
             Some(input.global().filter(|own| own.model() == *asked).ok_or_else(refused)?)
         }
     };
-    let makers = Makers { extractor, global };
-    let Found { images, features, skipped } =
-        extract_all(checked, makers, model.settings.extraction, progress)?;
-    let edges = join(model, &images, features, input.kept(), progress)?;
+    let extractor_pair = ExtractorPair { extractor, global };
+    let ExtractionResult { images, features, skipped } =
+        extract_all(checked, extractor_pair, model.settings.extraction, progress)?;
+    let edges = integrate(model, &images, features, input.cache(), progress)?;
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);
     Ok(report)
 }
 
 /// The steps after extraction. An error leaves the map unchanged.
-pub(crate) fn join(
+pub(crate) fn integrate(
     model: &mut MapModel,
     images: &[&PosedImage],
-    features: Vec<Extracted>,
-    kept: Option<&dyn Kept>,
+    features: Vec<ExtractedFeatures>,
+    cache: Option<&dyn Cache>,
     progress: &dyn Progress,
 ) -> Result<Edges, MappingError> {
     let before = model.images.len() as u32;
@@ -71,7 +71,7 @@ pub(crate) fn join(
     let settings = for_images(&model.settings, model.images.len());
     let mut scene = Scene::of(model, &settings);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, kept, progress).edges;
+    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, cache, progress).edges;
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, &settings);
     let points = scene.finish();
@@ -115,8 +115,9 @@ pub fn remove(
 ) -> Result<(), MappingError> {
     model.validate()?;
     refuse_compressed(model)?;
-    let leaving = leaving(model, names)?;
-    let staying: Vec<usize> = (0..model.images.len()).filter(|i| !leaving.contains(&(*i as u32))).collect();
+    let images_to_remove = images_to_remove(model, names)?;
+    let staying: Vec<usize> =
+        (0..model.images.len()).filter(|i| !images_to_remove.contains(&(*i as u32))).collect();
     let settings = model.settings;
     let profile = match words {
         Words::Keep => None,
@@ -134,10 +135,10 @@ pub fn remove(
     let mut scene = Scene::of(model, &settings);
     for point in &mut scene.points {
         let count = point.track.len();
-        point.track.retain(|(image, _)| !leaving.contains(image));
+        point.track.retain(|(image, _)| !images_to_remove.contains(image));
         point.touched = point.track.len() < count;
     }
-    scene.polish(&settings, Fallback::Vanish);
+    scene.refine_touched(&settings, Fallback::Vanish);
     let points = scene.finish();
     model.points = points;
     model.self_test = None;
@@ -146,7 +147,7 @@ pub fn remove(
     let mut index = 0;
     model.images.retain(|_| {
         index += 1;
-        !leaving.contains(&(index - 1))
+        !images_to_remove.contains(&(index - 1))
     });
     for point in &mut model.points {
         for Observation { image, .. } in &mut point.track {
@@ -168,7 +169,7 @@ pub fn remove(
 }
 
 /// Indices of the images with these names.
-fn leaving(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>, MappingError> {
+fn images_to_remove(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>, MappingError> {
     if names.is_empty() {
         return Err(MappingError::EmptyList);
     }
@@ -177,10 +178,10 @@ fn leaving(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>, MappingE
     if !absent.is_empty() {
         return Err(MappingError::NotInMap { names: absent });
     }
-    let mut leaving = BTreeSet::new();
-    match names.iter().find(|name| !leaving.insert(index[name.as_str()])) {
+    let mut images_to_remove = BTreeSet::new();
+    match names.iter().find(|name| !images_to_remove.insert(index[name.as_str()])) {
         Some(name) => Err(MappingError::DuplicateName { name: name.clone() }),
-        None => Ok(leaving),
+        None => Ok(images_to_remove),
     }
 }
 

@@ -9,7 +9,7 @@ use veiloc_map::BuildSettings;
 use crate::matching::Edge;
 use crate::scene::{Fallback, Scene};
 use crate::tracks::Node;
-use crate::triangulation::settle;
+use crate::triangulation::refine_inliers;
 
 /// Extends a scene with new edges, until no point gains an observation.
 pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
@@ -20,7 +20,7 @@ pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettin
         merge(scene, edges, settings);
         attach(scene, edges);
         find_by_projection(scene, &neighbours);
-        scene.polish(settings, Fallback::Restore);
+        scene.refine_touched(settings, Fallback::Restore);
     }
 }
 
@@ -71,7 +71,7 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
         let mut union: Vec<Node> = p.track.iter().chain(&joining).copied().collect();
         union.sort_unstable();
         let (nodes, sights) = scene.sights(&union);
-        let found = settle(
+        let found = refine_inliers(
             &sights,
             p.position,
             settings.min_track_length as usize,
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_grid_finds_all_within_its_radius() {
+    fn grid_returns_all_keypoints_within_radius() {
         let keypoints: Vec<[f32; 2]> =
             (0..500).map(|i| [(i * 37 % 101) as f32 * 0.93 - 3.0, (i * 53 % 89) as f32 * 1.07]).collect();
         let grid = Grid::new((0..).zip(keypoints.iter().copied()), 4.0);

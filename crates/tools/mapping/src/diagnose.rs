@@ -11,7 +11,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_map::MapModel;
 
 use crate::matching::Epipolar;
-use crate::report::{BuildReport, Doubt, Fault};
+use crate::report::{BuildReport, Doubt, InputMistake};
 use crate::scene::Scene;
 use crate::view::View;
 
@@ -22,37 +22,37 @@ use crate::view::View;
 pub fn diagnose(model: &MapModel) -> Option<Doubt> {
     let scene = Scene::of(model, &model.settings);
     let globals: Vec<&GlobalDescriptor> = model.images.iter().map(|i| &i.global).collect();
-    let pairs = pairs_by_looks(&globals);
+    let pairs = pairs_by_similarity(&globals);
     let matched = match_pairs(&pairs, &scene.descriptors, model.settings.max_ratio);
     let matches: usize = matched.iter().map(|(_, m)| m.len()).sum();
     if matches < MIN_MATCHES {
         return None;
     }
-    let share = |fault: Option<Fault>| {
+    let share = |fault: Option<InputMistake>| {
         let agreeing: usize = matched
             .par_iter()
             .map(|((i, j), matches)| {
-                let [a, b] = [*i, *j].map(|k| mended(&scene.views[k], fault));
+                let [a, b] = [*i, *j].map(|k| without_mistake(&scene.views[k], fault));
                 let relation = Epipolar::between(&a, &b);
                 matches
                     .iter()
-                    .filter(|m| relation.admits(&a, m.query as usize, &b, m.database as usize))
+                    .filter(|m| relation.is_consistent(&a, m.query as usize, &b, m.database as usize))
                     .count()
             })
             .sum();
         agreeing as f64 / matches as f64
     };
     let given = share(None);
-    let mut best: Option<(f64, Fault)> = None;
-    for fault in faults() {
+    let mut best: Option<(f64, InputMistake)> = None;
+    for fault in mistakes() {
         let then = share(Some(fault));
-        if best.is_none_or(|(most, _)| then > most) {
+        if best.is_none_or(|(highest, _)| then > highest) {
             best = Some((then, fault));
         }
     }
     let (then, fault) = best?;
     let percent = |share: f64| (100.0 * share).round() as u32;
-    (then >= LEAST_SHARE && then >= given + LEAST_GAIN).then_some(Doubt::LikelyCause {
+    (then >= MIN_SHARE && then >= given + MIN_GAIN).then_some(Doubt::LikelyCause {
         fault,
         agree_percent: percent(given),
         would_percent: percent(then),
@@ -61,22 +61,24 @@ pub fn diagnose(model: &MapModel) -> Option<Doubt> {
 
 /// Adds the likely cause to the warnings of a map, if there is a warning or few matches agree.
 pub(crate) fn explain(report: &mut BuildReport, model: &MapModel) {
-    if !report.doubts.is_empty() || Doubt::is_worth_asking(report.matches, report.verified) {
+    if !report.doubts.is_empty() || Doubt::needs_diagnosis(report.matches, report.verified) {
         report.doubts.extend(diagnose(model));
     }
 }
 
 /// Common mistakes. Focal lengths vary from a quarter to four times in steps of an eighth octave.
-fn faults() -> impl Iterator<Item = Fault> {
+fn mistakes() -> impl Iterator<Item = InputMistake> {
     // Matches of a correct map lose a tenth of their agreement with an eighth octave.
-    let focal =
-        |step: i32| Fault::FocalLength { percent: (100.0 * (f64::from(step) / 8.0).exp2()).round() as u32 };
-    let poses = [Fault::CameraToWorld, Fault::AxesUpAndBack, Fault::CameraToWorldAxesUpAndBack];
+    let focal = |step: i32| InputMistake::FocalLength {
+        percent: (100.0 * (f64::from(step) / 8.0).exp2()).round() as u32,
+    };
+    let poses =
+        [InputMistake::CameraToWorld, InputMistake::AxesUpAndBack, InputMistake::CameraToWorldAxesUpAndBack];
     poses.into_iter().chain((-16..=16).filter(|step| *step != 0).map(focal))
 }
 
 /// Returns the view with the mistake undone.
-fn mended(view: &View, fault: Option<Fault>) -> View {
+fn without_mistake(view: &View, fault: Option<InputMistake>) -> View {
     let given = view.cam_from_world;
     let inverse = || {
         let inverse = given.inverse();
@@ -88,16 +90,16 @@ fn mended(view: &View, fault: Option<Fault>) -> View {
     };
     match fault {
         None => view.with(given, 1.0),
-        Some(Fault::CameraToWorld) => view.with(inverse(), 1.0),
-        Some(Fault::AxesUpAndBack) => view.with(flipped(given), 1.0),
-        Some(Fault::CameraToWorldAxesUpAndBack) => view.with(flipped(inverse()), 1.0),
-        Some(Fault::FocalLength { percent }) => view.with(given, 100.0 / f64::from(percent)),
+        Some(InputMistake::CameraToWorld) => view.with(inverse(), 1.0),
+        Some(InputMistake::AxesUpAndBack) => view.with(flipped(given), 1.0),
+        Some(InputMistake::CameraToWorldAxesUpAndBack) => view.with(flipped(inverse()), 1.0),
+        Some(InputMistake::FocalLength { percent }) => view.with(given, 100.0 / f64::from(percent)),
     }
 }
 
 /// Returns pairs for images spread over the map: the most similar images, and a moderately similar one; neighbours in a
 /// sequence are so close that any pose explains them.
-fn pairs_by_looks(globals: &[&GlobalDescriptor]) -> Vec<(usize, usize)> {
+fn pairs_by_similarity(globals: &[&GlobalDescriptor]) -> Vec<(usize, usize)> {
     let count = globals.len();
     let focus = (0..count).step_by(count.div_ceil(MAX_FOCUS).max(1));
     let mut pairs: Vec<(usize, usize)> = focus
@@ -117,9 +119,13 @@ fn pairs_by_looks(globals: &[&GlobalDescriptor]) -> Vec<(usize, usize)> {
     pairs
 }
 
-type Matched = ((usize, usize), Vec<Match>);
+type PairMatches = ((usize, usize), Vec<Match>);
 
-fn match_pairs(pairs: &[(usize, usize)], descriptors: &[DescriptorView<'_>], max_ratio: f32) -> Vec<Matched> {
+fn match_pairs(
+    pairs: &[(usize, usize)],
+    descriptors: &[DescriptorView<'_>],
+    max_ratio: f32,
+) -> Vec<PairMatches> {
     let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));
     pairs
         .par_iter()
@@ -134,6 +140,6 @@ const RANKS: [usize; 3] = [0, 2, 5];
 /// With fewer matches there is no conclusion.
 const MIN_MATCHES: usize = 50;
 /// Minimum share of agreeing matches for a cause to be named.
-const LEAST_SHARE: f64 = 0.4;
+const MIN_SHARE: f64 = 0.4;
 /// Minimum gain in the share of agreeing matches over the given poses and cameras.
-const LEAST_GAIN: f64 = 0.15;
+const MIN_GAIN: f64 = 0.15;

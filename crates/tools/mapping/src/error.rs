@@ -36,7 +36,7 @@ pub enum MappingError {
     /// Images to remove are not in the map.
     #[error(
         "{} not in the map, so nothing was removed; `veiloc map info --images` lists the names",
-        are(names)
+        names_are(names)
     )]
     NotInMap {
         /// Their names.
@@ -193,12 +193,12 @@ impl MappingError {
     }
 }
 
-/// `a, b and 3 more are`, for messages.
-fn are(names: &[String]) -> String {
-    let told = names.iter().take(10).map(String::as_str).collect::<Vec<_>>().join(", ");
+/// `a, b and 3 more names_are`, for messages.
+fn names_are(names: &[String]) -> String {
+    let listed = names.iter().take(10).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len() {
-        0..=1 => format!("{told} is"),
-        2..=10 => format!("{told} are"),
-        more => format!("{told} and {} more are", more - 10),
+        0..=1 => format!("{listed} is"),
+        2..=10 => format!("{listed} are"),
+        more => format!("{listed} and {} more are", more - 10),
     }
 }

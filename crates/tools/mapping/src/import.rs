@@ -11,12 +11,12 @@ use veiloc_protocol::ExtractionLimits;
 
 use crate::bad_image::BadImage;
 use crate::build::{append_images, profile};
+use crate::cache::ExtractedFeatures;
 use crate::complete::Grid;
 use crate::diagnose::diagnose;
 use crate::error::MappingError;
-use crate::extract::{Found, Makers, extract_each};
+use crate::extract::{ExtractionResult, ExtractorPair, extract_each};
 use crate::input::Input;
-use crate::kept::Extracted;
 use crate::options::BuildOptions;
 use crate::progress::Progress;
 use crate::report::{Doubt, doubts_about};
@@ -38,7 +38,7 @@ pub struct ImportReport {
     /// Observations of the model near a detected keypoint.
     pub observations_kept: usize,
     /// Mean reprojection error that the model's points state, pixels.
-    pub told_error_px: f64,
+    pub stated_error_px: f64,
     /// The same, recomputed from poses, cameras and 2D points of the model.
     pub recomputed_error_px: f64,
     /// Share of points whose stated and recomputed errors differ by at most a hundredth of a pixel: 1 if COLMAP and
@@ -62,7 +62,7 @@ impl fmt::Display for ImportReport {
             self.points,
             self.observations_kept,
             self.observations,
-            self.told_error_px,
+            self.stated_error_px,
             self.recomputed_error_px,
             100.0 * self.errors_equal,
             self.map_error_px,
@@ -91,15 +91,16 @@ pub fn import(
     let extractor = extractors.named(&options.features)?;
     let checked = input.check(|_| false)?;
     let wanted = options.settings.extraction;
-    let generous = ExtractionLimits { max_keypoints: GENEROUS, ..wanted };
-    let makers = Makers { extractor, global: options.global.as_ref() };
-    let Found { images, features, skipped } =
-        extract_each(checked, makers, generous, progress, |image, found| {
+    let generous = ExtractionLimits { max_keypoints: MAX_KEYPOINTS, ..wanted };
+    let extractor_pair = ExtractorPair { extractor, global: options.global.as_ref() };
+    let ExtractionResult { images, features, skipped } =
+        extract_each(checked, extractor_pair, generous, progress, |image, found| {
             let observed = colmap.image_by_name(&image.name).map_or(&[][..], |i| &i.points2d);
             let joined = join(observed, &found.keypoints);
             keep_strongest(found, joined, wanted.max_keypoints as usize)
         })?;
-    let (features, joined): (Vec<Extracted>, Vec<Joined>) = features.into_iter().unzip();
+    let (features, joined): (Vec<ExtractedFeatures>, Vec<ObservationAssignment>) =
+        features.into_iter().unzip();
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.settings);
     append_images(&mut model, &images, features)?;
@@ -126,14 +127,14 @@ pub fn import(
 }
 
 /// Assignment of keypoints to points in an image.
-struct Joined {
+struct ObservationAssignment {
     /// Point id and keypoint.
     keypoints: Vec<(u64, u32)>,
     /// Observations of the model that were assigned.
     observations: usize,
 }
 
-fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> Joined {
+fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> ObservationAssignment {
     let grid = Grid::new((0..).zip(keypoints.iter().copied()), MAX_DISTANCE_PX);
     let at = |k: u32| {
         let [u, v] = keypoints[k as usize];
@@ -158,15 +159,22 @@ fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> Joined {
             continue;
         }
         let place = *place_of.entry(index).or_insert_with(|| at(keypoint));
-        if place.distance(&at(keypoint)) <= SAME_PLACE_PX {
+        if place.distance(&at(keypoint)) <= SAME_POSITION_PX {
             point_of.insert(keypoint, point);
         }
     }
-    Joined { observations: place_of.len(), keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect() }
+    ObservationAssignment {
+        observations: place_of.len(),
+        keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect(),
+    }
 }
 
 /// Keeps all keypoints with a point, and the strongest others up to `limit` in total.
-fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extracted, Joined) {
+fn keep_strongest(
+    found: ExtractedFeatures,
+    mut joined: ObservationAssignment,
+    limit: usize,
+) -> (ExtractedFeatures, ObservationAssignment) {
     let mut keep = vec![false; found.keypoints.len()];
     for (_, keypoint) in &joined.keypoints {
         keep[*keypoint as usize] = true;
@@ -183,7 +191,10 @@ fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extrac
         *keypoint = new as u32;
     }
     let keypoints = indices.iter().map(|k| found.keypoints[*k]).collect();
-    (Extracted { keypoints, descriptors: found.descriptors.select(indices), global: found.global }, joined)
+    (
+        ExtractedFeatures { keypoints, descriptors: found.descriptors.select(indices), global: found.global },
+        joined,
+    )
 }
 
 /// Mean reprojection error of each point over its track, in the images.
@@ -230,7 +241,7 @@ fn report(
     let errors: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.error, recomputed_error(colmap, p)?))).collect();
     let count = errors.len().max(1) as f64;
-    let equal = errors.iter().filter(|(told, own)| (told - own).abs() <= 0.01).count();
+    let equal = errors.iter().filter(|(stated, own)| (stated - own).abs() <= 0.01).count();
     ImportReport {
         images: model.images.len(),
         skipped,
@@ -238,7 +249,7 @@ fn report(
         points_kept: model.points.len(),
         observations: points.iter().map(|p| p.track.len()).sum(),
         observations_kept,
-        told_error_px: errors.iter().map(|e| e.0).sum::<f64>() / count,
+        stated_error_px: errors.iter().map(|e| e.0).sum::<f64>() / count,
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
@@ -247,8 +258,8 @@ fn report(
 }
 
 /// Maximum number of keypoints per image for the assignment.
-const GENEROUS: u32 = 65_536;
+const MAX_KEYPOINTS: u32 = 65_536;
 /// Maximum distance of an observation and its keypoint.
 const MAX_DISTANCE_PX: f64 = 2.0;
 /// Closer keypoints are one position, detected with several orientations.
-const SAME_PLACE_PX: f64 = 0.01;
+const SAME_POSITION_PX: f64 = 0.01;

@@ -7,8 +7,8 @@ use veiloc_features::{Extractors, FeatureError, SharedGlobal};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::bad_image::{BadImage, BadImages, BadReason};
+use crate::cache::Cache;
 use crate::error::MappingError;
-use crate::kept::Kept;
 
 /// Images to map: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
@@ -19,7 +19,7 @@ pub struct Input<'a> {
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
     global: Option<&'a SharedGlobal>,
-    kept: Option<&'a dyn Kept>,
+    cache: Option<&'a dyn Cache>,
     pairs: Option<&'a [(String, String)]>,
 }
 
@@ -43,7 +43,7 @@ impl<'a> Input<'a> {
             on_bad: OnBadImage::Refuse,
             extractors: None,
             global: None,
-            kept: None,
+            cache: None,
             pairs: None,
         }
     }
@@ -76,8 +76,8 @@ impl<'a> Input<'a> {
     /// Sets the cache of features and matches, for repeated, resumed or distributed builds
     /// ([`prepare`](crate::prepare)).
     #[must_use]
-    pub const fn with_kept(self, kept: &'a dyn Kept) -> Self {
-        Self { kept: Some(kept), ..self }
+    pub const fn with_kept(self, cache: &'a dyn Cache) -> Self {
+        Self { cache: Some(cache), ..self }
     }
 
     /// Sets the image pairs to match, by their names, instead of pairs that probably overlap; pairs with images that
@@ -100,8 +100,8 @@ impl<'a> Input<'a> {
         Ok(Some(known.into_iter().collect()))
     }
 
-    pub(crate) const fn kept(&self) -> Option<&'a dyn Kept> {
-        self.kept
+    pub(crate) const fn cache(&self) -> Option<&'a dyn Cache> {
+        self.cache
     }
 
     pub(crate) const fn global(&self) -> Option<&'a SharedGlobal> {
@@ -117,33 +117,33 @@ impl<'a> Input<'a> {
         self.posed
     }
 
-    /// Finds the images and checks their files before any computation. `there` returns whether the map already has a
+    /// Finds the images and checks their files before any computation. `is_in_map` returns whether the map already has a
     /// name.
-    pub(crate) fn check(&self, there: impl Fn(&str) -> bool) -> Result<Checked<'a>, MappingError> {
+    pub(crate) fn check(&self, is_in_map: impl Fn(&str) -> bool) -> Result<CheckedImages<'a>, MappingError> {
         let named: Vec<&'a str> = self.names.map_or_else(
             || self.posed.images().iter().map(|i| i.name.as_str()).collect(),
             |names| names.iter().map(String::as_str).collect(),
         );
         let mut seen = BTreeSet::new();
         let results = named.into_iter().map(|name| {
-            let usable = self.usable(name, &mut seen, &there);
+            let usable = self.usable(name, &mut seen, &is_in_map);
             usable.map_err(|reason| BadImage { name: name.to_owned(), reason })
         });
-        let (images, skipped) = sift(results.collect(), self.on_bad)?;
-        Ok(Checked { images, skipped, folder: self.folder, on_bad: self.on_bad, kept: self.kept })
+        let (images, skipped) = split_usable(results.collect(), self.on_bad)?;
+        Ok(CheckedImages { images, skipped, folder: self.folder, on_bad: self.on_bad, cache: self.cache })
     }
 
     fn usable(
         &self,
         name: &'a str,
         seen: &mut BTreeSet<&'a str>,
-        there: impl Fn(&str) -> bool,
+        is_in_map: impl Fn(&str) -> bool,
     ) -> Result<&'a PosedImage, BadReason> {
         if !seen.insert(name) {
             return Err(BadReason::Twice);
         }
         let image = self.posed.get(name).ok_or(BadReason::NoPose)?;
-        if there(name) {
+        if is_in_map(name) {
             return Err(BadReason::AlreadyInMap);
         }
         let path = self.folder.join(name);
@@ -158,18 +158,18 @@ impl<'a> Input<'a> {
 
 /// Images that exist, without having been read.
 #[derive(Debug)]
-pub(crate) struct Checked<'a> {
+pub(crate) struct CheckedImages<'a> {
     pub(crate) images: Vec<&'a PosedImage>,
     /// The images that were left out.
     pub(crate) skipped: Vec<BadImage>,
     pub(crate) folder: &'a Path,
     pub(crate) on_bad: OnBadImage,
     /// The cache of their features.
-    pub(crate) kept: Option<&'a dyn Kept>,
+    pub(crate) cache: Option<&'a dyn Cache>,
 }
 
 /// Separates usable from unusable images; an error if an unusable image must not be left out, or if no image is usable.
-pub(crate) fn sift<T>(
+pub(crate) fn split_usable<T>(
     results: Vec<Result<T, BadImage>>,
     on_bad: OnBadImage,
 ) -> Result<(Vec<T>, Vec<BadImage>), MappingError> {

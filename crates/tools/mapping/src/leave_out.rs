@@ -7,7 +7,7 @@ use veiloc_map::{BuildSettings, Evidence, MapModel, Observation, PointId, PointW
 
 use crate::options::for_images;
 use crate::scene::Scene;
-use crate::triangulation::{settle, triangulate};
+use crate::triangulation::{refine_inliers, triangulate};
 
 /// A map from which one image at a time is left out, for tests that localize images of the map.
 pub struct LeaveOut<'a> {
@@ -39,11 +39,11 @@ impl<'a> LeaveOut<'a> {
         let mut point = self.scene.points[id.index()].clone();
         point.track.retain(|node| node.0 as usize != image);
         let (nodes, sights) = self.scene.sights(&point.track);
-        let least = self.settings.min_track_length as usize;
+        let min_observations = self.settings.min_track_length as usize;
         let angle = self.settings.min_triangulation_angle_deg;
         // Without this image the others may agree on another position.
-        let found =
-            settle(&sights, point.position, least, angle).or_else(|| triangulate(&sights, least, angle))?;
+        let found = refine_inliers(&sights, point.position, min_observations, angle)
+            .or_else(|| triangulate(&sights, min_observations, angle))?;
         let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));
         let track: Vec<Observation> =
             agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();

@@ -52,6 +52,7 @@
 mod bad_image;
 mod build;
 pub mod build_cache;
+mod cache;
 pub mod calibration;
 mod change;
 mod complete;
@@ -62,7 +63,6 @@ mod extract;
 mod import;
 pub mod importers;
 mod input;
-mod kept;
 mod leave_out;
 mod matching;
 mod options;
@@ -78,18 +78,18 @@ mod vocabulary;
 
 pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use build::build;
+pub use cache::{Cache, ExtractedFeatures, FeatureRequest};
 pub use change::{Words, add, remove};
 pub use compress::{CompressOptions, Compression, compress};
 pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
-pub use kept::{Extracted, Kept, Wanted};
 pub use leave_out::LeaveOut;
 pub use options::BuildOptions;
 pub use prepare::{Prepared, Share, Stage, prepare};
 pub use progress::Progress;
-pub use report::{BuildReport, Doubt, Fault};
+pub use report::{BuildReport, Doubt, InputMistake};
 
 #[cfg(test)]
 mod tests;

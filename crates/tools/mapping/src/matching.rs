@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::kept::Kept;
+use crate::cache::Cache;
 use crate::progress::Progress;
 use crate::triangulation::{Sight, nearest_to_both_rays};
 use crate::view::View;
@@ -43,14 +43,14 @@ impl Edges {
     }
 }
 
-/// Matches the pairs and verifies the matches; in the order of the pairs for any number of threads. `kept`: the cache
+/// Matches the pairs and verifies the matches; in the order of the pairs for any number of threads. `cache`: the cache
 /// of matches, and the cache key of each image's descriptors.
 pub(crate) fn match_pairs(
     pairs: &[(u32, u32)],
     views: &[View],
     descriptors: &[DescriptorView<'_>],
     max_ratio: f32,
-    kept: Option<(&dyn Kept, &[[u8; 32]])>,
+    cache: Option<(&dyn Cache, &[[u8; 32]])>,
     progress: &dyn Progress,
 ) -> Edges {
     let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));
@@ -59,10 +59,10 @@ pub(crate) fn match_pairs(
         .map(|&(i, j)| {
             let (a, b) = (i as usize, j as usize);
             let find = || match_descriptors(descriptors[a], descriptors[b], &options);
-            let matches = match kept {
-                Some((kept, names)) => kept.matches(&names[a], &names[b], &options).unwrap_or_else(|| {
+            let matches = match cache {
+                Some((cache, keys)) => cache.matches(&keys[a], &keys[b], &options).unwrap_or_else(|| {
                     let found = find();
-                    kept.keep_matches(&names[a], &names[b], &options, &found);
+                    cache.store_matches(&keys[a], &keys[b], &options, &found);
                     found
                 }),
                 None => find(),
@@ -70,7 +70,9 @@ pub(crate) fn match_pairs(
             let relation = Epipolar::between(&views[a], &views[b]);
             let verified = matches
                 .iter()
-                .filter(|m| relation.admits(&views[a], m.query as usize, &views[b], m.database as usize))
+                .filter(|m| {
+                    relation.is_consistent(&views[a], m.query as usize, &views[b], m.database as usize)
+                })
                 .map(|m| Edge { a: (i, m.query), b: (j, m.database), ratio: m.ratio, distance: m.distance })
                 .collect();
             progress.advance(1);
@@ -98,7 +100,7 @@ impl Epipolar {
 
     /// Returns whether two keypoints may observe one point: each lies near the other's epipolar line, and their rays
     /// intersect in front of both cameras.
-    pub(crate) fn admits(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
+    pub(crate) fn is_consistent(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
         let (Some(x), Some(y)) = (a.plane[keypoint_a], b.plane[keypoint_b]) else { return false };
         let homogeneous = |p: &Vector2<f64>| Vector3::new(p.x, p.y, 1.0);
         let line_in_b = self.essential * homogeneous(&x);

@@ -20,7 +20,7 @@ pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
     let axis = |v: &View| v.ray(&veiloc_geometry::nalgebra::Vector2::zeros()).normalize();
     let axes: Vec<Vector3<f64>> = views.iter().map(axis).collect();
     let typical = typical_distance(views);
-    let least = MAX_AXIS_ANGLE_DEG.to_radians().cos();
+    let min_cos = MAX_AXIS_ANGLE_DEG.to_radians().cos();
     let partners = |&i: &u32| -> Vec<(u32, u32)> {
         let own = i as usize;
         let mut ranked: Vec<(f64, u32)> = (0..views.len() as u32)
@@ -28,7 +28,7 @@ pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
             .filter_map(|j| {
                 let other = j as usize;
                 let cos = axes[own].dot(&axes[other]);
-                (cos >= least).then(|| {
+                (cos >= min_cos).then(|| {
                     let angle = cos.clamp(-1.0, 1.0).acos().to_degrees();
                     let distance = (views[own].center - views[other].center).norm() / typical;
                     (distance + angle / 20.0, j)
@@ -40,10 +40,10 @@ pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
         ranks.map_while(|rank| ranked.get(rank)).map(|(_, j)| (i.min(*j), i.max(*j))).collect()
     };
     let chosen: Vec<Vec<(u32, u32)>> = focus.par_iter().map(partners).collect();
-    once_each(chosen)
+    deduplicated(chosen)
 }
 
-fn once_each(chosen: Vec<Vec<(u32, u32)>>) -> Vec<(u32, u32)> {
+fn deduplicated(chosen: Vec<Vec<(u32, u32)>>) -> Vec<(u32, u32)> {
     chosen.into_iter().flatten().collect::<BTreeSet<_>>().into_iter().collect()
 }
 
@@ -52,9 +52,9 @@ fn once_each(chosen: Vec<Vec<(u32, u32)>>) -> Vec<(u32, u32)> {
 pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit: usize) -> Vec<(u32, u32)> {
     let bounds: Vec<Option<Bounds>> =
         views.par_iter().zip(seeds).map(|(v, own)| Bounds::of(v, own)).collect();
-    let shared_from_to = |i: usize, j: usize| -> f64 {
+    let overlap_of = |i: usize, j: usize| -> f64 {
         let all = &seeds[i];
-        if !bounds[i].is_some_and(|bounds| bounds.may_be_seen_from(&views[j])) {
+        if !bounds[i].is_some_and(|bounds| bounds.may_be_visible_from(&views[j])) {
             return 0.0;
         }
         // Most pairs do not overlap, and a few seeds suffice to detect this: with a useful overlap at least one of them
@@ -64,8 +64,8 @@ pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit
             return 0.0;
         }
         let step = all.len().div_ceil(MAX_SEEDS).max(1);
-        let worth: f64 = all.iter().step_by(step).map(|x| worth_of_seed(&views[i], &views[j], x)).sum();
-        worth / all.len().div_ceil(step).max(MIN_SEEDS) as f64
+        let overlap: f64 = all.iter().step_by(step).map(|x| seed_weight(&views[i], &views[j], x)).sum();
+        overlap / all.len().div_ceil(step).max(MIN_SEEDS) as f64
     };
     let chosen: Vec<Vec<(u32, u32)>> = focus
         .par_iter()
@@ -74,15 +74,15 @@ pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit
                 .filter(|j| *j != i)
                 .map(|j| {
                     let (a, b) = (i as usize, j as usize);
-                    (f64::midpoint(shared_from_to(a, b), shared_from_to(b, a)), j)
+                    (f64::midpoint(overlap_of(a, b), overlap_of(b, a)), j)
                 })
-                .filter(|(worth, _)| *worth >= MIN_SHARED)
+                .filter(|(overlap, _)| *overlap >= MIN_OVERLAP)
                 .collect();
             ranked.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
             choose(ranked.len(), limit).map(|r| (i.min(ranked[r].1), i.max(ranked[r].1))).collect()
         })
         .collect();
-    once_each(chosen)
+    deduplicated(chosen)
 }
 
 /// Bounds of the seeds of an image: an image that is too far away to recognize any of them is rejected at once. Without
@@ -106,8 +106,8 @@ impl Bounds {
         Some(Self { center, radius: farthest(&center), pixel: pixel_at(from, farthest(&from.center)) })
     }
 
-    /// Returns false only if [`worth_of_seed`] is 0 for all seeds.
-    fn may_be_seen_from(&self, to: &View) -> bool {
+    /// Returns false only if [`seed_weight`] is 0 for all seeds.
+    fn may_be_visible_from(&self, to: &View) -> bool {
         let nearest = (self.center - to.center).norm() - self.radius;
         pixel_at(to, nearest) <= MAX_ZOOM * self.pixel * (1.0 + 1e-9)
     }
@@ -127,7 +127,7 @@ fn choose(count: usize, limit: usize) -> impl Iterator<Item = usize> {
 
 /// 1 for a seed that both images see under a good angle; less for angles with poor triangulation or poor descriptor
 /// similarity; 0 if the other image does not see it.
-fn worth_of_seed(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
+fn seed_weight(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
     let (a, b) = (from.center - seed, to.center - seed);
     let zoom = pixel_at(to, b.norm()) / pixel_at(from, a.norm());
     if zoom > MAX_ZOOM || to.pixel_inside(seed).is_none() {
@@ -168,7 +168,7 @@ const FIRST_SEEDS: usize = 30;
 /// Minimum denominator of the overlap: an image with fewer seeds is not overrated.
 pub(crate) const MIN_SEEDS: usize = 20;
 /// Minimum overlap of a matched pair.
-const MIN_SHARED: f64 = 0.05;
+const MIN_OVERLAP: f64 = 0.05;
 
 #[cfg(test)]
 mod tests {
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn partners_look_at_the_same_wall_and_are_as_many_as_allowed() {
+    fn partners_see_the_same_wall_up_to_the_limit() {
         let (views, seeds) = two_walls();
         let all: Vec<u32> = (0..20).collect();
         for pairs in [pairs_by_pose(&views, &all), pairs_by_seeds(&views, &seeds, &all, 4)] {
@@ -217,7 +217,7 @@ mod tests {
 
     /// A street of rooms, all visible to a camera far behind them.
     #[test]
-    fn who_is_too_far_away_is_no_partner_and_is_not_asked() {
+    fn distant_images_are_rejected_by_bounds() {
         let room = |x: f64| {
             (0..60).map(move |k| Vector3::new(x + 0.02 * f64::from(k % 8), 0.1 * f64::from(k % 5), 3.0))
         };
@@ -237,21 +237,21 @@ mod tests {
         let pairs = pairs_by_seeds(&views, &seeds, &all, 10);
         assert!(pairs.contains(&(0, 4)), "{pairs:?}");
         assert!(pairs.iter().all(|(_, b)| *b != 5), "{pairs:?}");
-        let worth = |from: usize, to: usize| -> f64 {
-            seeds[from].iter().map(|x| worth_of_seed(&views[from], &views[to], x)).sum()
+        let overlap = |from: usize, to: usize| -> f64 {
+            seeds[from].iter().map(|x| seed_weight(&views[from], &views[to], x)).sum()
         };
         for from in 0..6 {
             let bounds = Bounds::of(&views[from], &seeds[from]).unwrap();
             for to in 0..6 {
-                assert!(bounds.may_be_seen_from(&views[to]) || worth(from, to) == 0.0, "{from} {to}");
+                assert!(bounds.may_be_visible_from(&views[to]) || overlap(from, to) == 0.0, "{from} {to}");
             }
         }
-        assert!(!Bounds::of(&views[0], &seeds[0]).unwrap().may_be_seen_from(&views[5]));
+        assert!(!Bounds::of(&views[0], &seeds[0]).unwrap().may_be_visible_from(&views[5]));
         assert!(Bounds::of(&views[0], &[]).is_none());
     }
 
     #[test]
-    fn views_at_one_place_or_alone_have_pairs_or_none_but_no_panic() {
+    fn degenerate_view_sets_do_not_panic() {
         let here = view(Vector3::zeros(), Vector3::z());
         assert!(pairs_by_pose(&[], &[]).is_empty());
         assert!(pairs_by_pose(std::slice::from_ref(&here), &[0]).is_empty());

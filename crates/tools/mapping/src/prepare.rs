@@ -9,11 +9,11 @@
 
 use veiloc_descriptor::DescriptorView;
 
-use crate::build::{add_seeds, first_pairs, further_pairs, names_of, seeds_of};
+use crate::build::{add_seeds, cache_keys, first_pairs, further_pairs, seeds_of};
+use crate::cache::Cache;
 use crate::error::MappingError;
-use crate::extract::{Found, Makers, extract_all, extract_each};
+use crate::extract::{ExtractionResult, ExtractorPair, extract_all, extract_each};
 use crate::input::Input;
-use crate::kept::Kept;
 use crate::matching::{Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::progress::Progress;
@@ -58,7 +58,7 @@ pub struct Prepared {
     pub of_all: usize,
 }
 
-/// Computes a share of the entries that [`build`](crate::build) will look up in `kept`, with the same input and
+/// Computes a share of the entries that [`build`](crate::build) will look up in `cache`, with the same input and
 /// options. Equal input gives equal shares on every machine.
 ///
 /// # Errors
@@ -66,16 +66,17 @@ pub struct Prepared {
 /// stages, which need them all.
 pub fn prepare(
     input: &Input<'_>,
-    kept: &dyn Kept,
+    cache: &dyn Cache,
     options: &BuildOptions,
     stage: Stage,
     share: Share,
     progress: &dyn Progress,
 ) -> Result<Prepared, MappingError> {
     options.settings.check()?;
-    let input = &input.with_kept(kept);
+    let input = &input.with_kept(cache);
     let extractors = input.extractors().unwrap_or(&options.extractors);
-    let makers = Makers { extractor: extractors.named(&options.features)?, global: options.global.as_ref() };
+    let extractor_pair =
+        ExtractorPair { extractor: extractors.named(&options.features)?, global: options.global.as_ref() };
     let limits = options.settings.extraction;
     let mut checked = input.check(|_| false)?;
     if stage == Stage::Features {
@@ -83,20 +84,20 @@ pub fn prepare(
         checked.images = share.of(checked.images);
         let done = checked.images.len();
         if done > 0 {
-            extract_each(checked, makers, limits, progress, |_, _| ())?;
+            extract_each(checked, extractor_pair, limits, progress, |_, _| ())?;
         }
         return Ok(Prepared { done, of_all });
     }
-    let Found { images, features, .. } = extract_all(checked, makers, limits, progress)?;
+    let ExtractionResult { images, features, .. } = extract_all(checked, extractor_pair, limits, progress)?;
     let settings = &for_images(&options.settings, images.len());
     let scene = Scene::of_features(&images, &features, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let names = names_of(&scene, Some(kept));
-    let kept = names.as_deref().map(|names| (kept, names));
+    let keys = cache_keys(&scene, Some(cache));
+    let cache = keys.as_deref().map(|keys| (cache, keys));
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
     let matched = |pairs: &[(u32, u32)]| -> Edges {
         progress.start("Matching pairs", pairs.len());
-        match_pairs(pairs, &scene.views, descriptors, settings.max_ratio, kept, progress)
+        match_pairs(pairs, &scene.views, descriptors, settings.max_ratio, cache, progress)
     };
     let pairs = match (input.pairs_of(&images)?, stage) {
         // Given pairs are matched in one stage, the last.

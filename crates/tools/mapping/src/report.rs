@@ -73,7 +73,7 @@ pub enum Doubt {
     /// Matches would agree with the poses much better if the input had this mistake.
     LikelyCause {
         /// The mistake.
-        fault: Fault,
+        fault: InputMistake,
         /// Share of matches that agree with the given poses, per cent.
         agree_percent: u32,
         /// Share that would agree without the mistake, per cent.
@@ -83,7 +83,7 @@ pub enum Doubt {
 
 /// Common mistakes in poses and cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
+pub enum InputMistake {
     /// Poses are camera-to-world instead of world-to-camera.
     CameraToWorld,
     /// The camera's y axis points up and its z axis backwards, as in OpenGL, instead of down and forwards.
@@ -97,7 +97,7 @@ pub enum Fault {
     },
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for InputMistake {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::CameraToWorld => f.write_str(
@@ -144,8 +144,8 @@ impl Doubt {
     }
 
     /// Returns whether so few matches agree with the poses that a diagnosis is useful.
-    pub(crate) fn is_worth_asking(matches: usize, verified: usize) -> bool {
-        (verified as f64) < ASKED_BELOW * matches as f64
+    pub(crate) fn needs_diagnosis(matches: usize, verified: usize) -> bool {
+        (verified as f64) < DIAGNOSE_BELOW * matches as f64
     }
 
     fn of_matches(matches: usize, verified: usize) -> Vec<Self> {
@@ -161,10 +161,10 @@ impl Doubt {
             Self::BlindImages { .. } => "blind-images",
             Self::SelfTest { .. } => "self-test",
             Self::LikelyCause { fault, .. } => match fault {
-                Fault::CameraToWorld => "poses-camera-to-world",
-                Fault::AxesUpAndBack => "axes-up-and-back",
-                Fault::CameraToWorldAxesUpAndBack => "poses-camera-to-world-axes-up-and-back",
-                Fault::FocalLength { .. } => "focal-length",
+                InputMistake::CameraToWorld => "poses-camera-to-world",
+                InputMistake::AxesUpAndBack => "axes-up-and-back",
+                InputMistake::CameraToWorldAxesUpAndBack => "poses-camera-to-world-axes-up-and-back",
+                InputMistake::FocalLength { .. } => "focal-length",
             },
         }
     }
@@ -219,4 +219,4 @@ const MIN_MATCHES: usize = 100;
 /// its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
 /// Share below which the cause is searched: correct maps have 80 % and more.
-const ASKED_BELOW: f64 = 0.7;
+const DIAGNOSE_BELOW: f64 = 0.7;

@@ -6,11 +6,11 @@ use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation, PosedImage};
 
-use crate::kept::Extracted;
+use crate::cache::ExtractedFeatures;
 use crate::matching::Edge;
 use crate::options::pixels_at;
 use crate::tracks::{Node, build_tracks};
-use crate::triangulation::{Sight, settle, triangulate};
+use crate::triangulation::{Sight, refine_inliers, triangulate};
 use crate::view::View;
 
 /// A point that may still change.
@@ -62,7 +62,7 @@ impl<'a> Scene<'a> {
     /// Creates a scene of images without points.
     pub(crate) fn of_features(
         images: &[&PosedImage],
-        features: &'a [Extracted],
+        features: &'a [ExtractedFeatures],
         settings: &BuildSettings,
     ) -> Self {
         let views = images
@@ -139,9 +139,10 @@ impl<'a> Scene<'a> {
     fn points_of_track(&self, track: &[Node], settings: &BuildSettings) -> Vec<WorkPoint> {
         let (mut nodes, mut sights) = self.sights(track);
         let mut points = Vec::new();
-        let mut least = settings.min_track_length as usize;
-        while nodes.len() >= least {
-            let Some(found) = triangulate(&sights, least, settings.min_triangulation_angle_deg) else {
+        let mut min_observations = settings.min_track_length as usize;
+        while nodes.len() >= min_observations {
+            let Some(found) = triangulate(&sights, min_observations, settings.min_triangulation_angle_deg)
+            else {
                 break;
             };
             let mut agree = found.agree.iter();
@@ -150,7 +151,7 @@ impl<'a> Scene<'a> {
             points.push(WorkPoint { position: found.position, track: inside, touched: true });
             (nodes, sights) = self.sights(&outside);
             // Two remaining observations agree too easily.
-            least = (settings.min_track_length as usize).max(3);
+            min_observations = (settings.min_track_length as usize).max(3);
         }
         points
     }
@@ -165,7 +166,7 @@ impl<'a> Scene<'a> {
 
     /// Refines every touched point on its track; observations that no longer agree are removed, new points without
     /// enough observations or angle are dropped, and old ones are treated according to `fallback`.
-    pub(crate) fn polish(&mut self, settings: &BuildSettings, fallback: Fallback) {
+    pub(crate) fn refine_touched(&mut self, settings: &BuildSettings, fallback: Fallback) {
         let settled: Vec<Option<(Vector3<f64>, Vec<Node>)>> = self
             .points
             .par_iter()
@@ -176,8 +177,14 @@ impl<'a> Scene<'a> {
                 }
                 let (nodes, sights) = self.sights(&point.track);
                 // An existing point needs fewer observations than a new one.
-                let least = if index < self.before.len() { 2 } else { settings.min_track_length as usize };
-                let found = settle(&sights, point.position, least, settings.min_triangulation_angle_deg);
+                let min_observations =
+                    if index < self.before.len() { 2 } else { settings.min_track_length as usize };
+                let found = refine_inliers(
+                    &sights,
+                    point.position,
+                    min_observations,
+                    settings.min_triangulation_angle_deg,
+                );
                 Some(found.map_or_else(
                     || (point.position, Vec::new()),
                     |f| {

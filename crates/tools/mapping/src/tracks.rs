@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_edges_decide_where_a_conflicting_track_is_split() {
+    fn first_edges_decide_conflicts() {
         // (0,0)-(1,0)-(2,0) and (0,1)-(1,1)-(2,1), with a wrong edge between them in last position.
         let good = [((0, 0), (1, 0)), ((1, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 1), (2, 1))];
         let wrong = ((1, 0), (2, 1));
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn two_keypoints_of_one_image_never_meet() {
+    fn tracks_have_one_keypoint_per_image() {
         let tracks = build_tracks([((0, 0), (1, 0)), ((0, 1), (1, 0))]);
         assert_eq!(tracks, [vec![(0, 0), (1, 0)]]);
     }

@@ -52,16 +52,16 @@ pub(crate) fn triangulate(
             continue;
         }
         let score = score(sights, &point);
-        if best.is_none_or(|(least, _)| score < least) {
+        if best.is_none_or(|(lowest, _)| score < lowest) {
             best = Some((score, point));
         }
     }
     let (_, start) = best?;
-    settle(sights, start, min_sights, min_angle_deg)
+    refine_inliers(sights, start, min_sights, min_angle_deg)
 }
 
 /// Refines a point and its inlier set until the set no longer changes, and checks the result.
-pub(crate) fn settle(
+pub(crate) fn refine_inliers(
     sights: &[Sight<'_>],
     start: Vector3<f64>,
     min_sights: usize,
@@ -134,13 +134,13 @@ pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> 
 /// The largest angle between two of the rays to a point, degrees.
 pub(crate) fn widest_angle_deg(sights: &[Sight<'_>], point: &Vector3<f64>) -> f64 {
     let toward: Vec<Vector3<f64>> = sights.iter().map(|s| (s.view.center - point).normalize()).collect();
-    let mut least: f64 = 1.0;
+    let mut min_cos: f64 = 1.0;
     for (i, a) in toward.iter().enumerate() {
         for b in &toward[i + 1..] {
-            least = least.min(a.dot(b));
+            min_cos = min_cos.min(a.dot(b));
         }
     }
-    least.clamp(-1.0, 1.0).acos().to_degrees()
+    min_cos.clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Returns the midpoint of the shortest segment between two rays; `None` if it is not in front of both cameras or the
@@ -257,7 +257,7 @@ mod tests {
     const POINT: Vector3<f64> = Vector3::new(0.3, -0.2, 0.5);
 
     #[test]
-    fn exact_rays_give_the_exact_point() {
+    fn exact_rays_triangulate_exactly() {
         for count in [2, 3, 10, 40] {
             let views = arc(count, 30.0);
             let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_moves_the_point_as_far_as_its_covariance_says() {
+    fn noise_error_matches_covariance() {
         let views = arc(12, 40.0);
         let sights: Vec<Sight<'_>> =
             views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 0.5))).collect();
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn half_the_keypoints_may_be_wrong() {
+    fn half_of_the_keypoints_may_be_outliers() {
         let views = arc(12, 40.0);
         let wrong = |i: usize| i % 2 == 1;
         let sights: Vec<Sight<'_>> = views
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn points_behind_cameras_or_under_small_angles_are_refused() {
+    fn points_behind_cameras_or_at_small_angles_are_rejected() {
         let two = [-0.04, 0.04].map(|x| view(Vector3::new(x, 0.0, -5.0), 0.0));
         let sights: Vec<Sight<'_>> = two.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
         assert!(triangulate(&sights, 2, 1.5).is_none(), "0.08 units at 5.5 are 0.83 degrees");
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_agree_with_finite_differences() {
+    fn jacobian_matches_finite_differences() {
         let h = 1e-6;
         for v in arc(5, 60.0) {
             let s = sight(&v, &POINT, [3.0, -2.0]);
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn refinement_ends_where_no_small_step_helps() {
+    fn refinement_reaches_a_local_minimum() {
         let views = arc(7, 25.0);
         let sights: Vec<Sight<'_>> =
             views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 2.0))).collect();
@@ -357,8 +357,8 @@ mod tests {
     /// For any keypoints, a returned point is finite, in front of its cameras, and its inliers are as reported.
     /// Keypoints have small and large errors, so that both outcomes occur.
     #[test]
-    fn what_is_returned_holds() {
-        let shift = |most: f64| (-most..most, -most..most);
+    fn triangulated_points_satisfy_their_contract() {
+        let shift = |limit: f64| (-limit..limit, -limit..limit);
         let shifts = prop::collection::vec(prop_oneof![shift(1.0), shift(400.0)], 2..9);
         let [returned, none] = [const { Cell::new(0) }; 2];
         let holds = |shifts: Vec<(f64, f64)>| {

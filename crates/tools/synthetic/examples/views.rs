@@ -17,14 +17,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (seed, mapping, queries) = (number(7)?, number(6)? as usize, number(2)? as usize);
     std::fs::create_dir_all(&folder)?;
     let start = Instant::now();
-    let place = Place::generate(seed);
-    println!("{place:?} in {:.2} s", start.elapsed().as_secs_f64());
-    let path = place.camera_path(&PathOptions::with_counts(mapping, queries));
+    let scene = Place::generate(seed);
+    println!("{scene:?} in {:.2} s", start.elapsed().as_secs_f64());
+    let path = scene.camera_path(&PathOptions::with_counts(mapping, queries));
     let camera: Intrinsics = "PINHOLE,640,480,525,525,320,240".parse()?;
     let views = path.mapping.iter().map(|p| ("map", p)).chain(path.queries.iter().map(|p| ("query", p)));
     for (k, (kind, pose)) in views.enumerate() {
         let start = Instant::now();
-        let view = place.render(pose, &camera, &RenderOptions::with_seed(k as u64));
+        let view = scene.render(pose, &camera, &RenderOptions::with_seed(k as u64));
         println!("{kind} {k}: {:.0} ms", 1e3 * start.elapsed().as_secs_f64());
         view.rgb().save(folder.join(format!("{kind}_{k:02}.png")))?;
     }

@@ -26,13 +26,13 @@ pub(crate) struct Builder {
 
 /// Local frame on the floor plan for building furniture: `x` along its front, `y` to its back.
 #[derive(Clone, Copy)]
-pub(crate) struct Spot {
+pub(crate) struct LocalFrame {
     origin: Vec3,
     x: Vec3,
     y: Vec3,
 }
 
-impl Spot {
+impl LocalFrame {
     /// A frame at `(x, y, z)`, its `x` axis rotated by `yaw` radians from the room's.
     pub(crate) fn new(x: f32, y: f32, z: f32, yaw: f32) -> Self {
         let (s, c) = yaw.sin_cos();
@@ -86,14 +86,14 @@ impl Builder {
     }
 
     /// A box with its front lower left corner at the frame's origin, `size` along the frame's axes.
-    pub(crate) fn block(&mut self, spot: &Spot, size: [f32; 3], pattern: &Pattern) {
-        self.faces(spot, size, [pattern; 6]);
+    pub(crate) fn block(&mut self, frame: &LocalFrame, size: [f32; 3], pattern: &Pattern) {
+        self.faces(frame, size, [pattern; 6]);
     }
 
     /// The same with patterns for front, back, left, right, top and bottom.
-    pub(crate) fn faces(&mut self, spot: &Spot, [w, d, h]: [f32; 3], patterns: [&Pattern; 6]) {
-        let (x, y, z) = (spot.across() * w, spot.back() * d, Vec3::new(0.0, 0.0, h));
-        let o = spot.at(0.0, 0.0, 0.0);
+    pub(crate) fn faces(&mut self, frame: &LocalFrame, [w, d, h]: [f32; 3], patterns: [&Pattern; 6]) {
+        let (x, y, z) = (frame.across() * w, frame.back() * d, Vec3::new(0.0, 0.0, h));
+        let o = frame.at(0.0, 0.0, 0.0);
         let [front, back, left, right, top, bottom] = patterns;
         self.quad(o, x, z, front);
         self.quad(o + x + y, -x, z, back);
@@ -108,10 +108,17 @@ impl Builder {
     }
 
     /// An upright column with eight sides around the frame's origin.
-    pub(crate) fn column(&mut self, spot: &Spot, radius: f32, height: f32, pattern: &Pattern, top: &Pattern) {
+    pub(crate) fn column(
+        &mut self,
+        frame: &LocalFrame,
+        radius: f32,
+        height: f32,
+        pattern: &Pattern,
+        top: &Pattern,
+    ) {
         let corner = |k: u32| {
             let angle = std::f32::consts::FRAC_PI_4 * k as f32;
-            spot.at(radius * angle.cos(), radius * angle.sin(), 0.0)
+            frame.at(radius * angle.cos(), radius * angle.sin(), 0.0)
         };
         let up = Vec3::new(0.0, 0.0, height);
         for k in 0..8 {
@@ -119,11 +126,11 @@ impl Builder {
         }
         // Two rectangles form the lid; the small triangles between them are narrower than the rim.
         for turn in [0.0, std::f32::consts::FRAC_PI_4] {
-            let lid = spot.moved(0.0, 0.0, height, turn);
+            let lid = frame.moved(0.0, 0.0, height, turn);
             let half = radius * 0.707;
             self.quad(lid.at(-half, -half, 0.0), lid.across() * 2.0 * half, lid.back() * 2.0 * half, top);
         }
-        let c = spot.at(0.0, 0.0, 0.0);
+        let c = frame.at(0.0, 0.0, 0.0);
         let reach = Vec3::new(radius, radius, 0.0);
         self.obstacles.push(Obstacle { low: c - reach, high: c + reach + up });
     }

@@ -33,7 +33,7 @@ impl Quad {
 
     /// Distance along the ray to the plane, in units of `direction`, and the position `(a, b)` there, which may lie
     /// outside the rectangle.
-    pub(crate) fn meet(&self, from: Vec3, direction: Vec3) -> (f32, f32, f32) {
+    pub(crate) fn intersect(&self, from: Vec3, direction: Vec3) -> (f32, f32, f32) {
         let t = self.normal.dot(&(self.origin - from)) / self.normal.dot(&direction);
         let p = from + direction * t - self.origin;
         (t, p.dot(&self.dual[0]), p.dot(&self.dual[1]))
@@ -147,7 +147,7 @@ impl Bvh {
         let inverse = direction.map(|d| 1.0 / d);
         let mut best = Hit { quad: u32::MAX, t: farthest, a: 0.0, b: 0.0 };
         let consider = |q: u32, best: &mut Hit| {
-            let (t, a, b) = quads[q as usize].meet(from, direction);
+            let (t, a, b) = quads[q as usize].intersect(from, direction);
             if t > 1e-4 && t < best.t && (0.0..=1.0).contains(&a) && (0.0..=1.0).contains(&b) {
                 *best = Hit { quad: q, t, a, b };
             }

@@ -29,12 +29,12 @@ mod material;
 mod noise;
 mod painter;
 mod path;
-mod place;
 mod print;
 pub mod problems;
 mod render;
 mod room;
+mod scene;
 
 pub use path::{CameraPath, PathOptions};
-pub use place::Place;
 pub use render::{RenderOptions, Rendering};
+pub use scene::Place;

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::bvh::Vec3;
-use crate::place::Place;
+use crate::scene::Place;
 
 /// Number and seed of the views.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -114,12 +114,12 @@ impl PointProblem {
         let chosen = rand::seq::index::sample(rng, options.matches, wrong);
         let mut inliers = vec![true; options.matches];
         for i in chosen {
-            let elsewhere = camera.unproject(Pixel::new(
+            let other_point = camera.unproject(Pixel::new(
                 rng.random_range(0.0..f64::from(camera.width.max(1))),
                 rng.random_range(0.0..f64::from(camera.height.max(1))),
             ));
             // Another point of the same scene: in a near-planar scene it is near the plane as well.
-            points[i] = world_from_cam.transform(&at_depth(options, slant, &elsewhere, rng));
+            points[i] = world_from_cam.transform(&at_depth(options, slant, &other_point, rng));
             inliers[i] = false;
         }
         Self { camera, cam_from_world, pixels, points, inliers }

@@ -12,7 +12,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, fr
 use crate::bvh::{Hit, Vec3};
 use crate::colour::Colour;
 use crate::noise::{hash, unit};
-use crate::place::Place;
+use crate::scene::Place;
 
 /// Options of the simulated sensor.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,7 +154,7 @@ struct Corner {
 }
 
 struct View<'a> {
-    place: &'a Place,
+    scene: &'a Place,
     camera: &'a Intrinsics,
     center: Vec3,
     /// Columns: the camera's axes in the world.
@@ -164,11 +164,11 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn new(place: &'a Place, cam_from_world: &CameraFromWorld, camera: &'a Intrinsics) -> Self {
+    fn new(scene: &'a Place, cam_from_world: &CameraFromWorld, camera: &'a Intrinsics) -> Self {
         let single = |v: Vector3<f64>| v.map(|c| c as f32);
         let r = cam_from_world.rotation().matrix();
         Self {
-            place,
+            scene,
             camera,
             center: single(cam_from_world.center().coords),
             axes: [0, 1, 2].map(|k| single(r.row(k).transpose())),
@@ -182,7 +182,7 @@ impl<'a> View<'a> {
     }
 
     fn hit(&self, plane: [f32; 2], hint: u32) -> Option<Hit> {
-        self.place.bvh.first_hit(&self.place.quads, self.center, self.ray(plane), FAR, hint)
+        self.scene.bvh.first_hit(&self.scene.quads, self.center, self.ray(plane), FAR, hint)
     }
 
     fn corner(&self, u: f64, v: f64, hint: u32) -> Option<Corner> {
@@ -210,34 +210,37 @@ impl<'a> View<'a> {
         for k in 0..n * n {
             let at = |i: usize| (i as f32 + 0.5) / n as f32;
             let plane = inside(at(k % n), at(k / n));
-            let hit = if one { Some(self.meet(a.quad, plane)) } else { self.hit(plane, hint) };
+            let hit = if one { Some(self.intersect(a.quad, plane)) } else { self.hit(plane, hint) };
             hint = hit.map_or(hint, |h| h.quad);
             sum += hit.map_or_else(Colour::zeros, |h| self.shade(&h, plane));
         }
         let middle = inside(0.5, 0.5);
-        let depth =
-            if one { self.meet(a.quad, middle).t } else { self.hit(middle, hint).map_or(f32::NAN, |h| h.t) };
+        let depth = if one {
+            self.intersect(a.quad, middle).t
+        } else {
+            self.hit(middle, hint).map_or(f32::NAN, |h| h.t)
+        };
         (sum / (n * n) as f32, depth)
     }
 
-    fn meet(&self, quad: u32, plane: [f32; 2]) -> Hit {
-        let (t, a, b) = self.place.quads[quad as usize].meet(self.center, self.ray(plane));
+    fn intersect(&self, quad: u32, plane: [f32; 2]) -> Hit {
+        let (t, a, b) = self.scene.quads[quad as usize].intersect(self.center, self.ray(plane));
         Hit { quad, t, a, b }
     }
 
     fn shade(&self, hit: &Hit, plane: [f32; 2]) -> Colour {
-        let quad = &self.place.quads[hit.quad as usize];
+        let quad = &self.scene.quads[hit.quad as usize];
         let ray = self.ray(plane);
         let facing = (quad.normal.dot(&ray) / ray.norm()).abs().max(0.05);
         // Half a pixel wide, longer on slanted surfaces.
         let footprint = 0.6 * self.pixel * hit.t / facing.sqrt();
         let (u, v) = (hit.a * quad.size[0], hit.b * quad.size[1]);
-        let material = &self.place.materials[hit.quad as usize];
+        let material = &self.scene.materials[hit.quad as usize];
         let reflectance = material.reflectance(u, v, quad.size, footprint);
         if matches!(material.pattern, crate::material::Pattern::Lamp(_)) {
             return reflectance;
         }
-        reflectance * self.place.light[hit.quad as usize].at(hit.a, hit.b)
+        reflectance * self.scene.light[hit.quad as usize].at(hit.a, hit.b)
     }
 }
 

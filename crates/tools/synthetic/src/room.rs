@@ -5,7 +5,7 @@
 
 use rand::Rng;
 
-use crate::builder::{Builder, Spot};
+use crate::builder::{Builder, LocalFrame};
 use crate::bvh::Vec3;
 use crate::colour::colour;
 use crate::material::Pattern;
@@ -49,10 +49,10 @@ impl Wall {
 
     /// The local frame at distance `along` from the left end, `out` in front of the wall; its `y` axis points into the
     /// wall.
-    fn spot(&self, along: f32, out: f32, z: f32) -> Spot {
+    fn frame(&self, along: f32, out: f32, z: f32) -> LocalFrame {
         let inward = Vec3::new(self.right.y, -self.right.x, 0.0);
         let p = self.corner + self.right * along + inward * out;
-        Spot::new(p.x, p.y, z, self.right.y.atan2(self.right.x))
+        LocalFrame::new(p.x, p.y, z, self.right.y.atan2(self.right.x))
     }
 }
 
@@ -80,12 +80,12 @@ fn shell(b: &mut Builder, walls: &[Wall; 4]) -> Vec<Lamp> {
     let skirting = Pattern::Planks(colour(0.4, 0.3, 0.2), 0.05);
     for (wall, look) in walls.iter().zip(&looks) {
         b.quad(wall.corner, wall.right * wall.width, Vec3::new(0.0, 0.0, HEIGHT), look);
-        b.block(&wall.spot(0.0, 0.02, 0.0), [wall.width, 0.019, 0.09], &skirting);
+        b.block(&wall.frame(0.0, 0.02, 0.0), [wall.width, 0.019, 0.09], &skirting);
     }
     let beam = Pattern::Planks(colour(0.3, 0.2, 0.12), 0.07);
     for k in 0..3 {
         let at = -2.2 + 2.1 * k as f32;
-        b.block(&Spot::new(at, -y, HEIGHT - 0.16, 0.0), [0.14, 2.0 * y, 0.155], &beam);
+        b.block(&LocalFrame::new(at, -y, HEIGHT - 0.16, 0.0), [0.14, 2.0 * y, 0.155], &beam);
     }
     let glow = Pattern::Lamp(colour(2.2, 2.1, 1.9));
     [(-1.2, -0.7), (1.2, 0.7), (-1.2, 1.5), (1.2, -1.5)]
@@ -120,7 +120,7 @@ fn hang(b: &mut Builder, walls: &[Wall; 4]) {
             let rim = Pattern::Shell(b.colour(0.05..0.5));
             let thick = b.rng.random_range(0.006..0.03);
             let faces = [&face, &rim, &rim, &rim, &rim, &rim];
-            b.flat(|b| b.faces(&wall.spot(u, thick, v), [w, thick - 0.001, h], faces));
+            b.flat(|b| b.faces(&wall.frame(u, thick, v), [w, thick - 0.001, h], faces));
         }
     }
 }
@@ -129,15 +129,15 @@ fn stand(b: &mut Builder, [north, east, south, west]: &[Wall; 4]) {
     let mut jitter = |range: f32| b.rng.random_range(-range..range);
     let shifts: [f32; 8] = std::array::from_fn(|_| jitter(0.08));
     // North: two bookcases and a desk between them.
-    b.bookcase(&north.spot(0.35 + shifts[0], 0.33, 0.0), 1.1, 2.05);
-    b.desk(&north.spot(2.2 + shifts[1], 0.78, 0.0), 1.6);
-    b.chair(&north.spot(2.7 + shifts[2], 1.2, 0.0).moved(0.42, 0.42, 0.0, 2.9));
-    b.bookcase(&north.spot(4.5 + shifts[3], 0.33, 0.0), 1.3, 1.7);
+    b.bookcase(&north.frame(0.35 + shifts[0], 0.33, 0.0), 1.1, 2.05);
+    b.desk(&north.frame(2.2 + shifts[1], 0.78, 0.0), 1.6);
+    b.chair(&north.frame(2.7 + shifts[2], 1.2, 0.0).moved(0.42, 0.42, 0.0, 2.9));
+    b.bookcase(&north.frame(4.5 + shifts[3], 0.33, 0.0), 1.3, 1.7);
     // East: a sofa and a floor lamp.
-    b.sofa(&east.spot(1.2 + shifts[4], 0.8, 0.0), 2.1);
-    b.floor_lamp(&east.spot(3.75, 0.4, 0.0));
-    b.chest(&east.spot(4.3 + shifts[5], 0.5, 0.0), [1.0, 0.45, 0.85]);
-    let on_chest = east.spot(4.3 + shifts[5], 0.5, 0.85);
+    b.sofa(&east.frame(1.2 + shifts[4], 0.8, 0.0), 2.1);
+    b.floor_lamp(&east.frame(3.75, 0.4, 0.0));
+    b.chest(&east.frame(4.3 + shifts[5], 0.5, 0.0), [1.0, 0.45, 0.85]);
+    let on_chest = east.frame(4.3 + shifts[5], 0.5, 0.85);
     b.clutter(&on_chest, [1.0, 0.45], 8);
     // South: cartons in a pile, a bookcase, wall boards.
     for (along, z, size) in [
@@ -147,27 +147,27 @@ fn stand(b: &mut Builder, [north, east, south, west]: &[Wall; 4]) {
         (1.6, 0.0, [0.4, 0.4, 0.5]),
     ] {
         let turn = b.rng.random_range(-0.12..0.12);
-        b.carton(&south.spot(along, 0.62, z).moved(0.0, 0.0, 0.0, turn), size);
+        b.carton(&south.frame(along, 0.62, z).moved(0.0, 0.0, 0.0, turn), size);
     }
-    b.bookcase(&south.spot(2.3 + shifts[6], 0.33, 0.0), 1.4, 1.35);
-    b.clutter(&south.spot(2.3 + shifts[6], 0.32, 1.35), [1.4, 0.3], 7);
-    b.table(&south.spot(4.1, 0.72, 0.0), [1.5, 0.65, 0.78]);
-    b.clutter(&south.spot(4.1, 0.72, 0.78), [1.5, 0.65], 12);
-    b.carton(&south.spot(4.4, 0.6, 0.0), [0.6, 0.4, 0.45]);
+    b.bookcase(&south.frame(2.3 + shifts[6], 0.33, 0.0), 1.4, 1.35);
+    b.clutter(&south.frame(2.3 + shifts[6], 0.32, 1.35), [1.4, 0.3], 7);
+    b.table(&south.frame(4.1, 0.72, 0.0), [1.5, 0.65, 0.78]);
+    b.clutter(&south.frame(4.1, 0.72, 0.78), [1.5, 0.65], 12);
+    b.carton(&south.frame(4.4, 0.6, 0.0), [0.6, 0.4, 0.45]);
     // West: a chest, two boards with books, a bookcase.
-    b.chest(&west.spot(0.7 + shifts[7], 0.5, 0.0), [1.2, 0.45, 0.95]);
-    b.clutter(&west.spot(0.7 + shifts[7], 0.5, 0.95), [1.2, 0.45], 9);
+    b.chest(&west.frame(0.7 + shifts[7], 0.5, 0.0), [1.2, 0.45, 0.95]);
+    b.clutter(&west.frame(0.7 + shifts[7], 0.5, 0.95), [1.2, 0.45], 9);
     let board = Pattern::Planks(colour(0.45, 0.33, 0.2), 0.08);
     for z in [1.45, 1.9] {
-        b.block(&west.spot(2.4, 0.26, z), [1.5, 0.25, 0.025], &board);
-        b.books(&west.spot(2.42, 0.24, z + 0.025), 1.45, 0.34);
+        b.block(&west.frame(2.4, 0.26, z), [1.5, 0.25, 0.025], &board);
+        b.books(&west.frame(2.42, 0.24, z + 0.025), 1.45, 0.34);
     }
-    b.sofa(&west.spot(2.3, 0.78, 0.0), 1.7);
-    b.bookcase(&west.spot(4.35, 0.33, 0.0), 1.0, 1.95);
+    b.sofa(&west.frame(2.3, 0.78, 0.0), 1.7);
+    b.bookcase(&west.frame(4.35, 0.33, 0.0), 1.0, 1.95);
     // A tiled pillar in one corner, two along the length of the room.
     let tiles = Pattern::Tiles(colour(0.6, 0.55, 0.5), 0.11);
-    b.column(&Spot::new(2.85, -2.35, 0.0, 0.2), 0.2, HEIGHT, &tiles, &tiles);
-    b.column(&Spot::new(-2.9, 2.4, 0.0, 0.1), 0.16, HEIGHT, &tiles, &tiles);
+    b.column(&LocalFrame::new(2.85, -2.35, 0.0, 0.2), 0.2, HEIGHT, &tiles, &tiles);
+    b.column(&LocalFrame::new(-2.9, 2.4, 0.0, 0.1), 0.16, HEIGHT, &tiles, &tiles);
     middle(b);
 }
 
@@ -178,12 +178,12 @@ fn middle(b: &mut Builder) {
     {
         let palette = std::array::from_fn(|_| b.colour(0.12..0.85));
         let turn = b.rng.random_range(-0.2..0.2);
-        let at = Spot::new(cx, cy, z, turn);
+        let at = LocalFrame::new(cx, cy, z, turn);
         let corner = at.at(-w / 2.0, -d / 2.0, 0.0);
         b.flat(|b| b.quad(corner, at.across() * w, at.back() * d, &Pattern::Rug(palette)));
     }
     let turn = b.rng.random_range(-0.3..0.3);
-    let table = Spot::new(0.0, 0.0, 0.0, turn).moved(-0.55, -0.35, 0.0, 0.0);
+    let table = LocalFrame::new(0.0, 0.0, 0.0, turn).moved(-0.55, -0.35, 0.0, 0.0);
     b.table(&table, [1.1, 0.7, 0.44]);
     b.clutter(&table.moved(0.0, 0.0, 0.44, 0.0), [1.1, 0.7], 10);
     for (x, y) in [(-1.1, 0.9), (1.0, -0.9), (1.25, 0.85)] {
@@ -191,9 +191,9 @@ fn middle(b: &mut Builder) {
         let size =
             [b.rng.random_range(0.2..0.4), b.rng.random_range(0.2..0.4), b.rng.random_range(0.15..0.4)];
         if b.rng.random_bool(0.5) {
-            b.carton(&Spot::new(x, y, 0.0, turn), size);
+            b.carton(&LocalFrame::new(x, y, 0.0, turn), size);
         } else {
-            b.labelled_box(&Spot::new(x, y, 0.0, turn), size);
+            b.labelled_box(&LocalFrame::new(x, y, 0.0, turn), size);
         }
     }
 }

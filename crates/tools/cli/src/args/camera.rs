@@ -49,7 +49,7 @@ impl CameraArg {
             Self::Written(camera) => *camera,
             Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt"))?,
             Self::In(path) => only_camera(path)?,
-            Self::Unknown => return Ok(CameraSource::Guess),
+            Self::Unknown => return Ok(CameraSource::Assumed),
         };
         Ok(CameraSource::Given(KnownCamera { intrinsics, focal }))
     }
@@ -63,7 +63,7 @@ pub(crate) enum CameraSource {
     /// The focal length comes from the image's EXIF data.
     Exif,
     /// The camera is unknown; its focal length is estimated from the image size.
-    Guess,
+    Assumed,
 }
 
 impl CameraSource {
@@ -75,7 +75,7 @@ impl CameraSource {
         match self {
             Self::Given(camera) => Ok(camera),
             Self::Exif => KnownCamera::from_exif(image),
-            Self::Guess => KnownCamera::guessed(image),
+            Self::Assumed => KnownCamera::guessed(image),
         }
     }
 }
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn commas_spaces_and_files_say_the_same() {
+    fn camera_text_forms_are_equivalent() {
         let camera: Intrinsics = CAMERA.parse().expect("a camera");
         let with_spaces = CAMERA.replace(',', " ");
         for text in [CAMERA, &with_spaces, &CAMERA.replace(',', ", "), &format!("  {with_spaces}\t")] {
@@ -151,18 +151,21 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_one_camera_is_refused_with_a_remedy() {
-        let says = |text: &str, words: &[&str]| {
+    fn invalid_cameras_are_refused_with_remedy() {
+        let check_refusal = |text: &str, words: &[&str]| {
             let Err(Failure::Refused { report }) = in_file(text) else { panic!("{text} was taken") };
-            let said = format!("{report:?}");
-            assert!(words.iter().all(|word| said.contains(word)), "{said}");
+            let message = format!("{report:?}");
+            assert!(words.iter().all(|word| message.contains(word)), "{message}");
         };
-        says("1 PINHOLE 4 3 1 1 2 2\n2 PINHOLE 8 6 1 1 4 3\n", &["cameras.txt", "2 cameras", "--list"]);
-        says("# nothing\n", &["no camera"]);
-        says("1 PINHOLE 4 3 1 1 2\n", &["line 1"]);
+        check_refusal(
+            "1 PINHOLE 4 3 1 1 2 2\n2 PINHOLE 8 6 1 1 4 3\n",
+            &["cameras.txt", "2 cameras", "--list"],
+        );
+        check_refusal("# nothing\n", &["no camera"]);
+        check_refusal("1 PINHOLE 4 3 1 1 2\n", &["line 1"]);
         assert!("nonsense".parse::<CameraArg>().is_err());
         assert!(matches!(camera("no/such/cameras.txt"), Err(Failure::Refused { .. })));
         let unknown = "unknown".parse::<CameraArg>().expect("a word").source(FocalKnowledge::Calibrated);
-        assert!(matches!(unknown, Ok(CameraSource::Guess)), "a guess is never calibrated");
+        assert!(matches!(unknown, Ok(CameraSource::Assumed)), "a guess is never calibrated");
     }
 }

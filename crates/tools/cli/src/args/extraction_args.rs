@@ -4,7 +4,7 @@ use veiloc_features::Extractors;
 use veiloc_mapping::BuildOptions;
 
 use crate::args::feature_args::ModelFileArgs;
-use crate::args::global_args::{VLAD, global_named};
+use crate::args::global_args::{VLAD, global_extractor};
 use crate::exit::Failure;
 
 /// Which features the map holds, and which features devices send.
@@ -40,7 +40,7 @@ impl ExtractionArgs {
         options.settings.extraction.max_keypoints = self.max_keypoints;
         options.device.max_keypoints = self.query_keypoints;
         (options.features, options.extractors) = self.file.extractors(&self.features)?;
-        options.global = global_named(&self.file.models(), &self.global)?;
+        options.global = global_extractor(&self.file.models(), &self.global)?;
         Ok(options)
     }
 }

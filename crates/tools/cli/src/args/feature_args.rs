@@ -12,7 +12,7 @@ use veiloc_mapping::importers::hloc::StoredFeatures;
 use veiloc_protocol::Profile;
 
 #[cfg(not(feature = "hloc"))]
-use crate::commands::absent;
+use crate::commands::missing_feature;
 use crate::exit::Failure;
 
 /// Environment variable that lists the folders of network files, in the form of `PATH`.
@@ -67,7 +67,7 @@ impl ModelFileArgs {
             return Ok((stored.kind().name().to_owned(), Extractors::default().with(stored)));
         }
         if Extractors::default().named(features).is_ok() {
-            self.needs_no_file(features)?;
+            self.refuse_model_file(features)?;
             return Ok((features.to_owned(), Extractors::default()));
         }
         let learned = self.open(features)?;
@@ -87,10 +87,10 @@ impl ModelFileArgs {
     #[cfg(not(feature = "hloc"))]
     #[expect(clippy::unused_self, reason = "same signature as with the feature")]
     fn stored(&self, file: &Path, _features: &str) -> Result<Arc<Learned>, Failure> {
-        Err(absent::without(&format!("--features-file {}", file.display()), "hloc"))
+        Err(missing_feature::error(&format!("--features-file {}", file.display()), "hloc"))
     }
 
-    fn needs_no_file(&self, features: &str) -> Result<(), Failure> {
+    fn refuse_model_file(&self, features: &str) -> Result<(), Failure> {
         match &self.model_file {
             Some(file) => Err(Failure::with_help(
                 format!("--model-file {} is given, and {features} has no network", file.display()),
@@ -121,7 +121,7 @@ impl ImageFeatureArgs {
             return Ok(Arc::new(self.file.stored(file, &self.features)?));
         }
         if let Ok(built_in) = Extractors::default().shared(&self.features) {
-            self.file.needs_no_file(&self.features)?;
+            self.file.refuse_model_file(&self.features)?;
             return Ok(built_in);
         }
         Ok(self.file.open(&self.features)?)
@@ -150,12 +150,13 @@ impl MapFeatureArgs {
     /// # Errors
     /// The model is unknown, has no file, cannot be used, or differs in kind from the map's features.
     pub(crate) fn extractors(&self, profile: &Profile) -> Result<Extractors, Failure> {
-        let asked = profile.descriptor_kind();
-        let (name, extractors) = self.file.extractors(self.features.as_deref().unwrap_or(asked.name()))?;
-        if extractors.of_kind(asked).is_err() || name != asked.name() {
+        let map_kind = profile.descriptor_kind();
+        let (name, extractors) = self.file.extractors(self.features.as_deref().unwrap_or(map_kind.name()))?;
+        if extractors.of_kind(map_kind).is_err() || name != map_kind.name() {
             let own = extractors.named(&name)?.kind();
-            let message =
-                format!("the map has features {asked:?}, and --features gives {own:?}: these do not match");
+            let message = format!(
+                "the map has features {map_kind:?}, and --features gives {own:?}: these do not match"
+            );
             return Err(Failure::with_help(
                 message,
                 "leave --features out, or give the model that the map was built with",

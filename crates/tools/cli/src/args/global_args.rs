@@ -15,7 +15,7 @@ pub(crate) const VLAD: &str = "vlad";
 ///
 /// # Errors
 /// The model is unknown, has no file, or cannot be used.
-pub(crate) fn global_named(models: &Models, name: &str) -> Result<Option<SharedGlobal>, Failure> {
+pub(crate) fn global_extractor(models: &Models, name: &str) -> Result<Option<SharedGlobal>, Failure> {
     if name == VLAD {
         return Ok(None);
     }
@@ -42,8 +42,8 @@ impl MapGlobalArgs {
         models: &Models,
         profile: &Profile,
     ) -> Result<Option<SharedGlobal>, Failure> {
-        let asked = profile.global_model().name();
-        let own = global_named(models, self.global.as_deref().unwrap_or(asked))?;
+        let requested = profile.global_model().name();
+        let own = global_extractor(models, self.global.as_deref().unwrap_or(requested))?;
         fits(profile, own.as_ref())?;
         Ok(own)
     }
@@ -65,19 +65,19 @@ impl ConsentArgs {
     ///
     /// # Errors
     /// The map requests a descriptor without consent, or the model cannot be used.
-    pub(crate) fn consented(
+    pub(crate) fn with_consent(
         &self,
         options: SealOptions,
         models: &Models,
         profile: &Profile,
         ui: &Ui,
     ) -> Result<SealOptions, Failure> {
-        let (asked, of_rows) = (profile.global_model().name(), profile.vocabulary().is_some());
+        let (requested, of_rows) = (profile.global_model().name(), profile.vocabulary().is_some());
         match &self.image_global {
             None => {
                 options.image_global(profile).map_err(|refused| {
                     let help = format!(
-                        "to send it, read docs/privacy.md, rule L14, and give --image-global {asked}; or \
+                        "to send it, read docs/privacy.md, rule L14, and give --image-global {requested}; or \
                          query a map without it"
                     );
                     Failure::with_help(refused, help)
@@ -85,14 +85,14 @@ impl ConsentArgs {
                 Ok(options)
             }
             Some(_) if of_rows => {
-                ui.say("the map requests no global descriptor of the whole image; none is sent");
+                ui.info("the map requests no global descriptor of the whole image; none is sent");
                 Ok(options)
             }
             Some(name) => {
-                let own = global_named(models, name)?;
+                let own = global_extractor(models, name)?;
                 fits(profile, own.as_ref())?;
-                ui.complain(format!(
-                    "the global descriptor {asked} of the whole image is sent: it reveals more than the \
+                ui.warn(format!(
+                    "the global descriptor {requested} of the whole image is sent: it reveals more than the \
                      local descriptors do"
                 ));
                 Ok(own.map_or(options.clone(), |own| options.with_image_global(own)))
@@ -102,10 +102,10 @@ impl ConsentArgs {
 }
 
 fn fits(profile: &Profile, own: Option<&SharedGlobal>) -> Result<(), Failure> {
-    let asked = profile.global_model();
+    let requested = profile.global_model();
     let (name, codes) =
         own.map_or((VLAD.to_owned(), None), |own| (own.model().name().to_owned(), Some(own.model().dim())));
-    if name == asked.name() && codes.is_none_or(|codes| codes == asked.global_len()) {
+    if name == requested.name() && codes.is_none_or(|codes| codes == requested.global_len()) {
         return Ok(());
     }
     let numbers = codes.map_or_else(String::new, |codes| format!(" ({codes} numbers)"));
@@ -113,8 +113,8 @@ fn fits(profile: &Profile, own: Option<&SharedGlobal>) -> Result<(), Failure> {
         format!(
             "the map's global descriptors are {} ({} numbers), and {name}{numbers} is given: these do not \
              match",
-            asked.name(),
-            asked.global_len()
+            requested.name(),
+            requested.global_len()
         ),
         "give the model that the map was built with",
     ))

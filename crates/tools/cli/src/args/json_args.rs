@@ -29,7 +29,7 @@ impl JsonArgs {
     pub(crate) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
         match &self.json {
             Some(path) if files::is_standard(path) => {
-                ui.say(table.trim_end());
+                ui.info(table.trim_end());
                 ui.json(document)
             }
             Some(path) => {

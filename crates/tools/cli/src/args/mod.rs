@@ -2,7 +2,7 @@
 
 pub(crate) mod camera;
 pub(crate) mod extraction_args;
-pub(crate) mod faults;
+pub(crate) mod extraction_error;
 pub(crate) mod feature_args;
 pub(crate) mod global_args;
 pub(crate) mod json_args;

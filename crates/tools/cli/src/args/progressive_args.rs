@@ -23,7 +23,7 @@ fn accuracy(text: &str) -> Result<Enough, String> {
 
 impl ProgressiveArgs {
     /// Returns the stop criterion; `None` if all rows are sent at once.
-    pub(crate) fn enough(&self) -> Option<Enough> {
+    pub(crate) fn stop_criterion(&self) -> Option<Enough> {
         self.progressive.then(|| self.accuracy.unwrap_or(Enough::TRUSTED))
     }
 }

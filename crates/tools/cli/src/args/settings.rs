@@ -32,7 +32,7 @@ use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, Id};
 
 pub use error::SettingsError;
-use kind::{Kind, Paths, check, fit};
+use kind::{PathPosition, ValueKind, check, normalize};
 
 /// Flags that control the settings and are not settings themselves.
 const NOT_SETTINGS: [&str; 4] = [CONFIG, "print-config", "help", "version"];
@@ -65,9 +65,9 @@ pub enum Origin {
 #[derive(Debug, Clone)]
 struct Setting {
     key: String,
-    kind: Kind,
+    kind: ValueKind,
     several: bool,
-    paths: Paths,
+    paths: PathPosition,
     /// Whether the value is an address, which may contain a secret.
     address: bool,
     /// The flag's help text; it describes the absence of a value.
@@ -100,7 +100,7 @@ pub fn layered(command: Command) -> Command {
         if !is_setting(&argument) {
             return argument;
         }
-        let argument = alone(argument);
+        let argument = unconstrained(argument);
         if matches!(argument.get_action(), ArgAction::SetTrue) {
             argument
                 .action(ArgAction::Set)
@@ -119,7 +119,7 @@ pub fn layered(command: Command) -> Command {
 }
 
 /// Removes all constraints between this argument and others.
-fn alone(argument: Arg) -> Arg {
+fn unconstrained(argument: Arg) -> Arg {
     argument
         .required(false)
         .requires(Resettable::<Id>::Reset)
@@ -147,7 +147,7 @@ impl Settings {
         let named = flag.then(|| matches.get_one::<PathBuf>(CONFIG).cloned()).flatten();
         let file = match named.or_else(|| variables(CONFIG).map(PathBuf::from)) {
             Some(path) => file::read(&path, command)?,
-            None => file::Found::default(),
+            None => file::SettingsFile::default(),
         };
         let all = command.get_arguments().filter(|argument| is_setting(argument));
         let all = all.map(|argument| Setting::of(argument, matches, &file, &variables));
@@ -179,13 +179,13 @@ impl Setting {
     fn of(
         argument: &Arg,
         matches: &ArgMatches,
-        file: &file::Found,
+        file: &file::SettingsFile,
         variables: &dyn Fn(&str) -> Option<OsString>,
     ) -> Result<Self, SettingsError> {
         let key = argument.get_long().unwrap_or_default().to_owned();
-        let kind = Kind::of(argument);
+        let kind = ValueKind::of(argument);
         let several = matches!(argument.get_action(), ArgAction::Append);
-        let paths = Paths::of(argument);
+        let paths = PathPosition::of(argument);
         let address = kind::is_address(argument);
         let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
         let mut setting =
@@ -208,9 +208,11 @@ impl Setting {
         if matches.value_source(id) == Some(ValueSource::CommandLine) {
             setting.origin = Origin::Flag;
             setting.values = matches.get_raw(id).into_iter().flatten().map(ToOwned::to_owned).collect();
-        } else if let Some(value) = variables(&setting.key).filter(|v| !several || !parts(v).is_empty()) {
+        } else if let Some(value) =
+            variables(&setting.key).filter(|v| !several || !split_values(v).is_empty())
+        {
             setting.origin = Origin::Variable(variable(&setting.key));
-            setting.values = if several { parts(&value) } else { vec![value] };
+            setting.values = if several { split_values(&value) } else { vec![value] };
             for value in &setting.values {
                 check(argument, kind, value, &setting.origin)?;
             }
@@ -218,13 +220,13 @@ impl Setting {
             (setting.values, setting.origin) = (values, origin);
         } else {
             setting.values = argument.get_default_values().iter().map(|v| v.to_os_string()).collect();
-            if kind == Kind::Switch {
+            if kind == ValueKind::Switch {
                 setting.values = vec!["false".into()];
             }
         }
-        if kind == Kind::Switch {
+        if kind == ValueKind::Switch {
             for value in &mut setting.values {
-                *value = fit(value);
+                *value = normalize(value);
             }
         }
         Ok(setting)
@@ -232,7 +234,7 @@ impl Setting {
 
     fn arguments(&self) -> Vec<OsString> {
         let flag = OsString::from(format!("--{}", self.key));
-        if self.kind == Kind::Switch {
+        if self.kind == ValueKind::Switch {
             // A switch that is off is the same as an absent switch.
             let is_on = self.values.last().is_some_and(|value| value == "true");
             return if is_on { vec![flag] } else { Vec::new() };
@@ -254,7 +256,7 @@ impl Setting {
 }
 
 /// Splits a variable into several values.
-fn parts(value: &OsString) -> Vec<OsString> {
+fn split_values(value: &OsString) -> Vec<OsString> {
     match value.to_str() {
         Some(text) => {
             text.split(';').map(str::trim).filter(|part| !part.is_empty()).map(Into::into).collect()
@@ -264,7 +266,7 @@ fn parts(value: &OsString) -> Vec<OsString> {
 }
 
 /// Resolves a path of the file against the file's folder.
-fn joined(base: &Path, path: &Path) -> PathBuf {
+fn resolve_path(base: &Path, path: &Path) -> PathBuf {
     // Removes empty components (`./`).
     base.join(path).components().collect()
 }

@@ -59,7 +59,7 @@ pub(super) struct AdversaryArgs {
     schemes: Vec<Scheme>,
     /// Source of the neighbour lists.
     #[arg(long, value_enum, default_value = "oracle")]
-    neighbours: Source,
+    neighbours: NeighbourListSource,
     /// Keypoints with descriptors to train the neighbour predictor on; attacked images among them are left out.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
     train: Vec<PathBuf>,
@@ -87,14 +87,14 @@ pub(super) struct AdversaryArgs {
     private: Option<f64>,
     /// With --known: the keypoints on which errors are measured.
     #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
-    measure: MeasureOn,
+    measure: MeasuredKeypoints,
     /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
     /// resting-camera; several values give a curve.
     #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
     frames: Vec<usize>,
     /// Selection of the frames that several-frames combines.
     #[arg(long, value_enum, default_value = "turn")]
-    choose: Choose,
+    choose: FrameSelection,
     /// For resting-camera: standard deviation of the keypoint detector from frame to frame along each axis, pixels; 0
     /// for several sealed queries of one image.
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = noise)]
@@ -109,7 +109,7 @@ pub(super) struct AdversaryArgs {
 
 /// Source of the neighbour lists.
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum Source {
+enum NeighbourListSource {
     /// An oracle that knows the true positions: the worst case.
     Oracle,
     /// Co-occurrence statistics of descriptors, learned from the images of `--train`.
@@ -122,7 +122,7 @@ enum Source {
 
 /// Selection of the frames of a scene that are combined.
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum Choose {
+enum FrameSelection {
     /// Frames whose lines give the most information on positions: large rotation, small translation.
     Turn,
     /// Frames with the most matches.
@@ -131,7 +131,7 @@ enum Choose {
 
 /// Keypoints on which errors are measured.
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum MeasureOn {
+enum MeasuredKeypoints {
     /// Keypoints whose position the server does not know from its map.
     Hidden,
     /// All keypoints; the server knows the position of the matched ones.
@@ -156,11 +156,13 @@ impl AdversaryArgs {
             schemes: self.schemes.clone(),
             attacks: attacks.to_vec(),
             neighbours: match self.neighbours {
-                Source::Oracle => NeighbourSource::Oracle,
-                Source::Predicted => NeighbourSource::Predicted { train: self.train.clone() },
+                NeighbourListSource::Oracle => NeighbourSource::Oracle,
+                NeighbourListSource::Predicted => NeighbourSource::Predicted { train: self.train.clone() },
                 // The parser requires a model for this source.
-                Source::Network => NeighbourSource::Network { model: self.model.clone().unwrap_or_default() },
-                Source::Transferred => NeighbourSource::Transferred,
+                NeighbourListSource::Network => {
+                    NeighbourSource::Network { model: self.model.clone().unwrap_or_default() }
+                }
+                NeighbourListSource::Transferred => NeighbourSource::Transferred,
             },
             positions: self.positions.clone(),
             k: self.k as usize,
@@ -169,15 +171,15 @@ impl AdversaryArgs {
                 problems: self.known.clone(),
                 private: self.private.map(|percent| percent / 100.0),
                 measured: match self.measure {
-                    MeasureOn::Hidden => Measured::Hidden,
-                    MeasureOn::All => Measured::All,
-                    MeasureOn::Matched => Measured::Matched,
+                    MeasuredKeypoints::Hidden => Measured::Hidden,
+                    MeasuredKeypoints::All => Measured::All,
+                    MeasuredKeypoints::Matched => Measured::Matched,
                 },
             }),
             frames: self.frames.clone(),
             choice: match self.choose {
-                Choose::Turn => FrameChoice::Turn,
-                Choose::Nearest => FrameChoice::Nearest,
+                FrameSelection::Turn => FrameChoice::Turn,
+                FrameSelection::Nearest => FrameChoice::Nearest,
             },
             resting_noise_px: self.resting_noise,
             angle_bits: AngleBits::new(self.angle_bits)?,
@@ -198,7 +200,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         ..args.adversary.evaluation(&args.attacks)?
     };
     let stage = ui.stage("Attacking", 0);
-    let document = evaluate_attacks(&evaluation, |done, total| stage.reach(done as u64, total as u64))?;
+    let document =
+        evaluate_attacks(&evaluation, |done, total| stage.set_position(done as u64, total as u64))?;
     stage.finish();
     args.json.print(&attacks_table(&document), &document, ui)?;
     Ok(Exit::Success)

@@ -98,14 +98,14 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let file_of = |group, index| (!args.no_images).then(|| inputs.file_of(group, index)).flatten();
     let audit = run_audit(&options, &file_of, &bars)?;
-    tell(args, &audit, ui)?;
+    print_result(args, &audit, ui)?;
     html::write_page(&report, &audit_page(&audit, &options), ui)?;
-    ui.say(format!("done in {:.0} s", started.elapsed().as_secs_f64()));
+    ui.info(format!("done in {:.0} s", started.elapsed().as_secs_f64()));
     Ok(Exit::Success)
 }
 
 /// Prints the tables, or the document, to stdout; with the document the tables go to stderr.
-fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
+fn print_result(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
     let document = &audit.document;
     let part = document.inputs.as_ref().or(document.synthetic.as_ref());
     let text = part.map_or_else(String::new, |part| {
@@ -145,7 +145,7 @@ pub(crate) fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    let words = crate::output::command_line::words().into_iter();
+    let words = crate::output::command_line::arguments().into_iter();
     let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
     std::iter::once("veiloc".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::commands::page_args::{About, View, page};
-use crate::demo::{DemoOptions, HiddenViews, map_place, run_demo};
+use crate::commands::page_args::{PageConfig, PageView, page};
+use crate::demo::{DemoOptions, HiddenViews, map_scene, run_demo};
 use veiloc_evaluation::audit::attacks_table;
 use veiloc_evaluation::results::table;
 use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         ui.print("\n");
         ui.print(attacks_table(&demo.document.attacks));
     }
-    ui.say(format!(
+    ui.info(format!(
         "\nReport: {} (open it in a browser). Done in {:.0} s.",
         demo.report.display(),
         started.elapsed().as_secs_f64()
@@ -68,13 +68,13 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 /// Serves the scene on a local web page.
 fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
     // Errors of the page appear before the scene is rendered.
-    let mut about = About { points: SHOWN_POINTS, views: Vec::new() };
-    page(args.page_folder.as_ref(), &about)?;
-    let HiddenViews { map, views, camera } = map_place(demo, &Stages::new(ui))?;
-    about.views = (views.iter())
-        .map(|(name, _)| View { name: name.clone(), file: name.clone(), camera: camera.to_string() })
+    let mut page_config = PageConfig { points: SHOWN_POINTS, views: Vec::new() };
+    page(args.page_folder.as_ref(), &page_config)?;
+    let HiddenViews { map, views, camera } = map_scene(demo, &Stages::new(ui))?;
+    page_config.views = (views.iter())
+        .map(|(name, _)| PageView { name: name.clone(), file: name.clone(), camera: camera.to_string() })
         .collect();
-    let mut page = page(args.page_folder.as_ref(), &about)?;
+    let mut page = page(args.page_folder.as_ref(), &page_config)?;
     for (name, path) in &views {
         let bytes = std::fs::read(path).map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
         page.add(name, bytes)?;
@@ -85,7 +85,7 @@ fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
     options.page_points = SHOWN_POINTS;
     run_until_signal(options, |listening| {
         for address in &listening.addresses {
-            ui.say(format!(
+            ui.info(format!(
                 "The scene is served on http://{address} (open it in a browser; Ctrl-C stops \
                             the server)"
             ));

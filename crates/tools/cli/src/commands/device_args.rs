@@ -55,18 +55,18 @@ impl DeviceArgs {
                     "leave it out, or give the camera with --camera",
                 ))
             }
-            (Some(camera), _) => camera.source(self.known_of_given()),
+            (Some(camera), _) => camera.source(self.focal_knowledge()),
             (None, _) => Ok(CameraSource::Exif),
         }
     }
 
     /// Returns the knowledge of the focal length of given cameras.
-    pub(crate) fn known_of_given(&self) -> FocalKnowledge {
+    pub(crate) fn focal_knowledge(&self) -> FocalKnowledge {
         self.focal_known.unwrap_or_default()
     }
 
     /// Returns whether gravity is given, which is valid for one image only.
-    pub(crate) const fn tells_gravity(&self) -> bool {
+    pub(crate) const fn has_gravity(&self) -> bool {
         self.gravity.is_some()
     }
 
@@ -79,7 +79,7 @@ impl DeviceArgs {
     pub(crate) fn options(&self, profile: &Profile, ui: &Ui) -> Result<SealOptions, Failure> {
         let options = match self.scheme {
             Scheme::Points => {
-                ui.complain(
+                ui.warn(
                     "WARNING: --scheme points hides nothing: the position of every keypoint is sent, and \
                      the image can be reconstructed from positions and descriptors",
                 );
@@ -91,7 +91,7 @@ impl DeviceArgs {
         };
         let extractors = self.features.extractors(profile)?.sealing();
         let options = options.with_gravity(self.gravity).with_extractors(extractors);
-        let options = self.consent.consented(options, &self.features.models(), profile, ui)?;
+        let options = self.consent.with_consent(options, &self.features.models(), profile, ui)?;
         Ok(self
             .max_keypoints
             .map_or_else(|| options.clone(), |n| options.clone().with_max_keypoints(n as usize)))

@@ -41,11 +41,11 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
     let items = match &args.list {
-        None => items::gather_all(&args.images, &IMAGES)?,
+        None => items::expand_readable(&args.images, &IMAGES)?,
         Some(list) => {
             let listed = lists::read_with_cameras(list)?;
-            let folder = lists::one_folder(&args.images)?;
-            let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+            let folder = lists::single_folder(&args.images)?;
+            let items = items::files_of_list(folder, listed.iter().map(|l| l.name.as_str()));
             items::refuse_bad(&items)?;
             items
         }
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let keypoints: usize = all.iter().map(|features| features.keypoints.len()).sum();
     let images = all.len();
     write_features(&args.out_hloc, items::names(&items).into_iter().zip(all))?;
-    ui.say(format!("{}: {images} images, {keypoints} keypoints", args.out_hloc.display()));
+    ui.info(format!("{}: {images} images, {keypoints} keypoints", args.out_hloc.display()));
     Ok(Exit::Success)
 }
 

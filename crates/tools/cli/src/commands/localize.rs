@@ -2,9 +2,9 @@
 
 mod document;
 mod from_images;
+mod pose_files;
 mod report;
 mod rig;
-mod written;
 
 use std::path::{Path, PathBuf};
 
@@ -15,15 +15,15 @@ use veiloc_pose::{PositionPrior, State};
 use veiloc_protocol::{PositionHint, SealedQuery};
 
 use self::document::{
-    Document, ErrorDocument, NoPoseKind, Query, Status, UNUSED_GRAVITY, found_query, lost_query,
-    not_localized, table, withheld,
+    ErrorDocument, LocalizeDocument, LocalizeStatus, NoPoseKind, QueryDocument, UNUSED_GRAVITY, failed_query,
+    localized_query, not_localized, table, withheld,
 };
 use self::from_images::ImageArgs;
-use self::written::{Answered, WrittenArgs};
+use self::pose_files::{PoseFileArgs, QueryPose};
 use crate::args::localization_args::{MatchArgs, PoseArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
-use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
+use crate::items::{self, BatchSummary, InputError, InputErrorKind, Item, SEALED, SkipArgs};
 use crate::ui::Ui;
 
 /// Estimate the poses of sealed queries.
@@ -70,7 +70,7 @@ pub(crate) struct Args {
     #[arg(long)]
     trusted_only: bool,
     #[command(flatten)]
-    written: WrittenArgs,
+    written: PoseFileArgs,
     #[command(flatten)]
     report: report::ReportArgs,
     #[command(flatten)]
@@ -99,10 +99,10 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let sealing = args.images.read(&map, ui)?;
     let items = match &sealing {
         Some(sealing) => sealing.items(),
-        None => items::gather(&args.queries, &SEALED),
+        None => items::expand_inputs(&args.queries, &SEALED),
     };
     args.written.check(&items, sealing.is_some())?;
-    let mut tally = Tally::begin("localized", &items, ui);
+    let mut tally = BatchSummary::begin("localized", &items, ui);
     let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
     let (mut queries, mut cameras, mut drawable) = (Vec::new(), Vec::new(), Vec::new());
     for (index, item) in items.iter().enumerate() {
@@ -114,7 +114,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             }
             None => (item.path.display().to_string(), read_sealed(item), None),
         };
-        drawable.push(sealed.as_ref().ok().filter(|_| args.report.is_asked()).cloned());
+        drawable.push(sealed.as_ref().ok().filter(|_| args.report.is_requested()).cloned());
         let query = answer(file, sealed, &map, &options, args.trusted_only);
         if let Some(ErrorDocument::Failed(fault)) = &query.error {
             tally.failed(&query.file, fault);
@@ -128,19 +128,19 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(stage) = &stage {
         stage.finish();
     }
-    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| Answered {
-        name: written::name_of(item, sealing.is_some()),
+    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| QueryPose {
+        name: pose_files::name_of(item, sealing.is_some()),
         pose: query.cam_from_world,
         camera: *camera,
     });
     args.written.write(&poses.collect::<Vec<_>>(), ui)?;
     let count = |status| queries.iter().filter(|q| q.status == status).count();
-    let document = Document {
+    let document = LocalizeDocument {
         version: 2,
         map: args.map.display().to_string(),
-        localized: count(Status::Localized),
-        not_localized: count(Status::NotLocalized),
-        failed: count(Status::Failed),
+        localized: count(LocalizeStatus::Localized),
+        not_localized: count(LocalizeStatus::NotLocalized),
+        failed: count(LocalizeStatus::Failed),
         queries,
     };
     args.report.write(&document, &drawable, &map, &options, ui)?;
@@ -151,19 +151,21 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
     if unused > 0 {
-        ui.say(format!(
+        ui.info(format!(
             "{unused} of {} have a direction of gravity, and the map has none: gravity was not used; \
              build the map with --down",
             document.queries.len()
         ));
     }
-    let with = |test: fn(&Query) -> bool| document.queries.iter().filter(|q| test(q)).count();
-    let doubtful = with(Query::is_doubtful);
+    let with = |test: fn(&QueryDocument) -> bool| document.queries.iter().filter(|q| test(q)).count();
+    let doubtful = with(QueryDocument::is_doubtful);
     let remark = |n: usize, what: &str| if n == 0 { String::new() } else { format!(", {n} {what}") };
     let remark = remark(doubtful, "doubtful") + &remark(document.not_localized, "not localized");
     let ended = tally.end(document.localized, &remark, args.skip, ui)?;
     Ok(match ended {
-        Exit::Success if with(Query::is_refused) > 0 && !args.skip.counts_none() => Exit::Refused,
+        Exit::Success if with(QueryDocument::is_refused) > 0 && !args.skip.ignores_failures() => {
+            Exit::Refused
+        }
         Exit::Success if doubtful > 0 => Exit::Doubtful,
         other => other,
     })
@@ -172,11 +174,11 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 /// Returns the result of the query named `file`, from the sealed query or the error in its place.
 fn answer(
     file: String,
-    sealed: Result<SealedQuery, Fault>,
+    sealed: Result<SealedQuery, InputError>,
     map: &MapFile,
     options: &LocalizeOptions,
     trusted_only: bool,
-) -> Query {
+) -> QueryDocument {
     let found = sealed.map_err(ErrorDocument::Failed).and_then(|query| {
         localize(&query, map, options).map_err(|error| match error {
             LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
@@ -189,24 +191,24 @@ fn answer(
         })
     });
     match found {
-        Ok(found) if trusted_only && found.state != State::Trusted => withheld(found_query(file, &found)),
-        Ok(found) => found_query(file, &found),
-        Err(error) => lost_query(file, error),
+        Ok(found) if trusted_only && found.state != State::Trusted => withheld(localized_query(file, &found)),
+        Ok(found) => localized_query(file, &found),
+        Err(error) => failed_query(file, error),
     }
 }
 
 /// Reads a sealed query from a file.
-fn read_sealed(item: &Item) -> Result<SealedQuery, Fault> {
+fn read_sealed(item: &Item) -> Result<SealedQuery, InputError> {
     match &item.fault {
         Some(fault) => Err(fault.clone()),
         None => decode(&item.path),
     }
 }
 
-fn decode(path: &Path) -> Result<SealedQuery, Fault> {
+fn decode(path: &Path) -> Result<SealedQuery, InputError> {
     let bytes = if files::is_standard(path) { files::stdin() } else { std::fs::read(path) };
-    SealedQuery::decode(&bytes.map_err(|e| Fault::of_io(&e))?).map_err(|e| {
+    SealedQuery::decode(&bytes.map_err(|e| InputError::of_io(&e))?).map_err(|e| {
         let remedy = "seal the image again with `veiloc seal`, and send the file unchanged";
-        Fault::new(FaultKind::Damaged, format_args!("{e}; {remedy}"))
+        InputError::new(InputErrorKind::Damaged, format_args!("{e}; {remedy}"))
     })
 }

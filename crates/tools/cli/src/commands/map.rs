@@ -19,8 +19,8 @@ use veiloc_mapping::build_cache::Keeping;
 use veiloc_mapping::importers::hloc::{read_pairs, write_pairs};
 use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
 
-use self::info::Told;
-use self::self_test::{KeepArgs, SelfTestArgs};
+use self::info::InfoOutput;
+use self::self_test::{KeepBrokenArgs, SelfTestArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::lists;
@@ -51,20 +51,20 @@ pub(crate) enum Command {
     Publish(publish::PublishArgs),
     /// Publish the regions of a map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
-    Publish(crate::commands::absent::Args),
+    Publish(crate::commands::missing_feature::Args),
     /// Fetch and verify the regions of a published map.
     #[cfg(feature = "cluster")]
     Fetch(publish::FetchArgs),
     /// Fetch the regions of a published map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
-    Fetch(crate::commands::absent::Args),
+    Fetch(crate::commands::missing_feature::Args),
     /// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
     Export(export::ExportArgs),
 }
 
 /// Gravity of a new map, its output file, and the output format.
 #[derive(clap::Args)]
-struct WrittenArgs {
+struct OutputArgs {
     /// Direction of gravity (down) in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). It
     /// is used with the gravity of queries (`seal --gravity`). Default: not known; the gravity of queries is not used.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -91,18 +91,18 @@ struct PosedArgs {
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     #[command(flatten)]
-    bad: BadArgs,
+    bad: BadImageArgs,
 }
 
 /// Handling of unusable images.
 #[derive(clap::Args)]
-struct BadArgs {
+struct BadImageArgs {
     /// Leave out images that are missing, unreadable or not of their camera's size, and name them. Default: refuse.
     #[arg(long)]
     skip_bad: bool,
 }
 
-impl BadArgs {
+impl BadImageArgs {
     const fn on_bad_image(&self) -> OnBadImage {
         if self.skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
     }
@@ -122,7 +122,7 @@ pub(crate) struct BuildArgs {
     #[command(flatten)]
     self_test: SelfTestArgs,
     #[command(flatten)]
-    keep: KeepArgs,
+    keep: KeepBrokenArgs,
     #[command(flatten)]
     pairs: PairArgs,
     /// Folder for features and matches. An interrupted build, or a build with more images, computes only what is
@@ -131,7 +131,7 @@ pub(crate) struct BuildArgs {
     #[arg(long, value_name = "DIR")]
     work: Option<PathBuf>,
     #[command(flatten)]
-    written: WrittenArgs,
+    written: OutputArgs,
 }
 
 /// Selection of the image pairs to match.
@@ -158,15 +158,15 @@ pub(crate) struct ImportArgs {
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
     #[command(flatten)]
-    bad: BadArgs,
+    bad: BadImageArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
     self_test: SelfTestArgs,
     #[command(flatten)]
-    keep: KeepArgs,
+    keep: KeepBrokenArgs,
     #[command(flatten)]
-    written: WrittenArgs,
+    written: OutputArgs,
 }
 
 /// Print facts about a map.
@@ -243,7 +243,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Build(args) => build(args, ui),
         Command::Import(args) => import(args, ui),
         Command::Info(args) => {
-            Told { list: args.images, json: args.json, ..Told::default() }.info(&args.map, ui)
+            InfoOutput { list: args.images, json: args.json, ..InfoOutput::default() }.info(&args.map, ui)
         }
         Command::Add(args) => add(args, ui),
         Command::Remove(args) => remove(args, ui),
@@ -255,45 +255,49 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         #[cfg(feature = "cluster")]
         Command::Fetch(args) => publish::fetch(args, ui),
         #[cfg(not(feature = "cluster"))]
-        Command::Publish(args) => crate::commands::absent::run(args, "map publish", "cluster"),
+        Command::Publish(args) => crate::commands::missing_feature::run(args, "map publish", "cluster"),
         #[cfg(not(feature = "cluster"))]
-        Command::Fetch(args) => crate::commands::absent::run(args, "map fetch", "cluster"),
+        Command::Fetch(args) => crate::commands::missing_feature::run(args, "map fetch", "cluster"),
         Command::Export(args) => export::run(args, ui),
     }
 }
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
-    let given = args.posed.read()?;
+    let posed_input = args.posed.read()?;
     let options = args.extraction.options()?;
     let pairs = args.pairs.pairs.as_deref().map(read_pairs).transpose()?;
     let input = match &pairs {
-        Some(pairs) => given.input().with_pairs(pairs),
-        None => given.input(),
+        Some(pairs) => posed_input.input().with_pairs(pairs),
+        None => posed_input.input(),
     };
-    let keeping = args.work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose()?;
-    let input = match &keeping {
-        Some(keeping) => input.with_kept(keeping),
+    let cache = args.work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose()?;
+    let input = match &cache {
+        Some(cache) => input.with_kept(cache),
         None => input,
     };
     let (mut model, mut report) =
         veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
-    if let Some(fault) = keeping.and_then(|keeping| keeping.finish().err()) {
-        ui.complain(format!(
+    if let Some(fault) = cache.and_then(|cache| cache.finish().err()) {
+        ui.warn(format!(
             "the work folder is incomplete, and the missing part will be computed again: \
                              {fault}"
         ));
     }
     if let Some(path) = &args.pairs.out_pairs {
         write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
-        ui.say(format!("{}: {} pairs", path.display(), report.pairs.len()));
+        ui.info(format!("{}: {} pairs", path.display(), report.pairs.len()));
     }
     model.down = args.written.down;
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
-    let told =
-        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
-    told.info(&args.written.out, ui)
+    let output = InfoOutput {
+        json: args.written.json,
+        skipped: report.skipped,
+        doubts: report.doubts,
+        ..InfoOutput::default()
+    };
+    output.print(&args.written.out, ui)
 }
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
@@ -304,42 +308,51 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let (mut model, mut report) =
         veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
     model.down = args.written.down;
-    ui.say(&report);
+    ui.info(&report);
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
-    let told =
-        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
-    told.info(&args.written.out, ui)
+    let output = InfoOutput {
+        json: args.written.json,
+        skipped: report.skipped,
+        doubts: report.doubts,
+        ..InfoOutput::default()
+    };
+    output.print(&args.written.out, ui)
 }
 
 fn add(args: &AddArgs, ui: &Ui) -> Outcome {
-    let given = args.posed.read()?;
-    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
-    let mut model = change.read()?;
+    let posed_input = args.posed.read()?;
+    let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = edit.read()?;
     let extractors = args.features.extractors(&model.profile)?;
     let global = args.global.extractor(&args.features.models(), &model.profile)?;
-    let mut input = given.input().with_extractors(&extractors);
+    let mut input = posed_input.input().with_extractors(&extractors);
     if let Some(global) = &global {
         input = input.with_global(global);
     }
     let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_skip_bad)?;
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
-    change.write(&model)?;
-    let told = Told { json: args.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
-    told.info(change.out, ui)
+    edit.write(&model)?;
+    let output = InfoOutput {
+        json: args.json,
+        skipped: report.skipped,
+        doubts: report.doubts,
+        ..InfoOutput::default()
+    };
+    output.print(edit.out, ui)
 }
 
 fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
-    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
-    let mut model = change.read()?;
+    let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = edit.read()?;
     let words = if args.retrain { Words::Retrain } else { Words::Keep };
     let profile = model.profile.id();
     veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
     let mut doubts = Vec::new();
     args.self_test.test(&mut model, &mut doubts, ui)?;
-    change.write(&model)?;
-    ui.say(match words {
+    edit.write(&model)?;
+    ui.info(match words {
         Words::Keep => {
             "The images still contribute to the words of the vocabulary, which are means of descriptors \
              of many images and are published in the profile. --retrain trains the vocabulary without \
@@ -355,24 +368,24 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
              backups of the old map still contain the images' keypoints."
         }
     });
-    Told { json: args.json, doubts, ..Told::default() }.info(change.out, ui)
+    InfoOutput { json: args.json, doubts, ..InfoOutput::default() }.info(edit.out, ui)
 }
 
 /// A map that is being changed; it is locked against other writers from reading to writing.
-struct Change<'a> {
+struct MapEdit<'a> {
     map: &'a Path,
     out: &'a Path,
     lock: MapLock,
 }
 
-impl<'a> Change<'a> {
+impl<'a> MapEdit<'a> {
     /// Waits for the lock of the map, and reports the wait.
     fn begin(map: &'a Path, out: Option<&'a Path>, ui: &Ui) -> Result<Self, Failure> {
         let out = out.unwrap_or(map);
         let lock = if let Some(lock) = MapLock::try_acquire(out)? {
             lock
         } else {
-            ui.say(format!("{}: waiting for another program that changes it", out.display()));
+            ui.info(format!("{}: waiting for another program that changes it", out.display()));
             MapLock::acquire(out)?
         };
         Ok(Self { map, out, lock })
@@ -402,26 +415,26 @@ fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
     let map = MapFile::open(&args.map)?;
     let bytes = map.profile().encode();
     files::write(&args.out, &bytes)?;
-    ui.say(format!("{}: profile {}, {} bytes", args.out.display(), map.profile().id(), bytes.len()));
+    ui.info(format!("{}: profile {}, {} bytes", args.out.display(), map.profile().id(), bytes.len()));
     Ok(Exit::Success)
 }
 
 /// The data that [`PosedArgs`] names.
-struct Posed<'a> {
+struct PosedInput<'a> {
     images: PosedImages,
     names: Option<Vec<String>>,
     args: &'a PosedArgs,
 }
 
 impl PosedArgs {
-    fn read(&self) -> Result<Posed<'_>, Failure> {
+    fn read(&self) -> Result<PosedInput<'_>, Failure> {
         let images = read_posed(&self.posed)?;
         let names = self.list.as_deref().map(lists::read_list).transpose()?;
-        Ok(Posed { images, names, args: self })
+        Ok(PosedInput { images, names, args: self })
     }
 }
 
-impl Posed<'_> {
+impl PosedInput<'_> {
     fn input(&self) -> Input<'_> {
         let input = Input::new(&self.images, &self.args.images).on_bad_image(self.args.bad.on_bad_image());
         match &self.names {

@@ -6,7 +6,7 @@ use veiloc_features::detector::{HideOptions, Hider};
 use veiloc_features::{FeatureError, Mask, load_mask};
 
 use crate::exit::Failure;
-use crate::items::{Fault, FaultKind};
+use crate::items::{InputError, InputErrorKind};
 
 /// Parts of an image of which no feature is sent.
 #[derive(clap::Args)]
@@ -36,7 +36,7 @@ fn margin(text: &str) -> Result<f32, String> {
 }
 
 /// The detector, ready to run.
-pub(crate) struct Hiding(Option<Hider>);
+pub(crate) struct HiddenPartDetector(Option<Hider>);
 
 /// The hidden part of one image.
 #[derive(Default)]
@@ -49,7 +49,7 @@ pub(crate) struct HiddenPart {
 
 impl MaskArgs {
     /// Returns whether a mask is given, which is valid for one image only.
-    pub(crate) const fn is_of_one_image(&self) -> bool {
+    pub(crate) const fn has_mask(&self) -> bool {
         self.mask.is_some()
     }
 
@@ -64,23 +64,23 @@ impl MaskArgs {
     }
 
     /// Loads the detector if requested: a command whose detector cannot be used seals nothing.
-    pub(crate) fn open(&self) -> Result<Hiding, Failure> {
-        let Some(file) = &self.detector else { return Ok(Hiding(None)) };
+    pub(crate) fn open(&self) -> Result<HiddenPartDetector, Failure> {
+        let Some(file) = &self.detector else { return Ok(HiddenPartDetector(None)) };
         let mut options = HideOptions::default();
         options.margin = self.hide_margin.unwrap_or(options.margin);
-        Ok(Hiding(Some(Hider::open(file, &self.hide, options).map_err(Failure::refused)?)))
+        Ok(HiddenPartDetector(Some(Hider::open(file, &self.hide, options).map_err(Failure::refused)?)))
     }
 }
 
-impl Hiding {
+impl HiddenPartDetector {
     /// Returns the hidden part of an image, from the mask file and the detections. An unusable mask is an error of the
     /// image, which is then not sealed.
-    pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<HiddenPart, Fault> {
-        let mask = mask.map(|path| load_mask(path).map_err(|error| fault(&error))).transpose()?;
+    pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<HiddenPart, InputError> {
+        let mask = mask.map(|path| load_mask(path).map_err(|error| mask_error(&error))).transpose()?;
         let Some(hider) = &self.0 else { return Ok(HiddenPart { mask, found: None }) };
-        let hidden = hider.hide(image).map_err(|error| fault(&error))?;
+        let hidden = hider.hide(image).map_err(|error| mask_error(&error))?;
         let both = match (mask, hidden.mask) {
-            (Some(mask), Some(found)) => Some(mask.and(&found).map_err(|error| fault(&error))?),
+            (Some(mask), Some(found)) => Some(mask.and(&found).map_err(|error| mask_error(&error))?),
             (mask, found) => mask.or(found),
         };
         Ok(HiddenPart { mask: both, found: Some(hidden.found) })
@@ -94,7 +94,7 @@ impl HiddenPart {
     }
 
     /// Describes how much is hidden, in words before the number of keypoints, so that an inverted mask is noticed.
-    pub(crate) fn said(&self) -> String {
+    pub(crate) fn description(&self) -> String {
         let share = self.share().map(|share| format!("{:.1} % of the image hidden", 100.0 * share));
         let found = self.found.as_ref().map(|found| match found.as_slice() {
             [] => "no objects found to hide".to_owned(),
@@ -107,14 +107,14 @@ impl HiddenPart {
     }
 }
 
-fn fault(error: &FeatureError) -> Fault {
+fn mask_error(error: &FeatureError) -> InputError {
     let kind = match error {
         FeatureError::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-            FaultKind::Missing
+            InputErrorKind::Missing
         }
-        FeatureError::Read { .. } => FaultKind::Unreadable,
-        FeatureError::Decode { .. } => FaultKind::Damaged,
-        _ => FaultKind::Unfit,
+        FeatureError::Read { .. } => InputErrorKind::Unreadable,
+        FeatureError::Decode { .. } => InputErrorKind::Damaged,
+        _ => InputErrorKind::Unfit,
     };
-    Fault::new(kind, error)
+    InputError::new(kind, error)
 }

@@ -1,7 +1,5 @@
 //! One file per command: its arguments, and the calls of the libraries.
 
-#[cfg(not(all(feature = "cluster", feature = "hloc")))]
-pub(crate) mod absent;
 pub(crate) mod attack;
 pub(crate) mod audit;
 #[cfg(feature = "cluster")]
@@ -11,11 +9,14 @@ mod device_args;
 pub(crate) mod eval;
 #[cfg(feature = "hloc")]
 pub(crate) mod features;
-pub(crate) mod listed;
+pub(crate) mod image_list;
 pub(crate) mod localize;
+mod logger;
 pub(crate) mod map;
 mod map_memory;
 mod mask_args;
+#[cfg(not(all(feature = "cluster", feature = "hloc")))]
+pub(crate) mod missing_feature;
 pub(crate) mod models;
 mod page_args;
 pub(crate) mod query;
@@ -23,17 +24,16 @@ mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 mod session_args;
-mod settled;
 pub(crate) mod synth;
 pub(crate) mod token;
-mod voice;
+mod with_config;
 #[cfg(feature = "cluster")]
 pub(crate) mod worker;
 
 use crate::args::settings::layered;
 
 /// Prepares the command line of `serve` and `worker`, which is parsed before the settings file and variables are read.
-pub(crate) fn first_look(command: clap::Command) -> clap::Command {
+pub(crate) fn prepare_layered(command: clap::Command) -> clap::Command {
     let command = command.mut_subcommand("serve", layered);
     #[cfg(feature = "cluster")]
     let command = command.mut_subcommand("worker", layered);

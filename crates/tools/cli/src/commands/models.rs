@@ -24,7 +24,7 @@ pub(crate) struct Args {
 
 /// The document of `veiloc models --json`.
 #[derive(Serialize)]
-struct Document {
+struct ModelListDocument {
     version: u32,
     /// Searched folders.
     folders: Vec<String>,
@@ -133,7 +133,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let all: Vec<ModelDocument> = models.all().map(|found| ModelDocument::of(&found)).collect();
     let globals: Vec<GlobalDocument> = models.globals().map(|found| GlobalDocument::of(&found)).collect();
     if args.json {
-        ui.json(&Document { version: 1, folders, models: all, globals })?;
+        ui.json(&ModelListDocument { version: 1, folders, models: all, globals })?;
         return Ok(Exit::Success);
     }
     let mut text = "sift: built in; 128 numbers\n".to_owned();

@@ -11,28 +11,28 @@ use crate::exit::Failure;
 ///
 /// # Errors
 /// [`Failure`] if there is no page, or its files cannot be read.
-pub(crate) fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Failure> {
+pub(crate) fn page(folder: Option<&PathBuf>, page_config: &PageConfig) -> Result<Page, Failure> {
     let found = match folder {
         Some(folder) => folder.clone(),
         None => Page::folder(&std::env::current_exe()?)?,
     };
     let mut page = Page::read(&found)?;
-    page.add("page.json", serde_json::to_vec(about)?)?;
+    page.add("page.json", serde_json::to_vec(page_config)?)?;
     Ok(page)
 }
 
 /// Configuration of the page, `page.json`; program and page must have the same version.
 #[derive(Debug, Serialize)]
-pub(crate) struct About {
+pub(crate) struct PageConfig {
     /// Maximum number of map points that the page shows.
     pub points: usize,
     /// Images that the page offers.
-    pub views: Vec<View>,
+    pub views: Vec<PageView>,
 }
 
 /// An image that the page offers.
 #[derive(Debug, Serialize)]
-pub(crate) struct View {
+pub(crate) struct PageView {
     /// Displayed name.
     pub name: String,
     /// Path on the page's server.

@@ -10,7 +10,7 @@ use crate::exit::Failure;
 use crate::files;
 
 /// Maximum size of a rig file; far more than the maximum number of frames needs.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -51,8 +51,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let form = "a rig file is {\"frames\": [{\"query\": \"a.vquery\", \"cam_from_rig\": {\"q\": [w, x, y, z], \"t\": [x, y, z]}, \
                 \"rotation_sd_deg\": …, \"translation_sd\": …}, …]}";
-    if std::fs::metadata(path).is_ok_and(|m| m.len() > MOST_BYTES) {
-        return Err(refused(format!("longer than {MOST_BYTES} bytes"), form));
+    if std::fs::metadata(path).is_ok_and(|m| m.len() > MAX_BYTES) {
+        return Err(refused(format!("longer than {MAX_BYTES} bytes"), form));
     }
     let bytes = files::read(path)?;
     let file: RigFile =

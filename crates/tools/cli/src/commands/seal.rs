@@ -11,13 +11,13 @@ use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::{FocalKnowledge, Profile};
 
 use crate::args::camera::{CameraArg, CameraSource};
-use crate::args::faults::fault_of;
+use crate::args::extraction_error::extraction_error;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Failure, Outcome};
 use crate::files;
-use crate::items::{Fault, FaultKind, SkipArgs};
+use crate::items::{InputError, InputErrorKind, SkipArgs};
 use crate::ui::Ui;
 
 /// Seal images: convert them to queries that hide the keypoint positions.
@@ -90,9 +90,9 @@ pub(crate) struct Sealed {
 }
 
 /// The session of the images, and the orientation of the camera.
-pub(crate) struct InSession<'a> {
+pub(crate) struct SessionContext<'a> {
     file: &'a mut SessionFile,
-    held: Orientation,
+    orientation: Orientation,
 }
 
 /// Seals one image as on a device. A problem of the image is returned as its error; a session that cannot be stored
@@ -103,22 +103,27 @@ pub(crate) fn seal_one(
     profile: &Profile,
     options: &SealOptions,
     mask: Option<&Mask>,
-    session: Option<InSession<'_>>,
-) -> Result<Result<Sealed, Fault>, Failure> {
+    session: Option<SessionContext<'_>>,
+) -> Result<Result<Sealed, InputError>, Failure> {
     let known = match camera.of(path) {
         Ok(known) => known,
         Err(e @ FeatureError::NoFocal { .. }) => {
-            return Ok(Err(Fault::new(FaultKind::Unfit, format_args!("{e} (--camera, --camera unknown)"))));
+            return Ok(Err(InputError::new(
+                InputErrorKind::Unfit,
+                format_args!("{e} (--camera, --camera unknown)"),
+            )));
         }
-        Err(e) => return Ok(Err(Fault::new(FaultKind::Damaged, e))),
+        Err(e) => return Ok(Err(InputError::new(InputErrorKind::Damaged, e))),
     };
     let options = options.clone().with_focal(known.focal);
     let camera = &known.intrinsics;
     let sealed = match (session, mask) {
-        (Some(InSession { file, held }), Some(mask)) => {
-            file.seal_masked(path, mask, camera, profile, &options, &held)
+        (Some(SessionContext { file, orientation }), Some(mask)) => {
+            file.seal_masked(path, mask, camera, profile, &options, &orientation)
         }
-        (Some(InSession { file, held }), None) => file.seal_image(path, camera, profile, &options, &held),
+        (Some(SessionContext { file, orientation }), None) => {
+            file.seal_image(path, camera, profile, &options, &orientation)
+        }
         (None, Some(mask)) => seal_masked(path, mask, camera, profile, &options),
         (None, None) => seal_image(path, camera, profile, &options),
     };
@@ -127,8 +132,8 @@ pub(crate) fn seal_one(
             let (bytes, sent) = (query.encode(), query.len());
             Ok(Ok(Sealed { focal: known.focal, camera: *camera, bytes, found: keypoints, sent }))
         }
-        Err(ClientError::Extract(error)) => Ok(Err(fault_of(&error))),
-        Err(ClientError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),
+        Err(ClientError::Extract(error)) => Ok(Err(extraction_error(&error))),
+        Err(ClientError::Seal { source, .. }) => Ok(Err(InputError::new(InputErrorKind::Unfit, source))),
         Err(error) => Err(session_args::failure(&error)),
     }
 }

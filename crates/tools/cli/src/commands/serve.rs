@@ -20,10 +20,10 @@ use veiloc_service::{
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 #[cfg(feature = "cluster")]
 use crate::commands::cluster_args::ClusterArgs;
+use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
-use crate::commands::page_args::{About, page};
-use crate::commands::settled::settled;
-use crate::commands::voice::{LogArgs, Voice};
+use crate::commands::page_args::{PageConfig, page};
+use crate::commands::with_config::run_with_config;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -214,58 +214,60 @@ impl FromStr for NamedMap {
 /// # Errors
 /// [`Failure`], which the caller reports.
 pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
-    settled("serve", first, ui, serve)
+    run_with_config("serve", first, ui, serve)
 }
 
 fn serve(args: &Args, ui: &Ui) -> Outcome {
     let mut options = options(args)?;
-    let voice = Voice::start(&args.log, ui.is_quiet())?;
-    options.log = Some(voice.log.clone());
+    let logger = Logger::start(&args.log, ui.is_quiet())?;
+    options.log = Some(logger.log.clone());
     let scheme = if options.tls.is_some() { "https" } else { "http" };
     let ended = run_prepared(with_cluster(args, options), |listening| {
         if let Some(admin) = listening.admin {
-            voice.say(format!("probes and metrics on http://{admin}"));
+            logger.info(format!("probes and metrics on http://{admin}"));
         }
         let names =
             if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
         for address in &listening.addresses {
             match address {
-                ListenAddress::Tcp(address) => voice.say(format!("serving {names} on {scheme}://{address}")),
+                ListenAddress::Tcp(address) => {
+                    logger.info(format!("serving {names} on {scheme}://{address}"))
+                }
                 // Clients behind a proxy of this machine are under the proxy's control.
-                ListenAddress::Unix(_) => voice.say(format!("serving {names} on {address}")),
+                ListenAddress::Unix(_) => logger.info(format!("serving {names} on {address}")),
             }
         }
     });
     let exit = match ended {
         Ok(Stopped { answered, given_up: 0, .. }) => {
-            voice.say(format!(
+            logger.info(format!(
                 "stopped; all accepted requests were answered, {answered} of them after the stop signal"
             ));
             Exit::Success
         }
         Ok(Stopped { answered, given_up, forced: true }) => {
-            voice.complain(format!(
+            logger.error(format!(
                 "stopped at once by a second signal: {given_up} connections were closed; {answered} \
                  requests were answered after the first signal"
             ));
             Exit::Refused
         }
         Ok(Stopped { answered, given_up, forced: false }) => {
-            voice.complain(format!(
+            logger.error(format!(
                 "{given_up} connections did not end within {} s and were closed; {answered} requests were \
                  answered in that time; allow more time with --grace if those requests are important",
                 args.grace
             ));
             Exit::Refused
         }
-        Err(Failure::Refused { report } | Failure::Output { report }) if voice.is_json() => {
-            voice.complain(report);
+        Err(Failure::Refused { report } | Failure::Output { report }) if logger.is_json() => {
+            logger.error(report);
             Exit::Refused
         }
         // Nobody is held up by a line before the first request.
         Err(failure) => return Err(failure),
     };
-    voice.end();
+    logger.flush();
     Ok(exit)
 }
 
@@ -285,21 +287,21 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
     }
     options.gateway = Some(counts);
     if args.workers.is_none() {
-        options.workers = UNDER_WAY;
+        options.workers = CONCURRENT_QUERIES;
     }
     Ok(options)
 }
 
 /// Default number of concurrent queries of a gateway: each needs a sleeping thread.
 #[cfg(feature = "cluster")]
-const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
+const CONCURRENT_QUERIES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
 /// Without the cargo feature, maps of workers are refused.
 #[cfg(not(feature = "cluster"))]
 #[expect(clippy::unused_async, reason = "same signature as with the feature")]
 async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
     match args.cluster {
-        Some(_) => Err(crate::commands::absent::without("veiloc serve --cluster", "cluster")),
+        Some(_) => Err(crate::commands::missing_feature::error("veiloc serve --cluster", "cluster")),
         None => Ok(options),
     }
 }
@@ -341,8 +343,8 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.otlp.clone_from(&args.otlp);
     options.localize = args.matching.options(&args.pose);
     if args.page {
-        let about = About { points: args.page_points, views: Vec::new() };
-        options.page = Some(Arc::new(page(args.page_folder.as_ref(), &about)?));
+        let page_config = PageConfig { points: args.page_points, views: Vec::new() };
+        options.page = Some(Arc::new(page(args.page_folder.as_ref(), &page_config)?));
         options.page_points = args.page_points;
     }
     Ok(options)

@@ -41,7 +41,7 @@ impl FromStr for OrientationArg {
         let words = text.split([',', ' ', ';']).filter(|word| !word.is_empty());
         let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
         let numbers = numbers.map_err(|e| e.to_string())?;
-        let held = match *numbers.as_slice() {
+        let orientation = match *numbers.as_slice() {
             [w, x, y, z] => Orientation::from_quaternion([w, x, y, z])
                 .filter(|_| ((w * w + x * x + y * y + z * z).sqrt() - 1.0).abs() < 0.01),
             [..] if numbers.len() == 9 => {
@@ -52,7 +52,7 @@ impl FromStr for OrientationArg {
             }
             _ => return Err(format!("{} numbers; a quaternion has 4, a matrix 9", numbers.len())),
         };
-        held.map(Self).ok_or_else(|| {
+        orientation.map(Self).ok_or_else(|| {
             "not a rotation: a quaternion has length 1, a matrix columns of length 1".to_owned()
         })
     }
@@ -67,13 +67,14 @@ impl SessionArgs {
     }
 
     /// Returns the orientation of the camera, with the measured gravity.
-    pub(crate) fn held(&self, gravity: Option<CoarseGravity>) -> Orientation {
-        let held = self.orientation.map_or(Orientation::unknown(), |OrientationArg(held)| held);
-        gravity.and_then(|gravity| held.with_down(gravity.in_camera())).unwrap_or(held)
+    pub(crate) fn camera_orientation(&self, gravity: Option<CoarseGravity>) -> Orientation {
+        let orientation =
+            self.orientation.map_or(Orientation::unknown(), |OrientationArg(orientation)| orientation);
+        gravity.and_then(|gravity| orientation.with_down(gravity.in_camera())).unwrap_or(orientation)
     }
 
     /// Returns whether an orientation is given, which is valid for one image only.
-    pub(crate) const fn tells_orientation(&self) -> bool {
+    pub(crate) const fn has_orientation(&self) -> bool {
         self.orientation.is_some()
     }
 }
@@ -99,10 +100,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rotations_as_people_write_them() {
+    fn rotations_are_parsed_from_text() {
         let quarter = "0.70710678,0,0.70710678,0".parse::<OrientationArg>().expect("a quaternion");
         let matrix = "0 0 1; 0 1 0; -1 0 0".parse::<OrientationArg>().expect("a matrix");
-        let rotation = |OrientationArg(held): OrientationArg| *held.cam_from_world().expect("a rotation");
+        let rotation =
+            |OrientationArg(orientation): OrientationArg| *orientation.cam_from_world().expect("a rotation");
         assert!(rotation(quarter).angle_to(&rotation(matrix)) < 1e-6);
         for text in ["", "1,0,0", "1,2,3,4", "0,0,0,0", "1,0,0,nan", "1,x,0,0", "1 0 0 0 1 0 0 0 -1"] {
             assert!(text.parse::<OrientationArg>().is_err(), "{text}");

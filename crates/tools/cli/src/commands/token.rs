@@ -83,7 +83,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     let now = Moment::of(SystemTime::now());
     let expires = match args.days {
-        Some(days) => Some(now.days_later(days).ok_or_else(|| too_late(days))?),
+        Some(days) => Some(now.days_later(days).ok_or_else(|| expiry_too_far(days))?),
         None => args.expires,
     };
     if let Some(end) = expires.filter(|end| *end <= now) {
@@ -104,32 +104,32 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     if !args.maps.is_empty() {
         entry.grant_maps(args.maps.iter().map(String::as_str)).map_err(Failure::refused)?;
     }
-    let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
+    let mut file = TokenFile::open(&args.tokens).map_err(|e| read_error(&e))?;
     let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
-    file.replace(&text).map_err(unwritten)?;
+    file.replace(&text).map_err(write_error)?;
     ui.print(format_args!("{}\n", secret.reveal()));
-    ui.say(format_args!(
+    ui.info(format_args!(
         "{} may send requests{}. The line above is the token: it is not stored anywhere, so save it \
          now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc query send \
          --token-file`.",
         args.name,
-        worth(&entry)
+        describe_permissions(&entry)
     ));
     Ok(Exit::Success)
 }
 
-fn too_late(days: u32) -> Failure {
+fn expiry_too_far(days: u32) -> Failure {
     Failure::with_help(
         format!("--days {days}: this is after the year 9999"),
         "leave it out for a token that does not expire",
     )
 }
 
-fn unreadable(error: &ServerError) -> Failure {
+fn read_error(error: &ServerError) -> Failure {
     Failure::with_help(error, "check that the folder exists, and that file and folder are writable")
 }
 
-fn unwritten(error: ServerError) -> Failure {
+fn write_error(error: ServerError) -> Failure {
     match error {
         ServerError::Io { path, source } => Failure::output(path.display(), &source),
         other => Failure::refused(other),
@@ -137,7 +137,7 @@ fn unwritten(error: ServerError) -> Failure {
 }
 
 /// Describes the permissions of a token in words.
-fn worth(entry: &Entry) -> String {
+fn describe_permissions(entry: &Entry) -> String {
     let mut text = String::new();
     if let Some(maps) = entry.maps() {
         let _ = write!(text, " for {}", maps.collect::<Vec<_>>().join(", "));
@@ -153,7 +153,7 @@ fn worth(entry: &Entry) -> String {
 
 /// A listed token.
 #[derive(Serialize)]
-struct Listed {
+struct ListedToken {
     name: String,
     /// The first eight digits of its hash.
     hash: String,
@@ -168,13 +168,13 @@ struct Listed {
 #[derive(Serialize)]
 struct ListDocument {
     version: u32,
-    tokens: Vec<Listed>,
+    tokens: Vec<ListedToken>,
 }
 
 fn list(args: &ListArgs, ui: &Ui) -> Outcome {
     let list = read(&args.tokens)?;
     let now = Moment::of(SystemTime::now());
-    let listed = |entry: &Entry| Listed {
+    let listed = |entry: &Entry| ListedToken {
         name: entry.name().to_owned(),
         hash: entry.key().beginning(),
         operator: entry.operator,
@@ -182,13 +182,13 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
         expires: entry.expires.map(|end| end.to_string()),
         expired: entry.has_expired(now),
     };
-    let tokens: Vec<Listed> = list.entries().iter().map(listed).collect();
+    let tokens: Vec<ListedToken> = list.entries().iter().map(listed).collect();
     if args.json {
         ui.json(&ListDocument { version: 1, tokens })?;
         return Ok(Exit::Success);
     }
     if tokens.is_empty() {
-        ui.say("no client may send requests");
+        ui.info("no client may send requests");
     }
     let width = tokens.iter().map(|token| token.name.len()).max().unwrap_or(0);
     for token in &tokens {
@@ -206,19 +206,19 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
 
 fn read(path: &Path) -> Result<TokenList, Failure> {
     let bytes =
-        fs::read(path).map_err(|source| unreadable(&ServerError::Io { path: path.to_owned(), source }))?;
+        fs::read(path).map_err(|source| read_error(&ServerError::Io { path: path.to_owned(), source }))?;
     TokenList::parse(&bytes).map_err(|error| Failure::refused(format!("{}: {error}", path.display())))
 }
 
 fn revoke(args: &RevokeArgs, ui: &Ui) -> Outcome {
-    // Listing tokens must not create the file.
+    // Opening would create a missing file.
     read(&args.tokens)?;
-    let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
+    let mut file = TokenFile::open(&args.tokens).map_err(|e| read_error(&e))?;
     let done = revoked(file.text(), &args.name)
         .map_err(|error| Failure::refused(format!("{}: {}: {error}", args.tokens.display(), args.name)))?;
-    file.replace(&done.text).map_err(unwritten)?;
+    file.replace(&done.text).map_err(write_error)?;
     let lines = if done.lines > 1 { format!(", {} lines", done.lines) } else { String::new() };
     let last = if done.was_last { "; it was the last: no client may send requests now" } else { "" };
-    ui.say(format_args!("{} revoked{lines}{last}", args.name));
+    ui.info(format_args!("{} revoked{lines}{last}", args.name));
     Ok(Exit::Success)
 }

@@ -14,9 +14,9 @@ use veiloc_service::telemetry::WorkerCounts;
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::commands::cluster_args::{ClusterArgs, map_name};
+use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
-use crate::commands::settled::settled;
-use crate::commands::voice::{LogArgs, Voice};
+use crate::commands::with_config::run_with_config;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -87,17 +87,17 @@ pub(crate) struct Args {
 /// # Errors
 /// [`Failure`], which the caller reports.
 pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
-    settled("worker", first, ui, |args: &Args, ui| {
-        let voice = Voice::start(&args.log, ui.is_quiet())?;
-        let outcome = work(args, &voice);
-        voice.end();
+    run_with_config("worker", first, ui, |args: &Args, ui| {
+        let logger = Logger::start(&args.log, ui.is_quiet())?;
+        let outcome = run_worker(args, &logger);
+        logger.flush();
         match outcome {
-            Err(failure) if voice.is_json() => {
+            Err(failure) if logger.is_json() => {
                 let (Failure::Refused { report } | Failure::Output { report }) = &failure else {
                     return Err(failure);
                 };
-                voice.complain(report);
-                voice.end();
+                logger.error(report);
+                logger.flush();
                 Ok(failure.exit())
             }
             outcome => outcome,
@@ -105,14 +105,14 @@ pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     })
 }
 
-fn work(args: &Args, voice: &Voice) -> Outcome {
+fn run_worker(args: &Args, logger: &Logger) -> Outcome {
     let source = args.cluster.source()?;
     let options = options(args);
     let counts = WorkerCounts::new(env!("CARGO_PKG_VERSION"), options.threads.get(), options.queue.get());
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     own_process();
     let finished = runtime.block_on(async {
-        let bus = args.cluster.bus(given(args.nats.as_ref()), "veiloc worker").await?;
+        let bus = args.cluster.bus(required_value(args.nats.as_ref()), "veiloc worker").await?;
         let worker = Worker::start(bus, source, options, counts).await?;
         let handle = worker.handle();
         let end = watch::Sender::new(false);
@@ -120,11 +120,11 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
         let answering = tokio::spawn(answering);
         let signals =
             Signals::new().map_err(|source| ClusterError::System { what: "signal handlers", source })?;
-        voice.say(format_args!("probes and metrics on http://{admin}"));
-        voice.say(format_args!(
+        logger.info(format_args!("probes and metrics on http://{admin}"));
+        logger.info(format_args!(
             "holds {} regions and indexes of {}",
             worker.held(),
-            given(args.map.as_ref())
+            required_value(args.map.as_ref())
         ));
         let listening = tokio::spawn(signals.obey(handle));
         let finished = worker.run().await;
@@ -137,10 +137,10 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     // Jobs that do not end are abandoned.
     runtime.shutdown_background();
     if finished {
-        voice.say("stopped; all accepted queries were answered");
+        logger.info("stopped; all accepted queries were answered");
         return Ok(Exit::Success);
     }
-    voice.complain(format_args!(
+    logger.error(format_args!(
         "stopped before all accepted queries were answered; allow more time with --grace (it was {} s)",
         args.grace
     ));
@@ -148,13 +148,13 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
 }
 
 /// Returns a required value; settings without it were refused.
-fn given(required: Option<&String>) -> &str {
+fn required_value(required: Option<&String>) -> &str {
     required.map(String::as_str).unwrap_or_default()
 }
 
 fn options(args: &Args) -> WorkerOptions {
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
-    let mut options = WorkerOptions::new(given(args.map.as_ref()));
+    let mut options = WorkerOptions::new(required_value(args.map.as_ref()));
     options.share = args.regions.clone();
     options.index = !args.no_index;
     if let Some(workers) = args.workers {

@@ -17,7 +17,7 @@ use veiloc_protocol::Scheme;
 
 use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
-use crate::demo::place::RenderedPlace;
+use crate::demo::scene::RenderedScene;
 
 /// Number of queries for the graph attack and for several sealed queries, which take seconds per image. The first of
 /// them is drawn.
@@ -26,7 +26,7 @@ const SHOWN: usize = 2;
 const SEALS: usize = 8;
 
 /// The figures, and the drawings for the report.
-pub(crate) struct Attacked {
+pub(crate) struct AttackResults {
     pub(crate) document: AttackDocument,
     /// Positions that attacks recovered from the first query.
     pub(crate) shown: Option<ShownImage>,
@@ -34,15 +34,15 @@ pub(crate) struct Attacked {
 
 /// Attacks every hidden view under every scheme that hides positions.
 pub(crate) fn attack_all(
-    place: &RenderedPlace,
+    scene: &RenderedScene,
     map: &MapFile,
     options: &DemoOptions,
     progress: &dyn Progress,
-) -> Result<Attacked, DemoError> {
-    progress.start("Extracting query keypoints", place.query_list.len());
+) -> Result<AttackResults, DemoError> {
+    progress.start("Extracting query keypoints", scene.query_list.len());
     let mut images = Vec::new();
-    for name in &place.query_list {
-        images.push(sent_of(place, map, name, options.seed)?);
+    for name in &scene.query_list {
+        images.push(sent_keypoints(scene, map, name, options.seed)?);
         progress.advance(1);
     }
     let mut evaluation = AttackEvaluation {
@@ -53,19 +53,19 @@ pub(crate) fn attack_all(
     };
     let group =
         |images: &[KeypointImage]| ImageGroup { name: "hidden views".to_owned(), images: images.to_vec() };
-    let mut watched = Watched::new(progress, "Attacking queries");
+    let mut watched = AttackRecorder::new(progress, "Attacking queries");
     let mut document = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
     // An operator of the map has its images.
     images.truncate(SHOWN);
-    progress.start("Extracting map keypoints", place.map_list.len());
-    for name in &place.map_list {
-        images.push(sent_of(place, map, name, options.seed)?);
+    progress.start("Extracting map keypoints", scene.map_list.len());
+    for name in &scene.map_list {
+        images.push(sent_keypoints(scene, map, name, options.seed)?);
         progress.advance(1);
     }
     evaluation.attacks = vec![Attack::TRANSFER, Attack::RESTING_CAMERA, Attack::GRAPH];
     evaluation.frames = vec![SEALS];
     evaluation.images = Some(SHOWN);
-    let mut slow_watched = Watched::new(progress, "Computing the layout of the neighbour graph");
+    let mut slow_watched = AttackRecorder::new(progress, "Computing the layout of the neighbour graph");
     let slow = attack_groups(&evaluation, vec![group(&images)], &mut slow_watched)?;
     progress.finish();
     let mut shown = watched.gallery.shown.pop();
@@ -77,16 +77,21 @@ pub(crate) fn attack_all(
         let after = document.attacks.iter().rposition(|r| r.scheme == row.scheme);
         document.attacks.insert(after.map_or(document.attacks.len(), |i| i + 1), row);
     }
-    Ok(Attacked { document, shown })
+    Ok(AttackResults { document, shown })
 }
 
 /// Returns the keypoints of one query, in the camera of the query.
 ///
 /// Decoys are left out: they hide nothing, so recovering one is no success.
-fn sent_of(place: &RenderedPlace, map: &MapFile, name: &str, seed: u64) -> Result<KeypointImage, DemoError> {
-    let path = place.images.join(name);
+fn sent_keypoints(
+    scene: &RenderedScene,
+    map: &MapFile,
+    name: &str,
+    seed: u64,
+) -> Result<KeypointImage, DemoError> {
+    let path = scene.images.join(name);
     let (profile, options) = (map.profile(), options_for(Scheme::default()));
-    let (features, camera) = extract(&path, &place.camera, profile, &options)?;
+    let (features, camera) = extract(&path, &scene.camera, profile, &options)?;
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, "sent"]));
     let (query, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|source| DemoError::Seal { name: name.to_owned(), source })?;
@@ -102,18 +107,18 @@ fn sent_of(place: &RenderedPlace, map: &MapFile, name: &str, seed: u64) -> Resul
 }
 
 /// Stores the positions of the first image, and reports progress.
-struct Watched<'a> {
+struct AttackRecorder<'a> {
     gallery: Gallery,
     stage: Stage<'a>,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> AttackRecorder<'a> {
     fn new(progress: &'a dyn Progress, stage: &'a str) -> Self {
         Self { gallery: Gallery::keeping(1), stage: Stage::new(progress, stage) }
     }
 }
 
-impl AttackObserver for Watched<'_> {
+impl AttackObserver for AttackRecorder<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
         self.stage.advance(total);
     }

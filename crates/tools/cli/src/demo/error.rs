@@ -15,7 +15,7 @@ pub(crate) enum DemoError {
     },
     /// The scene could not be rendered or written.
     #[error("{0}")]
-    Place(String),
+    Scene(String),
     /// Features of a view could not be extracted.
     #[error(transparent)]
     Extract(#[from] veiloc_obfuscation::SealError),

@@ -8,7 +8,7 @@ mod attack;
 mod error;
 mod options;
 mod page;
-mod place;
+mod scene;
 mod views;
 
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ use veiloc_features::Progress;
 
 pub(crate) use error::DemoError;
 pub(crate) use options::DemoOptions;
-pub(crate) use views::{HiddenViews, map_place};
+pub(crate) use views::{HiddenViews, map_scene};
 
 /// The document of `veiloc demo --json`.
 #[derive(Debug, Clone, Serialize)]
@@ -51,7 +51,7 @@ pub(crate) struct Demo {
 /// # Errors
 /// [`DemoError`] if a file cannot be written, or the scene could not be mapped.
 pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, DemoError> {
-    let place = place::render(options, progress)?;
+    let scene = scene::render(options, progress)?;
     let evaluation = SceneEvaluation {
         keep_map: Some(options.out.join("place.vmap")),
         schemes: options.schemes.clone(),
@@ -61,23 +61,23 @@ pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result
         ],
         seed: options.seed,
         ..SceneEvaluation::of_place(
-            read_posed(&place.posed)?,
-            place.images.clone(),
-            place.map_list.clone(),
-            place.query_list.clone(),
+            read_posed(&scene.posed)?,
+            scene.images.clone(),
+            scene.map_list.clone(),
+            scene.query_list.clone(),
         )
     };
     let result = evaluate_scene(&evaluation, progress)?;
     let map = MapFile::open(&options.out.join("place.vmap"))?;
-    let attacked = attack::attack_all(&place, &map, options, progress)?;
-    let found = page::Found {
-        place: &place,
+    let attacked = attack::attack_all(&scene, &map, options, progress)?;
+    let results = page::DemoResults {
+        scene: &scene,
         map: &map,
-        asked: &evaluation,
+        scene_evaluation: &evaluation,
         evaluation: &result,
         attacked: &attacked,
     };
-    let page = page::page(&found, options, progress)?;
+    let page = page::page(&results, options, progress)?;
     let report = options.out.join("report.html");
     std::fs::write(&report, veiloc_report::demo_page(&page))
         .map_err(|source| DemoError::Io { path: report.clone(), source })?;

@@ -11,36 +11,36 @@ use veiloc_report::{
     Card, DemoReport, LengthUnit, LocalizationReport, QueryDrawing, SceneView, SeenQuery, worst_first,
 };
 
-use crate::demo::attack::Attacked;
+use crate::demo::attack::AttackResults;
 use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
-use crate::demo::place::{RenderedPlace, image};
+use crate::demo::scene::{RenderedScene, image};
 
 /// Number of drawn queries, worst first, beside the one that shows the stages.
 const DRAWN: usize = 5;
 
 /// Content of the report.
-pub(crate) struct Found<'a> {
-    pub(crate) place: &'a RenderedPlace,
+pub(crate) struct DemoResults<'a> {
+    pub(crate) scene: &'a RenderedScene,
     pub(crate) map: &'a MapFile,
-    pub(crate) asked: &'a SceneEvaluation,
+    pub(crate) scene_evaluation: &'a SceneEvaluation,
     pub(crate) evaluation: &'a Evaluation,
-    pub(crate) attacked: &'a Attacked,
+    pub(crate) attacked: &'a AttackResults,
 }
 
 pub(crate) fn page(
-    found: &Found<'_>,
+    results: &DemoResults<'_>,
     options: &DemoOptions,
     progress: &dyn Progress,
 ) -> Result<DemoReport, DemoError> {
-    let Found { place, map, asked, evaluation, attacked } = found;
+    let DemoResults { scene, map, scene_evaluation, evaluation, attacked } = results;
     let mut run = LocalizationReport {
         title: "veiloc demo".to_owned(),
         lead: format!(
             "A rendered room was mapped from {} views. Then {} hidden views were localized in the map, without sending their images or \
              the positions of their keypoints.",
-            place.map_list.len(),
-            place.query_list.len()
+            scene.map_list.len(),
+            scene.query_list.len()
         ),
         cards: cards(evaluation, attacked),
         unit: LengthUnit::Metres,
@@ -50,17 +50,17 @@ pub(crate) fn page(
     let methods = evaluation.schemes.iter().map(|row| (None, row));
     let queries = evaluation.queries.iter().map(|query| (None, query));
     let view = SceneView { up: Some([0.0, 0.0, 1.0]), ..SceneView::of_map("", map) };
-    run.add_scene(view, methods, queries, &|name| place.pose_of(name));
+    run.add_scene(view, methods, queries, &|name| scene.pose_of(name));
     let json = serde_json::to_string(evaluation).unwrap_or_default();
     run.data = TableData::parse(&json).ok();
-    let shown = place.query_list.first().cloned();
+    let shown = scene.query_list.first().cloned();
     let mut names: Vec<String> = shown.into_iter().collect();
     for (_, name) in worst_first(&run.methods, &run.outcomes).into_iter().take(DRAWN) {
         if !names.contains(&name) {
             names.push(name);
         }
     }
-    let drawn = drawn_queries(asked, map, &names, progress)?;
+    let drawn = drawn_queries(scene_evaluation, map, &names, progress)?;
     run.drawings = drawn.iter().map(|query| QueryDrawing::of(query, 0, map, true)).collect();
     Ok(DemoReport {
         run,
@@ -79,7 +79,7 @@ fn find<'a>(evaluation: &'a Evaluation, scheme: &str) -> Option<&'a SchemeSummar
     evaluation.schemes.iter().find(|s| s.scheme == scheme)
 }
 
-fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
+fn cards(evaluation: &Evaluation, attacked: &AttackResults) -> Vec<Card> {
     let mut cards = Vec::new();
     if let Some(dcl) = find(evaluation, "dcl") {
         cards.push(Card {

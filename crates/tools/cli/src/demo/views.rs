@@ -9,7 +9,7 @@ use veiloc_mapping::{BuildOptions, Input, build};
 
 use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
-use crate::demo::place;
+use crate::demo::scene;
 
 /// A rendered scene with its map, and views that are not in the map.
 #[derive(Debug)]
@@ -26,13 +26,13 @@ pub(crate) struct HiddenViews {
 ///
 /// # Errors
 /// [`DemoError`] if a file cannot be written, or the scene could not be mapped.
-pub(crate) fn map_place(options: &DemoOptions, progress: &dyn Progress) -> Result<HiddenViews, DemoError> {
-    let place = place::render(options, progress)?;
-    let posed = read_posed(&place.posed)?;
-    let input = Input::new(&posed, &place.images).with_names(&place.map_list);
+pub(crate) fn map_scene(options: &DemoOptions, progress: &dyn Progress) -> Result<HiddenViews, DemoError> {
+    let scene = scene::render(options, progress)?;
+    let posed = read_posed(&scene.posed)?;
+    let input = Input::new(&posed, &scene.images).with_names(&scene.map_list);
     let (model, _) = build(&input, &BuildOptions::default(), progress)?;
     let map = options.out.join("place.vmap");
     veiloc_map::write(&model, &map)?;
-    let views = place.query_list.iter().map(|name| (name.clone(), place.images.join(name))).collect();
-    Ok(HiddenViews { map, views, camera: place.camera })
+    let views = scene.query_list.iter().map(|name| (name.clone(), scene.images.join(name))).collect();
+    Ok(HiddenViews { map, views, camera: scene.camera })
 }

@@ -162,22 +162,22 @@ pub(crate) type Outcome = Result<Exit, Failure>;
 ///
 /// # Errors
 /// The command's own errors, and [`Failure::Bug`] for a panic.
-pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
+pub(crate) fn catch_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     let previous = std::panic::take_hook();
-    let places = Arc::new(Places::default());
-    let kept = places.clone();
-    std::panic::set_hook(Box::new(move |info| kept.keep(info)));
+    let locations = Arc::new(PanicLocations::default());
+    let recorder = locations.clone();
+    std::panic::set_hook(Box::new(move |info| recorder.record(info)));
     let result = catch_unwind(AssertUnwindSafe(command));
     std::panic::set_hook(previous);
-    result.unwrap_or_else(|_| Err(Failure::Bug { place: places.last() }))
+    result.unwrap_or_else(|_| Err(Failure::Bug { place: locations.last() }))
 }
 
 /// Locations of panics, per thread, in order.
 #[derive(Default)]
-struct Places(Mutex<Vec<(ThreadId, String)>>);
+struct PanicLocations(Mutex<Vec<(ThreadId, String)>>);
 
-impl Places {
-    fn keep(&self, info: &PanicHookInfo<'_>) {
+impl PanicLocations {
+    fn record(&self, info: &PanicHookInfo<'_>) {
         let place = info.location().map_or_else(|| "an unknown location".to_owned(), ToString::to_string);
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
     }
@@ -185,9 +185,9 @@ impl Places {
     /// Returns the last location of this thread. The panic of a helper thread is resumed without the hook: then the
     /// last location of any thread.
     fn last(&self) -> String {
-        let places = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let own = places.iter().rev().find(|(id, _)| *id == thread::current().id());
-        own.or(places.last()).map_or_else(|| "an unknown location".to_owned(), |(_, place)| place.clone())
+        let locations = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = locations.iter().rev().find(|(id, _)| *id == thread::current().id());
+        own.or(locations.last()).map_or_else(|| "an unknown location".to_owned(), |(_, place)| place.clone())
     }
 }
 
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_disk_is_not_the_callers_fault_and_a_wrong_path_is() {
+    fn full_disk_and_wrong_path_have_different_exit_codes() {
         for (kind, exit) in [
             (ErrorKind::StorageFull, Exit::Unwritten),
             (ErrorKind::Other, Exit::Unwritten),
@@ -211,10 +211,10 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_our_own_error_and_tells_where_not_what() {
+    fn panics_report_location_without_message() {
         for in_another_thread in [false, true] {
             let (line, breaks) = (line!(), || -> Outcome { std::panic::panic_any("secret".to_owned()) });
-            let outcome = catching_panics(|| {
+            let outcome = catch_panics(|| {
                 if in_another_thread {
                     // As thread pools do.
                     return thread::spawn(breaks).join().unwrap_or_else(|p| std::panic::resume_unwind(p));

@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_write_that_fails_leaves_the_old_file() {
+    fn failed_write_keeps_old_file() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("a");
         write(&path, b"old").expect("written");

@@ -15,7 +15,7 @@ use crate::output::files;
 use crate::output::ui::Ui;
 
 /// The kind of file that a command looks for in a folder.
-pub(crate) struct Wanted {
+pub(crate) struct InputKind {
     /// Its name, in the singular.
     pub what: &'static str,
     /// Its file extensions, lower case.
@@ -23,9 +23,9 @@ pub(crate) struct Wanted {
 }
 
 /// Images in the supported formats.
-pub(crate) const IMAGES: Wanted = Wanted { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
+pub(crate) const IMAGES: InputKind = InputKind { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
 /// The output of `veiloc seal`.
-pub(crate) const SEALED: Wanted = Wanted { what: "sealed query (.vquery)", endings: &["vquery"] };
+pub(crate) const SEALED: InputKind = InputKind { what: "sealed query (.vquery)", endings: &["vquery"] };
 
 /// An input file.
 #[derive(Debug, Clone)]
@@ -38,7 +38,7 @@ pub(crate) struct Item {
     /// The same without the folder's own name: the name in data sets.
     name: String,
     /// Its error, as far as it is known without reading the file.
-    pub fault: Option<Fault>,
+    pub fault: Option<InputError>,
 }
 
 impl Item {
@@ -51,9 +51,9 @@ impl Item {
 
 /// Why an input has no result.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Fault {
+pub(crate) struct InputError {
     /// Kind of the error.
-    pub kind: FaultKind,
+    pub kind: InputErrorKind,
     /// The problem and the remedy.
     pub message: String,
 }
@@ -61,7 +61,7 @@ pub(crate) struct Fault {
 /// Kinds of errors, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum FaultKind {
+pub(crate) enum InputErrorKind {
     /// The file does not exist.
     Missing,
     /// The file cannot be read, or a folder contains nothing of use.
@@ -72,24 +72,24 @@ pub(crate) enum FaultKind {
     Unfit,
 }
 
-impl Fault {
+impl InputError {
     /// Returns an error of this kind; the message states the problem and the remedy.
-    pub(crate) fn new(kind: FaultKind, message: impl std::fmt::Display) -> Self {
+    pub(crate) fn new(kind: InputErrorKind, message: impl std::fmt::Display) -> Self {
         Self { kind, message: message.to_string() }
     }
 
     /// Converts an I/O error of a file.
     pub(crate) fn of_io(error: &io::Error) -> Self {
         let kind = match error.kind() {
-            io::ErrorKind::NotFound => FaultKind::Missing,
-            _ => FaultKind::Unreadable,
+            io::ErrorKind::NotFound => InputErrorKind::Missing,
+            _ => InputErrorKind::Unreadable,
         };
         Self::new(kind, format_args!("{error}; {}", remedy_of_io(error.kind())))
     }
 
     /// Returns the message, with the name of the file in it exactly once.
     pub(crate) fn of(&self, name: &str) -> String {
-        if names_file(&self.message, name) {
+        if contains_file_name(&self.message, name) {
             self.message.clone()
         } else {
             format!("{name}: {}", self.message)
@@ -98,42 +98,45 @@ impl Fault {
 }
 
 /// Returns whether a message names a file: the name must occur alone or at the end of a path, not within another name.
-fn names_file(message: &str, name: &str) -> bool {
-    let goes_on = |c: char| c.is_alphanumeric() || "-_".contains(c);
+fn contains_file_name(message: &str, name: &str) -> bool {
+    let continues_name = |c: char| c.is_alphanumeric() || "-_".contains(c);
     !name.is_empty()
         && message.match_indices(name).any(|(at, _)| {
             let before = message[..at].chars().next_back();
-            let mut behind = message[at + name.len()..].chars();
-            let ends = match behind.next() {
+            let mut rest = message[at + name.len()..].chars();
+            let ends = match rest.next() {
                 // The end of a sentence, or another extension of the name.
-                Some('.') => !behind.next().is_some_and(goes_on),
-                Some(next) => !goes_on(next) && next != '/',
+                Some('.') => !rest.next().is_some_and(continues_name),
+                Some(next) => !continues_name(next) && next != '/',
                 None => true,
             };
-            ends && !before.is_some_and(|c| goes_on(c) || c == '.')
+            ends && !before.is_some_and(|c| continues_name(c) || c == '.')
         })
 }
 
 /// Expands the inputs in their order: a file as it is, a folder to the wanted files in it and its sub-folders, sorted
 /// by path. Hidden files and folders are left out.
-pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
+pub(crate) fn expand_inputs(given: &[PathBuf], input_kind: &InputKind) -> Vec<Item> {
     let mut items = Vec::new();
     for path in given {
         if !path.is_dir() {
             let below = path.file_name().map_or_else(|| path.clone(), PathBuf::from);
-            items.push(checked(path.clone(), &below, Path::new("")));
+            items.push(check_file(path.clone(), &below, Path::new("")));
             continue;
         }
         let mut inside = Vec::new();
-        let walked = walk(path, wanted, &mut BTreeSet::new(), &mut inside);
+        let walked = walk(path, input_kind, &mut BTreeSet::new(), &mut inside);
         let fault = match walked {
             Err((at, error)) => {
-                let Fault { kind, message } = Fault::of_io(&error);
-                Some(Fault::new(kind, format_args!("{}: {message}", at.display())))
+                let InputError { kind, message } = InputError::of_io(&error);
+                Some(InputError::new(kind, format_args!("{}: {message}", at.display())))
             }
-            Ok(()) if inside.is_empty() => Some(Fault::new(
-                FaultKind::Unreadable,
-                format_args!("contains no {}; give a folder that contains some, or the files", wanted.what),
+            Ok(()) if inside.is_empty() => Some(InputError::new(
+                InputErrorKind::Unreadable,
+                format_args!(
+                    "contains no {}; give a folder that contains some, or the files",
+                    input_kind.what
+                ),
             )),
             Ok(()) => None,
         };
@@ -148,20 +151,20 @@ pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
         }
         for file in inside {
             let below = file.strip_prefix(path).unwrap_or(&file).to_owned();
-            items.push(checked(file, &below, &above));
+            items.push(check_file(file, &below, &above));
         }
     }
     items
 }
 
 /// Returns the files of a list: its names in a folder.
-pub(crate) fn listed<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
-    names.into_iter().map(|name| checked(folder.join(name), Path::new(name), Path::new(""))).collect()
+pub(crate) fn files_of_list<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
+    names.into_iter().map(|name| check_file(folder.join(name), Path::new(name), Path::new(""))).collect()
 }
 
 /// Returns a file with its error if it cannot be opened.
-fn checked(path: PathBuf, below: &Path, above: &Path) -> Item {
-    let fault = if files::is_standard(&path) { None } else { fault_by_name(&path) };
+fn check_file(path: PathBuf, below: &Path, above: &Path) -> Item {
+    let fault = if files::is_standard(&path) { None } else { error_of_path(&path) };
     Item { path, below: above.join(below), name: below.display().to_string(), fault }
 }
 
@@ -175,20 +178,20 @@ pub(crate) fn names(items: &[Item]) -> Vec<String> {
     items.iter().map(|item| item.path.display().to_string()).collect()
 }
 
-fn fault_by_name(path: &Path) -> Option<Fault> {
+fn error_of_path(path: &Path) -> Option<InputError> {
     match fs::metadata(path) {
-        Ok(m) if m.is_dir() => Some(Fault::of_io(&io::ErrorKind::IsADirectory.into())),
+        Ok(m) if m.is_dir() => Some(InputError::of_io(&io::ErrorKind::IsADirectory.into())),
         // A pipe can be opened only once, by its reader.
-        Ok(m) if m.is_file() => File::open(path).err().map(|e| Fault::of_io(&e)),
+        Ok(m) if m.is_file() => File::open(path).err().map(|e| InputError::of_io(&e)),
         Ok(_) => None,
-        Err(error) => Some(Fault::of_io(&error)),
+        Err(error) => Some(InputError::of_io(&error)),
     }
 }
 
 /// Collects the wanted files in a folder and its sub-folders; a symbolic link to a parent folder is followed once.
 fn walk(
     folder: &Path,
-    wanted: &Wanted,
+    input_kind: &InputKind,
     seen: &mut BTreeSet<PathBuf>,
     found: &mut Vec<PathBuf>,
 ) -> Result<(), (PathBuf, io::Error)> {
@@ -203,8 +206,8 @@ fn walk(
         }
         let path = entry.path();
         if path.is_dir() {
-            walk(&path, wanted, seen, found)?;
-        } else if has_ending(&path, wanted.endings) {
+            walk(&path, input_kind, seen, found)?;
+        } else if has_ending(&path, input_kind.endings) {
             found.push(path);
         }
     }
@@ -217,12 +220,12 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     })
 }
 
-/// Like [`gather`], but a file that cannot be read ends the command.
+/// Like [`expand_inputs`], but a file that cannot be read ends the command.
 ///
 /// # Errors
 /// Names all files that cannot be read.
-pub(crate) fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>, Failure> {
-    let items = gather(given, wanted);
+pub(crate) fn expand_readable(given: &[PathBuf], input_kind: &InputKind) -> Result<Vec<Item>, Failure> {
+    let items = expand_inputs(given, input_kind);
     refuse_bad(&items)?;
     Ok(items)
 }
@@ -232,7 +235,7 @@ pub(crate) fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>
 /// # Errors
 /// Names all files that cannot be read.
 pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
-    let bad: Vec<String> = known_faults(items).collect();
+    let bad: Vec<String> = known_errors(items).collect();
     match bad.as_slice() {
         [] => Ok(()),
         [one] => Err(Failure::refused(one)),
@@ -245,7 +248,7 @@ pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
     }
 }
 
-fn known_faults(items: &[Item]) -> impl Iterator<Item = String> {
+fn known_errors(items: &[Item]) -> impl Iterator<Item = String> {
     items
         .iter()
         .filter_map(|item| item.fault.as_ref().map(|fault| fault.of(&item.path.display().to_string())))
@@ -261,31 +264,31 @@ pub(crate) struct SkipArgs {
 
 impl SkipArgs {
     /// Returns whether bad files are ignored.
-    pub(crate) const fn counts_none(self) -> bool {
+    pub(crate) const fn ignores_failures(self) -> bool {
         self.skip_bad
     }
 }
 
 /// Counts the results of a command's inputs.
-pub(crate) struct Tally {
+pub(crate) struct BatchSummary {
     /// The verb of the summary, as in `8 of 10 sealed`.
-    done_to: &'static str,
+    verb: &'static str,
     total: usize,
     faults: Vec<String>,
 }
 
-impl Tally {
+impl BatchSummary {
     /// Reports missing and unreadable inputs before the work begins.
-    pub(crate) fn begin(done_to: &'static str, items: &[Item], ui: &Ui) -> Self {
-        let known: Vec<String> = known_faults(items).collect();
+    pub(crate) fn begin(verb: &'static str, items: &[Item], ui: &Ui) -> Self {
+        let known: Vec<String> = known_errors(items).collect();
         if items.len() > 1 && !known.is_empty() {
-            ui.say(format_args!("{} of {} cannot be read:{}", known.len(), items.len(), indented(&known)));
+            ui.info(format_args!("{} of {} cannot be read:{}", known.len(), items.len(), indented(&known)));
         }
-        Self { done_to, total: items.len(), faults: Vec::new() }
+        Self { verb, total: items.len(), faults: Vec::new() }
     }
 
     /// Counts an input without result.
-    pub(crate) fn failed(&mut self, name: &str, fault: &Fault) {
+    pub(crate) fn failed(&mut self, name: &str, fault: &InputError) {
         self.faults.push(fault.of(name));
     }
 
@@ -303,15 +306,15 @@ impl Tally {
         if let ([only], 1) = (self.faults.as_slice(), self.total) {
             return Err(Failure::refused(only));
         }
-        let summary = format!("{done} of {} {}{remark}", self.total, self.done_to);
+        let summary = format!("{done} of {} {}{remark}", self.total, self.verb);
         if !self.faults.is_empty() {
-            ui.complain(format_args!(
+            ui.warn(format_args!(
                 "{summary}; {} could not be used:{}",
                 self.faults.len(),
                 indented(&self.faults)
             ));
         } else if self.total > 1 {
-            ui.say(summary);
+            ui.info(summary);
         }
         let all_well = self.faults.is_empty() || skip.skip_bad;
         Ok(if done > 0 && all_well { Exit::Success } else { Exit::Refused })
@@ -341,42 +344,42 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_what_is_wanted_below_it() {
+    fn folders_expand_to_matching_files() {
         let folder =
             tree(&["camB/1.PNG", "camA/2.jpg", "camA/1.jpeg", "notes.txt", ".thumbs/1.jpg", "0.png"]);
-        let items = gather(&[folder.path().to_owned()], &IMAGES);
+        let items = expand_inputs(&[folder.path().to_owned()], &IMAGES);
         assert_eq!(below(&items), ["0.png", "camA/1.jpeg", "camA/2.jpg", "camB/1.PNG"]);
         assert!(items.iter().all(|i| i.fault.is_none() && i.path.is_file()));
         assert_eq!(names(&items), below(&items));
     }
 
     #[test]
-    fn files_of_two_folders_do_not_clash() {
+    fn files_of_two_folders_do_not_collide() {
         let folder = tree(&["camA/1.jpg", "camB/1.jpg", "2.jpg"]);
         let given = ["camA", "camB", "2.jpg"].map(|name| folder.path().join(name));
-        let items = gather(&given, &IMAGES);
+        let items = expand_inputs(&given, &IMAGES);
         assert_eq!(below(&items), ["camA/1.jpg", "camB/1.jpg", "2.jpg"]);
         assert_eq!(names(&items)[1], given[1].join("1.jpg").display().to_string());
         assert_eq!(names(&items[1..]), ["1.jpg", "2.jpg"]);
     }
 
     #[test]
-    fn what_is_missing_is_known_before_work() {
+    fn missing_inputs_are_known_before_work() {
         let folder = tree(&["a.jpg", "empty/notes.txt"]);
         let given = ["a.jpg", "b.jpg", "empty"].map(|name| folder.path().join(name));
-        let items = gather(&given, &IMAGES);
+        let items = expand_inputs(&given, &IMAGES);
         let kinds: Vec<_> = items.iter().map(|i| i.fault.as_ref().map(|f| f.kind)).collect();
-        assert_eq!(kinds, [None, Some(FaultKind::Missing), Some(FaultKind::Unreadable)]);
+        assert_eq!(kinds, [None, Some(InputErrorKind::Missing), Some(InputErrorKind::Unreadable)]);
         let Err(Failure::Refused { report }) = refuse_bad(&items) else { panic!("two are bad") };
-        let said = format!("{report:?}");
+        let message = format!("{report:?}");
         assert!(
-            said.contains("2 of 3") && said.contains("b.jpg") && said.contains("no JPEG or PNG"),
-            "{said}"
+            message.contains("2 of 3") && message.contains("b.jpg") && message.contains("no JPEG or PNG"),
+            "{message}"
         );
     }
 
     #[test]
-    fn a_fault_always_names_its_file_and_once() {
+    fn errors_name_their_file_exactly_once() {
         for (name, message, named) in [
             ("1.jpg", "21.jpg: is no image", false),
             ("1.jpg", "1.jpg.txt: is no image", false),
@@ -388,17 +391,17 @@ mod tests {
             ("b/c d.jpg", "\"b/c d.jpg\" is no image", true),
             ("", "is no image", false),
         ] {
-            let said = Fault::new(FaultKind::Damaged, message).of(name);
+            let message = InputError::new(InputErrorKind::Damaged, message).of(name);
             let expected = if named { message.to_owned() } else { format!("{name}: {message}") };
-            assert_eq!(said, expected);
+            assert_eq!(message, expected);
         }
     }
 
     #[cfg(unix)]
     #[test]
-    fn a_link_to_a_folder_above_is_walked_once() {
+    fn links_to_parent_folders_are_followed_once() {
         let folder = tree(&["a/1.jpg"]);
         std::os::unix::fs::symlink(folder.path(), folder.path().join("a/up")).expect("a link");
-        assert_eq!(below(&gather(&[folder.path().to_owned()], &IMAGES)), ["a/1.jpg"]);
+        assert_eq!(below(&expand_inputs(&[folder.path().to_owned()], &IMAGES)), ["a/1.jpg"]);
     }
 }

@@ -10,7 +10,7 @@ use crate::output::files;
 
 /// A line of a list.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Listed {
+pub(crate) struct ListedImage {
     /// Name of the image, relative to the folder of the images; it may contain spaces, as in COLMAP.
     pub name: String,
     /// Its camera, if the list has one.
@@ -23,7 +23,7 @@ pub(crate) struct Listed {
 ///
 /// # Errors
 /// The file cannot be read, is not text, has no name or one name twice, or has an invalid camera.
-pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
+pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<ListedImage>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let text = String::from_utf8(files::read(path)?)
         .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name per line"))?;
@@ -43,7 +43,7 @@ pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
         if !seen.insert(name) {
             return Err(refused(format!("{name} occurs twice"), "list every image once"));
         }
-        listed.push(Listed { name: name.to_owned(), camera, line });
+        listed.push(ListedImage { name: name.to_owned(), camera, line });
     }
     if listed.is_empty() {
         return Err(refused(
@@ -79,7 +79,7 @@ pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
 ///
 /// # Errors
 /// Not exactly one folder is given.
-pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
+pub(crate) fn single_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
     match given {
         [folder] if folder.is_dir() => Ok(folder),
         [file] => Err(Failure::with_help(
@@ -127,7 +127,7 @@ fn is_camera(text: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn written(text: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
+    fn list_file(text: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("list");
         files::write(&path, text.as_ref()).expect("written");
@@ -145,8 +145,8 @@ a GIRL 3 of 4.jpg
 ";
 
     #[test]
-    fn cameras_behind_names_are_read() {
-        let (_folder, path) = written(HLOC);
+    fn cameras_after_names_are_read() {
+        let (_folder, path) = list_file(HLOC);
         let listed = read_with_cameras(&path).expect("a list");
         let names: Vec<&str> = listed.iter().map(|l| l.name.as_str()).collect();
         assert_eq!(
@@ -165,17 +165,17 @@ a GIRL 3 of 4.jpg
     }
 
     #[test]
-    fn a_camera_that_would_be_dropped_is_refused() {
-        let (_folder, path) = written(HLOC);
+    fn unused_cameras_are_refused() {
+        let (_folder, path) = list_file(HLOC);
         let Err(Failure::Refused { report }) = read_list(&path) else { panic!("dropped") };
-        let said = format!("{report:?}");
-        assert!(said.contains("line 2") && said.contains("names only"), "{said}");
-        let (_folder, path) = written("a.jpg\nb c.jpg\r\n");
+        let message = format!("{report:?}");
+        assert!(message.contains("line 2") && message.contains("names only"), "{message}");
+        let (_folder, path) = list_file("a.jpg\nb c.jpg\r\n");
         assert_eq!(read_list(&path).expect("names"), ["a.jpg", "b c.jpg"]);
     }
 
     #[test]
-    fn what_is_no_list_is_refused() {
+    fn invalid_lists_are_refused() {
         for text in [
             "\n# nothing\n".as_bytes(),
             b"a.jpg\nb.jpg\na.jpg\n",
@@ -184,7 +184,7 @@ a GIRL 3 of 4.jpg
             b"a.jpg PINHOLE 640 480 1 1 1\n",
             &[0xff, 0xfe],
         ] {
-            let (_folder, path) = written(text);
+            let (_folder, path) = list_file(text);
             assert!(read_with_cameras(&path).is_err(), "{}", String::from_utf8_lossy(text));
         }
     }

@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A line for each tenth of a stage, but at least this time after the line before.
-const SOONEST: Duration = Duration::from_secs(1);
+const MIN_INTERVAL: Duration = Duration::from_secs(1);
 /// A line after this time, even with little progress.
-const LATEST: Duration = Duration::from_secs(10);
+const MAX_INTERVAL: Duration = Duration::from_secs(10);
 
 /// One stage of work with a known number of steps.
-pub(crate) struct Stage(Shown);
+pub(crate) struct Stage(StageOutput);
 
 /// Form of the output.
-enum Shown {
+enum StageOutput {
     /// No output.
     Silent,
     /// A bar on a terminal.
@@ -26,7 +26,7 @@ enum Shown {
 impl Stage {
     /// Returns a stage without output.
     pub(crate) const fn silent() -> Self {
-        Self(Shown::Silent)
+        Self(StageOutput::Silent)
     }
 
     /// Returns a bar of `total` steps.
@@ -35,14 +35,14 @@ impl Stage {
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::new(total).with_style(style).with_message(name.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Self(Shown::Bar(bar))
+        Self(StageOutput::Bar(bar))
     }
 
     /// Prints lines on stderr, the first at once.
     pub(crate) fn lines(name: &str, total: u64) -> Self {
         let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, last: Instant::now() };
-        tell(&lines.text());
-        Self(Shown::Lines(Mutex::new(lines)))
+        print_line(&lines.text());
+        Self(StageOutput::Lines(Mutex::new(lines)))
     }
 
     /// Adds finished steps.
@@ -51,7 +51,7 @@ impl Stage {
     }
 
     /// Sets the number of finished steps and the total.
-    pub(crate) fn reach(&self, done: u64, total: u64) {
+    pub(crate) fn set_position(&self, done: u64, total: u64) {
         self.update(
             |bar| {
                 bar.set_length(total);
@@ -63,13 +63,13 @@ impl Stage {
 
     fn update(&self, of_bar: impl FnOnce(&ProgressBar), of_lines: impl FnOnce(&mut Lines)) {
         match &self.0 {
-            Shown::Silent => {}
-            Shown::Bar(bar) => of_bar(bar),
-            Shown::Lines(lines) => {
+            StageOutput::Silent => {}
+            StageOutput::Bar(bar) => of_bar(bar),
+            StageOutput::Lines(lines) => {
                 let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
                 of_lines(&mut lines);
                 if let Some(text) = lines.due(Instant::now()) {
-                    tell(&text);
+                    print_line(&text);
                 }
             }
         }
@@ -78,14 +78,14 @@ impl Stage {
     /// Hides the bar while something is printed.
     pub(crate) fn suspend<T>(&self, act: impl FnOnce() -> T) -> T {
         match &self.0 {
-            Shown::Bar(bar) => bar.suspend(act),
-            Shown::Silent | Shown::Lines(_) => act(),
+            StageOutput::Bar(bar) => bar.suspend(act),
+            StageOutput::Silent | StageOutput::Lines(_) => act(),
         }
     }
 
     /// Ends the stage and removes its bar.
     pub(crate) fn finish(&self) {
-        if let Shown::Bar(bar) = &self.0 {
+        if let StageOutput::Bar(bar) = &self.0 {
             bar.finish_and_clear();
         }
     }
@@ -106,7 +106,7 @@ impl Lines {
     fn due(&mut self, now: Instant) -> Option<String> {
         let tenth = (10 * self.done).checked_div(self.total).unwrap_or(0);
         let since = now.saturating_duration_since(self.last);
-        if since < SOONEST || (tenth <= self.tenth && since < LATEST) {
+        if since < MIN_INTERVAL || (tenth <= self.tenth && since < MAX_INTERVAL) {
             return None;
         }
         (self.tenth, self.last) = (tenth, now);
@@ -122,7 +122,7 @@ impl Lines {
 }
 
 /// Prints a line on stderr; a failure to do so is ignored.
-fn tell(text: &str) {
+fn print_line(text: &str) {
     use std::io::Write as _;
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -137,7 +137,7 @@ mod tests {
     }
 
     /// Returns the lines that a stage of 900 steps at `ms` milliseconds each prints.
-    fn told(ms: u64) -> Vec<String> {
+    fn printed_lines(ms: u64) -> Vec<String> {
         let (mut lines, start) = lines(900);
         let step = |i: u64| (i, start + Duration::from_millis(i * ms));
         (1..=900)
@@ -150,18 +150,18 @@ mod tests {
     }
 
     #[test]
-    fn fast_work_tells_tenths_and_slow_work_every_ten_seconds() {
-        assert!(told(1).is_empty(), "all in 0.9 s: the first line is enough");
-        let tenths = told(20);
+    fn fast_stages_print_tenths_and_slow_stages_every_ten_seconds() {
+        assert!(printed_lines(1).is_empty(), "all in 0.9 s: the first line is enough");
+        let tenths = printed_lines(20);
         assert_eq!(tenths.len(), 10);
         assert_eq!(tenths[0], "Extracting features 90/900");
-        let slow = told(1000);
+        let slow = printed_lines(1000);
         assert_eq!(slow.len(), 90, "here every tenth falls on a multiple of ten seconds");
         assert_eq!(slow[0], "Extracting features 10/900");
     }
 
     #[test]
-    fn without_a_total_only_time_counts() {
+    fn stages_without_total_print_by_time() {
         let (mut lines, start) = lines(0);
         lines.done = 5;
         assert_eq!(lines.due(start + Duration::from_secs(9)), None);

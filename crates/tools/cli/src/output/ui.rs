@@ -14,7 +14,7 @@ pub(crate) struct Ui {
     /// Whether stderr is a terminal.
     terminal: bool,
     /// The first error of writing results to stdout.
-    lost: Mutex<Option<std::io::Error>>,
+    lost_output_error: Mutex<Option<std::io::Error>>,
 }
 
 impl Ui {
@@ -25,7 +25,7 @@ impl Ui {
         let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
         // Fails only if a hook exists already, which then takes precedence.
         let _ = miette::set_hook(Box::new(move |_| Box::new(options().build())));
-        Self { quiet, terminal, lost: Mutex::new(None) }
+        Self { quiet, terminal, lost_output_error: Mutex::new(None) }
     }
 
     /// Returns whether messages are suppressed.
@@ -34,16 +34,16 @@ impl Ui {
     }
 
     /// Prints a message, unless quiet.
-    pub(crate) fn say(&self, text: impl std::fmt::Display) {
+    pub(crate) fn info(&self, text: impl std::fmt::Display) {
         if !self.quiet {
-            tell(text);
+            print_line(text);
         }
     }
 
     /// Prints a problem that does not end the work.
     #[expect(clippy::unused_self, reason = "all printing goes through one value")]
-    pub(crate) fn complain(&self, text: impl std::fmt::Display) {
-        tell(text);
+    pub(crate) fn warn(&self, text: impl std::fmt::Display) {
+        print_line(text);
     }
 
     /// Prints a result: a table or text.
@@ -58,19 +58,19 @@ impl Ui {
     pub(crate) fn print_bytes(&self, bytes: &[u8]) {
         let mut out = std::io::stdout().lock();
         match out.write_all(bytes).and_then(|()| out.flush()) {
-            Err(error) if error.kind() != ErrorKind::BrokenPipe => self.lose(error),
+            Err(error) if error.kind() != ErrorKind::BrokenPipe => self.record_lost_output(error),
             _ => {}
         }
     }
 
     /// Stores why a result did not reach stdout; the first cause counts.
-    fn lose(&self, error: std::io::Error) {
-        self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    fn record_lost_output(&self, error: std::io::Error) {
+        self.lost_output_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
     /// Takes the error of writing results to stdout.
     pub(crate) fn lost_output(&self) -> Option<Failure> {
-        let error = self.lost.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        let error = self.lost_output_error.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         Some(Failure::output("stdout", &error))
     }
 
@@ -88,8 +88,10 @@ impl Ui {
     #[expect(clippy::unused_self, reason = "all printing goes through one value")]
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
-            Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),
-            Failure::Bug { place } => tell(format_args!(
+            Failure::Refused { report } | Failure::Output { report } => {
+                print_line(format_args!("{report:?}"))
+            }
+            Failure::Bug { place } => print_line(format_args!(
                 "veiloc panicked at {place}\nThis is a bug in veiloc; please report it with the command \
                  you ran."
             )),
@@ -107,6 +109,6 @@ impl Ui {
 }
 
 /// Prints a line on stderr; if stderr is closed, the line is lost.
-fn tell(text: impl std::fmt::Display) {
+fn print_line(text: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

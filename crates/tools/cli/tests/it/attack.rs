@@ -10,13 +10,13 @@ const SMALL: &str = "attack --synthetic 500 --schemes random-lines,dcl:s=2 --att
 
 #[test]
 fn table_and_document() {
-    let place = folder();
-    let run = place.run(&format!("{SMALL} --corrupt 0,20 --json attack.json")).succeeded();
+    let scene = folder();
+    let run = scene.run(&format!("{SMALL} --corrupt 0,20 --json attack.json")).succeeded();
     for word in ["random-lines", "dcl", "prior", "closed-form", "graph", "20 %", "< 30 px"] {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
-    let document: serde_json::Value = serde_json::from_slice(&place.read("attack.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("attack.json")).expect("a document");
     assert_eq!(keys(&document), ["attacks", "command", "data", "k", "neighbours", "seed", "version"]);
     let attacks = document["attacks"].as_array().expect("rows");
     // Per scheme: the prior-only baseline once, each attack with neighbours once per corruption share.
@@ -47,9 +47,9 @@ fn table_and_document() {
 
 #[test]
 fn equal_seeds_give_equal_results() {
-    let place = folder();
+    let scene = folder();
     let errors = |seed: u32| {
-        let document = place.run(&format!("{SMALL} --seed {seed} --json")).succeeded().json();
+        let document = scene.run(&format!("{SMALL} --seed {seed} --json")).succeeded().json();
         let rows = document["attacks"].as_array().expect("rows").clone();
         rows.iter().map(|row| row["mean_px"].as_f64().expect("a number")).collect::<Vec<_>>()
     };
@@ -58,10 +58,10 @@ fn equal_seeds_give_equal_results() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
-    let place = folder();
-    place.write("bad.jsonl", "{\"name\":\"a\",\"width\":640,\"height\":480,\"keypoints\":[[1,2],[3]]}\n");
-    place.write("empty.jsonl", "\n");
+fn contradictory_arguments_are_refused() {
+    let scene = folder();
+    scene.write("bad.jsonl", "{\"name\":\"a\",\"width\":640,\"height\":480,\"keypoints\":[[1,2],[3]]}\n");
+    scene.write("empty.jsonl", "\n");
     for (arguments, code, says) in [
         ("attack", 2, "KEYPOINTS"),
         ("attack --synthetic 0", 2, "--synthetic"),
@@ -83,14 +83,14 @@ fn what_makes_no_sense_is_refused() {
         ("attack --synthetic 9 --attacks transfer", 1, "without descriptors"),
         ("attack --synthetic 9 --neighbours predicted --train empty.jsonl", 1, "empty.jsonl"),
     ] {
-        let run = place.run(arguments);
+        let run = scene.run(arguments);
         assert_eq!(run.code, Some(code), "{run}");
         assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
     }
 }
 
 /// Two images of one scene whose descriptors determine the point: the second is the first, shifted by 8 pixels.
-fn told_by_descriptors(place: &common::Place) {
+fn write_shifted_pair(scene: &common::TestScene) {
     let lines: Vec<String> = ["a", "b"]
         .iter()
         .zip([0, 8])
@@ -115,7 +115,7 @@ fn told_by_descriptors(place: &common::Place) {
             .to_string()
         })
         .collect();
-    place.write("place.jsonl", &(lines.join("\n") + "\n"));
+    scene.write("place.jsonl", &(lines.join("\n") + "\n"));
 }
 
 /// RFC 4648, for 3200 bytes: two bytes remain, and one padding character follows.
@@ -132,11 +132,11 @@ fn base64(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn descriptors_tell_neighbours_and_positions() {
-    let place = folder();
-    told_by_descriptors(&place);
+fn descriptors_predict_neighbours_and_transfer_positions() {
+    let scene = folder();
+    write_shifted_pair(&scene);
     for source in ["predicted --train place.jsonl", "transferred"] {
-        let run = place.run(&format!(
+        let run = scene.run(&format!(
             "attack place.jsonl --images 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
         ));
         let document = run.succeeded().json();
@@ -152,14 +152,14 @@ fn descriptors_tell_neighbours_and_positions() {
 }
 
 #[test]
-fn keypoints_of_images_are_what_attack_reads() {
-    let place = common::place();
+fn eval_keypoints_output_is_attack_input() {
+    let scene = common::scene();
     let keypoints = "eval keypoints images --max-keypoints 200 --max-size 300 -o";
-    place.run(&format!("{keypoints} all.jsonl.gz")).succeeded();
-    place.run(&format!("{keypoints} map.jsonl --list map.txt")).succeeded();
-    let lines = |name: &str| String::from_utf8(place.read(name)).expect("text").lines().count();
+    scene.run(&format!("{keypoints} all.jsonl.gz")).succeeded();
+    scene.run(&format!("{keypoints} map.jsonl --list map.txt")).succeeded();
+    let lines = |name: &str| String::from_utf8(scene.read(name)).expect("text").lines().count();
     assert_eq!(lines("map.jsonl"), common::MAP_VIEWS);
-    let run = place
+    let run = scene
         .run("attack map.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
         .succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
@@ -169,18 +169,18 @@ fn keypoints_of_images_are_what_attack_reads() {
         ("map.txt", "map.txt"),
         ("images/none.png", "none.png"),
     ] {
-        let run = place.run(&format!("eval keypoints {arguments} -o refused.jsonl"));
+        let run = scene.run(&format!("eval keypoints {arguments} -o refused.jsonl"));
         assert_eq!(run.code, Some(1), "{run}");
         assert!(run.stderr.contains(says), "{says}: {run}");
-        assert!(!place.folder.join("refused.jsonl").exists(), "{arguments}");
+        assert!(!scene.folder.join("refused.jsonl").exists(), "{arguments}");
     }
 }
 
 /// A neighbour network is used; if it does not fit, the error names the remedy.
 #[test]
-fn a_network_of_neighbours_is_used_or_the_remedy_is_named() {
-    let place = common::place();
-    place
+fn neighbour_network_is_used_or_error_has_remedy() {
+    let scene = common::scene();
+    scene
         .run("eval keypoints images --features sift --max-keypoints 150 --max-size 300 -o network-all.jsonl")
         .succeeded();
     let model = |name: &str| {
@@ -188,7 +188,7 @@ fn a_network_of_neighbours_is_used_or_the_remedy_is_named() {
         folder.join(name).display().to_string()
     };
     let attack = |model: &str| {
-        place.run(&format!(
+        scene.run(&format!(
             "attack network-all.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours network {model}"
         ))
     };

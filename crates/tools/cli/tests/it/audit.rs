@@ -2,18 +2,18 @@
 
 use super::common;
 
-use common::{Place, folder, keys};
+use common::{TestScene, folder, keys};
 use image::{Rgb, RgbImage};
 
 /// Discs of many sizes on a gradient: plenty of keypoints.
-fn photograph(place: &Place, name: &str, shift: u32) {
-    std::fs::create_dir_all(place.path(name).parent().expect("a parent")).expect("folder");
+fn photograph(scene: &TestScene, name: &str, shift: u32) {
+    std::fs::create_dir_all(scene.path(name).parent().expect("a parent")).expect("folder");
     RgbImage::from_fn(240, 180, |x, y| {
         let (u, v) = (f64::from(x + shift), f64::from(y));
         let wave = (u * (0.2 + u / 3000.0)).sin() * (v * 0.27).cos() + (u * 0.61 + v * 0.47).sin() * 0.4;
         Rgb([(128.0 + 80.0 * wave) as u8, (100.0 + 0.3 * v) as u8, (120.0 - 40.0 * wave) as u8])
     })
-    .save(place.path(name))
+    .save(scene.path(name))
     .expect("written");
 }
 
@@ -27,81 +27,81 @@ fn keypoints(n: u32) -> String {
 const FAST: &str = "--attacks closed-form --synthetic 100 --schemes random-lines,dcl";
 
 #[test]
-fn photographs_make_a_page_that_shows_them() {
-    let place = folder();
-    photograph(&place, "a.png", 0);
-    photograph(&place, "place/b.png", 5);
-    let run = place.run(&format!("audit a.png place {FAST} --out out/deep --json audit.json")).succeeded();
-    let page = String::from_utf8(place.read("out/deep/audit.html")).expect("text");
+fn report_shows_photographs() {
+    let scene = folder();
+    photograph(&scene, "a.png", 0);
+    photograph(&scene, "place/b.png", 5);
+    let run = scene.run(&format!("audit a.png place {FAST} --out out/deep --json audit.json")).succeeded();
+    let page = String::from_utf8(scene.read("out/deep/audit.html")).expect("text");
     assert!(run.stderr.contains("out/deep/audit.html"), "{run}");
     assert!(run.stdout.contains("The strongest attack on each scheme"), "{run}");
     assert!(page.contains("data:image/jpeg") && page.contains("This file contains the photographs"));
     assert!(page.contains("audit a.png place --attacks closed-form"), "the command");
-    let document: serde_json::Value = serde_json::from_slice(&place.read("audit.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("audit.json")).expect("a document");
     assert_eq!(keys(&document), ["command", "inputs", "synthetic", "version"]);
     assert_eq!(document["inputs"]["data"], serde_json::json!(["place", "a.png"]));
     assert_eq!(document["inputs"]["attacks"].as_array().map(Vec::len), Some(4));
     assert_eq!(document["inputs"]["strongest"][1]["with_oracle"], "closed-form");
     assert!(document["inputs"]["keypoints"].as_u64().expect("a number") > 50, "{document}");
 
-    place
+    scene
         .run(
             &format!("audit a.png {FAST} --no-images --no-synthetic --out bare.html")
                 .replace(" --synthetic 100", ""),
         )
         .succeeded();
-    let bare = String::from_utf8(place.read("bare.html")).expect("text");
+    let bare = String::from_utf8(scene.read("bare.html")).expect("text");
     assert!(!bare.contains("data:image") && !bare.contains("synthetic scene"));
 }
 
 #[test]
-fn keypoints_make_a_page() {
-    let place = folder();
-    place.write("k.jsonl", keypoints(150));
-    let run = place.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded();
+fn report_from_keypoints() {
+    let scene = folder();
+    scene.write("k.jsonl", keypoints(150));
+    let run = scene.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded();
     let document = run.json();
     assert_eq!((&document["command"], &document["inputs"]["data"][0]), (&"audit".into(), &"k.jsonl".into()));
-    let page = String::from_utf8(place.read("page.html")).expect("text");
+    let page = String::from_utf8(scene.read("page.html")).expect("text");
     assert!(page.contains("k&lt;1&gt;") && !page.contains("k<1>"));
     // Equal seeds give equal figures, except for the times.
-    let again = place.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded().json();
+    let again = scene.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded().json();
     let mean = |d: &serde_json::Value| d["inputs"]["attacks"][3]["mean_px"].as_f64().expect("a number");
     assert_eq!(mean(&document), mean(&again));
 }
 
 #[test]
-fn keypoints_are_shown_on_the_images_of_their_names() {
-    let place = folder();
-    photograph(&place, "images/a.png", 0);
-    photograph(&place, "images/b.png", 5);
-    place.run("eval keypoints images -o k.jsonl").succeeded();
+fn keypoints_are_drawn_on_images_of_their_names() {
+    let scene = folder();
+    photograph(&scene, "images/a.png", 0);
+    photograph(&scene, "images/b.png", 5);
+    scene.run("eval keypoints images -o k.jsonl").succeeded();
     let fast = FAST.replace("--synthetic 100", "--no-synthetic");
     // Images given beside the keypoints are not attacked a second time.
     let run =
-        place.run(&format!("audit k.jsonl images {fast} --out given.html --json given.json")).succeeded();
-    let document: serde_json::Value = serde_json::from_slice(&place.read("given.json")).expect("a document");
+        scene.run(&format!("audit k.jsonl images {fast} --out given.html --json given.json")).succeeded();
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("given.json")).expect("a document");
     assert_eq!(document["inputs"]["data"], serde_json::json!(["k.jsonl"]), "{run}");
-    assert!(String::from_utf8_lossy(&place.read("given.html")).contains("data:image/jpeg"));
+    assert!(String::from_utf8_lossy(&scene.read("given.html")).contains("data:image/jpeg"));
     // Images found beside the file of keypoints.
-    std::fs::copy(place.path("k.jsonl"), place.path("images/k.jsonl")).expect("copied");
-    place.run(&format!("audit images/k.jsonl {fast} --out beside.html")).succeeded();
-    assert!(String::from_utf8_lossy(&place.read("beside.html")).contains("data:image/jpeg"));
+    std::fs::copy(scene.path("k.jsonl"), scene.path("images/k.jsonl")).expect("copied");
+    scene.run(&format!("audit images/k.jsonl {fast} --out beside.html")).succeeded();
+    assert!(String::from_utf8_lossy(&scene.read("beside.html")).contains("data:image/jpeg"));
     // No images: figures only.
-    place.run(&format!("audit k.jsonl {fast} --out none.html")).succeeded();
-    assert!(!String::from_utf8_lossy(&place.read("none.html")).contains("data:image/jpeg"));
+    scene.run(&format!("audit k.jsonl {fast} --out none.html")).succeeded();
+    assert!(!String::from_utf8_lossy(&scene.read("none.html")).contains("data:image/jpeg"));
     // An image of the same name with another size is another image.
-    RgbImage::from_pixel(90, 200, Rgb([9, 9, 9])).save(place.path("images/a.png")).expect("written");
-    let run = place.run(&format!("audit k.jsonl images {fast} --out other.html"));
+    RgbImage::from_pixel(90, 200, Rgb([9, 9, 9])).save(scene.path("images/a.png")).expect("written");
+    let run = scene.run(&format!("audit k.jsonl images {fast} --out other.html"));
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("90 x 200") && run.stderr.contains("240 x 180"), "{run}");
 }
 
 #[test]
-fn the_default_runs_attackers_who_exist_before_the_oracle() {
-    let place = folder();
-    photograph(&place, "a.png", 0);
-    photograph(&place, "b.png", 5);
-    let run = place
+fn default_attacks_put_oracles_last() {
+    let scene = folder();
+    photograph(&scene, "a.png", 0);
+    photograph(&scene, "b.png", 5);
+    let run = scene
         .run("audit a.png b.png --no-synthetic --schemes dcl --max-keypoints 150 --out page.html")
         .succeeded();
     let at = |text: &str| run.stdout.find(text).unwrap_or_else(|| panic!("{text}: {run}"));
@@ -118,23 +118,23 @@ fn the_default_runs_attackers_who_exist_before_the_oracle() {
 
 #[test]
 fn the_synthetic_scene_needs_no_input() {
-    let place = folder();
-    let run = place.run(&format!("audit {FAST} -o page.html")).succeeded();
+    let scene = folder();
+    let run = scene.run(&format!("audit {FAST} -o page.html")).succeeded();
     assert!(run.stdout.contains("closed-form"), "{run}");
-    let page = String::from_utf8(place.read("page.html")).expect("text");
+    let page = String::from_utf8(scene.read("page.html")).expect("text");
     assert!(page.contains("1 image with 100 keypoints"));
     assert!(page.contains("Fig. 4: dcl under the paper's attack") && page.contains("Fig. 5"));
 }
 
 #[test]
-fn what_cannot_be_audited_is_refused() {
-    let place = folder();
-    place.write("empty.jsonl", "\n");
-    place.write("none.jsonl", "{\"name\":\"n\",\"width\":64,\"height\":48,\"keypoints\":[]}\n");
-    place.write("empty.png", "");
-    place.write("text.jpg", "no image");
-    RgbImage::from_pixel(120, 90, Rgb([90, 90, 90])).save(place.path("flat.png")).expect("written");
-    std::fs::create_dir_all(place.path("nothing")).expect("folder");
+fn invalid_inputs_are_refused() {
+    let scene = folder();
+    scene.write("empty.jsonl", "\n");
+    scene.write("none.jsonl", "{\"name\":\"n\",\"width\":64,\"height\":48,\"keypoints\":[]}\n");
+    scene.write("empty.png", "");
+    scene.write("text.jpg", "no image");
+    RgbImage::from_pixel(120, 90, Rgb([90, 90, 90])).save(scene.path("flat.png")).expect("written");
+    std::fs::create_dir_all(scene.path("nothing")).expect("folder");
     for (arguments, code, says) in [
         ("audit", 2, "IMAGE"),
         ("audit gone.jpg", 1, "gone.jpg"),
@@ -150,9 +150,9 @@ fn what_cannot_be_audited_is_refused() {
         ("audit flat.png --no-synthetic --synthetic 9", 2, "--no-synthetic"),
         ("audit flat.png --attacks guess", 2, "closed-form-informed"),
     ] {
-        let run = place.run(&format!("{arguments} -o page.html"));
+        let run = scene.run(&format!("{arguments} -o page.html"));
         assert_eq!(run.code, Some(code), "{run}");
         assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
-        assert!(!place.path("page.html").exists(), "{arguments}");
+        assert!(!scene.path("page.html").exists(), "{arguments}");
     }
 }

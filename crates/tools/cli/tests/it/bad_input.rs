@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, Place, Run, place};
+use common::{CAMERA, Run, TestScene, scene};
 use image::{GrayImage, Luma, RgbImage};
 
 /// A command line that must be refused.
@@ -11,23 +11,24 @@ struct Case {
     /// 1: the input was refused; 2: wrong usage.
     code: i32,
     /// Required parts of the message: the name of the bad input, and a word of the remedy.
-    says: &'static [&'static str],
+    expected_words: &'static [&'static str],
 }
 
-fn refused(arguments: impl Into<String>, says: &'static [&'static str]) -> Case {
-    Case { arguments: arguments.into(), code: 1, says }
+fn refused(arguments: impl Into<String>, expected_words: &'static [&'static str]) -> Case {
+    Case { arguments: arguments.into(), code: 1, expected_words }
 }
 
-fn misused(arguments: impl Into<String>, says: &'static [&'static str]) -> Case {
-    Case { arguments: arguments.into(), code: 2, says }
+fn misused(arguments: impl Into<String>, expected_words: &'static [&'static str]) -> Case {
+    Case { arguments: arguments.into(), code: 2, expected_words }
 }
 
 /// Runs every case and reports all failures, not only the first.
-fn check(place: &Place, cases: Vec<Case>) {
+fn check(scene: &TestScene, cases: Vec<Case>) {
     let mut wrong = Vec::new();
     for case in cases {
-        let run = place.run(&case.arguments);
-        let missing: Vec<_> = case.says.iter().filter(|word| !plain(&run).contains(**word)).collect();
+        let run = scene.run(&case.arguments);
+        let missing: Vec<_> =
+            case.expected_words.iter().filter(|word| !plain(&run).contains(**word)).collect();
         if run.code != Some(case.code) || !missing.is_empty() || !run.stdout.is_empty() {
             wrong.push(format!("expected code {} and {missing:?}: {run}", case.code));
         }
@@ -51,24 +52,24 @@ fn seal(image: &str) -> String {
 
 #[test]
 fn images() {
-    let place = place();
-    let png = place.read("images/query-0.png");
-    place.write("bad/cut.png", &png[..png.len() / 2]);
-    place.write("bad/empty.png", []);
-    place.write("bad/text.png", "this is no image");
-    place.write("bad/phone.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
-    place.write("bad/web.webp", b"RIFF\x24\0\0\0WEBPVP8 ");
-    let view = image::open(place.path("images/query-0.png")).expect("rendered").to_rgb8();
+    let scene = scene();
+    let png = scene.read("images/query-0.png");
+    scene.write("bad/cut.png", &png[..png.len() / 2]);
+    scene.write("bad/empty.png", []);
+    scene.write("bad/text.png", "this is no image");
+    scene.write("bad/phone.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
+    scene.write("bad/web.webp", b"RIFF\x24\0\0\0WEBPVP8 ");
+    let view = image::open(scene.path("images/query-0.png")).expect("rendered").to_rgb8();
     let mut jpeg = std::io::Cursor::new(Vec::new());
     view.write_to(&mut jpeg, image::ImageFormat::Jpeg).expect("encoded");
     let jpeg = jpeg.into_inner();
-    place.write("bad/cut.jpg", &jpeg[..jpeg.len() * 2 / 3]);
-    place.write("bad/head.jpg", &jpeg[..100]);
+    scene.write("bad/cut.jpg", &jpeg[..jpeg.len() * 2 / 3]);
+    scene.write("bad/head.jpg", &jpeg[..100]);
     let mut flipped = png.clone();
     flipped[png.len() / 2] ^= 0xff;
-    place.write("bad/flipped.png", flipped);
-    RgbImage::from_pixel(400, 300, image::Rgb([128; 3])).save(place.path("bad/blank.png")).expect("written");
-    GrayImage::from_pixel(300, 400, Luma([9])).save(place.path("bad/upright.png")).expect("written");
+    scene.write("bad/flipped.png", flipped);
+    RgbImage::from_pixel(400, 300, image::Rgb([128; 3])).save(scene.path("bad/blank.png")).expect("written");
+    GrayImage::from_pixel(300, 400, Luma([9])).save(scene.path("bad/upright.png")).expect("written");
 
     let mut cases = vec![
         refused(seal("bad/missing.png"), &["bad/missing.png", "check the path"]),
@@ -92,47 +93,47 @@ fn images() {
             &["bad/blank.png", "no usable keypoint", "take another image"],
         ));
     }
-    check(place, cases);
-    assert!(!place.path("bad/out.vquery").exists(), "a refused image leaves no sealed query");
+    check(scene, cases);
+    assert!(!scene.path("bad/out.vquery").exists(), "a refused image leaves no sealed query");
 }
 
 /// All texture lies left of the middle: dcl would leave the depth along the anchor's ray free.
 #[test]
 fn keypoints_on_one_side_only() {
-    let place = place();
-    let mut view = image::open(place.path("images/query-0.png")).expect("rendered").to_rgb8();
+    let scene = scene();
+    let mut view = image::open(scene.path("images/query-0.png")).expect("rendered").to_rgb8();
     for (x, _, pixel) in view.enumerate_pixels_mut() {
         if x >= 150 {
             *pixel = image::Rgb([120; 3]);
         }
     }
-    place.write("bad/placeholder", []);
-    view.save(place.path("bad/left.png")).expect("written");
+    scene.write("bad/placeholder", []);
+    view.save(scene.path("bad/left.png")).expect("written");
     let command = |scheme: &str| {
         format!(
             "seal bad/left.png --camera {CAMERA} --profile place.vprofile -o bad/left.vquery --scheme {scheme}"
         )
     };
-    let says: &[&str] = &["bad/left.png", "one side", "turn the camera", "dcl:horizontal"];
-    check(place, vec![refused(command("dcl"), says)]);
+    let expected_words: &[&str] = &["bad/left.png", "one side", "turn the camera", "dcl:horizontal"];
+    check(scene, vec![refused(command("dcl"), expected_words)]);
     // The remedy works.
-    place.run(&command("dcl:horizontal")).succeeded();
+    scene.run(&command("dcl:horizontal")).succeeded();
 }
 
 #[test]
 fn maps() {
-    let place = place();
-    let map = place.read("place.vmap");
-    place.seal("query-0.png", "dcl", "good.vquery");
-    place.write("bad/empty.vmap", []);
-    place.write("bad/text.vmap", "no map at all, but long enough to hold a header: ".repeat(40));
+    let scene = scene();
+    let map = scene.read("place.vmap");
+    scene.seal("query-0.png", "dcl", "good.vquery");
+    scene.write("bad/empty.vmap", []);
+    scene.write("bad/text.vmap", "no map at all, but long enough to hold a header: ".repeat(40));
     let mut newer = map.clone();
     newer[8..12].copy_from_slice(&3_u32.to_le_bytes());
-    place.write("bad/newer.vmap", &newer);
+    scene.write("bad/newer.vmap", &newer);
     newer[8..12].copy_from_slice(&0_u32.to_le_bytes());
-    place.write("bad/older.vmap", &newer);
-    place.write("bad/longer.vmap", [&map[..], &[0]].concat());
-    place.write("bad/in-the-way", []);
+    scene.write("bad/older.vmap", &newer);
+    scene.write("bad/longer.vmap", [&map[..], &[0]].concat());
+    scene.write("bad/in-the-way", []);
 
     let mut cases = vec![
         refused("map info bad/missing.vmap", &["bad/missing.vmap", "check the path"]),
@@ -160,7 +161,7 @@ fn maps() {
         misused("map info", &["MAP"]),
     ];
     for length in [1, 7, 8, 11, 40, 63, 64, 200, 415, 416, 1000, map.len() / 2, map.len() - 1] {
-        place.write(&format!("bad/cut-{length}.vmap"), &map[..length]);
+        scene.write(&format!("bad/cut-{length}.vmap"), &map[..length]);
         let remedy: &[&str] = if length < 8 { &[".vmap", "map build"] } else { &[".vmap", "copy it again"] };
         cases.push(refused(format!("map info bad/cut-{length}.vmap"), remedy));
     }
@@ -168,22 +169,22 @@ fn maps() {
     for at in [12, 16, 30, 60, 70, 300, 420, map.len() / 3, map.len() / 2, map.len() - 1] {
         let mut flipped = map.clone();
         flipped[at] ^= 0x10;
-        place.write(&format!("bad/flipped-{at}.vmap"), flipped);
+        scene.write(&format!("bad/flipped-{at}.vmap"), flipped);
         cases.push(refused(
             format!("map info bad/flipped-{at}.vmap"),
             &[".vmap", "checksum", "damaged", "copy it again"],
         ));
     }
-    check(place, cases);
-    assert!(place.read("place.vmap") == map, "a refused change leaves the map as it was");
-    assert!(!place.path("bad/x.vmap").exists());
+    check(scene, cases);
+    assert!(scene.read("place.vmap") == map, "a refused change leaves the map as it was");
+    assert!(!scene.path("bad/x.vmap").exists());
 }
 
 #[test]
 fn sealed_queries() {
-    let place = place();
-    place.seal("query-0.png", "dcl", "fine.vquery");
-    let sealed = place.read("fine.vquery");
+    let scene = scene();
+    scene.seal("query-0.png", "dcl", "fine.vquery");
+    let sealed = scene.read("fine.vquery");
     let with_version = |version: u32| {
         // The first field, `fixed32 version = 1`: one byte of tag, four of number.
         let mut bytes = sealed.clone();
@@ -191,12 +192,12 @@ fn sealed_queries() {
         bytes
     };
     let random: Vec<u8> = (0_u32..5000).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    place.write("bad/empty.vquery", []);
-    place.write("bad/version.vquery", with_version(9));
-    place.write("bad/trailing.vquery", [&sealed[..], &[0]].concat());
-    place.write("bad/doubled.vquery", [&sealed[..], &sealed[..]].concat());
-    place.write("bad/random.vquery", random);
-    place.write("bad/huge.vquery", vec![0; 4 << 20]);
+    scene.write("bad/empty.vquery", []);
+    scene.write("bad/version.vquery", with_version(9));
+    scene.write("bad/trailing.vquery", [&sealed[..], &[0]].concat());
+    scene.write("bad/doubled.vquery", [&sealed[..], &sealed[..]].concat());
+    scene.write("bad/random.vquery", random);
+    scene.write("bad/huge.vquery", vec![0; 4 << 20]);
     let mut cases = Vec::new();
     for (name, reason) in [
         ("missing", "check the path"),
@@ -207,9 +208,9 @@ fn sealed_queries() {
         ("random", "seal the image again"),
         ("huge", "seal the image again"),
     ] {
-        let says: &[&str] = Box::leak(Box::new([".vquery", reason]));
-        cases.push(refused(format!("localize --map place.vmap bad/{name}.vquery"), says));
-        let run = place.run(&format!("localize --map place.vmap --json bad/{name}.vquery"));
+        let expected_words: &[&str] = Box::leak(Box::new([".vquery", reason]));
+        cases.push(refused(format!("localize --map place.vmap bad/{name}.vquery"), expected_words));
+        let run = scene.run(&format!("localize --map place.vmap --json bad/{name}.vquery"));
         let document = run.json();
         assert_eq!((run.code, &document["failed"]), (Some(1), &1.into()), "{run}");
         let kind = if name == "missing" { "missing" } else { "damaged" };
@@ -220,7 +221,7 @@ fn sealed_queries() {
         );
     }
     for length in [1, 4, 5, 6, 30, 70, sealed.len() / 2, sealed.len() - 1] {
-        place.write(&format!("bad/cut-{length}.vquery"), &sealed[..length]);
+        scene.write(&format!("bad/cut-{length}.vquery"), &sealed[..length]);
         cases.push(refused(
             format!("localize --map place.vmap bad/cut-{length}.vquery"),
             &["bad/cut-", ".vquery", "seal the image again"],
@@ -229,43 +230,43 @@ fn sealed_queries() {
     cases.push(refused("localize --map place.vmap place.vprofile", &["place.vprofile", "veiloc seal"]));
     cases.push(refused("localize --map place.vmap images/query-0.png", &["query-0.png", "veiloc seal"]));
     cases.push(misused("localize --map place.vmap", &["SEALED"]));
-    check(place, cases);
+    check(scene, cases);
 }
 
 /// Flipped bits give an error or another query, never a panic.
 #[test]
 fn sealed_queries_with_flipped_bytes() {
-    let place = place();
-    place.seal("query-0.png", "random-lines", "bits.vquery");
-    let sealed = place.read("bits.vquery");
+    let scene = scene();
+    scene.seal("query-0.png", "random-lines", "bits.vquery");
+    let sealed = scene.read("bits.vquery");
     let mut files = Vec::new();
     for k in 0..24 {
         let mut flipped = sealed.clone();
         let at = if k < 12 { k * 5 } else { k * sealed.len() / 24 };
         flipped[at] ^= 0x41;
-        place.write(&format!("bad/bits-{k}.vquery"), &flipped);
-        let run = place.run(&format!("localize --map place.vmap bad/bits-{k}.vquery"));
+        scene.write(&format!("bad/bits-{k}.vquery"), &flipped);
+        let run = scene.run(&format!("localize --map place.vmap bad/bits-{k}.vquery"));
         assert!(matches!(run.code, Some(0 | 1)), "{run}");
         files.push(format!("bad/bits-{k}.vquery"));
     }
-    let run = place.run(&format!("localize --map place.vmap {}", files.join(" ")));
+    let run = scene.run(&format!("localize --map place.vmap {}", files.join(" ")));
     assert_eq!(run.code, Some(1), "an unreadable query counts: {run}");
 }
 
 #[test]
 fn profiles() {
-    let place = place();
-    let profile = place.read("place.vprofile");
-    place.write("bad/empty.vprofile", []);
-    place.write("bad/cut.vprofile", &profile[..profile.len() / 2]);
-    place.write("bad/trailing.vprofile", [&profile[..], b"!"].concat());
+    let scene = scene();
+    let profile = scene.read("place.vprofile");
+    scene.write("bad/empty.vprofile", []);
+    scene.write("bad/cut.vprofile", &profile[..profile.len() / 2]);
+    scene.write("bad/trailing.vprofile", [&profile[..], b"!"].concat());
     let mut newer = profile.clone();
     newer[1..5].copy_from_slice(&9_u32.to_le_bytes());
-    place.write("bad/newer.vprofile", newer);
+    scene.write("bad/newer.vprofile", newer);
     let remedy: &[&str] = &["bad/", ".vprofile", "veiloc map profile"];
     let with = |profile: &str| seal_with("images/query-0.png", CAMERA, profile, "");
     check(
-        place,
+        scene,
         vec![
             refused(with("bad/empty.vprofile"), remedy),
             refused(with("bad/cut.vprofile"), remedy),
@@ -280,24 +281,24 @@ fn profiles() {
 /// A valid query for another map is a result: it is reported with the other results, with the remedy.
 #[test]
 fn a_query_for_another_map() {
-    let place = place();
-    place.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
-    place
+    let scene = scene();
+    scene.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
+    scene
         .run(
             "map build --posed posed --images images --list five.txt --max-keypoints 512 --query-keypoints 512 \
              -o five.vmap",
         )
         .succeeded();
-    place.run("map profile five.vmap -o five.vprofile").succeeded();
-    place
+    scene.run("map profile five.vmap -o five.vprofile").succeeded();
+    scene
         .run(&format!("seal images/query-0.png --camera {CAMERA} --profile five.vprofile -o five.vquery"))
         .succeeded();
-    let run = place.run("localize --map place.vmap five.vquery");
+    let run = scene.run("localize --map place.vmap five.vquery");
     assert_eq!(run.code, Some(1), "{run}");
     for word in ["five.vquery", "veiloc map profile"] {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
-    let run = place.run("localize --map place.vmap --json five.vquery");
+    let run = scene.run("localize --map place.vmap --json five.vquery");
     assert_eq!(run.code, Some(1), "{run}");
     let document = run.json();
     assert_eq!(document["localized"], 0);
@@ -307,10 +308,10 @@ fn a_query_for_another_map() {
     assert!(document["queries"][0].get("cam_from_world").is_none(), "{run}");
 
     // Beside a localized query both are reported; the exit code is 1 unless --skip-bad is given.
-    place.seal("query-0.png", "points", "mine.vquery");
-    let run = place.run("localize --map place.vmap --json five.vquery mine.vquery");
+    scene.seal("query-0.png", "points", "mine.vquery");
+    let run = scene.run("localize --map place.vmap --json five.vquery mine.vquery");
     assert_eq!(run.code, Some(1), "{run}");
-    place.run("localize --map place.vmap --skip-bad five.vquery mine.vquery").succeeded();
+    scene.run("localize --map place.vmap --skip-bad five.vquery mine.vquery").succeeded();
     let document = run.json();
     assert_eq!(document["localized"], 1);
     assert!(document["queries"][0]["error"].is_object() && document["queries"][1].get("error").is_none());
@@ -318,7 +319,7 @@ fn a_query_for_another_map() {
 
 #[test]
 fn posed_models_and_lists() {
-    let place = place();
+    let scene = scene();
     let lists: [(&str, &[u8]); 9] = [
         ("intrinsics", b"map-00.png SIMPLE_RADIAL 400 300 330 201 149 -0.04\nmap-01.png\n"),
         ("empty", b""),
@@ -331,13 +332,13 @@ fn posed_models_and_lists() {
         ("query", b"query-0.png\nmap-00.png\n"),
     ];
     for (name, bytes) in lists {
-        place.write(&format!("bad/{name}.txt"), bytes);
+        scene.write(&format!("bad/{name}.txt"), bytes);
     }
-    let text = |file: &str| String::from_utf8(place.read(&format!("posed/{file}"))).expect("text");
+    let text = |file: &str| String::from_utf8(scene.read(&format!("posed/{file}"))).expect("text");
     let model = |folder: &str, images: &str, cameras: &str| {
-        place.write(&format!("bad/{folder}/images.txt"), images);
-        place.write(&format!("bad/{folder}/cameras.txt"), cameras);
-        place.write(&format!("bad/{folder}/points3D.txt"), text("points3D.txt"));
+        scene.write(&format!("bad/{folder}/images.txt"), images);
+        scene.write(&format!("bad/{folder}/cameras.txt"), cameras);
+        scene.write(&format!("bad/{folder}/points3D.txt"), text("points3D.txt"));
     };
     let (images, cameras) = (text("images.txt"), text("cameras.txt"));
     let first = images.lines().find(|l| l.contains("map-00.png")).expect("the first image").to_owned();
@@ -356,10 +357,10 @@ fn posed_models_and_lists() {
     model("fisheye", &images, &cameras.replace("SIMPLE_RADIAL", "FISHEYE"));
     model("nan-camera", &images, &cameras.replace("330", "nan"));
     model("scaled", &images, &cameras.replace("400 300", "800 600"));
-    place.write("bad/cut-binary/cameras.bin", [1, 0, 0]);
-    place.write("bad/cut-binary/images.bin", []);
-    place.write("bad/cut-binary/points3D.bin", []);
-    place.write("bad/here", []);
+    scene.write("bad/cut-binary/cameras.bin", [1, 0, 0]);
+    scene.write("bad/cut-binary/images.bin", []);
+    scene.write("bad/cut-binary/points3D.bin", []);
+    scene.write("bad/here", []);
 
     let build = |posed: &str, list: &str, out: &str| {
         format!("map build --posed {posed} --images images --list {list} -o {out}")
@@ -367,7 +368,7 @@ fn posed_models_and_lists() {
     let list = |name: &str| build("posed", &format!("bad/{name}.txt"), "bad/x.vmap");
     let posed = |name: &str| build(&format!("bad/{name}"), "map.txt", "bad/x.vmap");
     check(
-        place,
+        scene,
         vec![
             refused(list("empty"), &["bad/empty.txt", "write one image name per line"]),
             refused(list("comments"), &["bad/comments.txt", "write one image name per line"]),
@@ -414,31 +415,31 @@ fn posed_models_and_lists() {
             ),
         ],
     );
-    assert!(!place.path("bad/x.vmap").exists(), "a refused build leaves no map");
+    assert!(!scene.path("bad/x.vmap").exists(), "a refused build leaves no map");
 }
 
 /// All images are blank: no map can be built.
 #[test]
 fn blank_images() {
-    let place = place();
+    let scene = scene();
     for i in 0..4 {
         let path = format!("blank/map-{i:02}.png");
-        place.write(&path, []);
-        GrayImage::from_pixel(400, 300, Luma([100])).save(place.path(&path)).expect("written");
+        scene.write(&path, []);
+        GrayImage::from_pixel(400, 300, Luma([100])).save(scene.path(&path)).expect("written");
     }
-    place.write("bad/blank.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\n");
+    scene.write("bad/blank.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\n");
     let build = "map build --posed posed --images blank --list bad/blank.txt -o bad/blank.vmap";
-    check(place, vec![refused(build, &["no usable keypoints", "not blank"])]);
+    check(scene, vec![refused(build, &["no usable keypoints", "not blank"])]);
 }
 
 #[test]
 fn problems() {
-    let place = place();
+    let scene = scene();
     let good = r#"{"name":"q","camera":{"model":"PINHOLE","width":640,"height":480,"params":[500,500,320,240]},"points2d":[[1,2],[5,6],[3,4]],"points3d":[[0,0,1],[0,1,1],[1,0,1]],"cam_from_world":{"q":[1,0,0,0],"t":[0,0,0]},"ratio":[0.5,0.6,0.7]}"#;
     let mut cases = Vec::new();
-    let mut case = |name: &str, second: &str, says: &'static [&'static str]| {
-        place.write(&format!("bad/{name}.jsonl"), format!("{good}\n{second}\n"));
-        cases.push(refused(format!("eval pose bad/{name}.jsonl"), says));
+    let mut case = |name: &str, second: &str, expected_words: &'static [&'static str]| {
+        scene.write(&format!("bad/{name}.jsonl"), format!("{good}\n{second}\n"));
+        cases.push(refused(format!("eval pose bad/{name}.jsonl"), expected_words));
     };
     case("brace", "{", &["bad/brace.jsonl:2", "EOF"]);
     case("words", "hello", &["bad/words.jsonl:2"]);
@@ -459,9 +460,9 @@ fn problems() {
         &good.replace("\"points2d\"", "\"points\""),
         &["bad/missing-field.jsonl:2", "points2d"],
     );
-    place.write("bad/nothing.jsonl", "");
-    place.write("bad/gzip.jsonl.gz", [0x1f, 0x8b, 8, 0, 1, 2, 3]);
-    place.write("bad/good.jsonl", good);
+    scene.write("bad/nothing.jsonl", "");
+    scene.write("bad/gzip.jsonl.gz", [0x1f, 0x8b, 8, 0, 1, 2, 3]);
+    scene.write("bad/good.jsonl", good);
     cases.extend([
         refused("eval pose bad/nothing.jsonl", &["bad/nothing.jsonl", "one JSON object a line is expected"]),
         refused("eval pose bad/gzip.jsonl.gz", &["bad/gzip.jsonl.gz", "copy it again"]),
@@ -474,11 +475,11 @@ fn problems() {
         misused("eval pose bad/good.jsonl --score best", &["best"]),
         misused("eval pose", &["PROBLEMS"]),
     ]);
-    check(place, cases);
+    check(scene, cases);
 
     // Three matches are too few for lines: a query without pose is a result, and the exit code is 1 if no query has a
     // pose.
-    let run = place.run("eval pose bad/good.jsonl --schemes dcl --json");
+    let run = scene.run("eval pose bad/good.jsonl --schemes dcl --json");
     assert_eq!(run.code, Some(1), "{run}");
     let document = run.json();
     assert_eq!(document["schemes"][0]["localized"], 0);
@@ -488,15 +489,15 @@ fn problems() {
 
 #[test]
 fn usage() {
-    let place = place();
+    let scene = scene();
     // The output folder of sealed queries.
-    place.write("bad/placeholder", []);
+    scene.write("bad/placeholder", []);
     let camera = |camera: &str| seal_with("images/query-0.png", camera, "place.vprofile", "");
     let option = |more: &str| seal_with("images/query-0.png", CAMERA, "place.vprofile", more);
-    place.seal("query-0.png", "dcl", "usage.vquery");
+    scene.seal("query-0.png", "dcl", "usage.vquery");
     let localize = |more: &str| format!("localize --map place.vmap usage.vquery {more}");
     check(
-        place,
+        scene,
         vec![
             misused("", &["Usage"]),
             misused("fly", &["fly", "help"]),
@@ -537,22 +538,22 @@ fn usage() {
         "--noise 1e300",
         "--hypotheses 0",
     ] {
-        let run = place.run(&localize(more));
+        let run = scene.run(&localize(more));
         assert!(matches!(run.code, Some(0..=2)), "{more}: {run}");
     }
 }
 
 #[test]
 fn outputs() {
-    let place = place();
-    let photo = place.read("images/query-0.png");
-    place.write("bad/copy/query-0.png", &photo);
-    place.write("bad/file", []);
+    let scene = scene();
+    let photo = scene.read("images/query-0.png");
+    scene.write("bad/copy/query-0.png", &photo);
+    scene.write("bad/file", []);
     let two = |images: &str, out: &str| {
         format!("seal {images} --camera {CAMERA} --profile place.vprofile -o {out}")
     };
     check(
-        place,
+        scene,
         vec![
             refused(
                 two("images/query-0.png bad/copy/query-0.png", "bad/both"),
@@ -570,19 +571,19 @@ fn outputs() {
             refused(two("images/query-0.png", "./place.vprofile"), &["place.vprofile", "another"]),
         ],
     );
-    assert!(place.read("bad/copy/query-0.png") == photo, "the image is not overwritten");
+    assert!(scene.read("bad/copy/query-0.png") == photo, "the image is not overwritten");
 }
 
 /// A name can be copied from the message for any terminal width.
 #[test]
 fn long_names_stay_whole() {
-    let place = place();
+    let scene = scene();
     // The output folder of sealed queries.
-    place.write("bad/placeholder", []);
+    scene.write("bad/placeholder", []);
     let name = format!("bad/{}/{}.vmap", "a-long-folder-name-with-hyphens".repeat(3), "and-a-file".repeat(6));
-    let run = place.run(&format!("map info {name}"));
+    let run = scene.run(&format!("map info {name}"));
     assert!(run.code == Some(1) && run.stderr.contains(&name), "{run}");
     let name = name.replace(".vmap", ".png");
-    let run = place.run(&seal(&name));
+    let run = scene.run(&seal(&name));
     assert!(run.code == Some(1) && run.stderr.contains(&name), "{run}");
 }

@@ -2,17 +2,17 @@
 
 use super::common;
 
-use common::place;
+use common::scene;
 
 #[test]
-fn a_city_is_a_place_that_maps_localize_in() {
-    let place = place();
-    place
+fn rooms_of_a_city_are_localized() {
+    let scene = scene();
+    scene
         .run("synth city --out city --rooms 2 --map-views 10 --query-views 1 --width 320 --seed 3")
         .succeeded();
-    let lines = |file: &str| String::from_utf8(place.read(file)).expect("text").lines().count();
+    let lines = |file: &str| String::from_utf8(scene.read(file)).expect("text").lines().count();
     assert_eq!((lines("city/map.txt"), lines("city/query.txt")), (20, 2));
-    let found = place
+    let found = scene
         .run(
             "eval scene --posed city/posed --images city/images --map-list city/map.txt --query-list city/query.txt \
              --schemes points --json",
@@ -26,17 +26,17 @@ fn a_city_is_a_place_that_maps_localize_in() {
     let right = right.filter(|q| q["translation_error"].as_f64().is_some_and(|e| e < 0.25)).count();
     assert!(right >= 1, "{found}");
 
-    let refused = place.run("synth city --out city --rooms 1");
+    let refused = scene.run("synth city --out city --rooms 1");
     assert!(refused.code == Some(1) && refused.stderr.contains("the folder is not empty"), "{refused}");
-    let refused = place.run("synth city --out none --rooms 1 --differing 1.5");
+    let refused = scene.run("synth city --out none --rooms 1 --differing 1.5");
     assert!(refused.code == Some(1) && refused.stderr.contains("from 0 to 1"), "{refused}");
-    assert!(!place.path("none").exists());
+    assert!(!scene.path("none").exists());
 }
 
 #[test]
-fn the_index_finds_what_comparing_all_finds() {
-    let place = place();
-    let found = place
+fn index_matches_exhaustive_search() {
+    let scene = scene();
+    let found = scene
         .run(
             "eval search --map place.vmap --images images --query-list queries.txt --sizes 8,5000 --retrieve 5 --json",
         )
@@ -54,6 +54,6 @@ fn the_index_finds_what_comparing_all_finds() {
     }
     assert_eq!(of(8, "index")["kept"], 1.0, "of so few all are compared: {found}");
     assert_eq!((&of(8, "all")["real"], &of(8, "all")["of_map"]), (&8.into(), &1.0.into()), "{found}");
-    let refused = place.run("eval search --map place.vmap --images images --sizes 0");
+    let refused = scene.run("eval search --map place.vmap --images images --sizes 0");
     assert!(refused.code == Some(1) && refused.stderr.contains("nothing to search"), "{refused}");
 }

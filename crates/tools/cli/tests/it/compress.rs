@@ -2,13 +2,13 @@
 
 use super::common;
 
-use common::place;
+use common::scene;
 
 #[test]
 fn a_small_map_answers_and_says_what_it_was_made_of() {
-    let place = place();
-    let whole = place.run("map info place.vmap --json").succeeded().json();
-    let small = place.run("map compress place.vmap --ratio 4 -o small.vmap --json").succeeded().json();
+    let scene = scene();
+    let whole = scene.run("map info place.vmap --json").succeeded().json();
+    let small = scene.run("map compress place.vmap --ratio 4 -o small.vmap --json").succeeded().json();
     let (before, now) = (whole["bytes"].as_u64().expect("bytes"), small["bytes"].as_u64().expect("bytes"));
     assert!(4 * now <= before && 5 * now > before, "{now} of {before}");
     assert_eq!(small["compressed"]["bytes"], whole["bytes"]);
@@ -16,17 +16,17 @@ fn a_small_map_answers_and_says_what_it_was_made_of() {
     assert_eq!(small["compressed"]["keypoints"], whole["keypoints"]);
     assert_eq!((&small["profile"], &small["images"]), (&whole["profile"], &whole["images"]));
     assert!(whole["compressed"].is_null() && small["self_test"].is_object());
-    let told = place.run("map info small.vmap").succeeded();
-    assert!(told.stdout.contains("images cannot be added or removed"), "{told}");
+    let printed = scene.run("map info small.vmap").succeeded();
+    assert!(printed.stdout.contains("images cannot be added or removed"), "{printed}");
     // A query that was sealed for the whole map is accepted, and its pose is trusted.
     for scheme in ["points", "dcl"] {
         let sealed = format!("small-{scheme}.vquery");
-        place.seal("query-0.png", scheme, &sealed);
-        let answer = place.run(&format!("localize --map small.vmap --json {sealed}")).succeeded().json();
+        scene.seal("query-0.png", scheme, &sealed);
+        let answer = scene.run(&format!("localize --map small.vmap --json {sealed}")).succeeded().json();
         assert_eq!(answer["queries"][0]["state"], "trusted", "{answer}");
         let center: Vec<f64> =
             serde_json::from_value(answer["queries"][0]["center"].clone()).expect("numbers");
-        let truth = place.pose_of("query-0.png").center();
+        let truth = scene.pose_of("query-0.png").center();
         let off = (0..3).map(|i| (center[i] - truth.coords[i]).powi(2)).sum::<f64>().sqrt();
         assert!(off < 0.02, "{scheme}: {off}");
     }
@@ -35,12 +35,12 @@ fn a_small_map_answers_and_says_what_it_was_made_of() {
         ("map compress place.vmap --ratio 1e9 -o tiny.vmap", "too few"),
         ("map remove small.vmap map-02.png -o again.vmap", "the map is compressed"),
     ] {
-        let refused = place.run(command);
+        let refused = scene.run(command);
         assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");
     }
     for command in ["--ratio 0", "--ratio NaN", "--size 0", "--recall-loss 101"] {
-        let refused = place.run(&format!("map compress place.vmap {command} -o tiny.vmap"));
+        let refused = scene.run(&format!("map compress place.vmap {command} -o tiny.vmap"));
         assert!(refused.code == Some(1) && refused.stderr.contains("give"), "{refused}");
     }
-    assert!(!place.path("again.vmap").exists() && !place.path("tiny.vmap").exists());
+    assert!(!scene.path("again.vmap").exists() && !scene.path("tiny.vmap").exists());
 }

@@ -7,7 +7,7 @@ use std::fs::{self, File};
 use std::process::Stdio;
 
 use common::documented::{Fields, mistakes, tables};
-use common::{CAMERA, EXTRACTION, Place, place};
+use common::{CAMERA, EXTRACTION, TestScene, scene};
 use serde_json::{Value, json};
 
 /// Every command that prints a document, by its section of `docs/json.md`. Several commands of a section together cover
@@ -77,31 +77,31 @@ const COMMANDS: &[(&str, &str)] = &[
 ];
 
 /// The scene, with all files that the commands need.
-fn ready() -> &'static Place {
+fn ready() -> &'static TestScene {
     static READY: std::sync::Once = std::sync::Once::new();
-    let place = place();
+    let scene = scene();
     READY.call_once(|| {
-        place.seal("query-0.png", "dcl", "good.vquery");
-        place.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
-        place.write(
+        scene.seal("query-0.png", "dcl", "good.vquery");
+        scene.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
+        scene.write(
             "foreign.txt",
             format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
         );
-        place.run("map split place.vmap --images 6 --out published-regions").succeeded();
-        place.run("map publish published-regions storage").succeeded();
+        scene.run("map split place.vmap --images 6 --out published-regions").succeeded();
+        scene.run("map publish published-regions storage").succeeded();
         for layout in ["7scenes", "aachen"] {
             let small = "--map-views 12 --query-views 3 --width 320";
-            place.run(&format!("synth export --layout {layout} --out {layout} {small}")).succeeded();
+            scene.run(&format!("synth export --layout {layout} --out {layout} {small}")).succeeded();
         }
-        place.run("token new phone --tokens tokens --maps lobby --days 1").succeeded();
+        scene.run("token new phone --tokens tokens --maps lobby --days 1").succeeded();
         let few = "--max-keypoints 512 --query-keypoints 512";
-        place
+        scene
             .run(&format!("map build --posed posed --images images --list five.txt {few} -o five.vmap"))
             .succeeded();
-        place.run("map profile five.vmap -o five.vprofile").succeeded();
+        scene.run("map profile five.vmap -o five.vprofile").succeeded();
         let seal =
             format!("seal images/query-0.png --camera {CAMERA} --profile five.vprofile -o five.vquery");
-        place.run(&seal).succeeded();
+        scene.run(&seal).succeeded();
         let rig = |query: &str| {
             let frame = json!({
                 "query": query, "cam_from_rig": {"q": [1, 0, 0, 0], "t": [0, 0, 0]},
@@ -109,21 +109,21 @@ fn ready() -> &'static Place {
             });
             json!({"frames": [frame]}).to_string()
         };
-        place.write("rig.json", rig("good.vquery"));
+        scene.write("rig.json", rig("good.vquery"));
         let noise = image::RgbImage::from_fn(400, 300, |x, y| {
             let hash = (x / 3).wrapping_mul(0x9E37_79B1) ^ (y / 3).wrapping_mul(0x85EB_CA77);
             image::Rgb([(hash.wrapping_mul(0xC2B2_AE3D) >> 24) as u8; 3])
         });
-        noise.save(place.path("images/noise.png")).expect("written");
-        place.seal("noise.png", "dcl", "noise.vquery");
-        place.write("lost.json", rig("noise.vquery"));
+        noise.save(scene.path("images/noise.png")).expect("written");
+        scene.seal("noise.png", "dcl", "noise.vquery");
+        scene.write("lost.json", rig("noise.vquery"));
         let problems =
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");
-        place.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
-        place.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
+        scene.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
+        scene.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
     });
-    place
+    scene
 }
 
 fn words(command: &str) -> String {
@@ -134,7 +134,7 @@ fn words(command: &str) -> String {
 
 #[test]
 fn every_field_is_documented() {
-    let place = ready();
+    let scene = ready();
     let tables = tables();
     let of =
         |section: &str| -> &Fields { tables.get(section).unwrap_or_else(|| panic!("no section {section}")) };
@@ -143,7 +143,7 @@ fn every_field_is_documented() {
     sections.dedup();
     for section in sections {
         let commands = COMMANDS.iter().filter(|(of, _)| *of == section);
-        let documents: Vec<Value> = commands.map(|(_, command)| place.run(&words(command)).json()).collect();
+        let documents: Vec<Value> = commands.map(|(_, command)| scene.run(&words(command)).json()).collect();
         wrong.extend(mistakes(of(section), &documents).into_iter().map(|m| format!("{section}: {m}")));
     }
     // The demo takes a minute. Its document consists of two of those above.
@@ -156,7 +156,7 @@ fn every_field_is_documented() {
 
 /// The check above detects missing and additional fields.
 #[test]
-fn a_field_too_many_or_too_few_is_found() {
+fn documentation_check_detects_extra_and_missing_fields() {
     let attack = &tables()["attack"];
     let row = json!({
         "scheme": "dcl", "attack": "graph", "corrupt": 0, "images": 1, "mean_px": 1, "median_px": 1, "under_5px": 1,
@@ -179,16 +179,16 @@ fn a_field_too_many_or_too_few_is_found() {
 
 /// Runs a command with stdout to a device that is always full.
 #[cfg(target_os = "linux")]
-fn into_a_full_device(place: &Place, command: &str) -> (Option<i32>, String) {
+fn into_a_full_device(scene: &TestScene, command: &str) -> (Option<i32>, String) {
     let full = File::options().write(true).open("/dev/full").expect("a device");
-    let output = place.command(command).stdout(full).output().expect("runs");
+    let output = scene.command(command).stdout(full).output().expect("runs");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
 #[cfg(target_os = "linux")]
 #[test]
-fn results_that_cannot_be_written_end_with_3() {
-    let place = ready();
+fn unwritable_results_exit_with_3() {
+    let scene = ready();
     let with_and_without = COMMANDS.iter().flat_map(|(_, command)| {
         let json = words(command);
         [json.replace(" --json", ""), json]
@@ -205,7 +205,7 @@ fn results_that_cannot_be_written_end_with_3() {
         !command.starts_with("seal") || !command.contains("documents/") || command.contains("--json")
     };
     for command in with_and_without.chain(more).filter(prints) {
-        let (code, stderr) = into_a_full_device(place, &command);
+        let (code, stderr) = into_a_full_device(scene, &command);
         assert_eq!(code, Some(3), "{command}: {stderr}");
         assert!(stderr.contains("stdout") && stderr.contains("cannot be written"), "{command}: {stderr}");
         assert!(!stderr.contains("veiloc panicked"), "{command}: {stderr}");
@@ -215,7 +215,7 @@ fn results_that_cannot_be_written_end_with_3() {
         "attack --synthetic 60 --schemes dcl --attacks closed-form --json /dev/full".to_owned(),
         words("seal images/query-0.png {seal} -o /dev/full"),
     ] {
-        let run = place.command(&command).output().expect("runs");
+        let run = scene.command(&command).output().expect("runs");
         let stderr = String::from_utf8_lossy(&run.stderr);
         assert!(run.status.code() == Some(3) && stderr.contains("/dev/full"), "{command}: {stderr}");
     }
@@ -226,12 +226,12 @@ fn results_that_cannot_be_written_end_with_3() {
 /// A reader that closes the pipe early, as `head` does: no message, and the exit code of the command itself.
 #[cfg(unix)]
 #[test]
-fn a_closed_pipe_is_no_error() {
-    let place = ready();
+fn closed_pipe_is_not_an_error() {
+    let scene = ready();
     for command in ["map info place.vmap --json", "localize --map place.vmap good.vquery", "--help"] {
         let (reader, writer) = std::io::pipe().expect("a pipe");
         drop(reader);
-        let output = place.command(command).stdout(Stdio::from(writer)).output().expect("runs");
+        let output = scene.command(command).stdout(Stdio::from(writer)).output().expect("runs");
         assert_eq!(output.status.code(), Some(0), "{command}");
         assert_eq!(String::from_utf8_lossy(&output.stderr), "", "{command}");
     }
@@ -239,13 +239,13 @@ fn a_closed_pipe_is_no_error() {
 
 /// Without a terminal, stages are printed as plain lines, and --quiet suppresses them.
 #[test]
-fn stages_are_told_without_a_terminal() {
-    let place = ready();
+fn stages_are_printed_without_terminal() {
+    let scene = ready();
     let build = format!(
         "map build --posed posed --images images --list map.txt {} -o told.vmap",
         EXTRACTION.join(" ")
     );
-    let told = place.run(&build).succeeded().stderr;
-    assert!(told.lines().any(|line| line.ends_with("0/10")), "{told}");
-    assert_eq!(place.run(&format!("{build} --quiet")).succeeded().stderr, "");
+    let stages = scene.run(&build).succeeded().stderr;
+    assert!(stages.lines().any(|line| line.ends_with("0/10")), "{stages}");
+    assert_eq!(scene.run(&format!("{build} --quiet")).succeeded().stderr, "");
 }

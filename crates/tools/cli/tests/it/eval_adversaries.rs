@@ -2,14 +2,14 @@
 
 use super::common;
 
-use common::{EXTRACTION, folder, keys, place};
+use common::{EXTRACTION, folder, keys, scene};
 
 #[test]
-fn adversaries_of_a_rendered_place_and_of_files() {
-    let place = place();
+fn adversaries_on_rendered_scene_and_keypoint_files() {
+    let scene = scene();
     let few = EXTRACTION.join(" ");
-    place.run("eval keypoints images --list map.txt --max-keypoints 512 -o elsewhere.jsonl").succeeded();
-    let run = place
+    scene.run("eval keypoints images --list map.txt --max-keypoints 512 -o elsewhere.jsonl").succeeded();
+    let run = scene
         .run(&format!(
             "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
              --keypoints elsewhere.jsonl --train elsewhere.jsonl --attacked 1 --quick --json a.json"
@@ -19,7 +19,7 @@ fn adversaries_of_a_rendered_place_and_of_files() {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
-    let document: serde_json::Value = serde_json::from_slice(&place.read("a.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("a.json")).expect("a document");
     let rows = document["rows"].as_array().expect("a list");
     for row in rows {
         for key in ["adversary", "scheme", "attack", "images", "median_px", "under_10px", "under_30px"] {
@@ -51,9 +51,9 @@ fn adversaries_of_a_rendered_place_and_of_files() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
-    let place = folder();
-    place.write("k.jsonl", "{}\n");
+fn contradictory_arguments_are_refused() {
+    let scene = folder();
+    scene.write("k.jsonl", "{}\n");
     for (arguments, code, says) in [
         ("", 1, "nothing to attack"),
         ("--keypoints k.jsonl --schemes points", 1, "points are sent as they are"),
@@ -64,7 +64,7 @@ fn what_makes_no_sense_is_refused() {
         ("--keypoints k.jsonl --adversaries nobody", 2, "outsider-statistic"),
         ("--keypoints k.jsonl --attacked 0", 2, "--attacked"),
     ] {
-        let run = place.run(&format!("eval adversaries {arguments}"));
+        let run = scene.run(&format!("eval adversaries {arguments}"));
         assert_eq!(run.code, Some(code), "{run}");
         assert!(run.stderr.contains(says), "{says}: {run}");
     }

@@ -2,19 +2,19 @@
 
 use super::common;
 
-use common::place;
+use common::scene;
 use serde_json::Value;
 
 #[test]
-fn two_runs_are_compared_and_other_files_refused() {
-    let place = place();
+fn runs_are_compared_and_invalid_files_refused() {
+    let scene = scene();
     let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
-    place.run(&format!("{make} --max-keypoints 1024 -o compared.jsonl")).succeeded();
+    scene.run(&format!("{make} --max-keypoints 1024 -o compared.jsonl")).succeeded();
     let pose = "eval pose compared.jsonl --schemes points,dcl --thresholds 0.02/2,0.1/5";
-    place.run(&format!("{pose} --json plain.json")).succeeded();
-    place.run(&format!("{pose} --seed 1 --no-prior --json other.json")).succeeded();
+    scene.run(&format!("{pose} --json plain.json")).succeeded();
+    scene.run(&format!("{pose} --seed 1 --no-prior --json other.json")).succeeded();
 
-    let itself = place.run("eval compare plain.json plain.json --json").succeeded().json();
+    let itself = scene.run("eval compare plain.json plain.json --json").succeeded().json();
     let rows = itself["rows"].as_array().expect("rows");
     assert_eq!(rows.len(), 2, "{itself}");
     for figure in rows.iter().flat_map(|row| row["figures"].as_array().expect("figures")) {
@@ -26,32 +26,32 @@ fn two_runs_are_compared_and_other_files_refused() {
     }
     // Points are more accurate than lines, and both are in one file.
     let schemes = "eval compare plain.json plain.json --row dcl --against points";
-    let document = place.run(&format!("{schemes} --json")).succeeded().json();
+    let document = scene.run(&format!("{schemes} --json")).succeeded().json();
     let row = &document["rows"][0];
     assert!(row["a"].as_str().expect("a name").starts_with("dcl"), "{row}");
     let counts = ["nearer_in_b", "farther_in_b", "queries"].map(|name| row[name].as_u64().expect("a count"));
     assert!(counts[0] + counts[1] <= counts[2] && counts[2] > 0, "{row}");
-    let text = place.run(schemes).succeeded().stdout;
+    let text = scene.run(schemes).succeeded().stdout;
     assert!(text.contains("recall 0.02/2, %") && text.contains("95 % of draws"), "{text}");
     // Equal seeds give equal intervals.
-    assert_eq!(text, place.run(schemes).succeeded().stdout);
+    assert_eq!(text, scene.run(schemes).succeeded().stdout);
 
     // Another seed and no prior: no common row, and no query with the same seed.
-    let other = place.run("eval compare plain.json other.json");
+    let other = scene.run("eval compare plain.json other.json");
     assert!(other.code == Some(1) && other.stderr.contains("no rows to compare"), "{other}");
-    let other = place.run("eval compare plain.json other.json --row dcl --against dcl");
+    let other = scene.run("eval compare plain.json other.json --row dcl --against dcl");
     assert!(other.code == Some(1) && other.stderr.contains("no query is in both"), "{other}");
-    let cut = place.read("plain.json");
-    place.write("cut.json", &cut[..cut.len() / 2]);
+    let cut = scene.read("plain.json");
+    scene.write("cut.json", &cut[..cut.len() / 2]);
     let mut layouts: Value = serde_json::from_slice(&cut).expect("a document");
     layouts["command"] = "eval layouts".into();
-    place.write("layouts.json", layouts.to_string());
+    scene.write("layouts.json", layouts.to_string());
     for (file, says) in [
         ("cut.json", "no document of an evaluation"),
         ("layouts.json", "eval layouts"),
         ("gone.json", "gone.json"),
     ] {
-        let run = place.run(&format!("eval compare plain.json {file}"));
+        let run = scene.run(&format!("eval compare plain.json {file}"));
         assert!(run.code == Some(1) && run.stderr.contains(says) && run.stderr.contains(file), "{run}");
     }
 }

@@ -5,27 +5,27 @@ use super::common;
 
 use std::fs;
 
-use common::{Place, folder};
+use common::{TestScene, folder};
 use serde_json::Value;
 
 /// A small scene: enough to localize in, quickly rendered.
-fn export(place: &Place, layout: &str) {
-    place
+fn export(scene: &TestScene, layout: &str) {
+    scene
         .run(&format!(
             "synth export --layout {layout} --out {layout} --map-views 16 --query-views 3 --width 480"
         ))
         .succeeded();
 }
 
-fn evaluated(place: &Place, data_set: &str, more: &str) -> Value {
-    place
+fn evaluated(scene: &TestScene, data_set: &str, more: &str) -> Value {
+    scene
         .run(&format!("eval {data_set} --root {data_set} --schemes points,dcl {more} --json -"))
         .succeeded()
         .json()
 }
 
 /// Checks that each row of the table is right to two centimetres, and returns the number of rows.
-fn right(document: &Value) -> usize {
+fn localized_rows(document: &Value) -> usize {
     let rows = document["schemes"].as_array().expect("rows");
     for row in rows {
         let error = row["median_translation"].as_f64().unwrap_or(f64::INFINITY);
@@ -55,25 +55,28 @@ fn without_times(document: &Value) -> Value {
 
 #[test]
 fn every_layout_is_written_and_evaluated() {
-    let place = folder();
-    export(&place, "7scenes");
+    let scene = folder();
+    export(&scene, "7scenes");
     for poses in ["sfm", "depth"] {
-        assert_eq!(right(&evaluated(&place, "7scenes", &format!("--poses {poses}"))), 2);
+        assert_eq!(localized_rows(&evaluated(&scene, "7scenes", &format!("--poses {poses}"))), 2);
     }
-    export(&place, "cambridge");
+    export(&scene, "cambridge");
     let attacking = "--attack 1 --attack-neighbours 100 --attack-json attacks.json";
-    assert_eq!(right(&evaluated(&place, "cambridge", attacking)), 2);
-    let attacks: Value = serde_json::from_slice(&place.read("attacks.json")).expect("a document");
+    assert_eq!(localized_rows(&evaluated(&scene, "cambridge", attacking)), 2);
+    let attacks: Value = serde_json::from_slice(&scene.read("attacks.json")).expect("a document");
     assert_eq!((&attacks["command"], &attacks["k"]), (&"eval adversaries".into(), &100.into()));
     let rows = attacks["rows"].as_array().expect("rows");
-    let who: Vec<&str> = rows.iter().filter_map(|row| row["adversary"].as_str()).collect();
-    assert!(["map-server", "pose-server", "true-neighbours"].iter().all(|a| who.contains(a)), "{who:?}");
+    let adversaries: Vec<&str> = rows.iter().filter_map(|row| row["adversary"].as_str()).collect();
+    assert!(
+        ["map-server", "pose-server", "true-neighbours"].iter().all(|a| adversaries.contains(a)),
+        "{adversaries:?}"
+    );
     assert!(rows.iter().all(|row| row["scheme"] == "dcl" && row["data"] == "room"), "{attacks}");
-    export(&place, "aachen");
-    let told = "--truth aachen/queries/poses.txt --submission results.txt --work work";
-    assert_eq!(right(&evaluated(&place, "aachen", told)), 4, "day and night of each scheme");
+    export(&scene, "aachen");
+    let with_truth = "--truth aachen/queries/poses.txt --submission results.txt --work work";
+    assert_eq!(localized_rows(&evaluated(&scene, "aachen", with_truth)), 4, "day and night of each scheme");
 
-    let text = |file: &str| String::from_utf8(place.read(file)).expect("text");
+    let text = |file: &str| String::from_utf8(scene.read(file)).expect("text");
     let submitted = text("results-dcl.txt");
     assert_eq!(submitted.lines().count(), 3, "{submitted}");
     let poses = text("aachen/queries/poses.txt");
@@ -88,104 +91,104 @@ fn every_layout_is_written_and_evaluated() {
         }
     }
     // Without ground truth there are no errors, and the poses are the same.
-    let blind = evaluated(&place, "aachen", "--submission blind.txt --work work");
+    let blind = evaluated(&scene, "aachen", "--submission blind.txt --work work");
     assert!(
         blind["schemes"].as_array().expect("rows").iter().all(|row| row["recall"] == serde_json::json!({}))
     );
     assert_eq!(text("blind-dcl.txt"), submitted);
-    place.write("blind.json", blind.to_string());
-    let refused = place.run("eval tables blind.json");
+    scene.write("blind.json", blind.to_string());
+    let refused = scene.run("eval tables blind.json");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("no query of this document has a known pose"), "{refused}");
 }
 
 #[test]
-fn an_interruption_loses_no_query_and_tables_are_made_again() {
-    let place = folder();
-    export(&place, "7scenes");
-    let whole = evaluated(&place, "7scenes", "");
-    evaluated(&place, "7scenes", "--work work --jobs 1");
-    let journal = || String::from_utf8(place.read("work/room/queries.jsonl")).expect("text");
+fn interrupted_runs_resume_without_losing_queries() {
+    let scene = folder();
+    export(&scene, "7scenes");
+    let whole = evaluated(&scene, "7scenes", "");
+    evaluated(&scene, "7scenes", "--work work --jobs 1");
+    let journal = || String::from_utf8(scene.read("work/room/queries.jsonl")).expect("text");
     let lines = journal();
     assert_eq!(lines.lines().count(), 3);
 
     // Truncated after the first query, in the middle of the line of the second.
     let first = lines.find('\n').expect("a line") + 1;
-    place.write("work/room/queries.jsonl", &lines[..first + 200]);
-    let resumed = evaluated(&place, "7scenes", "--work work --jobs 2");
+    scene.write("work/room/queries.jsonl", &lines[..first + 200]);
+    let resumed = evaluated(&scene, "7scenes", "--work work --jobs 2");
     assert_eq!(without_times(&resumed), without_times(&whole));
     let again = journal();
     assert!(again.starts_with(&lines[..first]), "the finished query stays");
     assert_eq!(again.lines().count(), 3);
-    let third = evaluated(&place, "7scenes", "--work work");
+    let third = evaluated(&scene, "7scenes", "--work work");
     assert_eq!(third["queries"], resumed["queries"], "nothing is computed a third time");
     // An interruption of the map build: features and matches exist, and the map is the same to the byte.
     let map = || {
-        let files = fs::read_dir(place.path("work/room")).expect("a folder").flatten();
+        let files = fs::read_dir(scene.path("work/room")).expect("a folder").flatten();
         let maps = files.map(|file| file.path()).filter(|path| path.extension().is_some_and(|e| e == "vmap"));
         maps.collect::<Vec<_>>().pop().expect("a map")
     };
     let (path, bytes) = (map(), fs::read(map()).expect("a map"));
     let kept = || {
         (
-            fs::read_dir(place.path("work/room/features")).expect("kept").count(),
-            place.read("work/room/matches-0.bin"),
+            fs::read_dir(scene.path("work/room/features")).expect("kept").count(),
+            scene.read("work/room/matches-0.bin"),
         )
     };
     let before = kept();
     assert_eq!(before.0, 16, "an image each");
     assert!(before.1.len() > 10_000);
     fs::remove_file(&path).expect("removed");
-    assert_eq!(evaluated(&place, "7scenes", "--work work")["queries"], resumed["queries"]);
+    assert_eq!(evaluated(&scene, "7scenes", "--work work")["queries"], resumed["queries"]);
     assert!(fs::read(&path).expect("built again") == bytes);
     assert!(kept() == before, "nothing was extracted or matched again");
     // Other options, or another image, are other queries.
-    evaluated(&place, "7scenes", "--work work --seed 7");
+    evaluated(&scene, "7scenes", "--work work --seed 7");
     assert_eq!(journal().lines().count(), 6);
-    let frame = |n: u32| place.path(format!("7scenes/room/seq-02/frame-00000{n}.color.png"));
+    let frame = |n: u32| scene.path(format!("7scenes/room/seq-02/frame-00000{n}.color.png"));
     fs::copy(frame(1), frame(0)).expect("copied");
-    evaluated(&place, "7scenes", "--work work");
+    evaluated(&scene, "7scenes", "--work work");
     assert_eq!(journal().lines().count(), 7);
     // A damaged line in the middle is named.
-    place.write("work/room/queries.jsonl", format!("{{\n{again}"));
-    let refused = place.run("eval 7scenes --root 7scenes --schemes points,dcl --work work");
+    scene.write("work/room/queries.jsonl", format!("{{\n{again}"));
+    let refused = scene.run("eval 7scenes --root 7scenes --schemes points,dcl --work work");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("queries.jsonl:1:"), "{refused}");
 
-    place.write("results.json", resumed.to_string());
+    scene.write("results.json", resumed.to_string());
     for (format, begins) in [("markdown", "| points |"), ("latex", "points & "), ("csv", "points,")] {
-        let text = place.run(&format!("eval tables results.json --{format}")).succeeded().stdout;
+        let text = scene.run(&format!("eval tables results.json --{format}")).succeeded().stdout;
         assert!(text.lines().any(|line| line.starts_with(begins)), "{text}");
         assert!(text.contains("Not the published data") || format == "csv", "{text}");
         assert!(!text.contains("DSAC"), "{text}");
     }
-    place.run("eval tables results.json --plot plots").succeeded();
+    scene.run("eval tables results.json --plot plots").succeeded();
     for plot in ["position.svg", "orientation.svg", "times.svg"] {
-        let svg = String::from_utf8(place.read(&format!("plots/{plot}"))).expect("text");
+        let svg = String::from_utf8(scene.read(&format!("plots/{plot}"))).expect("text");
         assert!(svg.contains("dcl") && svg.contains("</svg>"), "{plot}");
     }
     // Two runs on the same queries are compared, scene by scene.
-    place.write("whole.json", whole.to_string());
-    let compared = place.run("eval compare whole.json results.json").succeeded().stdout;
+    scene.write("whole.json", whole.to_string());
+    let compared = scene.run("eval compare whole.json results.json").succeeded().stdout;
     assert!(compared.contains("room"), "{compared}");
 }
 
 #[test]
-fn what_is_missing_is_named_with_where_it_is_got() {
-    let place = folder();
-    place.write("empty/here.txt", "");
+fn missing_files_are_named_with_source() {
+    let scene = folder();
+    scene.write("empty/here.txt", "");
     for (data_set, where_it_is) in [
         ("7scenes", "microsoft.com"),
         ("cambridge", "repository.cam.ac.uk"),
         ("aachen", "visuallocalization.net"),
     ] {
-        let refused = place.run(&format!("eval {data_set} --root empty"));
+        let refused = scene.run(&format!("eval {data_set} --root empty"));
         assert_eq!(refused.code, Some(1), "{refused}");
         assert!(refused.stderr.contains(where_it_is), "{refused}");
     }
-    let refused = place.run("synth export --layout 7scenes --out empty");
+    let refused = scene.run("synth export --layout 7scenes --out empty");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("the folder is not empty"), "{refused}");
-    let refused = place.run("eval tables empty/here.txt");
+    let refused = scene.run("eval tables empty/here.txt");
     assert_eq!(refused.code, Some(1), "{refused}");
 }

@@ -2,13 +2,13 @@
 
 use super::common;
 
-use common::{EXTRACTION, folder, keys, place};
+use common::{EXTRACTION, folder, keys, scene};
 
 #[test]
-fn layouts_of_a_rendered_place_are_judged() {
-    let place = place();
+fn layouts_are_compared_on_rendered_scene() {
+    let scene = scene();
     let other = "dcl:axis=67:sectors=20:anchors=-0.12/-0.49+1.5/0";
-    let run = place
+    let run = scene
         .run(&format!(
             "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {} \
              --layouts dcl:paper,{other} --stress none --attacked 1 --plot l.svg --json l.json",
@@ -19,9 +19,9 @@ fn layouts_of_a_rendered_place_are_judged() {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
-    let plot = String::from_utf8(place.read("l.svg")).expect("text");
+    let plot = String::from_utf8(scene.read("l.svg")).expect("text");
     assert!(plot.contains("error of poses over that of points"));
-    let document: serde_json::Value = serde_json::from_slice(&place.read("l.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("l.json")).expect("a document");
     let rows = document["rows"].as_array().expect("a list");
     assert_eq!(rows.len(), 2);
     assert_eq!((&rows[0]["layout"], &rows[1]["layout"]), (&"dcl:paper".into(), &other.into()));
@@ -56,20 +56,20 @@ fn layouts_of_a_rendered_place_are_judged() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
-    let place = folder();
+fn contradictory_arguments_are_refused() {
+    let scene = folder();
     for (arguments, code, says) in [
         ("--layouts points", 2, "points has no layout"),
         ("--layouts dcl:axis=1", 2, "--layouts"),
         ("--attacked 0", 2, "--attacked"),
         ("", 1, "q.txt"),
     ] {
-        let run = place.run(&format!(
+        let run = scene.run(&format!(
             "eval layouts --posed p --images i --map-list m.txt --query-list q.txt {arguments}"
         ));
         assert_eq!(run.code, Some(code), "{run}");
         assert!(run.stderr.contains(says), "{run}");
     }
-    let help = place.run("eval layouts --help").succeeded().stdout;
+    let help = scene.run("eval layouts --help").succeeded().stdout;
     assert!(help.contains("several-seals") && help.contains("@DEG at infinity"), "{help}");
 }

@@ -4,29 +4,29 @@ use super::common;
 
 use std::collections::BTreeSet;
 
-use common::{CAMERA, Place, place, render_elsewhere};
+use common::{CAMERA, TestScene, render_out_of_map_images, scene};
 use serde_json::Value;
 
-const ELSEWHERE: usize = 6;
+const OUT_OF_MAP: usize = 6;
 
 const ASK: &str = "eval negatives --map place.vmap --schemes points,dcl";
 
 /// The scene, with images of another room in `other/images`, and with `mixed`: a blank image and a file that is not an
 /// image.
-fn ready() -> &'static Place {
+fn ready() -> &'static TestScene {
     static READY: std::sync::Once = std::sync::Once::new();
-    let place = place();
+    let scene = scene();
     READY.call_once(|| {
-        render_elsewhere(ELSEWHERE);
-        std::fs::create_dir_all(place.path("mixed")).expect("folder");
+        render_out_of_map_images(OUT_OF_MAP);
+        std::fs::create_dir_all(scene.path("mixed")).expect("folder");
         image::GrayImage::from_pixel(400, 300, image::Luma([90]))
-            .save(place.path("mixed/flat.png"))
+            .save(scene.path("mixed/flat.png"))
             .expect("written");
-        place.write("mixed/notes.jpg", "no image");
-        std::fs::copy(place.path("other/images/negative-1.png"), place.path("mixed/negative-1.png"))
+        scene.write("mixed/notes.jpg", "no image");
+        std::fs::copy(scene.path("other/images/negative-1.png"), scene.path("mixed/negative-1.png"))
             .expect("copied");
     });
-    place
+    scene
 }
 
 fn document(bytes: &[u8]) -> Value {
@@ -44,13 +44,13 @@ fn names(document: &Value) -> BTreeSet<&str> {
 /// Tests of the engine cover the false positive rate; this test checks that similar rendered rooms are distinguished
 /// from lines, and that all results are counted.
 #[test]
-fn images_of_elsewhere_are_counted() {
-    let place = ready();
-    let run = place.run(&format!("{ASK} --images other/images --json negatives.json")).succeeded();
-    let found = document(&place.read("negatives.json"));
-    assert_eq!((&found["images"], &found["failed"]), (&ELSEWHERE.into(), &0.into()));
+fn out_of_map_images_are_counted() {
+    let scene = ready();
+    let run = scene.run(&format!("{ASK} --images other/images --json negatives.json")).succeeded();
+    let found = document(&scene.read("negatives.json"));
+    assert_eq!((&found["images"], &found["failed"]), (&OUT_OF_MAP.into(), &0.into()));
     let queries = found["queries"].as_array().expect("queries");
-    assert_eq!((rows(&found).len(), queries.len()), (2, 2 * ELSEWHERE));
+    assert_eq!((rows(&found).len(), queries.len()), (2, 2 * OUT_OF_MAP));
     for row in rows(&found) {
         let count = |of: &str| row[of].as_u64().expect("a count");
         let of_state = |state: &str| {
@@ -60,20 +60,20 @@ fn images_of_elsewhere_are_counted() {
         assert_eq!(counts, ["trusted", "doubtful", "not-found"].map(of_state), "{row}");
         assert_eq!((count("negatives"), counts.iter().sum(), count("unusable")), (6, 6, 0), "{row}");
         assert!(row["scheme"] == "points" || count("trusted") == 0, "{run}");
-        assert_eq!((&row["cameras"]["given"], &row["cameras"]["guess"]), (&0.into(), &ELSEWHERE.into()));
+        assert_eq!((&row["cameras"]["given"], &row["cameras"]["guess"]), (&0.into(), &OUT_OF_MAP.into()));
     }
     let given =
-        place.run(&format!("{ASK} --images other/images --camera {CAMERA} --json -")).succeeded().json();
-    assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == ELSEWHERE && r["cameras"]["guess"] == 0));
+        scene.run(&format!("{ASK} --images other/images --camera {CAMERA} --json -")).succeeded().json();
+    assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == OUT_OF_MAP && r["cameras"]["guess"] == 0));
 }
 
 /// With images of the scene itself the command shows false positives.
 #[test]
-fn images_of_the_place_itself_are_trusted_and_named() {
-    let place = ready();
-    let run = place.run(&format!("{ASK} --images images --camera {CAMERA} --json own.json")).succeeded();
+fn images_of_the_scene_are_trusted_and_named() {
+    let scene = ready();
+    let run = scene.run(&format!("{ASK} --images images --camera {CAMERA} --json own.json")).succeeded();
     assert!(run.stdout.contains("Trusted, each of them wrong:\n  "), "{run}");
-    let own = document(&place.read("own.json"));
+    let own = document(&scene.read("own.json"));
     for row in rows(&own) {
         assert!(row["trusted"].as_u64() >= Some(12), "{row}");
         assert!(row["log_evidence"]["50"].as_f64() > Some(100.0), "{row}");
@@ -81,15 +81,15 @@ fn images_of_the_place_itself_are_trusted_and_named() {
     let query = &own["queries"][0];
     let center =
         query["center"].as_array().expect("a centre").iter().filter_map(Value::as_f64).collect::<Vec<_>>();
-    let truth = place.pose_of(query["name"].as_str().expect("a name")).center();
+    let truth = scene.pose_of(query["name"].as_str().expect("a name")).center();
     assert!((0..3).all(|k| (center[k] - truth.coords[k]).abs() < 0.1), "{query}");
 }
 
 #[test]
-fn halves_part_the_images_by_their_names() {
-    let place = ready();
+fn split_depends_on_file_names_only() {
+    let scene = ready();
     let of = |half: &str| {
-        place.run(&format!("{ASK} --images other/images --half {half} --json -")).succeeded().json()
+        scene.run(&format!("{ASK} --images other/images --half {half} --json -")).succeeded().json()
     };
     let (design, last, all) = (of("design"), of("final"), of("all"));
     // The split depends on the hash of the names only.
@@ -105,19 +105,19 @@ fn halves_part_the_images_by_their_names() {
     for query in design["queries"].as_array().expect("queries") {
         assert!(of_all(&query["name"]).contains(&query), "{query}");
     }
-    place.write("one.txt", "negative-1.png\n");
+    scene.write("one.txt", "negative-1.png\n");
     let empty = if expected.contains("negative-1.png") { "final" } else { "design" };
-    let run = place.run(&format!("{ASK} --images other/images --list one.txt --half {empty}"));
+    let run = scene.run(&format!("{ASK} --images other/images --list one.txt --half {empty}"));
     assert!(run.code == Some(1) && run.stderr.contains("half"), "{run}");
 }
 
 #[test]
-fn bad_images_are_named_and_do_not_stop_the_others() {
-    let place = ready();
-    let run = place.run(&format!("{ASK} --images mixed --json mixed.json"));
+fn bad_images_are_named_without_stopping_others() {
+    let scene = ready();
+    let run = scene.run(&format!("{ASK} --images mixed --json mixed.json"));
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("2 of 3 queried") && run.stderr.contains("notes.jpg"), "{run}");
-    let mixed = document(&place.read("mixed.json"));
+    let mixed = document(&scene.read("mixed.json"));
     assert_eq!((&mixed["images"], &mixed["failed"]), (&3.into(), &1.into()));
     assert_eq!(
         (&mixed["faults"][0]["file"], &mixed["faults"][0]["kind"]),
@@ -126,7 +126,7 @@ fn bad_images_are_named_and_do_not_stop_the_others() {
     for row in rows(&mixed) {
         assert_eq!((&row["negatives"], &row["unusable"]), (&2.into(), &1.into()), "{row}");
     }
-    place.run(&format!("{ASK} --images mixed --skip-bad")).succeeded();
+    scene.run(&format!("{ASK} --images mixed --skip-bad")).succeeded();
 
     let small = CAMERA.replace("400,300", "300,400");
     let cases: &[(&str, i32, &[&str])] = &[
@@ -137,17 +137,17 @@ fn bad_images_are_named_and_do_not_stop_the_others() {
         ("", 2, &["--images"]),
     ];
     for (arguments, code, says) in cases {
-        let run = place.run(&format!("{ASK} {arguments}"));
+        let run = scene.run(&format!("{ASK} {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
         assert!(says.iter().all(|word| run.stderr.contains(word)), "{run}");
     }
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
-    let place = ready();
+fn result_is_independent_of_thread_count() {
+    let scene = ready();
     let with = |threads: &str| {
-        let mut command = place.command(&format!("{ASK} --images other/images --json -"));
+        let mut command = scene.command(&format!("{ASK} --images other/images --json -"));
         command.env("RAYON_NUM_THREADS", threads).output().expect("runs").stdout
     };
     let one = with("1");

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{Place, Run, folder, keys};
+use common::{Run, TestScene, folder, keys};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
@@ -41,29 +41,29 @@ fn problems(gravity: bool) -> String {
 }
 
 /// A folder with the problems, without a rendered scene.
-fn place() -> Place {
-    let place = folder();
-    place.write("problems.jsonl", problems(false));
-    place.write("gravity.jsonl", problems(true));
-    place
+fn scene() -> TestScene {
+    let scene = folder();
+    scene.write("problems.jsonl", problems(false));
+    scene.write("gravity.jsonl", problems(true));
+    scene
 }
 
 fn rows(document: &Value) -> Vec<&Value> {
     document["schemes"].as_array().expect("an array").iter().collect()
 }
 
-fn document(place: &Place, arguments: &str) -> Value {
-    place.run(&format!("eval pose {arguments} --json")).succeeded().json()
+fn document(scene: &TestScene, arguments: &str) -> Value {
+    scene.run(&format!("eval pose {arguments} --json")).succeeded().json()
 }
 
 #[test]
 fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
-    let place = place();
+    let scene = scene();
     let document = document(
-        &place,
+        &scene,
         "problems.jsonl --schemes points,dcl --recipes likelihood,vote --oracle --hypotheses 50,300 --thresholds 0.05/1",
     );
-    let told: Vec<String> = rows(&document)
+    let reported: Vec<String> = rows(&document)
         .iter()
         .map(|row| {
             format!("{} {} {}", row["scheme"], row["recipe"], row["fixed_hypotheses"]).replace('"', "")
@@ -73,7 +73,7 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
         ["likelihood 50", "likelihood 300", "vote 50", "vote 300", "floor null"]
             .map(|r| format!("{scheme} {r}"))
     };
-    assert_eq!(told, [expected("points"), expected("dcl")].concat());
+    assert_eq!(reported, [expected("points"), expected("dcl")].concat());
     for row in rows(&document) {
         assert_eq!(row["queries"], QUERIES, "{row}");
         let floor = row["recipe"] == "floor";
@@ -92,9 +92,9 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
 
 #[test]
 fn seeds_give_mean_and_spread() {
-    let place = place();
+    let scene = scene();
     let arguments = "problems.jsonl --schemes random-lines --seeds 3 --seed 5 --thresholds 0.02/1,0.5/5";
-    let run = document(&place, arguments);
+    let run = document(&scene, arguments);
     let row = rows(&run)[0];
     assert_eq!(row["queries"], 3 * QUERIES);
     let per_seed = row["per_seed"].as_array().expect("an array");
@@ -109,38 +109,38 @@ fn seeds_give_mean_and_spread() {
     );
 
     // A single seed gives the same result as within a series, and many threads the same as one.
-    let alone = document(&place, &arguments.replace("--seeds 3 --seed 5", "--seed 6"));
+    let alone = document(&scene, &arguments.replace("--seeds 3 --seed 5", "--seed 6"));
     assert_eq!(rows(&alone)[0]["median_translation"], per_seed[1]["median_translation"]);
     assert!(rows(&alone)[0].get("per_seed").is_none());
-    let threads = document(&place, &format!("{arguments} --threads 3"));
+    let threads = document(&scene, &format!("{arguments} --threads 3"));
     assert_eq!(rows(&threads)[0]["per_seed"][2]["recall"], per_seed[2]["recall"]);
     assert_eq!(rows(&threads)[0]["median_translation"], row["median_translation"]);
 
-    let table = place.run(&format!("eval pose {arguments}")).succeeded().stdout;
+    let table = scene.run(&format!("eval pose {arguments}")).succeeded().stdout;
     assert!(table.contains("Means over 3 seeds") && table.contains(".."), "{table}");
     assert!(table.lines().all(|line| line.chars().count() <= 120), "{table}");
 }
 
 #[test]
-fn gravity_is_taken_from_the_file_or_from_the_truth() {
-    let place = place();
-    let told = |arguments: &str| -> Vec<Value> {
-        let document = document(&place, &format!("{arguments} --schemes points"));
+fn gravity_comes_from_file_or_true_pose() {
+    let scene = scene();
+    let reported = |arguments: &str| -> Vec<Value> {
+        let document = document(&scene, &format!("{arguments} --schemes points"));
         rows(&document).iter().map(|row| row["gravity"].clone()).collect()
     };
-    assert_eq!(told("problems.jsonl"), [Value::Null], "nothing was asked for, the file brings none");
-    assert_eq!(told("gravity.jsonl"), ["file"]);
-    assert_eq!(told("problems.jsonl --gravity none,0,3"), ["none", "0", "3"]);
-    let table = place.run("eval pose gravity.jsonl --schemes points --gravity none,file").succeeded().stdout;
+    assert_eq!(reported("problems.jsonl"), [Value::Null], "nothing was asked for, the file brings none");
+    assert_eq!(reported("gravity.jsonl"), ["file"]);
+    assert_eq!(reported("problems.jsonl --gravity none,0,3"), ["none", "0", "3"]);
+    let table = scene.run("eval pose gravity.jsonl --schemes points --gravity none,file").succeeded().stdout;
     assert!(table.contains("gravity °"), "{table}");
-    let without = place.run("eval pose problems.jsonl --schemes points").succeeded().stdout;
+    let without = scene.run("eval pose problems.jsonl --schemes points").succeeded().stdout;
     assert!(!without.contains("gravity") && !without.contains("recipe"), "no empty column: {without}");
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
-    let place = place();
-    place.write("down.jsonl", problems(true).replacen("gravity_in_camera", "gravity_in_world", 1));
+fn contradictory_arguments_are_refused() {
+    let scene = scene();
+    scene.write("down.jsonl", problems(true).replacen("gravity_in_camera", "gravity_in_world", 1));
     let cases: &[(&str, i32, &[&str])] = &[
         ("problems.jsonl --recipes best", 2, &["best", "likelihood+prior"]),
         ("problems.jsonl --recipes paper --score msac", 2, &["--recipes", "--score"]),
@@ -153,16 +153,16 @@ fn what_makes_no_sense_is_refused() {
         ("down.jsonl", 1, &["down.jsonl:1", "gravity_in_world"]),
     ];
     for (arguments, code, says) in cases {
-        let run: Run = place.run(&format!("eval pose {arguments}"));
+        let run: Run = scene.run(&format!("eval pose {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
         assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
     }
 }
 
 #[test]
-fn the_document_keeps_its_fields() {
-    let place = place();
-    let document = document(&place, "problems.jsonl --schemes dcl --hypotheses 300");
+fn document_fields_are_stable() {
+    let scene = scene();
+    let document = document(&scene, "problems.jsonl --schemes dcl --hypotheses 300");
     assert_eq!(
         keys(&document),
         ["command", "data", "fixed_hypotheses", "prior", "queries", "schemes", "seed", "version"]

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{place, render_elsewhere};
+use common::{render_out_of_map_images, scene};
 
 const NEGATIVES: usize = 2;
 
@@ -11,13 +11,13 @@ const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt
 
 #[test]
 fn negatives_are_counted_and_not_trusted() {
-    let place = place();
-    render_elsewhere(NEGATIVES);
+    let scene = scene();
+    render_out_of_map_images(NEGATIVES);
     let negatives =
         "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
-    let run = place.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
+    let run = scene.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
     assert!(run.stdout.contains("negatives localized") && run.stdout.contains("negatives trusted"), "{run}");
-    let document: serde_json::Value = serde_json::from_slice(&place.read("scene.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("scene.json")).expect("a document");
     for row in document["schemes"].as_array().expect("an array") {
         assert_eq!(row["negatives"]["queries"], NEGATIVES, "{row}");
         assert_eq!(row["negatives"]["trusted"], 0, "{row}");
@@ -43,23 +43,23 @@ fn negatives_are_counted_and_not_trusted() {
         ),
     ];
     for (arguments, code, says) in cases {
-        let run = place.run(&format!("{SCENE} {arguments}"));
+        let run = scene.run(&format!("{SCENE} {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
         assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
     }
 }
 
 #[test]
-fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
-    let place = place();
-    render_elsewhere(NEGATIVES);
+fn progressive_queries_send_fewer_rows_for_the_same_pose() {
+    let scene = scene();
+    render_out_of_map_images(NEGATIVES);
     let negatives =
         "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
     let rows = |more: &str| {
-        let run = place.run(&format!("{SCENE} {more} --json steps.json")).succeeded();
+        let run = scene.run(&format!("{SCENE} {more} --json steps.json")).succeeded();
         assert!(run.stdout.contains("mean rows") && run.stdout.contains("mean exposed"), "{run}");
         let document: serde_json::Value =
-            serde_json::from_slice(&place.read("steps.json")).expect("a document");
+            serde_json::from_slice(&scene.read("steps.json")).expect("a document");
         for query in document["queries"].as_array().expect("an array") {
             assert_eq!(query["ms"]["steps"].is_number(), more.contains("--progressive"), "{query}");
         }
@@ -88,12 +88,12 @@ fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
 
 /// Rendered poses are exact, so that covariances can be compared with the errors.
 #[test]
-fn covariances_are_held_against_the_truth() {
-    let place = place();
-    let run = place.run(&format!("{SCENE} --json covered.json")).succeeded();
+fn covariances_are_compared_with_errors() {
+    let scene = scene();
+    let run = scene.run(&format!("{SCENE} --json covered.json")).succeeded();
     assert!(run.stdout.contains("centre 90 %") && run.stdout.contains("error / ±"), "{run}");
     let document: serde_json::Value =
-        serde_json::from_slice(&place.read("covered.json")).expect("a document");
+        serde_json::from_slice(&scene.read("covered.json")).expect("a document");
     for row in document["schemes"].as_array().expect("an array") {
         let count = |state: &str| row[state].as_u64().expect("a count");
         assert_eq!(count("trusted") + count("doubtful") + count("not_found"), count("queries"), "{row}");
@@ -116,28 +116,28 @@ fn covariances_are_held_against_the_truth() {
 }
 
 #[test]
-fn problems_of_a_place_are_what_eval_pose_reads() {
-    let place = place();
+fn eval_problems_output_is_eval_pose_input() {
+    let scene = scene();
     let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
                 --max-keypoints 1024";
     for file in ["made.jsonl", "made.jsonl.gz"] {
-        place.run(&format!("{make} -o {file}")).succeeded();
-        let run = place.run(&format!("eval pose {file} --schemes points,dcl --json made.json")).succeeded();
+        scene.run(&format!("{make} -o {file}")).succeeded();
+        let run = scene.run(&format!("eval pose {file} --schemes points,dcl --json made.json")).succeeded();
         let document: serde_json::Value =
-            serde_json::from_slice(&place.read("made.json")).expect("a document");
+            serde_json::from_slice(&scene.read("made.json")).expect("a document");
         for row in document["schemes"].as_array().expect("an array") {
             assert_eq!(row["localized"], row["queries"], "{run}");
             assert_eq!(row["prior"], true, "ratio, votes and track length are there: {run}");
         }
         let of = |options: &str| {
-            place.run(&format!("eval pose {file} --schemes dcl --json fixed.json {options}")).succeeded();
+            scene.run(&format!("eval pose {file} --schemes dcl --json fixed.json {options}")).succeeded();
             let document: serde_json::Value =
-                serde_json::from_slice(&place.read("fixed.json")).expect("a document");
+                serde_json::from_slice(&scene.read("fixed.json")).expect("a document");
             document["queries"][0]["translation_error"].as_f64().expect("a number")
         };
         assert_ne!(of("--noise 3 --fixed-noise"), of("--noise 3"));
     }
-    assert_eq!(place.read("made.jsonl.gz")[..2], [0x1f, 0x8b]);
-    let refused = place.run(&format!("{make} -o no/such/folder/made.jsonl"));
+    assert_eq!(scene.read("made.jsonl.gz")[..2], [0x1f, 0x8b]);
+    let refused = scene.run(&format!("{make} -o no/such/folder/made.jsonl"));
     assert_eq!(refused.code, Some(1), "{refused}");
 }

@@ -2,10 +2,10 @@
 
 use super::common;
 
-use common::{QUERIES, place};
+use common::{QUERIES, scene};
 use serde_json::Value;
 
-const PLACE: &str = "--posed posed --images images --map-list map.txt --query-list queries.txt \
+const SCENE_ARGS: &str = "--posed posed --images images --map-list map.txt --query-list queries.txt \
                      --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
 
 fn document(bytes: &[u8]) -> Value {
@@ -17,14 +17,14 @@ fn list<'a>(document: &'a Value, of: &str) -> &'a Vec<Value> {
 }
 
 #[test]
-fn every_stress_has_its_rows_and_none_comes_first() {
-    let place = place();
-    let run = place.run(&format!("eval stress {PLACE} --optimum --json stress.json")).succeeded();
+fn every_stress_has_rows_and_none_is_first() {
+    let scene = scene();
+    let run = scene.run(&format!("eval stress {SCENE_ARGS} --optimum --json stress.json")).succeeded();
     assert!(
         run.stdout.contains("optimum ≤0.05/5 %") && run.stderr.contains("one in 3 of them, 4 images"),
         "{run}"
     );
-    let result = document(&place.read("stress.json"));
+    let result = document(&scene.read("stress.json"));
     let rows = list(&result, "rows");
     let order: Vec<&str> = rows.iter().filter_map(|r| r["stress"].as_str()).step_by(2).collect();
     let expected = [
@@ -66,57 +66,62 @@ fn every_stress_has_its_rows_and_none_comes_first() {
     assert!(matches("few-keypoints") <= 256 * QUERIES as u64);
 }
 
-/// Without stress it equals `eval scene`: the same poses.
+/// Without stress it equals `eval of_scene`: the same poses.
 #[test]
-fn none_is_the_place_as_eval_scene_sees_it() {
-    let place = place();
-    let none = place.run(&format!("eval stress {PLACE} --stress none --seed 3 --json -")).succeeded().json();
+fn unstressed_rows_equal_eval_scene() {
+    let scene = scene();
+    let none =
+        scene.run(&format!("eval stress {SCENE_ARGS} --stress none --seed 3 --json -")).succeeded().json();
     assert_eq!(list(&none, "rows").len(), 2);
     assert!(none.get("sparse_map").is_none() && none["rows"][0].get("optimum").is_none());
-    let scene = place.run(&format!("eval scene {PLACE} --seed 3 --json -")).succeeded().json();
+    let of_scene = scene.run(&format!("eval scene {SCENE_ARGS} --seed 3 --json -")).succeeded().json();
     let errors = |document: &Value| -> Vec<(Value, Value, Value)> {
         let of = |q: &Value| (q["name"].clone(), q["translation_error"].clone(), q["state"].clone());
         list(document, "queries").iter().map(of).collect()
     };
-    assert_eq!(errors(&none), errors(&scene));
+    assert_eq!(errors(&none), errors(&of_scene));
 }
 
 /// The rows without gravity equal those of a scene without gravity, and each is followed by one with gravity.
 #[test]
 fn gravity_adds_a_row_to_each() {
-    let place = place();
+    let scene = scene();
     let run = |more: &str| {
-        let stress = format!("eval stress {PLACE} --stress sparse-map --seed 3 {more} --json -");
-        place.run(&stress).succeeded().json()
+        let stress = format!("eval stress {SCENE_ARGS} --stress sparse-map --seed 3 {more} --json -");
+        scene.run(&stress).succeeded().json()
     };
-    let (plain, told) = (run(""), run("--gravity 0.5"));
+    let (plain, with_gravity) = (run(""), run("--gravity 0.5"));
     let with = |document: &Value, of: &str, is_told: bool| -> Vec<Value> {
         let rows = list(document, of).iter().filter(|row| row.get("gravity_sd_deg").is_some() == is_told);
         rows.cloned().collect()
     };
     for of in ["rows", "queries"] {
-        assert_eq!(with(&told, of, false), *list(&plain, of), "{of}");
-        assert_eq!(with(&told, of, true).len(), list(&plain, of).len(), "{of}");
+        assert_eq!(with(&with_gravity, of, false), *list(&plain, of), "{of}");
+        assert_eq!(with(&with_gravity, of, true).len(), list(&plain, of).len(), "{of}");
     }
-    let rows = list(&told, "rows");
+    let rows = list(&with_gravity, "rows");
     for pair in rows.chunks(2) {
         assert_eq!((&pair[0]["scheme"], &pair[0]["stress"]), (&pair[1]["scheme"], &pair[1]["stress"]));
         assert_eq!((pair[0].get("gravity_sd_deg"), &pair[1]["gravity_sd_deg"]), (None, &0.5.into()));
     }
-    assert_ne!(with(&told, "rows", true)[0]["median_rotation_deg"], plain["rows"][0]["median_rotation_deg"]);
+    assert_ne!(
+        with(&with_gravity, "rows", true)[0]["median_rotation_deg"],
+        plain["rows"][0]["median_rotation_deg"]
+    );
 
-    let scene = place.run(&format!("eval scene {PLACE} --seed 3 --gravity 0.5 --json -")).succeeded();
-    let gravity: Vec<Value> = list(&scene.json(), "schemes").iter().map(|s| s["gravity"].clone()).collect();
+    let of_scene = scene.run(&format!("eval scene {SCENE_ARGS} --seed 3 --gravity 0.5 --json -")).succeeded();
+    let gravity: Vec<Value> =
+        list(&of_scene.json(), "schemes").iter().map(|s| s["gravity"].clone()).collect();
     assert_eq!(gravity, ["none", "0.5", "none", "0.5"]);
 }
 
 #[test]
-fn equal_seeds_give_equal_tables_whatever_the_number_of_threads() {
-    let place = place();
+fn equal_seeds_give_equal_tables_for_any_thread_count() {
+    let scene = scene();
     let with = |threads: &str, seed: u32| {
         let arguments =
-            format!("eval stress {PLACE} --stress dark,motion,half-hidden --seed {seed} --json -");
-        let output = place.command(&arguments).env("RAYON_NUM_THREADS", threads).output().expect("runs");
+            format!("eval stress {SCENE_ARGS} --stress dark,motion,half-hidden --seed {seed} --json -");
+        let output = scene.command(&arguments).env("RAYON_NUM_THREADS", threads).output().expect("runs");
         let mut result = document(&output.stdout);
         result["map"]["build_seconds"] = Value::Null;
         result
@@ -127,9 +132,9 @@ fn equal_seeds_give_equal_tables_whatever_the_number_of_threads() {
 }
 
 #[test]
-fn what_cannot_be_evaluated_is_refused() {
-    let place = place();
-    place.write("both.txt", "query-0.png\nmap-00.png\n");
+fn invalid_arguments_are_refused() {
+    let scene = scene();
+    scene.write("both.txt", "query-0.png\nmap-00.png\n");
     let given = "--posed posed --images images --map-list map.txt";
     let cases: &[(&str, i32, &[&str])] = &[
         (&format!("{given} --query-list queries.txt --stress light"), 2, &["light", "half-hidden"]),
@@ -141,7 +146,7 @@ fn what_cannot_be_evaluated_is_refused() {
         (&format!("{given} --query-list no-such.txt"), 1, &["no-such.txt"]),
     ];
     for (arguments, code, says) in cases {
-        let run = place.run(&format!("eval stress {arguments}"));
+        let run = scene.run(&format!("eval stress {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
         assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
     }

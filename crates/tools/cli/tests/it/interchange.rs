@@ -2,23 +2,23 @@
 
 use super::common;
 
-use common::{CAMERA, EXTRACTION, Place, place};
+use common::{CAMERA, EXTRACTION, TestScene, scene};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_mapping::importers::hloc::{FeaturesFile, read_pairs};
 
 /// Features of all images in a file.
-fn extracted() -> &'static Place {
+fn extracted() -> &'static TestScene {
     static READY: std::sync::Once = std::sync::Once::new();
-    let place = place();
+    let scene = scene();
     READY.call_once(|| {
         let run =
-            place.run("features images --features sift --max-keypoints 1024 --out-hloc feats.h5").succeeded();
+            scene.run("features images --features sift --max-keypoints 1024 --out-hloc feats.h5").succeeded();
         assert!(run.stderr.contains("13 images"), "{run}");
         let camera = CAMERA.replace(',', " ");
-        place
+        scene
             .write("hloc.txt", format!("query-0.png {camera}\nquery-1.png {camera}\nquery-2.png {camera}\n"));
     });
-    place
+    scene
 }
 
 fn build(more: &str) -> String {
@@ -26,27 +26,27 @@ fn build(more: &str) -> String {
 }
 
 /// Largest error of the camera centre over the lines of a result file.
-fn worst(place: &Place, file: &str) -> f64 {
-    let text = String::from_utf8(place.read(file)).expect("text");
+fn worst(scene: &TestScene, file: &str) -> f64 {
+    let text = String::from_utf8(scene.read(file)).expect("text");
     assert_eq!(text.lines().count(), 3, "{text}");
     let error = |line: &str| {
         let (name, numbers) = line.split_once(' ').expect("a name and numbers");
         let n: Vec<f64> = numbers.split(' ').map(|n| n.parse().expect("a number")).collect();
         let pose =
             CameraFromWorld::from_quaternion([n[0], n[1], n[2], n[3]], [n[4], n[5], n[6]]).expect("a pose");
-        pose.translation_error(&place.pose_of(name))
+        pose.translation_error(&scene.pose_of(name))
     };
     text.lines().map(error).fold(0.0, f64::max)
 }
 
 #[test]
-fn a_map_and_queries_of_features_of_a_file_are_those_of_extracted_ones() {
-    let place = extracted();
-    let file = FeaturesFile::open(&place.path("feats.h5")).expect("a file");
+fn stored_features_give_the_same_map_and_queries() {
+    let scene = extracted();
+    let file = FeaturesFile::open(&scene.path("feats.h5")).expect("a file");
     assert_eq!((file.names().expect("names").len(), file.dim().expect("descriptors")), (13, Some(128)));
     let of_file =
-        place.run(&build("--features sift --features-file feats.h5 -o file.vmap --json")).succeeded();
-    let own = place.run(&build("--features sift -o own.vmap --json")).succeeded();
+        scene.run(&build("--features sift --features-file feats.h5 -o file.vmap --json")).succeeded();
+    let own = scene.run(&build("--features sift -o own.vmap --json")).succeeded();
     let points = |run: &common::Run| run.json()["points"].as_u64().expect("a number") as f64;
     let (of_file, own) = (points(&of_file), points(&own));
     assert!((of_file / own - 1.0).abs() < 0.05, "{of_file} points and {own}");
@@ -55,49 +55,49 @@ fn a_map_and_queries_of_features_of_a_file_are_those_of_extracted_ones() {
             "localize --map file.vmap --queries hloc.txt --images images --features-file feats.h5 --scheme {scheme} \
              --out-hloc {scheme}.txt"
         );
-        place.run(&localize).succeeded();
-        let error = worst(place, &format!("{scheme}.txt"));
+        scene.run(&localize).succeeded();
+        let error = worst(scene, &format!("{scheme}.txt"));
         assert!(error < 0.05, "{scheme}: {error}");
     }
     // Features of the same name are one kind, regardless of the program that extracted them.
-    place.run("map profile file.vmap -o file.vprofile").succeeded();
-    place
+    scene.run("map profile file.vmap -o file.vprofile").succeeded();
+    scene
         .run(&format!("seal images/query-0.png --camera {CAMERA} --profile file.vprofile -o mixed.vquery"))
         .succeeded();
-    place.run("localize --map file.vmap mixed.vquery").succeeded();
+    scene.run("localize --map file.vmap mixed.vquery").succeeded();
 }
 
 #[test]
-fn features_of_another_name_are_a_kind_of_their_own() {
-    let place = extracted();
-    place.run(&build("--features theirs --features-file feats.h5 --no-self-test -o theirs.vmap")).succeeded();
-    place.run("map profile theirs.vmap -o theirs.vprofile").succeeded();
+fn features_of_another_name_are_another_kind() {
+    let scene = extracted();
+    scene.run(&build("--features theirs --features-file feats.h5 --no-self-test -o theirs.vmap")).succeeded();
+    scene.run("map profile theirs.vmap -o theirs.vprofile").succeeded();
     let seal = |more: &str| {
-        place.run(&format!(
+        scene.run(&format!(
             "seal images/query-0.png --camera {CAMERA} --profile theirs.vprofile -o theirs.vquery {more}"
         ))
     };
     let without = seal("");
     assert!(without.code == Some(1) && without.stderr.contains("theirs"), "{without}");
     seal("--features-file feats.h5").succeeded();
-    place.run("localize --map theirs.vmap theirs.vquery").succeeded();
+    scene.run("localize --map theirs.vmap theirs.vquery").succeeded();
     let other = seal("--features sift --features-file feats.h5");
     assert!(other.code == Some(1) && other.stderr.contains("do not match"), "{other}");
     // They were extracted from the whole image.
     let (white, black) = (image::Luma([255_u8]), image::Luma([0_u8]));
     let mask = image::GrayImage::from_fn(400, 300, |x, _| if x < 100 { black } else { white });
-    mask.save(place.path("mask.png")).expect("written");
+    mask.save(scene.path("mask.png")).expect("written");
     let masked = seal("--features-file feats.h5 --mask mask.png");
     assert!(masked.code == Some(1) && masked.stderr.contains("whole image"), "{masked}");
 }
 
 #[test]
-fn what_a_file_does_not_hold_is_told() {
-    let place = extracted();
-    place.write("short.txt", "map-00.png\nmap-01.png\n");
+fn missing_entries_are_reported() {
+    let scene = extracted();
+    scene.write("short.txt", "map-00.png\nmap-01.png\n");
     let short = "features images --list short.txt --features sift --max-keypoints 300 --out-hloc short.h5";
-    place.run(short).succeeded();
-    place.write("no.h5", "no HDF5 file");
+    scene.run(short).succeeded();
+    scene.write("no.h5", "no HDF5 file");
     for (more, word) in [
         ("--features-file feats.h5 -o no.vmap", "--features"),
         ("--features sift --features-file short.h5 -o no.vmap", "map-02.png"),
@@ -105,27 +105,27 @@ fn what_a_file_does_not_hold_is_told() {
         ("--features sift --features-file none.h5 -o no.vmap", "none.h5"),
         ("--features sift --pairs feats.h5 -o no.vmap", "not text"),
     ] {
-        let run = place.run(&build(more));
+        let run = scene.run(&build(more));
         assert!(run.code == Some(1) && run.stderr.contains(word), "{more}: {run}");
-        assert!(!place.path("no.vmap").exists());
+        assert!(!scene.path("no.vmap").exists());
     }
 }
 
 #[test]
-fn the_pairs_that_were_matched_make_the_same_map_again() {
-    let place = extracted();
+fn exported_pairs_reproduce_the_map() {
+    let scene = extracted();
     let few = "--no-self-test --features sift --features-file feats.h5";
     let first =
-        place.run(&build(&format!("{few} --out-pairs pairs.txt -o first.vmap --json"))).succeeded().json();
-    let pairs = read_pairs(&place.path("pairs.txt")).expect("pairs");
+        scene.run(&build(&format!("{few} --out-pairs pairs.txt -o first.vmap --json"))).succeeded().json();
+    let pairs = read_pairs(&scene.path("pairs.txt")).expect("pairs");
     assert!(pairs.len() >= 9 && pairs.iter().all(|(a, b)| a.starts_with("map-") && a < b), "{pairs:?}");
     let again =
-        place.run(&build(&format!("{few} --pairs pairs.txt -o again.vmap --json"))).succeeded().json();
+        scene.run(&build(&format!("{few} --pairs pairs.txt -o again.vmap --json"))).succeeded().json();
     assert_eq!(first["points"], again["points"]);
-    place.write("one.txt", "map-00.png map-01.png\nmap-00.png query-0.png\n");
-    let one = place.run(&build(&format!("{few} --keep-broken --pairs one.txt -o one.vmap --json")));
+    scene.write("one.txt", "map-00.png map-01.png\nmap-00.png query-0.png\n");
+    let one = scene.run(&build(&format!("{few} --keep-broken --pairs one.txt -o one.vmap --json")));
     assert!(one.code != Some(2), "{one}");
-    place.write("foreign.txt", "a.png b.png\n");
-    let none = place.run(&build(&format!("{few} --pairs foreign.txt -o none.vmap")));
+    scene.write("foreign.txt", "a.png b.png\n");
+    let none = scene.run(&build(&format!("{few} --pairs foreign.txt -o none.vmap")));
     assert!(none.code == Some(1) && none.stderr.contains("none of the 1 pairs"), "{none}");
 }

@@ -27,7 +27,7 @@ fn draw(folder: &Path, name: &str, shift: u32) {
 }
 
 #[test]
-fn images_are_made_and_judged() {
+fn images_are_reconstructed_and_compared() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     draw(folder, "image-1.png", 31);
@@ -69,7 +69,7 @@ fn images_are_made_and_judged() {
 }
 
 #[test]
-fn networks_that_cannot_be_used_are_named() {
+fn unusable_networks_are_named() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     draw(folder, "image-1.png", 31);

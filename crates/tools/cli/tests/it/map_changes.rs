@@ -4,18 +4,18 @@ use super::common;
 
 use std::fs;
 
-use common::{MAP_VIEWS, Place, keys, place};
+use common::{MAP_VIEWS, TestScene, keys, scene};
 use serde_json::Value;
 
 /// A copy of the map in a separate folder, to be changed.
-fn copy(place: &Place, folder: &str) -> String {
+fn copy(scene: &TestScene, folder: &str) -> String {
     let path = format!("{folder}/place.vmap");
-    place.write(&path, place.read("place.vmap"));
+    scene.write(&path, scene.read("place.vmap"));
     path
 }
 
-fn info(place: &Place, map: &str) -> Value {
-    place.run(&format!("map info {map} --images --json")).succeeded().json()
+fn info(scene: &TestScene, map: &str) -> Value {
+    scene.run(&format!("map info {map} --images --json")).succeeded().json()
 }
 
 fn names(info: &Value) -> Vec<&str> {
@@ -28,85 +28,85 @@ fn names(info: &Value) -> Vec<&str> {
 }
 
 #[test]
-fn of_changes_at_once_none_is_lost() {
-    let place = place();
-    let map = copy(place, "at-once");
+fn concurrent_changes_are_serialized() {
+    let scene = scene();
+    let map = copy(scene, "at-once");
     let leaving = ["map-01.png", "map-03.png", "map-05.png", "map-07.png"];
     let children: Vec<_> = leaving
         .iter()
-        .map(|name| place.command(&format!("map remove {map} {name}")).spawn().expect("the binary runs"))
+        .map(|name| scene.command(&format!("map remove {map} {name}")).spawn().expect("the binary runs"))
         .collect();
     for child in children {
         let output = child.wait_with_output().expect("it ends");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
-    let info = info(place, &map);
+    let info = info(scene, &map);
     let left = names(&info);
     assert_eq!(left.len(), MAP_VIEWS - leaving.len());
     assert!(leaving.iter().all(|name| !left.contains(name)), "{left:?}");
-    let files: Vec<_> = fs::read_dir(place.path("at-once")).expect("folder").collect();
+    let files: Vec<_> = fs::read_dir(scene.path("at-once")).expect("folder").collect();
     assert_eq!(files.len(), 1, "nothing is left lying about: {files:?}");
 }
 
 #[test]
-fn who_leaves_a_map_is_told_what_stays_and_can_have_it_forgotten() {
-    let place = place();
-    let before = info(place, "place.vmap");
-    let kept = copy(place, "kept");
-    let run = place.run(&format!("map remove {kept} map-02.png")).succeeded();
+fn remove_reports_vocabulary_traces_and_retrain_clears_them() {
+    let scene = scene();
+    let before = info(scene, "place.vmap");
+    let kept = copy(scene, "kept");
+    let run = scene.run(&format!("map remove {kept} map-02.png")).succeeded();
     assert!(run.stderr.contains("words of the vocabulary") && run.stderr.contains("--retrain"), "{run}");
     assert_eq!(
-        info(place, &kept)["profile"],
+        info(scene, &kept)["profile"],
         before["profile"],
         "queries sealed for the map are still valid"
     );
 
-    let forgot = copy(place, "forgot");
-    let run = place.run(&format!("map remove {forgot} map-02.png --retrain")).succeeded();
+    let forgot = copy(scene, "forgot");
+    let run = scene.run(&format!("map remove {forgot} map-02.png --retrain")).succeeded();
     assert!(run.stderr.contains("new profile") && run.stderr.contains("fetch"), "{run}");
-    let after = info(place, &forgot);
+    let after = info(scene, &forgot);
     assert_ne!(after["profile"], before["profile"]);
     assert_eq!(after["images"], MAP_VIEWS - 1);
-    assert_eq!(after["points"], info(place, &kept)["points"]);
+    assert_eq!(after["points"], info(scene, &kept)["points"]);
 
-    let run = place.run(&format!("map remove {kept} map-98.png map-99.png"));
+    let run = scene.run(&format!("map remove {kept} map-98.png map-99.png"));
     assert!(run.code == Some(1) && run.stderr.contains("map-98.png, map-99.png are not in the map"), "{run}");
 }
 
 #[test]
 fn images_are_listed() {
-    let place = place();
-    let document = info(place, "place.vmap");
+    let scene = scene();
+    let document = info(scene, "place.vmap");
     assert_eq!(names(&document).len(), MAP_VIEWS);
     let image = &document["image_list"][0];
     assert_eq!(keys(image), ["camera", "keypoints", "name", "points_seen"]);
     assert!(image["points_seen"].as_u64() > Some(10), "{image}");
     assert_eq!(document["warnings"].as_array().map(Vec::len), Some(0));
-    let run = place.run("map info place.vmap --images").succeeded();
+    let run = scene.run("map info place.vmap --images").succeeded();
     assert!(names(&document).iter().all(|name| run.stdout.contains(name)), "{run}");
-    let run = place.run("map info place.vmap").succeeded();
+    let run = scene.run("map info place.vmap").succeeded();
     assert!(!run.stdout.contains("map-00.png"), "{run}");
 }
 
 #[test]
-fn bad_images_are_all_named_or_left_out() {
-    let place = place();
-    let png = place.read("images/map-05.png");
+fn bad_images_are_named_or_skipped() {
+    let scene = scene();
+    let png = scene.read("images/map-05.png");
     for name in ["map-00.png", "map-01.png", "map-02.png", "map-03.png"] {
-        place.write(&format!("some/{name}"), place.read(&format!("images/{name}")));
+        scene.write(&format!("some/{name}"), scene.read(&format!("images/{name}")));
     }
-    place.write("some/map-05.png", &png[..png.len() / 2]);
+    scene.write("some/map-05.png", &png[..png.len() / 2]);
     let build =
         "map build --posed posed --images some --list map.txt --max-keypoints 1024 -o some.vmap --json";
-    let run = place.run(build);
+    let run = scene.run(build);
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("5 of 10 images cannot be used"), "{run}");
     for missing in ["map-04.png", "map-06.png", "map-07.png", "map-08.png", "map-09.png", "--skip-bad"] {
         assert!(run.stderr.contains(missing), "{missing}: {run}");
     }
-    assert!(!place.path("some.vmap").exists());
+    assert!(!scene.path("some.vmap").exists());
 
-    let run = place.run(&format!("{build} --skip-bad")).succeeded();
+    let run = scene.run(&format!("{build} --skip-bad")).succeeded();
     let document = run.json();
     assert_eq!(document["images"], 4);
     let skipped = document["skipped"].as_array().expect("a list");
@@ -117,56 +117,56 @@ fn bad_images_are_all_named_or_left_out() {
 
 /// Cameras and poses suffice; a focal length twice the correct one gives a warning.
 #[test]
-fn poses_need_no_points_and_wrong_ones_are_doubted() {
-    let place = place();
-    let cameras = String::from_utf8(place.read("posed/cameras.txt")).expect("text");
-    place.write("bare/cameras.txt", &cameras);
-    place.write("bare/images.txt", place.read("posed/images.txt"));
+fn poses_without_points_suffice_and_wrong_focal_length_is_diagnosed() {
+    let scene = scene();
+    let cameras = String::from_utf8(scene.read("posed/cameras.txt")).expect("text");
+    scene.write("bare/cameras.txt", &cameras);
+    scene.write("bare/images.txt", scene.read("posed/images.txt"));
     let build = |posed: &str| {
         format!(
             "map build --posed {posed} --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
              -o {posed}.vmap --json"
         )
     };
-    place.run(&build("bare")).succeeded();
-    assert!(place.read("bare.vmap") == place.read("place.vmap"), "without points the map is another one");
+    scene.run(&build("bare")).succeeded();
+    assert!(scene.read("bare.vmap") == scene.read("place.vmap"), "without points the map is another one");
 
     let first = cameras.lines().find(|l| !l.starts_with('#')).expect("a camera");
     let mut fields: Vec<&str> = first.split(' ').collect();
     fields[4] = "660";
-    place.write("long/cameras.txt", fields.join(" "));
-    place.write("long/images.txt", place.read("posed/images.txt"));
-    is_refused(place, &build("long"), "long", "about 2.00 times the correct one", "focal-length");
+    scene.write("long/cameras.txt", fields.join(" "));
+    scene.write("long/images.txt", scene.read("posed/images.txt"));
+    is_refused(scene, &build("long"), "long", "about 2.00 times the correct one", "focal-length");
 }
 
 /// With camera-to-world poses the existing map stays, and the error names the cause.
 #[test]
-fn inverted_poses_are_called_so_and_a_good_map_stays() {
-    let place = place();
-    let inverted = (1..).zip(&place.poses).map(|(id, (name, pose))| {
+fn inverted_poses_are_diagnosed_and_old_map_stays() {
+    let scene = scene();
+    let inverted = (1..).zip(&scene.poses).map(|(id, (name, pose))| {
         let pose = pose.inverse();
         let ([w, x, y, z], t) = (pose.quaternion(), pose.translation());
         format!("{id} {w} {x} {y} {z} {} {} {} 1 {name}\n\n", t.x, t.y, t.z)
     });
     let numbered = inverted.collect::<Vec<_>>().concat();
-    place.write("turned/cameras.txt", place.read("posed/cameras.txt"));
-    place.write("turned/images.txt", numbered);
-    place.write("turned.vmap", b"a good map");
+    scene.write("turned/cameras.txt", scene.read("posed/cameras.txt"));
+    scene.write("turned/images.txt", numbered);
+    scene.write("turned.vmap", b"a good map");
     let build =
         "map build --posed turned --images images --list map.txt --max-keypoints 1024 -o turned.vmap --json";
-    let run = place.run(build);
+    let run = scene.run(build);
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("poses seem to be camera-to-world"), "{run}");
-    assert_eq!(place.read("turned.vmap"), b"a good map");
+    assert_eq!(scene.read("turned.vmap"), b"a good map");
 }
 
 /// An unusable map is refused with the cause, and written with --keep-broken.
-fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
-    let run = place.run(build);
+fn is_refused(scene: &TestScene, build: &str, map: &str, expected: &str, name: &str) {
+    let run = scene.run(build);
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains(told), "{told}: {run}");
-    assert!(!place.path(format!("{map}.vmap")).exists());
-    let run = place.run(&format!("{build} --keep-broken"));
+    assert!(run.stderr.contains(expected), "{expected}: {run}");
+    assert!(!scene.path(format!("{map}.vmap")).exists());
+    let run = scene.run(&format!("{build} --keep-broken"));
     if run.code == Some(0) {
         let document = run.json();
         let warnings = document["warnings"].as_array().expect("a list");
@@ -178,28 +178,28 @@ fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
 
 /// Two images cannot test each other: this gives a warning, and the map is written.
 #[test]
-fn a_map_that_cannot_test_itself_says_so() {
-    let place = place();
-    place.write("two.txt", "map-00.png\nmap-01.png\n");
+fn map_without_self_test_warns() {
+    let scene = scene();
+    scene.write("two.txt", "map-00.png\nmap-01.png\n");
     let build =
         "map build --posed posed --images images --list two.txt --max-keypoints 1024 -o two.vmap --json";
-    let document = place.run(build).succeeded().json();
+    let document = scene.run(build).succeeded().json();
     assert_eq!(document["self_test"]["images"], 2);
     let names: Vec<&str> =
         document["warnings"].as_array().expect("a list").iter().filter_map(|w| w["name"].as_str()).collect();
     assert!(names.contains(&"self-test"), "{names:?}");
 
-    let run = place.run(&format!("{build} --no-self-test")).succeeded();
+    let run = scene.run(&format!("{build} --no-self-test")).succeeded();
     assert!(run.json()["self_test"].is_null(), "{run}");
-    let text = place.run("map info two.vmap").succeeded().stdout;
+    let text = scene.run("map info two.vmap").succeeded().stdout;
     assert!(text.contains("self-test   none"), "{text}");
 }
 
 /// The scene of the tests is sound, and its map has a good self-test; a change is tested again.
 #[test]
-fn a_sound_map_localizes_its_own_images() {
-    let place = place();
-    let document = info(place, "place.vmap");
+fn self_test_localizes_own_images() {
+    let scene = scene();
+    let document = info(scene, "place.vmap");
     let test = &document["self_test"];
     assert_eq!(test["images"], MAP_VIEWS);
     let schemes = test["schemes"].as_array().expect("a list");
@@ -208,12 +208,12 @@ fn a_sound_map_localizes_its_own_images() {
         assert!(scheme["recall_of_scale"]["0.05/5"].as_f64() > Some(0.6), "{scheme}");
         assert!(scheme["calibration"]["factor"].as_f64() > Some(0.0), "{scheme}");
     }
-    let text = place.run("map info place.vmap").succeeded().stdout;
+    let text = scene.run("map info place.vmap").succeeded().stdout;
     assert!(text.contains("self-test   10 images") && text.contains("dcl"), "{text}");
 
-    let less = copy(place, "less");
-    place.run(&format!("map remove {less} map-04.png")).succeeded();
-    assert_eq!(info(place, &less)["self_test"]["images"], MAP_VIEWS - 1);
-    place.run(&format!("map remove {less} map-05.png --no-self-test")).succeeded();
-    assert!(info(place, &less)["self_test"].is_null(), "an old test is not true of a changed map");
+    let less = copy(scene, "less");
+    scene.run(&format!("map remove {less} map-04.png")).succeeded();
+    assert_eq!(info(scene, &less)["self_test"]["images"], MAP_VIEWS - 1);
+    scene.run(&format!("map remove {less} map-05.png --no-self-test")).succeeded();
+    assert!(info(scene, &less)["self_test"].is_null(), "an old test is not true of a changed map");
 }

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, Place, place};
+use common::{CAMERA, TestScene, scene};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, LumaA, RgbImage};
 use veiloc_protocol::SealedQuery;
 
@@ -11,13 +11,13 @@ fn person(x: u32, y: u32) -> bool {
     ((f64::from(x) - 130.0) / 40.0).hypot((f64::from(y) - 170.0) / 100.0) < 1.0
 }
 
-fn white_but_for(hides: fn(u32, u32) -> bool) -> GrayImage {
+fn white_except(hides: fn(u32, u32) -> bool) -> GrayImage {
     GrayImage::from_fn(400, 300, |x, y| Luma([if hides(x, y) { 0 } else { 255 }]))
 }
 
-fn save(place: &Place, name: &str, image: impl Into<DynamicImage>) {
-    place.write(name, "");
-    image.into().save(place.path(name)).expect("written");
+fn save(scene: &TestScene, name: &str, image: impl Into<DynamicImage>) {
+    scene.write(name, "");
+    image.into().save(scene.path(name)).expect("written");
 }
 
 fn seal(more: &str) -> String {
@@ -25,8 +25,8 @@ fn seal(more: &str) -> String {
 }
 
 /// The command exits with 1, and prints all these words.
-fn refused(place: &Place, command: &str, says: &[&str]) {
-    let run = place.run(command);
+fn refused(scene: &TestScene, command: &str, says: &[&str]) {
+    let run = scene.run(command);
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
     let text = words.join(" ");
     assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
@@ -34,10 +34,10 @@ fn refused(place: &Place, command: &str, says: &[&str]) {
 
 #[test]
 fn a_masked_image_is_sealed_and_localized() {
-    let place = place();
-    save(place, "masks/query-0.png.png", white_but_for(person));
+    let scene = scene();
+    save(scene, "masks/query-0.png.png", white_except(person));
     let sent = |more: &str| {
-        let run = place.run(&format!("{} --json", seal(more))).succeeded();
+        let run = scene.run(&format!("{} --json", seal(more))).succeeded();
         let image = run.json()["images"][0].clone();
         let fields = &common::documented::tables()["seal"];
         assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
@@ -49,40 +49,40 @@ fn a_masked_image_is_sealed_and_localized() {
     assert!(hidden.is_some_and(|share| (0.1..0.11).contains(&share)), "{hidden:?}");
     assert!(run.stderr.contains("10.4 % of the image hidden"), "{run}");
     assert!(rest < all, "{rest} of {all}");
-    place.run("localize --map place.vmap masked.vquery").succeeded();
+    scene.run("localize --map place.vmap masked.vquery").succeeded();
     // A folder of masks, by COLMAP's rule; and in a session.
     let two = format!(
         "seal images/query-0.png images/query-1.png --camera {CAMERA} --profile place.vprofile -o some/"
     );
-    refused(place, &format!("{two} --masks masks"), &["query-1.png.png"]);
-    SealedQuery::decode(&place.read("some/query-0.vquery")).expect("the one that has a mask");
-    assert!(!place.path("some/query-1.vquery").exists(), "an image without a mask is not sealed");
-    place.run(&seal("--masks masks --session masked.session")).succeeded();
+    refused(scene, &format!("{two} --masks masks"), &["query-1.png.png"]);
+    SealedQuery::decode(&scene.read("some/query-0.vquery")).expect("the one that has a mask");
+    assert!(!scene.path("some/query-1.vquery").exists(), "an image without a mask is not sealed");
+    scene.run(&seal("--masks masks --session masked.session")).succeeded();
 }
 
 /// L13, through the whole program: two folders of images that differ only under the mask give the same evaluation.
 #[test]
-fn l13_what_is_hidden_changes_no_result() {
-    let place = place();
+fn l13_hidden_pixels_change_no_result() {
+    let scene = scene();
     for k in 0..common::QUERIES {
-        save(place, &format!("masks-of-all/query-{k}.png.png"), white_but_for(person));
+        save(scene, &format!("masks-of-all/query-{k}.png.png"), white_except(person));
     }
     let evaluated = |images: &str, more: &str| {
-        let run = place.run(&format!(
+        let run = scene.run(&format!(
             "eval scene --posed posed --images {images} --map-list map.txt --query-list queries.txt --max-keypoints 1024 \
              --query-keypoints 1024 --schemes dcl --json {images}.json {more}"
         ));
         let document: serde_json::Value =
-            serde_json::from_slice(&place.read(&format!("{images}.json"))).expect("a document");
+            serde_json::from_slice(&scene.read(&format!("{images}.json"))).expect("a document");
         let queries = document["queries"].as_array().expect("an array").clone();
-        let told = |query: &serde_json::Value| {
+        let summary = |query: &serde_json::Value| {
             let mut query = query.clone();
             query["ms"] = serde_json::Value::Null;
             query
         };
-        (queries.iter().map(told).collect::<Vec<_>>(), run.succeeded())
+        (queries.iter().map(summary).collect::<Vec<_>>(), run.succeeded())
     };
-    for entry in std::fs::read_dir(place.path("images")).expect("a folder").flatten() {
+    for entry in std::fs::read_dir(scene.path("images")).expect("a folder").flatten() {
         let mut image = image::open(entry.path()).expect("an image").to_rgb8();
         let name = entry.file_name().into_string().expect("text");
         if name.starts_with("query-") {
@@ -90,7 +90,7 @@ fn l13_what_is_hidden_changes_no_result() {
                 *pixel = image::Rgb([(x * 37) as u8, (y * 91) as u8, (x * y) as u8]);
             }
         }
-        save(place, &format!("changed/{name}"), image);
+        save(scene, &format!("changed/{name}"), image);
     }
     let masks = "--masks masks-of-all";
     let masked = evaluated("images", masks).0;
@@ -101,20 +101,20 @@ fn l13_what_is_hidden_changes_no_result() {
 
 /// The attack on a masked query uses only what a device sends.
 #[test]
-fn attacks_see_nothing_of_what_is_hidden() {
-    let place = place();
+fn attacks_use_no_hidden_keypoints() {
+    let scene = scene();
     for k in 0..common::QUERIES {
-        save(place, &format!("masks-of-all/query-{k}.png.png"), white_but_for(person));
+        save(scene, &format!("masks-of-all/query-{k}.png.png"), white_except(person));
     }
     let hidden = |more: &str| {
-        place
+        scene
             .run(&format!(
                 "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
                  --max-keypoints 1024 --query-keypoints 512 -o p.jsonl --keypoints masked.jsonl {more}"
             ))
             .succeeded();
         let read = |name: &str| {
-            let text = String::from_utf8(place.read(name)).expect("text");
+            let text = String::from_utf8(scene.read(name)).expect("text");
             let line = |l: &str| serde_json::from_str::<serde_json::Value>(l).expect("JSON");
             text.lines().map(line).collect::<Vec<_>>()
         };
@@ -139,25 +139,25 @@ fn attacks_see_nothing_of_what_is_hidden() {
     assert!(hidden("") > 20);
     assert_eq!(hidden("--masks masks-of-all"), 0);
     refused(
-        place,
+        scene,
         "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt -o p.jsonl --masks nowhere",
         &["nowhere", "query-0.png.png"],
     );
 }
 
 #[test]
-fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
-    let place = place();
-    let good = white_but_for(person);
-    save(place, "bad/nothing.png", white_but_for(|_, _| false));
-    save(place, "bad/all.png", white_but_for(|_, _| true));
-    save(place, "bad/turned.png", image::imageops::rotate90(&good));
-    save(place, "bad/small.png", GrayImage::from_fn(200, 150, |x, _| Luma([(x > 9) as u8 * 255])));
+fn implausible_masks_are_refused_without_output() {
+    let scene = scene();
+    let good = white_except(person);
+    save(scene, "bad/nothing.png", white_except(|_, _| false));
+    save(scene, "bad/all.png", white_except(|_, _| true));
+    save(scene, "bad/turned.png", image::imageops::rotate90(&good));
+    save(scene, "bad/small.png", GrayImage::from_fn(200, 150, |x, _| Luma([(x > 9) as u8 * 255])));
     let clear = ImageBuffer::from_fn(400, 300, |x, y| LumaA([255_u8, if person(x, y) { 0 } else { 255 }]));
-    save(place, "bad/alpha.png", clear);
-    let whole = std::fs::read(place.path("bad/turned.png")).expect("written");
-    place.write("bad/cut.png", &whole[..whole.len() / 2]);
-    place.write("bad/text.png", "no image");
+    save(scene, "bad/alpha.png", clear);
+    let whole = std::fs::read(scene.path("bad/turned.png")).expect("written");
+    scene.write("bad/cut.png", &whole[..whole.len() / 2]);
+    scene.write("bad/text.png", "no image");
     for (more, says) in [
         ("--mask bad/nothing.png", &["bad/nothing.png", "hides nothing", "black hides"][..]),
         ("--mask bad/all.png", &["bad/all.png", "hides the whole image"]),
@@ -170,18 +170,18 @@ fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
         ("--masks bad", &["query-0.png.png", "cannot read"]),
         ("--mask bad/nothing.png images/query-1.png", &["--mask is for one image"]),
     ] {
-        refused(place, &seal(more).replace("masked.vquery", "none.vquery"), says);
-        assert!(!place.path("none.vquery").exists(), "{more}");
+        refused(scene, &seal(more).replace("masked.vquery", "none.vquery"), says);
+        assert!(!scene.path("none.vquery").exists(), "{more}");
     }
     // The error comes before any request: there is no service at this address.
     let send =
         format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
-    refused(place, &format!("{send} --mask bad/nothing.png"), &["hides nothing"]);
-    let run = place.run(&seal("--mask a.png --masks b"));
+    refused(scene, &format!("{send} --mask bad/nothing.png"), &["hides nothing"]);
+    let run = scene.run(&seal("--mask a.png --masks b"));
     assert!(run.code == Some(2) && run.stderr.contains("--masks"), "{run}");
     // A mask is an input and must not be overwritten.
     refused(
-        place,
+        scene,
         &seal("--mask bad/turned.png").replace("masked.vquery", "bad/turned.png"),
         &["is an input"],
     );
@@ -189,24 +189,24 @@ fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
 
 /// Masks in the formats of common tools: 16 bits, colour, an alpha channel that hides nothing, soft edges.
 #[test]
-fn one_mask_in_many_forms_hides_the_same() {
-    let place = place();
+fn mask_formats_are_equivalent() {
+    let scene = scene();
     let gray = |x, y| if person(x, y) { 0_u8 } else { 255 };
-    save(place, "forms/plain.png", white_but_for(person));
+    save(scene, "forms/plain.png", white_except(person));
     save(
-        place,
+        scene,
         "forms/deep.png",
         ImageBuffer::from_fn(400, 300, |x, y| Luma([if person(x, y) { 0x7fff_u16 } else { 0x8000 }])),
     );
-    save(place, "forms/colour.png", RgbImage::from_fn(400, 300, |x, y| image::Rgb([gray(x, y); 3])));
-    save(place, "forms/opaque.png", ImageBuffer::from_fn(400, 300, |x, y| LumaA([gray(x, y), 255])));
+    save(scene, "forms/colour.png", RgbImage::from_fn(400, 300, |x, y| image::Rgb([gray(x, y); 3])));
+    save(scene, "forms/opaque.png", ImageBuffer::from_fn(400, 300, |x, y| LumaA([gray(x, y), 255])));
     save(
-        place,
+        scene,
         "forms/soft.png",
         GrayImage::from_fn(400, 300, |x, y| Luma([if person(x, y) { 127 } else { 128 }])),
     );
     for form in ["plain", "deep", "colour", "opaque", "soft"] {
-        let run = place.run(&seal(&format!("--mask forms/{form}.png --json"))).succeeded();
+        let run = scene.run(&seal(&format!("--mask forms/{form}.png --json"))).succeeded();
         let share = run.json()["images"][0]["hidden"].as_f64().expect("a share");
         let expected =
             (0..300).flat_map(|y| (0..400).map(move |x| (x, y))).filter(|(x, y)| person(*x, *y)).count();

@@ -2,14 +2,14 @@
 
 use super::common;
 
-use common::{CAMERA, place};
+use common::{CAMERA, scene};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::colmap::read_posed;
 
 const OUT: &str = "--out-hloc poses/hloc.txt --out-colmap poses/model --out-tum poses/tum.txt";
 
 fn text(file: &str) -> String {
-    String::from_utf8(place().read(file)).expect("text")
+    String::from_utf8(scene().read(file)).expect("text")
 }
 
 /// Numbers after the first word of each line.
@@ -27,20 +27,20 @@ fn pose(n: &[f64]) -> CameraFromWorld {
 }
 
 #[test]
-fn a_list_of_images_becomes_files_of_the_poses_of_the_answers() {
-    let place = place();
-    place.write("poses/.keep", "");
-    place.write("nested/day/query-0.png", place.read("images/query-0.png"));
-    place.write("nested/query-1.png", place.read("images/query-1.png"));
+fn pose_files_match_json_poses() {
+    let scene = scene();
+    scene.write("poses/.keep", "");
+    scene.write("nested/day/query-0.png", scene.read("images/query-0.png"));
+    scene.write("nested/query-1.png", scene.read("images/query-1.png"));
     let camera = CAMERA.replace(',', " ");
-    place.write(
+    scene.write(
         "nested.txt",
         format!("# queries\nday/query-0.png {camera}\nno-such.png {camera}\nquery-1.png {camera}\n"),
     );
     let command = format!(
         "localize --map place.vmap --queries nested.txt --images nested {OUT} --scheme dcl --skip-bad"
     );
-    let run = place.run(&format!("{command} --json")).succeeded();
+    let run = scene.run(&format!("{command} --json")).succeeded();
     let document = run.json();
     let queries = document["queries"].as_array().expect("an array");
     let files: Vec<&str> = queries.iter().map(|q| q["file"].as_str().expect("a name")).collect();
@@ -50,7 +50,7 @@ fn a_list_of_images_becomes_files_of_the_poses_of_the_answers() {
     let hloc = rows("poses/hloc.txt");
     let names: Vec<&str> = hloc.iter().map(|row| row.0.as_str()).collect();
     assert_eq!(names, ["day/query-0.png", "query-1.png"]);
-    let truth = [place.pose_of("query-0.png"), place.pose_of("query-1.png")];
+    let truth = [scene.pose_of("query-0.png"), scene.pose_of("query-1.png")];
     for ((_, numbers), truth) in hloc.iter().zip(&truth) {
         let error = pose(numbers).translation_error(truth);
         assert!(error < 0.05, "{error}");
@@ -67,35 +67,35 @@ fn a_list_of_images_becomes_files_of_the_poses_of_the_answers() {
         assert!(apart.norm() < 1e-9, "{apart}");
     }
 
-    let model = read_posed(&place.path("poses/model")).expect("a model");
+    let model = read_posed(&scene.path("poses/model")).expect("a model");
     assert_eq!(model.names(), names);
     for (image, (_, numbers)) in model.images().iter().zip(&hloc) {
         assert_eq!(image.camera, CAMERA.parse().expect("a camera"));
         assert!(image.cam_from_world.translation_error(&pose(numbers)) < 1e-12);
     }
-    place.run(&format!("{command} --text").replace("poses/model", "poses/text")).succeeded();
+    scene.run(&format!("{command} --text").replace("poses/model", "poses/text")).succeeded();
     assert!(text("poses/text/images.txt").contains("day/query-0.png"));
 }
 
 #[test]
-fn sealed_queries_have_the_names_of_their_files() {
-    let place = place();
-    place.write("poses/.keep", "");
-    place.write("sealed/.keep", "");
-    place.seal("query-0.png", "dcl", "sealed/query-0.vquery");
-    place.run("localize --map place.vmap sealed --out-hloc poses/sealed.txt").succeeded();
+fn pose_files_name_sealed_queries_by_file() {
+    let scene = scene();
+    scene.write("poses/.keep", "");
+    scene.write("sealed/.keep", "");
+    scene.seal("query-0.png", "dcl", "sealed/query-0.vquery");
+    scene.run("localize --map place.vmap sealed --out-hloc poses/sealed.txt").succeeded();
     assert_eq!(rows("poses/sealed.txt")[0].0, "query-0");
-    let model = place.run("localize --map place.vmap sealed --out-colmap poses/none");
+    let model = scene.run("localize --map place.vmap sealed --out-colmap poses/none");
     assert!(model.code == Some(2) && model.stderr.contains("--queries"), "{model}");
 }
 
 #[test]
-fn what_does_not_fit_together_is_told_before_the_work() {
-    let place = place();
+fn contradictory_arguments_are_refused_before_work() {
+    let scene = scene();
     let camera = CAMERA.replace(',', " ");
-    place.write("list.txt", format!("query-0.png {camera}\n"));
-    place.write("spaced.txt", format!("a b.png {camera}\n"));
-    place.write("away.txt", format!("../query-0.png {camera}\n"));
+    scene.write("list.txt", format!("query-0.png {camera}\n"));
+    scene.write("spaced.txt", format!("a b.png {camera}\n"));
+    scene.write("away.txt", format!("../query-0.png {camera}\n"));
     let usage = [
         ("localize --map place.vmap --queries list.txt", "--images"),
         ("localize --map place.vmap good.vquery --scheme points", "--queries"),
@@ -104,11 +104,11 @@ fn what_does_not_fit_together_is_told_before_the_work() {
         ("localize --map place.vmap", "required"),
     ];
     for (command, word) in usage {
-        let run = place.run(command);
+        let run = scene.run(command);
         assert!(run.code == Some(2) && run.stderr.contains(word), "{command}: {run}");
     }
     let of = |list: &str, more: &str| {
-        place.run(&format!("localize --map place.vmap --queries {list} --images images {more}"))
+        scene.run(&format!("localize --map place.vmap --queries {list} --images images {more}"))
     };
     for (run, word) in [
         (of("spaced.txt", "--out-hloc a.txt"), "white space"),
@@ -117,6 +117,6 @@ fn what_does_not_fit_together_is_told_before_the_work() {
         (of("list.txt", "--camera unknown"), "its own camera"),
     ] {
         assert!(run.code == Some(1) && run.stderr.contains(word), "{word}: {run}");
-        assert!(!place.path("a.txt").exists());
+        assert!(!scene.path("a.txt").exists());
     }
 }

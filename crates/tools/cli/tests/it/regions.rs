@@ -5,7 +5,7 @@ use super::common;
 
 use std::fs;
 
-use common::{MAP_VIEWS, place};
+use common::{MAP_VIEWS, scene};
 use serde_json::Value;
 
 fn text(value: &Value) -> String {
@@ -13,11 +13,11 @@ fn text(value: &Value) -> String {
 }
 
 #[test]
-fn regions_are_maps_that_answer_queries_of_the_whole() {
-    let place = place();
-    let whole = place.run("map info place.vmap --json").succeeded().json();
+fn regions_localize_queries_of_the_whole_map() {
+    let scene = scene();
+    let whole = scene.run("map info place.vmap --json").succeeded().json();
     let split =
-        place.run("map split place.vmap --images 6 --overlap 0.34 --out regions --json").succeeded().json();
+        scene.run("map split place.vmap --images 6 --overlap 0.34 --out regions --json").succeeded().json();
     assert_eq!((&split["map"], &split["profile"]), (&Value::from("place"), &whole["profile"]));
     assert_eq!((&split["images"], &split["bytes_of_whole"]), (&whole["images"], &whole["bytes"]));
     let regions = split["regions"].as_array().expect("regions");
@@ -29,7 +29,7 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
     // Each is a map with the profile and the self-test of the whole map.
     let file = |region: &Value| format!("regions/objects/{}", text(&region["sha256"]));
     for region in regions {
-        let info = place.run(&format!("map info {} --json", file(region))).succeeded().json();
+        let info = scene.run(&format!("map info {} --json", file(region))).succeeded().json();
         for field in ["bytes", "images", "points"] {
             assert_eq!(info[field], region[field], "{field}");
         }
@@ -37,15 +37,15 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
         assert_eq!(info["region"]["core_images"], region["core_images"]);
         assert_eq!(info["region"]["images_of_whole"], whole["images"]);
     }
-    let told = place.run(&format!("map info {}", file(&regions[0]))).succeeded();
-    assert!(told.stdout.contains("images of the 10 of the whole map"), "{told}");
-    assert!(told.stdout.contains("of the whole map, whose calibration"), "{told}");
+    let printed = scene.run(&format!("map info {}", file(&regions[0]))).succeeded();
+    assert!(printed.stdout.contains("images of the 10 of the whole map"), "{printed}");
+    assert!(printed.stdout.contains("of the whole map, whose calibration"), "{printed}");
     for query in ["query-0.png", "query-1.png", "query-2.png"] {
         let sealed = format!("regions-{query}.vquery");
-        place.seal(query, "dcl", &sealed);
-        let truth = place.pose_of(query).center();
+        scene.seal(query, "dcl", &sealed);
+        let truth = scene.pose_of(query).center();
         let trusted = regions.iter().filter(|region| {
-            let answer = place.run(&format!("localize --map {} --json {sealed}", file(region))).json();
+            let answer = scene.run(&format!("localize --map {} --json {sealed}", file(region))).json();
             let found = &answer["queries"][0];
             if found["state"] != "trusted" {
                 return false;
@@ -65,43 +65,43 @@ fn regions_are_maps_that_answer_queries_of_the_whole() {
         ("map split place.vmap --out again --overlap 2".to_owned(), "from 0 to 0.9"),
         ("map split place.vmap --out again --name a/b".to_owned(), "not a valid map name"),
     ] {
-        let refused = place.run(&command);
+        let refused = scene.run(&command);
         assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");
     }
-    assert!(!place.path("again.vmap").exists());
-    assert_eq!(place.run("map split place.vmap --out again --images 0").code, Some(2));
+    assert!(!scene.path("again.vmap").exists());
+    assert_eq!(scene.run("map split place.vmap --out again --images 0").code, Some(2));
 }
 
 #[test]
-fn what_is_published_comes_back_and_damage_does_not() {
-    let place = place();
+fn published_regions_are_fetched_and_damage_is_detected() {
+    let scene = scene();
     let split =
-        place.run("map split place.vmap --images 6 --out shop-regions --name hall --json").succeeded().json();
+        scene.run("map split place.vmap --images 6 --out shop-regions --name hall --json").succeeded().json();
     let objects = split["regions"].as_array().expect("regions").len() + 2;
-    let published = place.run("map publish shop-regions shop --json").succeeded().json();
+    let published = scene.run("map publish shop-regions shop --json").succeeded().json();
     assert_eq!((&published["manifest"], &published["map"]), (&split["manifest"], &Value::from("hall")));
     assert_eq!(
         (published["objects_sent"].as_u64(), &published["bytes_sent"]),
         (Some(objects as u64), &split["bytes"])
     );
-    let again = place.run("map publish shop-regions shop").succeeded();
+    let again = scene.run("map publish shop-regions shop").succeeded();
     assert!(again.stdout.contains("sent        0 objects"), "{again}");
-    let url = url_of(&place.path("shop"));
-    let fetched = place.run(&format!("map fetch {url} hall --out back --json")).succeeded().json();
+    let url = url_of(&scene.path("shop"));
+    let fetched = scene.run(&format!("map fetch {url} hall --out back --json")).succeeded().json();
     assert_eq!((&fetched["manifest"], &fetched["bytes_fetched"]), (&split["manifest"], &split["bytes"]));
-    assert_eq!(place.read("back/manifest.json"), place.read("shop-regions/manifest.json"));
+    assert_eq!(scene.read("back/manifest.json"), scene.read("shop-regions/manifest.json"));
     let by_id = format!("map fetch shop hall --out back --manifest {}", text(&split["manifest"]));
-    assert!(place.run(&by_id).succeeded().stdout.contains("fetched     0 objects"));
+    assert!(scene.run(&by_id).succeeded().stdout.contains("fetched     0 objects"));
 
     // Corrupted storage: the error names the object, and the folder stays unchanged.
     let region = text(&split["regions"][0]["sha256"]);
-    let path = place.path(format!("shop/objects/{region}"));
+    let path = scene.path(format!("shop/objects/{region}"));
     let mut bytes = fs::read(&path).expect("bytes");
     bytes[1000] ^= 1;
     fs::write(&path, bytes).expect("damaged");
-    let refused = place.run("map fetch shop hall --out elsewhere");
+    let refused = scene.run("map fetch shop hall --out elsewhere");
     assert!(refused.code == Some(1) && refused.stderr.contains(&region), "{refused}");
-    assert!(!place.path("elsewhere/manifest.json").exists());
+    assert!(!scene.path("elsewhere/manifest.json").exists());
     for (command, expected) in [
         ("map fetch shop kitchen --out elsewhere", "veiloc map publish"),
         ("map fetch nowhere hall --out elsewhere", "nowhere"),
@@ -109,7 +109,7 @@ fn what_is_published_comes_back_and_damage_does_not() {
         ("map publish shop-regions ftp://example.com", "s3://BUCKET"),
         ("map publish shop-regions s3://key:secret@bucket", "environment"),
     ] {
-        let refused = place.run(command);
+        let refused = scene.run(command);
         assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");
     }
 }
@@ -117,35 +117,35 @@ fn what_is_published_comes_back_and_damage_does_not() {
 /// A full disk, simulated by a file size limit: an incomplete file is no object.
 #[cfg(unix)]
 #[test]
-fn what_the_disk_does_not_take_is_told_and_not_kept() {
-    let place = place();
-    let split = place.run("map split place.vmap --images 6 --out full-regions --json").succeeded().json();
-    place.run("map publish full-regions full").succeeded();
+fn full_disk_is_reported_and_leaves_no_object() {
+    let scene = scene();
+    let split = scene.run("map split place.vmap --images 6 --out full-regions --json").succeeded().json();
+    scene.run("map publish full-regions full").succeeded();
     let regions = split["regions"].as_array().expect("regions");
     let largest = regions.iter().max_by_key(|region| region["bytes"].as_u64()).expect("some");
     let (name, bytes) = (text(&largest["sha256"]), largest["bytes"].as_u64().expect("a length"));
     for lost in [1, 20_000] {
-        let fetch = place.command("map fetch full place --out half");
+        let fetch = scene.command("map fetch full place --out half");
         let mut limited = std::process::Command::new("sh");
         let limit = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", (bytes - lost) / 512);
         limited.args(["-c", &limit]).arg(fetch.get_program()).args(fetch.get_args());
         limited.current_dir(fetch.get_current_dir().expect("the place's"));
         let refused = limited.output().expect("the binary runs");
-        let told = String::from_utf8_lossy(&refused.stderr);
+        let printed = String::from_utf8_lossy(&refused.stderr);
         assert!(
-            refused.status.code() == Some(3) && told.contains(".partial: "),
-            "{lost}: {:?} {told}",
+            refused.status.code() == Some(3) && printed.contains(".partial: "),
+            "{lost}: {:?} {printed}",
             refused.status
         );
-        let left: Vec<_> = fs::read_dir(place.path("half/objects")).expect("a folder").collect();
+        let left: Vec<_> = fs::read_dir(scene.path("half/objects")).expect("a folder").collect();
         assert!(
             left.iter().flatten().all(|entry| !entry.file_name().to_string_lossy().contains(&name)),
             "{left:?}"
         );
     }
-    place.run("map fetch full place --out half").succeeded();
+    scene.run("map fetch full place --out half").succeeded();
     let object = format!("objects/{name}");
-    assert_eq!(place.read(&format!("half/{object}")), place.read(&format!("full/{object}")));
+    assert_eq!(scene.read(&format!("half/{object}")), scene.read(&format!("full/{object}")));
 }
 
 fn url_of(path: &std::path::Path) -> String {

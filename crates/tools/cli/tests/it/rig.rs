@@ -4,29 +4,29 @@ use super::common;
 
 use std::sync::Once;
 
-use common::{Place, QUERIES, place};
+use common::{QUERIES, TestScene, scene};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
 
 /// All queries of the scene sealed under dcl, and a rig file for them: the first camera is the rig frame.
-fn ready() -> &'static Place {
+fn ready() -> &'static TestScene {
     static READY: Once = Once::new();
-    let place = place();
+    let scene = scene();
     READY.call_once(|| {
         // This creates the folder too.
-        place.write("session/rig.json", rig(place).to_string());
+        scene.write("session/rig.json", rig(scene).to_string());
         for k in 0..QUERIES {
-            place.seal(&format!("query-{k}.png"), "dcl", &format!("session/{k}.vquery"));
+            scene.seal(&format!("query-{k}.png"), "dcl", &format!("session/{k}.vquery"));
         }
     });
-    place
+    scene
 }
 
 /// The true relative poses.
-fn rig(place: &Place) -> Value {
-    let first = place.pose_of("query-0.png");
+fn rig(scene: &TestScene) -> Value {
+    let first = scene.pose_of("query-0.png");
     let frame = |k: usize| {
-        let relative = place.pose_of(&format!("query-{k}.png")).compose(&first.inverse());
+        let relative = scene.pose_of(&format!("query-{k}.png")).compose(&first.inverse());
         let relative = CameraFromWorld::new(*relative.rotation(), *relative.translation());
         let t = relative.translation();
         json!({
@@ -41,8 +41,8 @@ fn rig(place: &Place) -> Value {
 
 #[test]
 fn a_session_gives_one_pose() {
-    let place = ready();
-    let run = place.run("localize --map place.vmap --rig session/rig.json --json");
+    let scene = ready();
+    let run = scene.run("localize --map place.vmap --rig session/rig.json --json");
     assert_eq!(run.code, Some(0), "{run}");
     let document = run.json();
     assert_eq!(document["state"], "trusted", "{run}");
@@ -55,27 +55,27 @@ fn a_session_gives_one_pose() {
             .expect("a pose")
     };
     let found = pose(&document["rig_from_world"]);
-    assert!(found.translation_error(&place.pose_of("query-0.png")) < 0.05, "{run}");
+    assert!(found.translation_error(&scene.pose_of("query-0.png")) < 0.05, "{run}");
     let frames = document["frames"].as_array().expect("frames");
     assert_eq!(frames.len(), QUERIES);
     for (k, frame) in frames.iter().enumerate() {
-        let truth = place.pose_of(&format!("query-{k}.png"));
+        let truth = scene.pose_of(&format!("query-{k}.png"));
         assert!(pose(&frame["cam_from_world"]).translation_error(&truth) < 0.05, "{k}: {run}");
         assert_eq!(frame["query"], format!("{k}.vquery"));
     }
-    let text = place.run("localize --map place.vmap --rig session/rig.json");
+    let text = scene.run("localize --map place.vmap --rig session/rig.json");
     assert!(text.stdout.contains("session/rig.json  trusted  at ("), "{text}");
     assert_eq!(text.stdout.lines().count(), 1 + QUERIES, "{text}");
     // Equal input gives equal output, except for the time.
-    let again = place.run("localize --map place.vmap --rig session/rig.json --json").json();
+    let again = scene.run("localize --map place.vmap --rig session/rig.json --json").json();
     assert_eq!(again["covariance"], document["covariance"]);
 }
 
 #[test]
-fn what_is_no_rig_is_told() {
-    let place = ready();
+fn invalid_rig_files_are_refused() {
+    let scene = ready();
     let with = |change: &dyn Fn(&mut Value)| {
-        let mut document = rig(place);
+        let mut document = rig(scene);
         change(&mut document);
         document.to_string()
     };
@@ -107,15 +107,15 @@ fn what_is_no_rig_is_told() {
         (with(&|d| d["frames"][1]["cam_from_rig"]["t"] = json!([0, 0])), &["not a rig file", "length"]),
     ];
     for (text, says) in cases {
-        place.write("session/rig-bad.json", &text);
-        let run = place.run("localize --map place.vmap --rig session/rig-bad.json");
+        scene.write("session/rig-bad.json", &text);
+        let run = scene.run("localize --map place.vmap --rig session/rig-bad.json");
         assert_eq!(run.code, Some(1), "{text}: {run}");
         for word in ["rig-bad.json"].iter().chain(says) {
             assert!(run.stderr.contains(word), "{word:?} of {text}: {run}");
         }
     }
-    let missing = place.run("localize --map place.vmap --rig session/none.json");
+    let missing = scene.run("localize --map place.vmap --rig session/none.json");
     assert!(missing.code == Some(1) && missing.stderr.contains("none.json"), "{missing}");
-    let both = place.run("localize --map place.vmap --rig session/rig.json session/0.vquery");
+    let both = scene.run("localize --map place.vmap --rig session/rig.json session/0.vquery");
     assert_eq!(both.code, Some(2), "{both}");
 }

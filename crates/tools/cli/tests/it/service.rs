@@ -13,7 +13,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use common::{CAMERA, Place, place};
+use common::{CAMERA, TestScene, scene};
 use veiloc_geometry::CameraFromWorld;
 
 /// `veiloc serve` on a free port, killed when dropped.
@@ -26,8 +26,8 @@ struct Service {
 }
 
 impl Service {
-    fn start(place: &Place, arguments: &str) -> Self {
-        let (mut service, lines) = Self::start_unread(place, arguments);
+    fn start(scene: &TestScene, arguments: &str) -> Self {
+        let (mut service, lines) = Self::start_unread(scene, arguments);
         let kept = service.log.clone();
         service.reader = Some(std::thread::spawn(move || {
             for line in lines.map_while(Result::ok) {
@@ -39,19 +39,19 @@ impl Service {
     }
 
     /// The log is read up to the line with the address, and no further.
-    fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
-        let mut child = place
+    fn start_unread(scene: &TestScene, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
+        let mut child = scene
             .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unknown-life 3600 --connection-life 3600 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-        let mut said = String::new();
+        let mut message = String::new();
         let url = loop {
-            let Some(Ok(line)) = lines.next() else { panic!("the service did not start: {said}") };
+            let Some(Ok(line)) = lines.next() else { panic!("the service did not start: {message}") };
             if let Some((_, url)) = line.split_once(" on http").filter(|_| line.starts_with("serving ")) {
                 break format!("http{url}");
             }
-            said = said + &line + "\n";
+            message = message + &line + "\n";
         };
         let address = url.split("//").nth(1).and_then(|a| a.parse().ok()).expect("an address");
         (Self { child, url, address, log: Arc::default(), reader: None }, lines)
@@ -76,11 +76,11 @@ impl Drop for Service {
 }
 
 fn send(image: &str, url: &str) -> String {
-    send_keeping(image, url, "cache")
+    send_with_cache(image, url, "cache")
 }
 
 /// The same, with a profile cache in this folder.
-fn send_keeping(image: &str, url: &str, cache: &str) -> String {
+fn send_with_cache(image: &str, url: &str, cache: &str) -> String {
     format!("query send images/{image} --camera {CAMERA} --map place --cache {cache} --server {url}")
 }
 
@@ -94,13 +94,13 @@ fn pose_of(document: &serde_json::Value) -> CameraFromWorld {
 }
 
 #[test]
-fn a_image_gets_its_pose() {
-    let place = place();
-    let service = Service::start(place, "--map place=place.vmap");
+fn image_is_localized() {
+    let scene = scene();
+    let service = Service::start(scene, "--map place=place.vmap");
     for i in 0..common::QUERIES {
         let image = format!("query-{i}.png");
-        let run = place.run(&format!("{} --json", send_keeping(&image, &service.url, "own"))).succeeded();
-        let truth = place.pose_of(&image);
+        let run = scene.run(&format!("{} --json", send_with_cache(&image, &service.url, "own"))).succeeded();
+        let truth = scene.pose_of(&image);
         let pose = pose_of(&run.json());
         assert!(pose.translation_error(&truth) < 0.05, "{image}: {}", pose.translation_error(&truth));
         assert!(pose.rotation_error_degrees(&truth) < 1.0, "{image}");
@@ -109,7 +109,7 @@ fn a_image_gets_its_pose() {
         assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
         assert!(run.stderr.contains("sent as dcl"), "{run}");
     }
-    let text = place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
+    let text = scene.run(&send_with_cache("query-0.png", &service.url, "own")).succeeded();
     assert!(text.stdout.starts_with("trusted  at (") && text.stdout.contains("matches agree"), "{text}");
     // The profile was sent once, and then confirmed.
     let log = service.log();
@@ -118,24 +118,24 @@ fn a_image_gets_its_pose() {
     };
     assert_eq!((fetched("200"), fetched("304")), (1, common::QUERIES), "{log}");
     // A damaged profile in the cache is fetched again.
-    let kept = fs::read_dir(place.path("own/profiles")).expect("the cache").next().expect("a profile");
+    let kept = fs::read_dir(scene.path("own/profiles")).expect("the cache").next().expect("a profile");
     let kept = kept.expect("an entry").path();
     fs::write(&kept, b"damaged").expect("written");
-    place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
-    assert!(fs::read(&kept).expect("kept") == place.read("place.vprofile"), "whole again");
+    scene.run(&send_with_cache("query-0.png", &service.url, "own")).succeeded();
+    assert!(fs::read(&kept).expect("kept") == scene.read("place.vprofile"), "whole again");
 }
 
 /// A rendered room needs few rows; an unreachable accuracy needs all.
 #[test]
-fn a_progressive_query_sends_no_more_than_it_takes() {
-    let place = place();
-    let service = Service::start(place, "--map place=place.vmap");
-    let truth = place.pose_of("query-0.png");
+fn progressive_query_stops_at_trusted_pose() {
+    let scene = scene();
+    let service = Service::start(scene, "--map place=place.vmap");
+    let truth = scene.pose_of("query-0.png");
     let sent = |more: &str| {
-        let run = place
+        let run = scene
             .run(&format!(
                 "{} --progressive {more} --json",
-                send_keeping("query-0.png", &service.url, "steps")
+                send_with_cache("query-0.png", &service.url, "steps")
             ))
             .succeeded();
         assert!(pose_of(&run.json()).translation_error(&truth) < 0.1, "{run}");
@@ -156,7 +156,7 @@ fn a_progressive_query_sends_no_more_than_it_takes() {
         ("--progressive --accuracy nan", "above 0"),
         ("--accuracy 0.1", "--progressive"),
     ] {
-        let run = place.run(&format!("{} {more}", send("query-0.png", &service.url)));
+        let run = scene.run(&format!("{} {more}", send("query-0.png", &service.url)));
         assert!(run.code == Some(2) && run.stderr.contains(part), "{run}");
     }
 }
@@ -164,13 +164,13 @@ fn a_progressive_query_sends_no_more_than_it_takes() {
 /// Sealed queries of a session, sent unchanged.
 #[test]
 fn a_session_gets_one_pose() {
-    let place = place();
-    place.write("session/none", "");
-    let first = place.pose_of("query-0.png");
+    let scene = scene();
+    scene.write("session/none", "");
+    let first = scene.pose_of("query-0.png");
     let frame = |k: usize| {
         let image = format!("query-{k}.png");
-        place.seal(&image, "dcl", &format!("session/{k}.vquery"));
-        let relative = place.pose_of(&image).compose(&first.inverse());
+        scene.seal(&image, "dcl", &format!("session/{k}.vquery"));
+        let relative = scene.pose_of(&image).compose(&first.inverse());
         let t = relative.translation();
         let q = CameraFromWorld::new(*relative.rotation(), *t).quaternion();
         let sd = if k == 0 { 0.0 } else { 0.01 };
@@ -180,46 +180,46 @@ fn a_session_gets_one_pose() {
         })
     };
     let frames: Vec<_> = (0..common::QUERIES).map(frame).collect();
-    place.write("session/sent.json", serde_json::json!({"frames": frames}).to_string());
-    let service = Service::start(place, "--map place=place.vmap");
+    scene.write("session/sent.json", serde_json::json!({"frames": frames}).to_string());
+    let service = Service::start(scene, "--map place=place.vmap");
     let command = format!("query send --rig session/sent.json --map place --server {}", service.url);
-    let run = place.run(&format!("{command} --json")).succeeded();
+    let run = scene.run(&format!("{command} --json")).succeeded();
     assert!(pose_of(&run.json()).translation_error(&first) < 0.05, "{run}");
     assert_eq!(run.json()["trusted"], true);
     let fields = &common::documented::tables()["query send"];
     assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
-    let text = place.run(&command).succeeded();
+    let text = scene.run(&command).succeeded();
     assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
     assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
     // Options of sealing are refused.
     for (more, word) in
         [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE"), ("--progressive", "--progressive")]
     {
-        let run = place.run(&format!("{command} {more}"));
+        let run = scene.run(&format!("{command} {more}"));
         assert!(run.code == Some(2) && run.stderr.contains(word), "{run}");
     }
-    let run = place.run(&format!("query send --rig session/gone.json --map place --server {}", service.url));
+    let run = scene.run(&format!("query send --rig session/gone.json --map place --server {}", service.url));
     assert!(run.code == Some(1) && run.stderr.contains("gone.json"), "{run}");
 }
 
 #[test]
 fn tls_and_tokens() {
-    let place = place();
+    let scene = scene();
     let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data");
     // SHA-256 of `phone-token`, by openssl.
     let hash = Command::new("sh").args(["-c", "printf %s phone-token | sha256sum | cut -d' ' -f1"]).output();
-    place.write(
+    scene.write(
         "tokens",
         format!("phone {}", String::from_utf8(hash.expect("sh runs").stdout).expect("text")),
     );
-    place.write("token", "phone-token\n");
+    scene.write("token", "phone-token\n");
     let service = Service::start(
-        place,
+        scene,
         &format!("--map place=place.vmap --tokens tokens --cert {data}/cert.pem --key {data}/key.pem"),
     );
     assert!(service.url.starts_with("https://"), "{}", service.url);
     let url = format!("https://localhost:{}", service.address.port());
-    let with = |more: &str| place.run(&format!("{} --retries 0 {more}", send("query-0.png", &url)));
+    let with = |more: &str| scene.run(&format!("{} --retries 0 {more}", send("query-0.png", &url)));
     with(&format!("--ca {data}/cert.pem --token-file token")).succeeded();
     for (more, part) in [
         (format!("--ca {data}/cert.pem"), "--token-file"),
@@ -236,9 +236,9 @@ fn tls_and_tokens() {
 }
 
 #[test]
-fn what_would_be_a_mistake_is_refused() {
-    let place = place();
-    place.write("broken.vmap", &place.read("place.vmap")[..5000]);
+fn unsafe_configurations_are_refused() {
+    let scene = scene();
+    scene.write("broken.vmap", &scene.read("place.vmap")[..5000]);
     for (arguments, code, part) in [
         ("serve --map place=none.vmap", 1, "none.vmap"),
         ("serve --map place=broken.vmap", 1, "broken.vmap"),
@@ -263,28 +263,28 @@ fn what_would_be_a_mistake_is_refused() {
             "is not a map name",
         ),
     ] {
-        let run = place.run(arguments);
+        let run = scene.run(arguments);
         assert!(run.code == Some(code) && run.stderr.contains(part), "{part}: {run}");
     }
     // No service at this address.
-    let run = place.run(&format!("{} --retries 1", send("query-0.png", "http://127.0.0.1:1")));
+    let run = scene.run(&format!("{} --retries 1", send("query-0.png", "http://127.0.0.1:1")));
     assert!(run.code == Some(1) && run.stderr.contains("sending the same bytes again"), "{run}");
     assert!(run.stderr.contains("that the service runs"), "{run}");
 }
 
 /// The device detects the paper's degenerate case, and sends nothing.
 #[test]
-fn a_image_with_one_blank_side_is_not_sent() {
-    let place = place();
-    let service = Service::start(place, "--map place=place.vmap");
-    let mut image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
+fn one_sided_image_is_not_sent() {
+    let scene = scene();
+    let service = Service::start(scene, "--map place=place.vmap");
+    let mut image = image::open(scene.path("images/query-0.png")).expect("an image").to_rgb8();
     for (x, _, pixel) in image.enumerate_pixels_mut() {
         if x > 190 {
             *pixel = image::Rgb([127; 3]);
         }
     }
-    image.save(place.path("images/half.png")).expect("written");
-    let run = place.run(&send("half.png", &service.url));
+    image.save(scene.path("images/half.png")).expect("written");
+    let run = scene.run(&send("half.png", &service.url));
     assert!(run.code == Some(1) && run.stderr.contains("side of the dividing line"), "{run}");
     assert!(run.stderr.contains("turn"), "it says what to do: {run}");
     assert!(!service.log().contains("/localize"), "nothing was sent: {}", service.log());
@@ -292,11 +292,11 @@ fn a_image_with_one_blank_side_is_not_sent() {
 
 /// L7: a busy service gets the same bytes again.
 #[test]
-fn a_retry_sends_the_same_bytes() {
-    let place = place();
+fn retry_sends_identical_bytes() {
+    let scene = scene();
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("http://{}", listener.local_addr().expect("an address"));
-    let profile = place.read("place.vprofile");
+    let profile = scene.read("place.vprofile");
     let server = std::thread::spawn(move || {
         let mut bodies: Vec<Vec<u8>> = Vec::new();
         let answers = ["503 Busy", "429 Slow down", "504 Late", "", "422 Not localized"];
@@ -332,7 +332,7 @@ fn a_retry_sends_the_same_bytes() {
         }
         bodies
     });
-    let run = place.run(&send("query-0.png", &url));
+    let run = scene.run(&send("query-0.png", &url));
     let bodies = server.join().expect("five requests");
     assert!(run.code == Some(1) && run.stderr.contains("422"), "{run}");
     assert!(bodies[0].len() > 30_000, "a sealed query");
@@ -341,16 +341,16 @@ fn a_retry_sends_the_same_bytes() {
 
 #[test]
 fn signals_stop_and_reload() {
-    let place = place();
-    fs::create_dir_all(place.path("signals")).expect("folder");
-    fs::copy(place.path("place.vmap"), place.path("signals/place.vmap")).expect("copied");
-    let mut service = Service::start(place, "--map place=signals/place.vmap --watch 1000");
+    let scene = scene();
+    fs::create_dir_all(scene.path("signals")).expect("folder");
+    fs::copy(scene.path("place.vmap"), scene.path("signals/place.vmap")).expect("copied");
+    let mut service = Service::start(scene, "--map place=signals/place.vmap --watch 1000");
     assert_eq!(http::Request::get("/readyz").send(service.address).status, 200);
     let images = |service: &Service| {
         http::Request::get("/v1/maps").send(service.address).json()["maps"][0]["images"].clone()
     };
     let before = images(&service);
-    place.run("map remove signals/place.vmap map-00.png").succeeded();
+    scene.run("map remove signals/place.vmap map-00.png").succeeded();
     assert_eq!(images(&service), before, "not looked at yet");
     service.signal("-HUP");
     while images(&service) == before {
@@ -368,8 +368,8 @@ impl<S: Read + Write> Stream for S {}
 
 /// A full pipe, a closed pipe, a full disk: requests are answered, and SIGTERM stops the service.
 #[test]
-fn a_log_that_cannot_be_written_stops_nothing() {
-    let place = place();
+fn blocked_log_does_not_block_service() {
+    let scene = scene();
     let answered = |stream: &mut dyn Stream| {
         let request = http::Request::get("/v1/maps").bytes();
         // About ten times the capacity of a pipe.
@@ -382,11 +382,11 @@ fn a_log_that_cannot_be_written_stops_nothing() {
         service.signal("-TERM");
         assert_eq!(service.child.wait().expect("ended").code(), Some(0));
     };
-    let (service, unread) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    let (service, unread) = Service::start_unread(scene, "--map place=place.vmap --rate 1000000");
     answered(&mut http::connect(service.address));
     end(service);
     drop(unread);
-    let (service, gone) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    let (service, gone) = Service::start_unread(scene, "--map place=place.vmap --rate 1000000");
     drop(gone);
     answered(&mut http::connect(service.address));
     end(service);
@@ -394,12 +394,12 @@ fn a_log_that_cannot_be_written_stops_nothing() {
         // The port cannot be printed, so the service listens on a socket.
         let command = "serve --map place=place.vmap --listen unix:full.sock --admin-listen 127.0.0.1:0 \
                        --unknown-life 3600 --connection-life 3600 --rate 1000000";
-        let child = place.command(command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
+        let child = scene.command(command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
         let nowhere = SocketAddr::from(([127, 0, 0, 1], 0));
         let service =
             Service { child, url: String::new(), address: nowhere, log: Arc::default(), reader: None };
         let mut stream = loop {
-            match UnixStream::connect(place.path("full.sock")) {
+            match UnixStream::connect(scene.path("full.sock")) {
                 Ok(stream) => break stream,
                 Err(_) => std::thread::sleep(std::time::Duration::from_millis(10)),
             }
@@ -412,13 +412,13 @@ fn a_log_that_cannot_be_written_stops_nothing() {
 
 /// With `--log-json` every line is JSON, including messages for people.
 #[test]
-fn a_log_of_json_holds_nothing_else() {
-    let place = place();
+fn json_log_has_only_json_lines() {
+    let scene = scene();
     for (arguments, code) in [("", 0), (" --map place=none.vmap", 1)] {
         let maps = if arguments.is_empty() { " --map place=place.vmap" } else { arguments };
         let command =
             format!("serve --listen 127.0.0.1:0 --admin-listen 127.0.0.1:0 --drain-delay 0 --log-json{maps}");
-        let mut child = place.command(&command).spawn().expect("the binary runs");
+        let mut child = scene.command(&command).spawn().expect("the binary runs");
         let mut all = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
         let mut lines = Vec::new();
         if code == 0 {
@@ -451,19 +451,22 @@ fn a_log_of_json_holds_nothing_else() {
 
 /// A connection limit above the system's is an error at the start, not a service that stops accepting.
 #[test]
-fn connections_that_cannot_fit_are_refused_at_the_start() {
-    let place = place();
+fn connection_limit_above_system_limit_is_refused() {
+    let scene = scene();
     let limited = |connections: &str| {
         let serve =
             format!("{} serve --map place=place.vmap --listen 127.0.0.1:0", env!("CARGO_BIN_EXE_veiloc"));
         let mut command = Command::new("sh");
         command.args(["-c", &format!("ulimit -n 300; exec {serve} --connections {connections}")]);
-        command.current_dir(&place.folder).stderr(Stdio::piped()).spawn().expect("sh runs")
+        command.current_dir(&scene.folder).stderr(Stdio::piped()).spawn().expect("sh runs")
     };
     let output = limited("1024").wait_with_output().expect("ended");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("open files") && said.contains("ulimit -n 1216") && said.contains("300"), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(
+        message.contains("open files") && message.contains("ulimit -n 1216") && message.contains("300"),
+        "{message}"
+    );
     let mut child = limited("100");
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
     assert!(lines.any(|line| line.starts_with("serving ")), "100 fit");
@@ -473,17 +476,17 @@ fn connections_that_cannot_fit_are_refused_at_the_start() {
 
 /// `kill -9` during requests and the replacement of the map: the map is complete, and a new service answers.
 #[test]
-fn killed_services_leave_nothing_half_done() {
-    let place = place();
-    fs::create_dir_all(place.path("kill")).expect("folder");
-    let large = place.read("place.vmap");
-    place.write("kill/place.vmap", &large);
-    place.run("map remove kill/place.vmap map-00.png").succeeded();
-    let small = place.read("kill/place.vmap");
-    place.seal("query-0.png", "", "kill.vquery");
-    let query = place.read("kill.vquery");
+fn killed_service_leaves_complete_map() {
+    let scene = scene();
+    fs::create_dir_all(scene.path("kill")).expect("folder");
+    let large = scene.read("place.vmap");
+    scene.write("kill/place.vmap", &large);
+    scene.run("map remove kill/place.vmap map-00.png").succeeded();
+    let small = scene.read("kill/place.vmap");
+    scene.seal("query-0.png", "", "kill.vquery");
+    let query = scene.read("kill.vquery");
     for after in [1, 20, 60] {
-        let mut service = Service::start(place, "--map place=kill/place.vmap --watch 0.005 --rate 100000");
+        let mut service = Service::start(scene, "--map place=kill/place.vmap --watch 0.005 --rate 100000");
         let address = service.address;
         let (stop, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
         std::thread::scope(|scope| {
@@ -492,8 +495,8 @@ fn killed_services_leave_nothing_half_done() {
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    place.write("kill/new", bytes);
-                    fs::rename(place.path("kill/new"), place.path("kill/place.vmap")).expect("renamed");
+                    scene.write("kill/new", bytes);
+                    fs::rename(scene.path("kill/new"), scene.path("kill/place.vmap")).expect("renamed");
                     std::thread::sleep(std::time::Duration::from_millis(3));
                 }
             });
@@ -519,8 +522,8 @@ fn killed_services_leave_nothing_half_done() {
             stop.store(true, Ordering::Relaxed);
         });
         assert!(!service.log().contains("refused"), "{}", service.log());
-        place.run("map info kill/place.vmap").succeeded();
-        let again = Service::start(place, "--map place=kill/place.vmap");
+        scene.run("map info kill/place.vmap").succeeded();
+        let again = Service::start(scene, "--map place=kill/place.vmap");
         assert_eq!(http::Request::localize(&query).send(again.address).status, 200);
     }
 }

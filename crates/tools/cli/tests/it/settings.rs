@@ -13,7 +13,7 @@ fn values(printed: &str) -> Vec<&str> {
 
 /// The example file has the expected values, and its printed form can be read again.
 #[test]
-fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
+fn example_file_round_trips() {
     let folder = folder();
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../deploy/veiloc.example.toml");
     folder.write("veiloc.toml", std::fs::read(example).expect("the example"));
@@ -43,7 +43,7 @@ fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
+fn settings_errors_name_line_before_any_file_is_opened() {
     let folder = folder();
     for (text, flags, code, parts) in [
         ("maps = \".\"\nquue = 3", "", 1, &["veiloc.toml, line 2", "\"quue\"", "serve --help"][..]),
@@ -72,7 +72,7 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
 
 /// A password of the bus, or a key in the address of a store, is never printed or logged.
 #[test]
-fn no_secret_of_an_address_is_repeated() {
+fn secrets_of_addresses_are_never_printed() {
     let folder = folder();
     std::fs::create_dir(folder.path("objects")).expect("a folder");
     let nats = "tls://worker-town:sEcReT@127.0.0.1:1,nats://worker-town:sEcReT@127.0.0.1:2";
@@ -97,7 +97,7 @@ fn no_secret_of_an_address_is_repeated() {
     for command in [&mut of_variables, &mut help] {
         command.env("VEILOC_NATS", nats);
     }
-    let mut said =
+    let mut message =
         vec![of_variables.output().expect("the binary runs"), help.output().expect("the binary runs")];
     for line in [
         "worker --config worker.toml --log trace",
@@ -114,9 +114,9 @@ fn no_secret_of_an_address_is_repeated() {
         "map fetch s3://key:sEcReT@bucket/maps town --out out",
         "map fetch s3://key:sEcReT@bu^cket:x/maps town --out out",
     ] {
-        said.push(folder.command(line).output().expect("the binary runs"));
+        message.push(folder.command(line).output().expect("the binary runs"));
     }
-    for output in said {
+    for output in message {
         let text =
             [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
         assert!(!text.is_empty() && !text.contains("sEcReT"), "{text}");
@@ -138,8 +138,8 @@ fn a_worker_starts_from_a_file_or_from_variables_alone() {
     let mut command = folder.command("worker --store objects --cache cache");
     command.envs([("VEILOC_NATS", "nats://127.0.0.1:1"), ("VEILOC_MAP", "town")]);
     let output = command.output().expect("the binary runs");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(told.contains("no NATS server at nats://127.0.0.1:1"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("no NATS server at nats://127.0.0.1:1"), "{stderr}");
 
     let missing = folder.run("worker --store objects --cache cache --map town");
     assert!(missing.stderr.contains("--nats"), "{missing}");

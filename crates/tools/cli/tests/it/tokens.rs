@@ -6,14 +6,14 @@ use common::folder;
 use serde_json::Value;
 use veiloc_service::auth::{TokenKey, TokenList};
 
-fn list(folder: &common::Place) -> TokenList {
+fn list(folder: &common::TestScene) -> TokenList {
     TokenList::parse(&folder.read("tokens")).expect("a file of tokens")
 }
 
 #[test]
-fn a_token_is_shown_once_and_known_by_its_hash() {
+fn token_is_printed_once_and_stored_as_hash() {
     let folder = folder();
-    let text = |folder: &common::Place| String::from_utf8(folder.read("tokens")).expect("text");
+    let text = |folder: &common::TestScene| String::from_utf8(folder.read("tokens")).expect("text");
     let made =
         folder.run("token new phone --tokens tokens --maps lobby,garage --expires 2199-01-31").succeeded();
     let token = made.stdout.trim_end();
@@ -47,7 +47,7 @@ fn a_token_is_shown_once_and_known_by_its_hash() {
 }
 
 #[test]
-fn what_is_wrong_is_refused_and_the_file_stays() {
+fn invalid_changes_are_refused_and_file_stays() {
     let folder = folder();
     folder.run("token new phone --tokens tokens").succeeded();
     folder.write("broken", "phone hunter2\n");

@@ -15,9 +15,9 @@ use crate::MappingError;
 use crate::build_cache::key::Key;
 
 /// Bytes before the matches of a record: key, number of matches, hash of the matches.
-const HEAD: usize = 16 + 8 + 8;
+const HEADER_BYTES: usize = 16 + 8 + 8;
 /// Bytes of a match: descriptor rows in both images, distance, ratio.
-const MATCH: usize = 16;
+const MATCH_BYTES: usize = 16;
 
 type PairKey = [u8; 16];
 
@@ -62,7 +62,7 @@ impl MatchFiles {
         files.into_iter().find_map(|file| file.lock().unwrap_or_else(PoisonError::into_inner).get(&key))
     }
 
-    pub(crate) fn keep(
+    pub(crate) fn store(
         &self,
         a: &[u8; 32],
         b: &[u8; 32],
@@ -101,8 +101,8 @@ impl MatchFile {
     fn indexed(path: &Path, mut file: File) -> Result<Self, MappingError> {
         let length = file.metadata().map_err(MappingError::io(path))?.len();
         let (mut records, mut end) = (HashMap::new(), 0);
-        while end + HEAD as u64 <= length {
-            let (key, count, _) = head(&mut file, end).map_err(MappingError::io(path))?;
+        while end + HEADER_BYTES as u64 <= length {
+            let (key, count, _) = read_header(&mut file, end).map_err(MappingError::io(path))?;
             let Some(next) = after(end, count).filter(|next| *next <= length) else { break };
             records.insert(key, end);
             end = next;
@@ -111,8 +111,8 @@ impl MatchFile {
     }
 
     fn get(&mut self, key: &PairKey) -> Option<Vec<Match>> {
-        let (_, count, sum) = head(&mut self.file, *self.records.get(key)?).ok()?;
-        let mut bytes = vec![0; usize::try_from(count).ok()?.checked_mul(MATCH)?];
+        let (_, count, sum) = read_header(&mut self.file, *self.records.get(key)?).ok()?;
+        let mut bytes = vec![0; usize::try_from(count).ok()?.checked_mul(MATCH_BYTES)?];
         self.file.read_exact(&mut bytes).ok()?;
         if check_sum(&bytes) != sum {
             return None;
@@ -126,7 +126,7 @@ impl MatchFile {
                 ratio: f32::from_le_bytes(word(12)),
             }
         };
-        Some(bytes.chunks_exact(MATCH).map(matched).collect())
+        Some(bytes.chunks_exact(MATCH_BYTES).map(matched).collect())
     }
 
     fn append(&mut self, key: PairKey, record: &[u8]) -> Result<(), MappingError> {
@@ -141,11 +141,11 @@ impl MatchFile {
 
 /// Returns the offset of the next record.
 fn after(begin: u64, count: u64) -> Option<u64> {
-    begin.checked_add(HEAD as u64)?.checked_add(count.checked_mul(MATCH as u64)?)
+    begin.checked_add(HEADER_BYTES as u64)?.checked_add(count.checked_mul(MATCH_BYTES as u64)?)
 }
 
-fn head(file: &mut File, begin: u64) -> std::io::Result<(PairKey, u64, u64)> {
-    let mut bytes = [0; HEAD];
+fn read_header(file: &mut File, begin: u64) -> std::io::Result<(PairKey, u64, u64)> {
+    let mut bytes = [0; HEADER_BYTES];
     file.seek(SeekFrom::Start(begin))?;
     file.read_exact(&mut bytes)?;
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"));
@@ -153,7 +153,7 @@ fn head(file: &mut File, begin: u64) -> std::io::Result<(PairKey, u64, u64)> {
 }
 
 fn record(key: PairKey, matches: &[Match]) -> Vec<u8> {
-    let mut body = Vec::with_capacity(matches.len() * MATCH);
+    let mut body = Vec::with_capacity(matches.len() * MATCH_BYTES);
     for m in matches {
         body.extend([m.query.to_le_bytes(), m.database.to_le_bytes()].concat());
         body.extend([m.distance.to_le_bytes(), m.ratio.to_le_bytes()].concat());
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn matches_are_found_again_and_a_cut_or_damaged_record_is_not() {
+    fn matches_round_trip_and_damaged_records_are_ignored() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = numbered(folder.path(), 0);
         let open = || MatchFiles::in_folder(folder.path()).expect("opened");
@@ -196,9 +196,9 @@ mod tests {
         let (a, b, c) = ([1; 32], [2; 32], [3; 32]);
         let files = open();
         assert!(files.get(&a, &b, &options).is_none());
-        files.keep(&a, &b, &options, &found(3)).expect("kept");
-        files.keep(&b, &c, &options, &found(0)).expect("kept");
-        files.keep(&a, &c, &options, &found(5)).expect("kept");
+        files.store(&a, &b, &options, &found(3)).expect("kept");
+        files.store(&b, &c, &options, &found(0)).expect("kept");
+        files.store(&a, &c, &options, &found(5)).expect("kept");
         drop(files);
         let files = open();
         assert_eq!(files.get(&a, &b, &options), Some(found(3)));
@@ -210,11 +210,11 @@ mod tests {
         fs::write(&path, &bytes[..bytes.len() - 1]).expect("written");
         let files = open();
         assert_eq!(files.get(&a, &c, &options), None, "cut short");
-        files.keep(&a, &c, &options, &found(5)).expect("kept");
+        files.store(&a, &c, &options, &found(5)).expect("kept");
         assert_eq!(files.get(&a, &c, &options), Some(found(5)));
         drop(files);
         let mut bytes = fs::read(&path).expect("there");
-        bytes[HEAD + 1] ^= 1;
+        bytes[HEADER_BYTES + 1] ^= 1;
         fs::write(&path, &bytes).expect("written");
         let files = open();
         assert_eq!(files.get(&a, &b, &options), None, "damaged");
@@ -227,14 +227,14 @@ mod tests {
     }
 
     #[test]
-    fn those_who_keep_at_once_have_a_file_each_and_read_all() {
+    fn concurrent_writers_use_separate_files() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let options = MatchOptions::default();
         let (a, b, c) = ([1; 32], [2; 32], [3; 32]);
         let first = MatchFiles::in_folder(folder.path()).expect("opened");
         let second = MatchFiles::in_folder(folder.path()).expect("opened");
-        first.keep(&a, &b, &options, &found(2)).expect("kept");
-        second.keep(&b, &c, &options, &found(4)).expect("kept");
+        first.store(&a, &b, &options, &found(2)).expect("kept");
+        second.store(&b, &c, &options, &found(4)).expect("kept");
         assert!(numbered(folder.path(), 1).is_file());
         let third = MatchFiles::in_folder(folder.path()).expect("opened");
         assert_eq!(third.get(&a, &b, &options), Some(found(2)));
@@ -242,7 +242,7 @@ mod tests {
         drop((first, third));
         // An unused file between others is reused before a new one is created.
         let again = MatchFiles::in_folder(folder.path()).expect("opened");
-        again.keep(&a, &c, &options, &found(6)).expect("kept");
+        again.store(&a, &c, &options, &found(6)).expect("kept");
         drop((again, second));
         let last = MatchFiles::in_folder(folder.path()).expect("opened");
         for (pair, count) in [([a, b], 2), ([b, c], 4), ([a, c], 6)] {

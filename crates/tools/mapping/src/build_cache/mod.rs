@@ -33,7 +33,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use crate::{BuildOptions, Extracted, Kept, MappingError, Wanted};
+use crate::{BuildOptions, Cache, ExtractedFeatures, FeatureRequest, MappingError};
 use veiloc_descriptor::{DescriptorView, Match, MatchOptions};
 
 use features::FeatureFolder;
@@ -46,7 +46,7 @@ pub struct Keeping {
     features: FeatureFolder,
     matches: MatchFiles,
     /// The first write error.
-    fault: Mutex<Option<MappingError>>,
+    first_error: Mutex<Option<MappingError>>,
 }
 
 impl Keeping {
@@ -58,11 +58,11 @@ impl Keeping {
         let features = folder.join("features");
         fs::create_dir_all(&features).map_err(MappingError::io(&features))?;
         let mut key = Key::new("features");
-        pattern::behaviour(&mut key, options)?;
+        pattern::add_extractor_output(&mut key, options)?;
         Ok(Self {
             features: FeatureFolder::new(features, key),
             matches: MatchFiles::in_folder(folder)?,
-            fault: Mutex::new(None),
+            first_error: Mutex::new(None),
         })
     }
 
@@ -71,27 +71,27 @@ impl Keeping {
     /// # Errors
     /// [`MappingError`]: the first file that could not be written. The built map is valid in any case.
     pub fn finish(&self) -> Result<(), MappingError> {
-        let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner).take();
-        fault.map_or(Ok(()), Err)
+        let first_error = self.first_error.lock().unwrap_or_else(PoisonError::into_inner).take();
+        first_error.map_or(Ok(()), Err)
     }
 
-    fn remember(&self, outcome: Result<(), MappingError>) {
-        if let Err(fault) = outcome {
-            self.fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(fault);
+    fn record_error(&self, outcome: Result<(), MappingError>) {
+        if let Err(first_error) = outcome {
+            self.first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(first_error);
         }
     }
 }
 
-impl Kept for Keeping {
-    fn features(&self, wanted: &Wanted<'_>) -> Option<Extracted> {
-        self.features.get(wanted)
+impl Cache for Keeping {
+    fn features(&self, request: &FeatureRequest<'_>) -> Option<ExtractedFeatures> {
+        self.features.get(request)
     }
 
-    fn keep_features(&self, wanted: &Wanted<'_>, found: &Extracted) {
-        self.remember(self.features.keep(wanted, found));
+    fn store_features(&self, request: &FeatureRequest<'_>, found: &ExtractedFeatures) {
+        self.record_error(self.features.store(request, found));
     }
 
-    fn name(&self, descriptors: DescriptorView<'_>) -> [u8; 32] {
+    fn key(&self, descriptors: DescriptorView<'_>) -> [u8; 32] {
         let mut key = Key::new("descriptors");
         key.debug(&descriptors.kind());
         key.bytes(descriptors.as_bytes());
@@ -102,7 +102,7 @@ impl Kept for Keeping {
         self.matches.get(a, b, options)
     }
 
-    fn keep_matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions, matches: &[Match]) {
-        self.remember(self.matches.keep(a, b, options, matches));
+    fn store_matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions, matches: &[Match]) {
+        self.record_error(self.matches.store(a, b, options, matches));
     }
 }

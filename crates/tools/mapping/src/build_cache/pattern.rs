@@ -8,15 +8,15 @@ use crate::build_cache::key::Key;
 /// Width and height of the pattern, pixels.
 const SIZE: (u32, u32) = (160, 120);
 /// Maximum number of compared features.
-const MOST: usize = 64;
+const MAX_FEATURES: usize = 64;
 
 /// Adds the output of the local and global extractors on the pattern to the key.
-pub(crate) fn behaviour(key: &mut Key, options: &BuildOptions) -> Result<(), FeatureError> {
+pub(crate) fn add_extractor_output(key: &mut Key, options: &BuildOptions) -> Result<(), FeatureError> {
     let extractor = options.extractors.named(&options.features)?;
     let image = Image::from(pattern()?);
     key.text(&options.features);
     if extractor.stored().is_none() {
-        let features = extractor.extract(&image, MOST)?;
+        let features = extractor.extract(&image, MAX_FEATURES)?;
         key.numbers(features.keypoints.iter().flat_map(|k| [k.pixel.u, k.pixel.v]));
         key.bytes(features.descriptors.as_bytes());
     }
@@ -45,21 +45,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_pattern_has_something_to_find() {
+    fn pattern_has_keypoints() {
         let options = BuildOptions::default();
         let extractor = options.extractors.named(&options.features).expect("built in");
         let features =
-            extractor.extract(&Image::from(pattern().expect("an image")), MOST).expect("extracted");
+            extractor.extract(&Image::from(pattern().expect("an image")), MAX_FEATURES).expect("extracted");
         assert!(features.keypoints.len() > 10, "{}", features.keypoints.len());
     }
 
     #[test]
-    fn other_features_behave_otherwise() {
+    fn other_extractors_give_other_keys() {
         let of = |name: &str| {
             let mut key = Key::new("");
             let mut options = BuildOptions::default();
             name.clone_into(&mut options.features);
-            behaviour(&mut key, &options).expect("built in");
+            add_extractor_output(&mut key, &options).expect("built in");
             key.digest()
         };
         assert_eq!(of("sift"), of("sift"));

@@ -61,14 +61,14 @@ pub fn smallest_within(
         Some(test) => test.clone(),
         None => self_test(whole, options, progress)?,
     };
-    let least = recall(&of_whole) - points / 100.0;
+    let min_recall = recall(&of_whole) - points / 100.0;
     let bytes = veiloc_map::byte_count(whole);
     let (mut found, mut low, mut high) = (None, 0.0, bytes as f64);
-    while high - low > SEARCHED_TO * high {
+    while high - low > SIZE_TOLERANCE * high {
         let size = if low > 0.0 { f64::midpoint(low, high) } else { high / FIRST_STEP };
-        let asked =
+        let compress_options =
             CompressOptions::new(size as u64).with_descriptors(compress_options.descriptors_per_point);
-        let mut small = match compress(whole, &asked, progress) {
+        let mut small = match compress(whole, &compress_options, progress) {
             Ok(small) => small,
             // This is the minimum size.
             Err(MappingError::TooSmall { least, .. }) => {
@@ -79,7 +79,7 @@ pub fn smallest_within(
         };
         let test = self_test_compressed(whole, &small, options, progress)?;
         // Written so that NaN fails.
-        if recall(&test) >= least {
+        if recall(&test) >= min_recall {
             small.model.self_test = Some(test);
             high = size;
             found = Some(small);
@@ -98,6 +98,6 @@ fn recall(test: &SelfTest) -> f64 {
 }
 
 /// Relative size difference at which the search ends.
-const SEARCHED_TO: f64 = 0.1;
+const SIZE_TOLERANCE: f64 = 0.1;
 /// Factor between the sizes of the first steps, until a map is too small.
 const FIRST_STEP: f64 = 3.0;

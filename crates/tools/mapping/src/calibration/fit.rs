@@ -7,7 +7,7 @@
 //!
 //! # Outliers
 //! A trusted pose may be wrong. A first fit with a heavy-tailed distribution (Student's t with [`FREEDOM`] degrees of
-//! freedom) finds the poses beyond [`FARTHEST`]; the second fit leaves them out, but at most a tenth of all: frequent
+//! freedom) finds the poses beyond [`MAX_SQUARED_DISTANCE`]; the second fit leaves them out, but at most a tenth of all: frequent
 //! errors are not outliers, and the covariances must cover them.
 
 use veiloc_map::Calibration;
@@ -26,8 +26,8 @@ pub fn fit(trials: &[Trial], scale: f64) -> Calibration {
         return prior;
     }
     let heavy = most_probable(&usable, &prior, Tail::Heavy);
-    let kept = without_outliers(&usable, &heavy);
-    most_probable(&kept, &prior, Tail::Normal)
+    let inliers = without_outliers(&usable, &heavy);
+    most_probable(&inliers, &prior, Tail::Normal)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,18 +59,18 @@ fn most_probable(trials: &[&Trial], prior: &Calibration, tail: Tail) -> Calibrat
     at(&minimum(loss, [0.0; 3], 0.7))
 }
 
-/// Leaves out the trials beyond [`FARTHEST`] under a first calibration, at most a tenth.
+/// Leaves out the trials beyond [`MAX_SQUARED_DISTANCE`] under a first calibration, at most a tenth.
 fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<&'a Trial> {
     let mut ranked: Vec<(f64, &'a Trial)> = trials
         .iter()
         .map(|t| (t.squared_distances(calibration).map_or(f64::INFINITY, |d| d.pose), *t))
         .collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let least = ranked.len() - ranked.len() / 10;
+    let min_kept = ranked.len() - ranked.len() / 10;
     ranked
         .into_iter()
         .enumerate()
-        .filter(|(i, (d, _))| *i < least || *d < FARTHEST)
+        .filter(|(i, (d, _))| *i < min_kept || *d < MAX_SQUARED_DISTANCE)
         .map(|(_, (_, t))| t)
         .collect()
 }
@@ -79,6 +79,6 @@ fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<
 const FREEDOM: f64 = 5.0;
 /// Squared distance under the first fit from which a pose is an outlier. For normal errors that fit estimates the
 /// covariance at about 0.8, so this corresponds to the region of 99.99 %.
-const FARTHEST: f64 = 35.0;
+const MAX_SQUARED_DISTANCE: f64 = 35.0;
 /// Standard deviations of the logarithms of `a`, `s_r` and `s_t` about their defaults.
 const PRIOR_SD: [f64; 3] = [0.5, 1.0, 1.0];

@@ -30,7 +30,7 @@ fn trials(count: usize, truth: &Calibration, seed: u64) -> Vec<Trial> {
 const TRUTH: Calibration = Calibration { factor: 4.0, rotation_floor: 2e-3, translation_floor: 0.01 };
 
 #[test]
-fn the_fit_finds_what_errors_were_drawn_from() {
+fn fit_recovers_true_calibration() {
     for seed in 0..5 {
         let found = fit(&trials(400, &TRUTH, seed), 10.0);
         for (found, truth) in [
@@ -44,7 +44,7 @@ fn the_fit_finds_what_errors_were_drawn_from() {
 }
 
 #[test]
-fn outliers_do_not_widen_what_the_rest_says() {
+fn outliers_do_not_inflate_covariances() {
     for seed in 0..5 {
         let mut all = trials(50, &TRUTH, seed);
         let before = fit(&all, 10.0);
@@ -61,7 +61,7 @@ fn outliers_do_not_widen_what_the_rest_says() {
 }
 
 #[test]
-fn what_is_frequent_is_no_outlier() {
+fn frequent_errors_are_not_outliers() {
     let mut all = trials(40, &TRUTH, 1);
     for trial in all.iter_mut().step_by(3) {
         trial.step = trial.step.map(|x| 10.0 * x);
@@ -72,7 +72,7 @@ fn what_is_frequent_is_no_outlier() {
 }
 
 #[test]
-fn few_images_stay_near_the_default_and_none_are_the_default() {
+fn few_images_stay_near_the_default() {
     let default = Calibration::unmeasured(10.0);
     assert_eq!(fit(&[], 10.0), default);
     let mut doubted = trials(5, &TRUTH, 2);

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bent_valleys_and_walls_end_at_the_minimum() {
+    fn simplex_finds_minimum_of_curved_valleys_and_walls() {
         let bowl = |p: &Point| (p[0] - 1.0).powi(2) + 3.0 * (p[1] + 2.0).powi(2) + 0.1 * (p[2] - 5.0).powi(4);
         let found = minimum(bowl, [0.0; 3], 1.0);
         assert!(

@@ -16,7 +16,7 @@ pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {
     let options = SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points());
     match profile.global_model() {
         GlobalModel::Vlad(_) => options,
-        GlobalModel::Named(asked) => options.with_image_global(SharedGlobal::new(Stored(*asked))),
+        GlobalModel::Named(requested) => options.with_image_global(SharedGlobal::new(Stored(*requested))),
     }
 }
 
@@ -42,10 +42,10 @@ pub(crate) fn stored_features(
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), SealError> {
     let camera = model.cameras[image.camera];
-    let most = options.bounded(&model.profile)?.max_image_side;
+    let max_side = options.bounded(&model.profile)?.max_image_side;
     let longer = camera.width.max(camera.height);
-    let shrunk = |side: u32| match f64::from(side) * f64::from(most) / f64::from(longer) {
-        _ if longer <= most => side,
+    let shrunk = |side: u32| match f64::from(side) * f64::from(max_side) / f64::from(longer) {
+        _ if longer <= max_side => side,
         smaller => (smaller.round() as u32).max(1),
     };
     let seen = camera.resized(shrunk(camera.width), shrunk(camera.height));
@@ -79,7 +79,7 @@ pub(crate) fn sealed(
 
 /// Transfers the matches of a query to another query of the same image: its rows have the same descriptors in another
 /// order, and matching takes most of the time. `None` if the descriptors differ, which is always the case for decoys.
-pub(crate) fn transferred(matched: &Matched, from: &SealedQuery, to: &SealedQuery) -> Option<Matched> {
+pub(crate) fn transfer_matches(matched: &Matched, from: &SealedQuery, to: &SealedQuery) -> Option<Matched> {
     let mut rows: BTreeMap<&[u8], Option<usize>> = BTreeMap::new();
     for row in 0..to.len() {
         // Duplicate descriptors are ambiguous.

@@ -8,7 +8,7 @@ use veiloc_localization::{LocalizeOptions, Matched, localize_matched, match_in};
 use veiloc_map::{MapFile, MapModel, MapView, PointId, SelfTest, Without};
 use veiloc_protocol::{Scheme, SealedQuery};
 
-use crate::calibration::query::{options_for, sealed, stored_features, transferred};
+use crate::calibration::query::{options_for, sealed, stored_features, transfer_matches};
 use crate::calibration::summary::{median, summarize};
 use crate::calibration::trial::Trial;
 
@@ -65,13 +65,13 @@ pub(crate) fn test_in(
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
     let chosen = chosen(model, options);
-    let trials = tried(model, file, without, &chosen, options, progress)?;
+    let trials = run_trials(model, file, without, &chosen, options, progress)?;
     Ok(test_of(model, &trials, options))
 }
 
 /// Returns the indices of the images that a self-test localizes: up to [`SelfTestOptions::images`], evenly spaced.
 pub fn chosen(model: &MapModel, options: &SelfTestOptions) -> Vec<usize> {
-    spread(model.images.len(), options.images)
+    evenly_spaced(model.images.len(), options.images)
 }
 
 /// Localizes these images of the map, each left out, under each scheme: one part of a distributed [`self_test`]. `None`
@@ -87,7 +87,7 @@ pub fn trials(
 ) -> Result<Vec<Vec<Option<Trial>>>, MappingError> {
     let file = MapFile::of_model(model)?;
     let leave_out = LeaveOut::of(model);
-    tried(model, &file, &|image| leave_out.without(image), images, options, progress)
+    run_trials(model, &file, &|image| leave_out.without(image), images, options, progress)
 }
 
 /// Summarizes the trials of all [`chosen`] images, in their order: the result of a distributed [`self_test`].
@@ -106,7 +106,7 @@ pub fn test_of(model: &MapModel, trials: &[Vec<Option<Trial>>], options: &SelfTe
     }
 }
 
-fn tried(
+fn run_trials(
     model: &MapModel,
     file: &MapFile,
     without: &(dyn Fn(usize) -> Without + Sync),
@@ -147,7 +147,7 @@ fn trials_of(
         let stream = Scheme::ALL.iter().position(|s| s.name() == scheme.name()).unwrap_or(0);
         rng.set_stream((image as u64) << 8 | stream as u64);
         let query = sealed(features, &camera, &model.profile, &seal_options, &mut rng).ok()?;
-        let known = first.as_ref().and_then(|(other, matched)| transferred(matched, other, &query));
+        let known = first.as_ref().and_then(|(other, matched)| transfer_matches(matched, other, &query));
         let matched = match known {
             Some(matched) => matched,
             None => match_in(&query, view, &options.localize).ok()?,
@@ -160,8 +160,8 @@ fn trials_of(
 }
 
 /// Returns up to `limit` of the image indices, evenly spaced.
-fn spread(images: usize, most: usize) -> Vec<usize> {
-    let count = images.min(most);
+fn evenly_spaced(images: usize, limit: usize) -> Vec<usize> {
+    let count = images.min(limit);
     (0..count).map(|i| (2 * i + 1) * images / (2 * count)).collect()
 }
 

@@ -27,7 +27,7 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) ->
         median_translation: of_all(Trial::translation),
         median_noise_px: if noise.is_finite() { noise } else { 0.0 },
         before: coverage(trusted.iter().map(|t| t.squared_distances(&AS_ESTIMATED))),
-        after: coverage(crossed(&trusted, scale).into_iter()),
+        after: coverage(cross_validated(&trusted, scale).into_iter()),
         calibration: fit(&trusted, scale),
     }
 }
@@ -36,7 +36,7 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) ->
 const AS_ESTIMATED: Calibration = Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 };
 
 /// Cross-validation: each trial under a calibration fitted to the other four fifths.
-fn crossed(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
+fn cross_validated(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
     let mut distances = vec![None; trials.len()];
     for part in 0..PARTS {
         let others: Vec<Trial> =

@@ -11,7 +11,7 @@ const CELLS: u32 = 4;
 /// Chooses points until the byte budget is used, the most useful first; each keeps at most `descriptors` keypoints.
 ///
 /// Greedy maximization of a submodular sum: an image cell with `n` points counts `log(1 + n)`; the gain of a point is
-/// its increase over all images that observe it, weighted by the probability of seeing it again ([`sureness`]). Greedy
+/// its increase over all images that observe it, weighted by the probability of seeing it again ([`redetection_probability`]). Greedy
 /// selection reaches `1 − 1/e` of the optimum (Nemhauser, Wolsey and Fisher, 1978). Gains only decrease, so an old gain
 /// is an upper bound, and most gains are never recomputed.
 pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<PointId> {
@@ -35,7 +35,7 @@ pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<Po
             f64::ln((2.0 + there) / (1.0 + there))
         };
         let added: f64 = point.track.iter().map(|o| of_cell(cell_of(o.image, o.keypoint))).sum();
-        sureness(point.track.len()) * added / bytes_of(point) as f64
+        redetection_probability(point.track.len()) * added / bytes_of(point) as f64
     };
     let mut queue: BinaryHeap<Candidate> = (0_u32..)
         .zip(&model.points)
@@ -63,7 +63,7 @@ pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<Po
 
 /// Probability that another image sees a point with this many observing images: `(n − 1) / n`, the leave-one-out
 /// estimate from `n` images.
-fn sureness(images: usize) -> f64 {
+fn redetection_probability(images: usize) -> f64 {
     images.saturating_sub(1) as f64 / images.max(1) as f64
 }
 

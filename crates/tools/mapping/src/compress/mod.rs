@@ -73,16 +73,16 @@ pub fn compress(
 ) -> Result<Compression, MappingError> {
     refuse_compressed(model)?;
     let file = MapFile::of_model(model)?;
-    let bare = byte_count(&emptied(model, file.byte_count())) + RESERVE;
+    let bare = byte_count(&without_points(model, file.byte_count())) + RESERVE;
     if bare >= options.bytes {
         return Err(MappingError::TooSmall { bytes: options.bytes, least: bare });
     }
     progress.start("Choosing points", 1);
-    let most = options.descriptors_per_point;
-    let chosen = choose(model, most, options.bytes - bare);
+    let limit = options.descriptors_per_point;
+    let chosen = choose(model, limit, options.bytes - bare);
     progress.advance(1);
     progress.finish();
-    let kept_of = represent(model, &chosen, most, progress);
+    let kept_of = represent(model, &chosen, limit, progress);
     let mut small = assemble(model, &file, &kept_of);
     small.pack()?;
     Ok(Compression { model: small, kept: kept_of.into_keys().collect() })
@@ -97,7 +97,7 @@ pub(crate) fn refuse_compressed(model: &MapModel) -> Result<(), MappingError> {
 }
 
 /// Returns the map without points and keypoints: the minimum that compression cannot remove.
-fn emptied(model: &MapModel, bytes: u64) -> MapModel {
+fn without_points(model: &MapModel, bytes: u64) -> MapModel {
     let images = model.images.iter().map(|image| MapImage {
         keypoints: Vec::new(),
         descriptors: Descriptors::empty(image.descriptors.kind()),
@@ -125,19 +125,19 @@ fn emptied(model: &MapModel, bytes: u64) -> MapModel {
 
 /// Assembles the map of these points and keypoints.
 fn assemble(model: &MapModel, file: &MapFile, kept_of: &BTreeMap<PointId, Vec<Observation>>) -> MapModel {
-    let mut small = emptied(model, file.byte_count());
+    let mut small = without_points(model, file.byte_count());
     // New indices of the remaining keypoints, in the old order within each image.
-    let mut staying: Vec<Vec<u32>> = vec![Vec::new(); model.images.len()];
+    let mut remaining: Vec<Vec<u32>> = vec![Vec::new(); model.images.len()];
     for observation in kept_of.values().flatten() {
-        staying[observation.image as usize].push(observation.keypoint);
+        remaining[observation.image as usize].push(observation.keypoint);
     }
-    for ((image, whole), keypoints) in small.images.iter_mut().zip(&model.images).zip(&mut staying) {
+    for ((image, whole), keypoints) in small.images.iter_mut().zip(&model.images).zip(&mut remaining) {
         keypoints.sort_unstable();
         image.keypoints = keypoints.iter().map(|k| whole.keypoints[*k as usize]).collect();
         image.descriptors = whole.descriptors.select(keypoints.iter().map(|k| *k as usize));
     }
     let moved = |o: &Observation| {
-        let keypoint = staying[o.image as usize].partition_point(|k| *k < o.keypoint) as u32;
+        let keypoint = remaining[o.image as usize].partition_point(|k| *k < o.keypoint) as u32;
         Observation { image: o.image, keypoint }
     };
     small.points = kept_of

@@ -9,7 +9,7 @@ use crate::progress::Progress;
 
 /// Maximum number of compared keypoints per track: a track of a thousand would need a million distances, and an evenly
 /// spaced sample represents it.
-const COMPARED: usize = 48;
+const MAX_COMPARED: usize = 48;
 
 /// Returns up to `limit` keypoints of each chosen point, ascending.
 ///
@@ -18,7 +18,7 @@ const COMPARED: usize = 48;
 pub(super) fn represent(
     model: &MapModel,
     chosen: &[PointId],
-    most: usize,
+    limit: usize,
     progress: &dyn Progress,
 ) -> BTreeMap<PointId, Vec<Observation>> {
     progress.start("Choosing descriptors", chosen.len());
@@ -26,7 +26,11 @@ pub(super) fn represent(
         .par_iter()
         .map(|id| {
             let track = &model.points[id.index()].track;
-            let kept = if track.len() <= most { track.clone() } else { medoids(model, &spread(track), most) };
+            let kept = if track.len() <= limit {
+                track.clone()
+            } else {
+                medoids(model, &evenly_spaced(track), limit)
+            };
             progress.advance(1);
             (*id, kept)
         })
@@ -35,7 +39,7 @@ pub(super) fn represent(
     kept
 }
 
-fn medoids(model: &MapModel, track: &[Observation], most: usize) -> Vec<Observation> {
+fn medoids(model: &MapModel, track: &[Observation], limit: usize) -> Vec<Observation> {
     let rows: Vec<Vec<i16>> = track
         .iter()
         .map(|o| model.images[o.image as usize].descriptors.view().values(o.keypoint as usize).collect())
@@ -46,24 +50,24 @@ fn medoids(model: &MapModel, track: &[Observation], most: usize) -> Vec<Observat
     let distances: Vec<Vec<i64>> =
         rows.iter().map(|a| rows.iter().map(|b| distance(a, b)).collect()).collect();
     let mut nearest = vec![i64::MAX; rows.len()];
-    let mut staying: Vec<usize> = Vec::with_capacity(most);
-    while staying.len() < most {
+    let mut selected: Vec<usize> = Vec::with_capacity(limit);
+    while selected.len() < limit {
         let left = |candidate: usize| -> i128 {
             nearest.iter().zip(&distances[candidate]).map(|(near, d)| i128::from(*near.min(d))).sum()
         };
-        let free = (0..rows.len()).filter(|i| !staying.contains(i));
+        let free = (0..rows.len()).filter(|i| !selected.contains(i));
         let Some(best) = free.min_by_key(|i| (left(*i), *i)) else { break };
         for (near, d) in nearest.iter_mut().zip(&distances[best]) {
             *near = (*near).min(*d);
         }
-        staying.push(best);
+        selected.push(best);
     }
-    staying.sort_unstable();
-    staying.into_iter().map(|i| track[i]).collect()
+    selected.sort_unstable();
+    selected.into_iter().map(|i| track[i]).collect()
 }
 
-/// Returns up to [`COMPARED`] keypoints of a track, evenly spaced.
-fn spread(track: &[Observation]) -> Vec<Observation> {
-    let count = track.len().min(COMPARED);
+/// Returns up to [`MAX_COMPARED`] keypoints of a track, evenly spaced.
+fn evenly_spaced(track: &[Observation]) -> Vec<Observation> {
+    let count = track.len().min(MAX_COMPARED);
     (0..count).map(|i| track[i * track.len() / count]).collect()
 }

@@ -4,17 +4,17 @@ use std::collections::BTreeSet;
 
 use veiloc_map::{BuildSettings, MapFile, MapModel, PointId, byte_count};
 
-use super::synthetic::{map_of, place};
+use super::synthetic::{known_scene, map_of};
 use crate::change::{Words, remove};
 use crate::compress::{CompressOptions, compress};
 use crate::error::MappingError;
 
 fn whole() -> MapModel {
-    map_of(&place(16, 400), &BuildSettings::default())
+    map_of(&known_scene(16, 400), &BuildSettings::default())
 }
 
 #[test]
-fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
+fn compressed_map_fits_budget_and_is_a_subset() {
     let whole = whole();
     let file = MapFile::of_model(&whole).unwrap();
     for times in [6, 9] {
@@ -53,7 +53,7 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
 
 /// Every image keeps points in all its parts; otherwise it would be useless for localization.
 #[test]
-fn no_image_is_left_without_points() {
+fn every_image_keeps_points() {
     let whole = whole();
     let bytes = byte_count(&whole) / 6;
     let small = compress(&whole, &CompressOptions::new(bytes), &()).unwrap();
@@ -74,7 +74,7 @@ fn no_image_is_left_without_points() {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn result_is_independent_of_thread_count() {
     let whole = whole();
     let bytes = byte_count(&whole) / 4;
     let with = |threads: usize| {
@@ -85,7 +85,7 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn fewer_descriptors_make_room_for_more_points() {
+fn fewer_descriptors_allow_more_points() {
     let whole = whole();
     let bytes = byte_count(&whole) / 9;
     let points = |descriptors: usize| {
@@ -96,7 +96,7 @@ fn fewer_descriptors_make_room_for_more_points() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_and_compressed_maps_change_no_more() {
+fn impossible_sizes_and_changes_are_refused() {
     let whole = whole();
     for bytes in [0, 1, 4000] {
         let refused = compress(&whole, &CompressOptions::new(bytes), &()).unwrap_err();

@@ -36,7 +36,7 @@ fn refused(posed: &PosedImages, dir: &Path, names: &[&str], options: &BuildOptio
 }
 
 #[test]
-fn lists_and_images_that_cannot_be_used_are_named() {
+fn unusable_lists_and_images_are_named() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.png"), PNG).unwrap();
     let options = BuildOptions::default();
@@ -48,9 +48,9 @@ fn lists_and_images_that_cannot_be_used_are_named() {
         (&["b.png"], "b.png"),
         (&["a.png"], "a.png: 1x1 pixels, but its camera takes 640x480"),
     ];
-    for (names, told) in cases {
+    for (names, expected) in cases {
         let error = refused(&model, dir.path(), names, &options).to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(expected), "{error}");
     }
     let unknown = BuildOptions { features: "orb".to_owned(), ..BuildOptions::default() };
     let error = refused(&model, dir.path(), &["a.png"], &unknown);
@@ -77,7 +77,7 @@ impl Progress for Begun {
 }
 
 #[test]
-fn everything_missing_is_named_before_work_begins() {
+fn missing_images_are_named_before_extraction() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.png"), PNG).unwrap();
     std::fs::create_dir(dir.path().join("c.png")).unwrap();
@@ -104,7 +104,7 @@ fn everything_missing_is_named_before_work_begins() {
 }
 
 #[test]
-fn bad_images_are_left_out_when_that_is_asked_for() {
+fn bad_images_are_skipped_on_request() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.png"), PNG).unwrap();
     std::fs::write(dir.path().join("b.png"), &PNG[..40]).unwrap();

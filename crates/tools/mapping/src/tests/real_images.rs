@@ -11,21 +11,23 @@ use veiloc_protocol::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;
-use crate::{BadReason, BuildOptions, Doubt, Fault, Input, MappingError, Words, add, build, import, remove};
+use crate::{
+    BadReason, BuildOptions, Doubt, Input, InputMistake, MappingError, Words, add, build, import, remove,
+};
 
 /// COLMAP's conventions of pixels, poses and distortion are ours: the recomputed errors equal the stored ones to the
 /// six digits of the text file. (COLMAP itself, reading this file, reproduces them within 0.0043 px:
 /// `update_point_3d_errors`.)
 #[real_data_test]
-fn errors_of_a_colmap_model_are_what_the_file_says(data: &Path) {
+fn recomputed_errors_equal_colmaps(data: &Path) {
     let colmap = read_model(&data.join("lund-door/sparse")).unwrap();
-    let (mut told, mut own) = (0.0, 0.0);
+    let (mut stated, mut own) = (0.0, 0.0);
     for point in colmap.points() {
         let error = recomputed_error(&colmap, point).unwrap();
         assert!((error - point.error).abs() < 0.005, "point {}: {error}, told {}", point.id, point.error);
-        (told, own) = (told + point.error, own + error);
+        (stated, own) = (stated + point.error, own + error);
     }
-    assert!((own / told - 1.0).abs() < 1e-4, "means {own} and {told}");
+    assert!((own / stated - 1.0).abs() < 1e-4, "means {own} and {stated}");
 }
 
 /// The model restricted to these images; points with fewer than two of them are removed.
@@ -61,15 +63,15 @@ fn a_colmap_model_is_imported_with_its_points(data: &Path) {
     assert!(report.map_error_px < 1.5, "{report}");
     let known: Vec<_> = colmap.points().iter().map(|p| p.position).collect();
     assert!(model.points.iter().all(|p| known.contains(&p.position)), "positions are COLMAP's");
-    let elsewhere = cut(&whole, &[]);
+    let other_place = cut(&whole, &[]);
     assert!(matches!(
-        import(&elsewhere, &Input::new(&PosedImages::from(&elsewhere), data), &options, &()),
+        import(&other_place, &Input::new(&PosedImages::from(&other_place), data), &options, &()),
         Err(MappingError::EmptyList)
     ));
 }
 
 #[real_data_test]
-fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
+fn image_is_removed_from_and_added_to_redkitchen_map(data: &Path) {
     let posed = read_posed(&data.join("redkitchen/posed")).unwrap();
     let images = data.join("redkitchen/images");
     let names: Vec<String> = posed.names().into_iter().step_by(2).take(8).collect();
@@ -113,7 +115,7 @@ fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
 
 /// The message for inverted poses, or a focal length that is twice the correct one.
 #[real_data_test]
-fn a_map_of_wrong_poses_or_cameras_is_doubted(data: &Path) {
+fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
     let right = read_posed(&data.join("redkitchen/posed")).unwrap();
     let names: Vec<String> = right.names().into_iter().step_by(2).take(12).collect();
     let mut options = BuildOptions::default();
@@ -147,19 +149,19 @@ fn a_map_of_wrong_poses_or_cameras_is_doubted(data: &Path) {
         image.cam_from_world = CameraFromWorld::new(flip * pose.rotation(), flip * pose.translation());
     };
     for (change, cause) in [
-        (inverted as fn(&mut PosedImage), Fault::CameraToWorld),
-        (opengl, Fault::AxesUpAndBack),
-        (doubled, Fault::FocalLength { percent: 200 }),
+        (inverted as fn(&mut PosedImage), InputMistake::CameraToWorld),
+        (opengl, InputMistake::AxesUpAndBack),
+        (doubled, InputMistake::FocalLength { percent: 200 }),
     ] {
-        let told = match doubts(change) {
+        let stated = match doubts(change) {
             Ok(doubts) => doubts,
             Err(MappingError::NoPoints { cause, .. }) => cause.into_iter().collect(),
             Err(error) => panic!("{error}"),
         };
-        let named: Vec<Fault> = told
+        let named: Vec<InputMistake> = stated
             .iter()
             .filter_map(|d| if let Doubt::LikelyCause { fault, .. } = d { Some(*fault) } else { None })
             .collect();
-        assert_eq!(named, [cause], "{told:?}");
+        assert_eq!(named, [cause], "{stated:?}");
     }
 }

@@ -9,26 +9,26 @@ use veiloc_map::{BuildSettings, MapModel, MapPoint, PosedImage};
 use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
+use crate::cache::ExtractedFeatures;
 use crate::change::{Words, join, remove};
 use crate::complete::grow;
 use crate::error::MappingError;
-use crate::kept::Extracted;
 use crate::scene::Scene;
 use crate::view::View;
 use crate::vocabulary::learn;
 
 /// Cameras on an arc, points in a box in front of them.
-pub(super) struct Place {
+pub(super) struct KnownScene {
     posed: Vec<PosedImage>,
     points: Vec<Vector3<f64>>,
-    features: Vec<Extracted>,
+    features: Vec<ExtractedFeatures>,
     /// `[images][N]`, the true point of each keypoint; none for clutter.
     truth: Vec<Vec<Option<usize>>>,
 }
 
 const NOISE_PX: f32 = 0.3;
 
-pub(super) fn place(images: u32, points: usize) -> Place {
+pub(super) fn known_scene(images: u32, points: usize) -> KnownScene {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let camera: Intrinsics = "OPENCV,640,480,500,505,322,238,-0.08,0.02,0.001,-0.0005".parse().unwrap();
     let points: Vec<Vector3<f64>> = (0..points)
@@ -73,14 +73,14 @@ pub(super) fn place(images: u32, points: usize) -> Place {
             descriptors.push(&std::array::from_fn::<u8, 128, _>(|_| rng.random_range(0..90))).unwrap();
             shown.push(None);
         }
-        features.push(Extracted { keypoints, descriptors, global: None });
+        features.push(ExtractedFeatures { keypoints, descriptors, global: None });
         truth.push(shown);
     }
-    Place { posed, points, features, truth }
+    KnownScene { posed, points, features, truth }
 }
 
-fn copy(features: &Extracted) -> Extracted {
-    Extracted {
+fn copy(features: &ExtractedFeatures) -> ExtractedFeatures {
+    ExtractedFeatures {
         keypoints: features.keypoints.clone(),
         descriptors: features.descriptors.clone(),
         global: None,
@@ -94,11 +94,11 @@ fn empty_map() -> MapModel {
 }
 
 /// The steps of `build` after extraction.
-pub(super) fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
+pub(super) fn map_of(known_scene: &KnownScene, settings: &BuildSettings) -> MapModel {
     let mut model = empty_map();
     model.settings = *settings;
-    let images: Vec<&PosedImage> = place.posed.iter().collect();
-    append_images(&mut model, &images, place.features.iter().map(copy).collect()).unwrap();
+    let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
+    append_images(&mut model, &images, known_scene.features.iter().map(copy).collect()).unwrap();
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
     let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, settings, None, &()).edges;
@@ -111,10 +111,10 @@ pub(super) fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
 }
 
 /// Returns the true point of most observations of a map point, and their share.
-fn shown_by(place: &Place, point: &MapPoint, names: &[usize]) -> (usize, f64) {
+fn shown_by(known_scene: &KnownScene, point: &MapPoint, names: &[usize]) -> (usize, f64) {
     let mut votes = std::collections::BTreeMap::<usize, usize>::new();
     for o in &point.track {
-        if let Some(p) = place.truth[names[o.image as usize]][o.keypoint as usize] {
+        if let Some(p) = known_scene.truth[names[o.image as usize]][o.keypoint as usize] {
             *votes.entry(p).or_default() += 1;
         }
     }
@@ -123,15 +123,15 @@ fn shown_by(place: &Place, point: &MapPoint, names: &[usize]) -> (usize, f64) {
 }
 
 #[test]
-fn the_points_of_a_known_place_are_found() {
-    let place = place(16, 400);
-    let model = map_of(&place, &BuildSettings::default());
+fn points_of_known_scene_are_recovered() {
+    let known_scene = known_scene(16, 400);
+    let model = map_of(&known_scene, &BuildSettings::default());
     let all: Vec<usize> = (0..16).collect();
-    let mut found = vec![0; place.points.len()];
+    let mut found = vec![0; known_scene.points.len()];
     for point in &model.points {
-        let (p, share) = shown_by(&place, point, &all);
+        let (p, share) = shown_by(&known_scene, point, &all);
         assert!(share > 0.99, "a track with keypoints of several points");
-        let apart = (point.position.coords - place.points[p]).norm();
+        let apart = (point.position.coords - known_scene.points[p]).norm();
         assert!(
             apart < 0.05,
             "{apart}: 0.3 px at f = 500 and 5 units is 3 mm across, some times that in depth"
@@ -140,22 +140,22 @@ fn the_points_of_a_known_place_are_found() {
         found[p] += 1;
     }
     // A point in fewer than three images cannot be found; a point found twice was not merged.
-    let shown = |p: usize| place.truth.iter().flatten().filter(|t| **t == Some(p)).count();
-    let visible = (0..place.points.len()).filter(|p| shown(*p) >= 4);
+    let shown = |p: usize| known_scene.truth.iter().flatten().filter(|t| **t == Some(p)).count();
+    let visible = (0..known_scene.points.len()).filter(|p| shown(*p) >= 4);
     let missed = visible.clone().filter(|p| found[*p] == 0).count();
     assert!(missed * 50 <= visible.count(), "{missed} points missed");
     assert!(found.iter().filter(|n| **n > 1).count() <= 2, "points found twice");
     let kept = model.observation_count() as f64;
-    let true_ones = place.truth.iter().flatten().flatten().count() as f64;
+    let true_ones = known_scene.truth.iter().flatten().flatten().count() as f64;
     assert!(kept > 0.95 * true_ones, "{kept} of {true_ones} observations");
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
-    let place = place(8, 150);
+fn result_is_independent_of_thread_count() {
+    let known_scene = known_scene(8, 150);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| map_of(&place, &BuildSettings::default()))
+        pool.install(|| map_of(&known_scene, &BuildSettings::default()))
     };
     let one = with(1);
     assert_eq!(one, with(2));
@@ -163,9 +163,9 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn images_that_leave_and_come_back_give_nearly_the_same_points() {
-    let place = place(16, 400);
-    let before = map_of(&place, &BuildSettings::default());
+fn removed_and_re_added_images_give_similar_points() {
+    let known_scene = known_scene(16, 400);
+    let before = map_of(&known_scene, &BuildSettings::default());
     let mut model = before.clone();
     let names = ["15.jpg".to_owned(), "14.jpg".to_owned()];
     remove(&mut model, &names, Words::Keep, &()).unwrap();
@@ -178,8 +178,8 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
     assert!(model.points.iter().flat_map(|p| &p.track).all(|o| o.image < 14));
 
     let without = model.clone();
-    let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &place.posed[*i]).collect();
-    join(&mut model, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), None, &()).unwrap();
+    let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &known_scene.posed[*i]).collect();
+    join(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -197,25 +197,25 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
 }
 
 #[test]
-fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
-    let place = place(8, 150);
-    let mut model = map_of(&place, &BuildSettings::default());
+fn emptied_map_can_be_extended_again() {
+    let known_scene = known_scene(8, 150);
+    let mut model = map_of(&known_scene, &BuildSettings::default());
     let names: Vec<String> = model.images.iter().map(|i| i.name.clone()).collect();
     remove(&mut model, &names, Words::Keep, &()).unwrap();
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
-    let images: Vec<&PosedImage> = place.posed.iter().collect();
-    join(&mut model, &images, place.features.iter().map(copy).collect(), None, &()).unwrap();
+    let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
+    join(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }
 
 #[test]
-fn names_that_cannot_leave_are_refused_and_the_map_stays() {
-    let place = place(4, 60);
-    let before = map_of(&place, &BuildSettings::default());
+fn invalid_removals_leave_map_unchanged() {
+    let known_scene = known_scene(4, 60);
+    let before = map_of(&known_scene, &BuildSettings::default());
     let mut model = before.clone();
-    for (names, told) in [
+    for (names, expected) in [
         (vec![], "empty"),
         (vec!["0.jpg", "0.jpg"], "0.jpg is in the list twice"),
         (vec!["1.jpg", "nobody.jpg"], "nobody.jpg is not in the map"),
@@ -223,24 +223,24 @@ fn names_that_cannot_leave_are_refused_and_the_map_stays() {
     ] {
         let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
         let error = remove(&mut model, &names, Words::Keep, &()).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(expected), "{error}");
         assert_eq!(model, before);
     }
 }
 
 /// A map is changed with the settings of its build.
 #[test]
-fn images_join_and_leave_by_the_settings_of_the_build() {
-    let place = place(10, 200);
+fn changes_use_the_build_settings() {
+    let known_scene = known_scene(10, 200);
     let strict = BuildSettings { min_track_length: 8, pairs_per_image: 3, ..BuildSettings::default() };
     let grown = |settings: &BuildSettings| {
-        let all = map_of(&place, &BuildSettings::default());
+        let all = map_of(&known_scene, &BuildSettings::default());
         let mut model = MapModel { settings: *settings, ..all.clone() };
         let names: Vec<String> = all.images.iter().map(|i| i.name.clone()).collect();
         remove(&mut model, &names, Words::Keep, &()).unwrap();
         assert_eq!(model.settings, *settings);
-        let images: Vec<&PosedImage> = place.posed.iter().collect();
-        join(&mut model, &images, place.features.iter().map(copy).collect(), None, &()).unwrap();
+        let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
+        join(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
         model.validate().unwrap();
         model
     };
@@ -251,11 +251,11 @@ fn images_join_and_leave_by_the_settings_of_the_build() {
 
 /// The vocabulary equals that of a map that never had the removed images.
 #[test]
-fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
-    let place = place(10, 200);
+fn retrained_vocabulary_is_independent_of_removed_images() {
+    let known_scene = known_scene(10, 200);
     let settings = BuildSettings::default();
     let whole = {
-        let mut model = map_of(&place, &settings);
+        let mut model = map_of(&known_scene, &settings);
         let all: Vec<_> = model.images.iter().map(|i| i.descriptors.view()).collect();
         let words = learn(&all, &settings, &()).unwrap();
         model.profile = Profile::vlad(words.clone());
@@ -265,7 +265,7 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
         model.validate().unwrap();
         model
     };
-    let left: Vec<_> = place.features[..7].iter().map(|f| f.descriptors.view()).collect();
+    let left: Vec<_> = known_scene.features[..7].iter().map(|f| f.descriptors.view()).collect();
     let of_left = learn(&left, &settings, &()).unwrap();
     let leaving = [7, 8, 9].map(|i| format!("{i}.jpg"));
 
@@ -278,7 +278,7 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
     retrained.validate().unwrap();
     assert_eq!(retrained.profile.vocabulary(), Some(&of_left));
     assert_ne!(retrained.profile.id(), whole.profile.id());
-    for (image, features) in retrained.images.iter().zip(&place.features) {
+    for (image, features) in retrained.images.iter().zip(&known_scene.features) {
         assert_eq!(image.global, of_left.aggregate(features.descriptors.view()));
     }
     // Everything else is the same as without retraining.
@@ -303,7 +303,7 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
 
 /// Five camera models, written by pycolmap with all digits: its reprojection errors equal ours.
 #[test]
-fn errors_of_pycolmaps_model_are_ours() {
+fn reprojection_errors_equal_pycolmaps() {
     for format in ["text", "binary"] {
         let dir = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../server/map/tests/data/colmap")

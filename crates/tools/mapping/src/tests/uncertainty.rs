@@ -62,7 +62,7 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
 
 /// Two views and ten, wide and narrow: the scatter of triangulated points equals the stored covariance.
 #[test]
-fn points_scatter_as_their_covariances_say() {
+fn point_scatter_matches_covariances() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let points: Vec<Vector3<f64>> = (0..200)
         .map(|_| {

@@ -16,7 +16,7 @@ fn generate(options: &PointProblemOptions, seed: u64) -> PointProblem {
 }
 
 #[test]
-fn exact_matches_reproject_exactly_and_outliers_do_not() {
+fn only_exact_matches_reproject_exactly() {
     let problem = generate(&PointProblemOptions::exact(300).outliers(0.4).depth(1.0, 9.0), 1);
     assert_eq!(problem.inliers.iter().filter(|i| !**i).count(), 120);
     let far_off = (0..300).filter(|&i| !problem.inliers[i] && reprojection(&problem, i) > 5.0).count();
@@ -29,7 +29,7 @@ fn exact_matches_reproject_exactly_and_outliers_do_not() {
 }
 
 #[test]
-fn noise_has_the_size_asked_for() {
+fn noise_has_requested_size() {
     let problem = generate(&PointProblemOptions::exact(4000).noise(1.5), 3);
     let square: f64 = (0..4000).map(|i| reprojection(&problem, i).powi(2)).sum::<f64>() / 8000.0;
     assert!((square.sqrt() - 1.5).abs() < 0.06, "{}", square.sqrt());

@@ -9,11 +9,11 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::SettingsError;
 use super::is_setting;
-use super::kind::Kind;
+use super::kind::ValueKind;
 
 /// Content of a settings file.
 #[derive(Debug, Default)]
-pub(super) struct Found {
+pub(super) struct SettingsFile {
     path: PathBuf,
     entries: BTreeMap<String, Entry>,
 }
@@ -25,7 +25,7 @@ pub(super) struct Entry {
     pub(super) values: Vec<String>,
 }
 
-impl Found {
+impl SettingsFile {
     pub(super) fn get(&self, key: &str) -> Option<&Entry> {
         self.entries.get(key)
     }
@@ -42,13 +42,13 @@ impl Found {
 }
 
 /// Reads the file and checks it against the flags of `command`.
-pub(super) fn read(path: &Path, command: &Command) -> Result<Found, SettingsError> {
+pub(super) fn read(path: &Path, command: &Command) -> Result<SettingsFile, SettingsError> {
     let text = fs::read_to_string(path)
         .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
     parse(&text, path, command)
 }
 
-pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found, SettingsError> {
+pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<SettingsFile, SettingsError> {
     // `get` instead of indexing: a wrong span of the TOML parser must not cause a panic.
     let line = |at: usize| 1 + text.get(..at).map_or(0, |before| before.matches('\n').count());
     let table = DeTable::parse(text).map_err(|error| SettingsError::Syntax {
@@ -56,7 +56,7 @@ pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found,
         line: line(error.span().map_or(0, |span| span.start)),
         reason: error.message().lines().next().unwrap_or("this is not TOML").to_owned(),
     })?;
-    let mut found = Found { path: path.to_owned(), entries: BTreeMap::new() };
+    let mut found = SettingsFile { path: path.to_owned(), entries: BTreeMap::new() };
     for (key, value) in table.get_ref() {
         let line = line(key.span().start);
         let key = key.get_ref().as_ref();
@@ -66,17 +66,17 @@ pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found,
                 path: path.to_owned(),
                 line,
                 key: key.to_owned(),
-                remedy: remedy(key, command),
+                remedy: suggestion(key, command),
             });
         };
-        let kind = Kind::of(argument);
+        let kind = ValueKind::of(argument);
         let several = matches!(argument.get_action(), ArgAction::Append);
         let one = |value: &DeValue<'_>| {
             scalar(kind, value).ok_or_else(|| SettingsError::WrongType {
                 path: path.to_owned(),
                 line,
                 key: key.to_owned(),
-                found: said(value),
+                found: type_name(value),
                 expected: kind.expected(several).to_owned(),
             })
         };
@@ -92,23 +92,23 @@ pub(super) fn parse(text: &str, path: &Path, command: &Command) -> Result<Found,
 }
 
 /// Converts a value to the flag's text form; `None` if the type is wrong.
-fn scalar(kind: Kind, value: &DeValue<'_>) -> Option<String> {
+fn scalar(kind: ValueKind, value: &DeValue<'_>) -> Option<String> {
     match (kind, value) {
-        (Kind::Switch, DeValue::Boolean(is_on)) => Some(is_on.to_string()),
-        (Kind::Integer | Kind::Number, DeValue::Integer(number)) => {
+        (ValueKind::Switch, DeValue::Boolean(is_on)) => Some(is_on.to_string()),
+        (ValueKind::Integer | ValueKind::Number, DeValue::Integer(number)) => {
             let digits = number.as_str();
             i64::from_str_radix(digits, number.radix()).ok().map(|number| number.to_string())
         }
-        (Kind::Number, DeValue::Float(number)) => {
+        (ValueKind::Number, DeValue::Float(number)) => {
             number.as_str().parse::<f64>().ok().map(|number| number.to_string())
         }
-        (Kind::Text, DeValue::String(text)) => Some(text.clone().into_owned()),
+        (ValueKind::Text, DeValue::String(text)) => Some(text.clone().into_owned()),
         _ => None,
     }
 }
 
 /// Describes a TOML type in words.
-fn said(value: &DeValue<'_>) -> &'static str {
+fn type_name(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a text",
         DeValue::Integer(_) => "a whole number",
@@ -121,7 +121,7 @@ fn said(value: &DeValue<'_>) -> &'static str {
 }
 
 /// Suggests a key in place of an unknown one.
-fn remedy(key: &str, command: &Command) -> String {
+fn suggestion(key: &str, command: &Command) -> String {
     let plain = |key: &str| key.to_lowercase().replace(['_', '-', ' '], "");
     let keys: Vec<&str> =
         command.get_arguments().filter(|a| is_setting(a)).filter_map(|a| a.get_long()).collect();

@@ -9,11 +9,11 @@ use std::path::Path;
 use clap::{Arg, ArgAction, Command};
 
 use super::error::SettingsError;
-use super::{Origin, alone, joined};
+use super::{Origin, alone, resolve_path};
 
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ValueKind {
     /// On or off.
     Switch,
     Integer,
@@ -22,7 +22,7 @@ pub(super) enum Kind {
     Text,
 }
 
-impl Kind {
+impl ValueKind {
     pub(super) fn of(argument: &Arg) -> Self {
         if matches!(argument.get_action(), ArgAction::SetTrue) {
             return Self::Switch;
@@ -58,7 +58,7 @@ impl Kind {
 }
 
 /// Normalizes the value of a switch in a variable.
-pub(super) fn fit(value: &OsStr) -> OsString {
+pub(super) fn normalize(value: &OsStr) -> OsString {
     match value.to_str() {
         Some("1") => "true".into(),
         Some("0") => "false".into(),
@@ -67,7 +67,12 @@ pub(super) fn fit(value: &OsStr) -> OsString {
 }
 
 /// Checks the value with the flag's own parser.
-pub(super) fn check(argument: &Arg, kind: Kind, value: &OsStr, origin: &Origin) -> Result<(), SettingsError> {
+pub(super) fn check(
+    argument: &Arg,
+    kind: ValueKind,
+    value: &OsStr,
+    origin: &Origin,
+) -> Result<(), SettingsError> {
     let wrong = |reason: String| {
         let place = match origin {
             Origin::File { path, line } => format!("{}, line {line}", path.display()),
@@ -77,8 +82,8 @@ pub(super) fn check(argument: &Arg, kind: Kind, value: &OsStr, origin: &Origin) 
         let key = argument.get_long().unwrap_or_default().to_owned();
         SettingsError::Value { place, key, reason }
     };
-    if kind == Kind::Switch {
-        let known = ["true", "false"].iter().any(|known| fit(value) == *known);
+    if kind == ValueKind::Switch {
+        let known = ["true", "false"].iter().any(|known| normalize(value) == *known);
         return if known { Ok(()) } else { Err(wrong("`true` or `false` is expected".to_owned())) };
     }
     let mut word = OsString::from(format!("--{}=", argument.get_long().unwrap_or_default()));
@@ -105,8 +110,8 @@ pub(super) fn is_address(argument: &Arg) -> bool {
 
 /// The position of a path in a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Paths {
-    Nowhere,
+pub(super) enum PathPosition {
+    NoPath,
     /// The whole value is a path.
     Whole,
     /// The path follows `NAME=`.
@@ -115,7 +120,7 @@ pub(super) enum Paths {
     Socket,
 }
 
-impl Paths {
+impl PathPosition {
     /// Derives it from the value name in the help.
     pub(super) fn of(argument: &Arg) -> Self {
         let name =
@@ -124,24 +129,24 @@ impl Paths {
             "FILE" | "DIR" => Self::Whole,
             "NAME=FILE" => Self::Named,
             name if name.contains("unix:") => Self::Socket,
-            _ => Self::Nowhere,
+            _ => Self::NoPath,
         }
     }
 
     /// Resolves the path in the value against a folder, unless it is absolute.
     pub(super) fn join(self, base: &Path, value: &OsStr) -> OsString {
-        let behind = |separator: char, text: &str| match text.split_once(separator) {
+        let resolve_after = |separator: char, text: &str| match text.split_once(separator) {
             Some((name, path)) if !path.is_empty() => {
                 let mut value = OsString::from(format!("{name}{separator}"));
-                value.push(joined(base, Path::new(path)));
+                value.push(resolve_path(base, Path::new(path)));
                 value
             }
             _ => text.into(),
         };
         match (self, value.to_str()) {
-            (Self::Whole, _) if !value.is_empty() => joined(base, Path::new(value)).into(),
-            (Self::Named, Some(text)) => behind('=', text),
-            (Self::Socket, Some(text)) if text.starts_with("unix:") => behind(':', text),
+            (Self::Whole, _) if !value.is_empty() => resolve_path(base, Path::new(value)).into(),
+            (Self::Named, Some(text)) => resolve_after('=', text),
+            (Self::Socket, Some(text)) if text.starts_with("unix:") => resolve_after(':', text),
             _ => value.to_owned(),
         }
     }

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::fmt::Write as _;
 
 use super::error::SettingsError;
-use super::kind::Kind;
+use super::kind::ValueKind;
 use super::secret::{MASK, masked};
 use super::{Origin, Setting, variable};
 
@@ -24,7 +24,7 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
         let value = text(value)?;
         let shown = masked(&value, setting.address);
         hidden |= shown.contains(MASK);
-        Ok(written(setting.kind, &shown))
+        Ok(toml_value(setting.kind, &shown))
     };
     let values: Vec<String> = setting.absolute().map(&mut shown).collect::<Result<_, _>>()?;
     let value = if setting.several { format!("[{}]", values.join(", ")) } else { values.concat() };
@@ -40,13 +40,15 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
 }
 
 /// A value in TOML.
-fn written(kind: Kind, value: &str) -> String {
+fn toml_value(kind: ValueKind, value: &str) -> String {
     match kind {
-        Kind::Switch => value.to_owned(),
-        Kind::Integer => value.trim_start_matches('+').to_owned(),
+        ValueKind::Switch => value.to_owned(),
+        ValueKind::Integer => value.trim_start_matches('+').to_owned(),
         // Rust's debug form of a number is valid TOML.
-        Kind::Number => value.parse::<f64>().map_or_else(|_| quoted(value), |number| format!("{number:?}")),
-        Kind::Text => quoted(value),
+        ValueKind::Number => {
+            value.parse::<f64>().map_or_else(|_| quoted(value), |number| format!("{number:?}"))
+        }
+        ValueKind::Text => quoted(value),
     }
 }
 

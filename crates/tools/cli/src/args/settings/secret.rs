@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_secret_of_an_address_is_left_and_nothing_else_is_lost() {
+    fn only_secrets_of_addresses_are_masked() {
         for (address, shown) in [
             ("tls://gateway:secret@nats-0:4222", "tls://gateway:***@nats-0:4222"),
             (

@@ -43,7 +43,7 @@ fn command() -> Command {
     Sample::augment_args(Command::new("serve"))
 }
 
-fn settle(flags: &[&str], variables: &[(&str, &str)], text: Option<&str>) -> Result<Settings, SettingsError> {
+fn merge(flags: &[&str], variables: &[(&str, &str)], text: Option<&str>) -> Result<Settings, SettingsError> {
     let folder = tempfile::tempdir().expect("folder");
     let mut line = vec!["serve".to_owned()];
     if let Some(text) = text {
@@ -63,10 +63,10 @@ fn sample(settings: &Settings) -> Result<Sample, clap::Error> {
 }
 
 #[test]
-fn what_comes_later_wins_and_a_switch_can_be_turned_off() {
+fn later_layers_override_and_switches_turn_off() {
     let file = "queue = 8\ndrain-delay = 1\nlog-json = true\nmap = [\"a=x.vmap\", \"b=/y.vmap\"]\n";
     let of = |flags: &[&str], variables: &[(&str, &str)]| {
-        sample(&settle(flags, variables, Some(file)).expect("settings")).expect("complete")
+        sample(&merge(flags, variables, Some(file)).expect("settings")).expect("complete")
     };
     let plain = of(&[], &[]);
     assert_eq!((plain.queue, plain.drain_delay, plain.log_json), (8, 1.0, true));
@@ -84,20 +84,20 @@ fn what_comes_later_wins_and_a_switch_can_be_turned_off() {
 
 /// Arguments that depend on each other may come from different layers; the command's own parser checks the result.
 #[test]
-fn what_belongs_together_may_come_from_different_layers() {
-    let settings = settle(&["--key=k"], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
+fn dependent_arguments_may_come_from_different_layers() {
+    let settings = merge(&["--key=k"], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
     let both = sample(&settings).expect("complete");
     assert!(both.cert.is_some_and(|cert| cert.is_absolute()));
     assert_eq!(both.key.as_deref(), Some(Path::new("k")), "a flag's path is as it was typed");
-    let alone = settle(&[], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
+    let alone = merge(&[], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
     assert!(sample(&alone).expect_err("no key").to_string().contains("--key"));
     assert!(
-        sample(&settle(&[], &[], None).expect("settings")).expect_err("no map").to_string().contains("--map")
+        sample(&merge(&[], &[], None).expect("settings")).expect_err("no map").to_string().contains("--map")
     );
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_line_and_remedy() {
+fn errors_name_line_and_remedy() {
     for (text, parts) in [
         ("queue = ", &["line 1", "TOML"][..]),
         ("\nqueue = 1\nqueue = 2", &["line 3"]),
@@ -118,29 +118,28 @@ fn what_is_wrong_is_named_with_its_line_and_remedy() {
         ("memory = \"nowhere\"", &["one of here, there is expected"]),
         ("[queue]\nx = 1", &["a section"]),
     ] {
-        let error = settle(&[], &[], Some(text)).expect_err(text).to_string();
+        let error = merge(&[], &[], Some(text)).expect_err(text).to_string();
         for part in parts.iter().chain(&["veiloc.toml"]) {
             assert!(error.contains(part), "{text}: {error}");
         }
     }
     let hidden =
-        settle(&["--queue=1"], &[("VEILOC_QUEUE", "2")], Some("queue = -1")).expect_err("a wrong file");
+        merge(&["--queue=1"], &[("VEILOC_QUEUE", "2")], Some("queue = -1")).expect_err("a wrong file");
     assert!(hidden.to_string().contains("line 1: queue has an invalid value"), "{hidden}");
-    let error = settle(&[], &[("VEILOC_QUEUE", "many")], None).expect_err("no number").to_string();
+    let error = merge(&[], &[("VEILOC_QUEUE", "many")], None).expect_err("no number").to_string();
     assert!(error.contains("VEILOC_QUEUE: queue has an invalid value: invalid digit"), "{error}");
-    let error = settle(&[], &[("VEILOC_LOG_JSON", "yes")], None).expect_err("no switch").to_string();
+    let error = merge(&[], &[("VEILOC_LOG_JSON", "yes")], None).expect_err("no switch").to_string();
     assert!(error.contains("`true` or `false`"), "{error}");
-    let error =
-        settle(&[], &[("VEILOC_CONFIG", "/none/veiloc.toml")], None).expect_err("no file").to_string();
+    let error = merge(&[], &[("VEILOC_CONFIG", "/none/veiloc.toml")], None).expect_err("no file").to_string();
     assert!(error.contains("/none/veiloc.toml") && error.contains("--config"), "{error}");
 }
 
 #[test]
-fn what_is_printed_says_the_same_again() {
+fn printed_settings_round_trip() {
     let odd = "say \"\\\" and\ttab\u{7f}";
     let flags =
         ["--map", "a=x y.vmap", "--map", &format!("b={odd}"), "--listen", "unix:s.sock", "--queue=+7"];
-    let settings = settle(&flags, &[("VEILOC_DRAIN_DELAY", "1e-7")], Some("workers = 0x10\nlog-json = true"))
+    let settings = merge(&flags, &[("VEILOC_DRAIN_DELAY", "1e-7")], Some("workers = 0x10\nlog-json = true"))
         .expect("settings");
     let printed = settings.to_toml().expect("text");
     for part in [
@@ -153,7 +152,7 @@ fn what_is_printed_says_the_same_again() {
     ] {
         assert!(printed.contains(part), "{part}: {printed}");
     }
-    let again = settle(&[], &[], Some(&printed)).expect("settings");
+    let again = merge(&[], &[], Some(&printed)).expect("settings");
     let values = |text: &str| -> Vec<String> {
         text.lines().map(|line| line.split(" # ").next().expect("a part").to_owned()).collect()
     };
@@ -165,7 +164,7 @@ fn what_is_printed_says_the_same_again() {
         (second.queue, second.workers, second.drain_delay)
     );
     assert!(
-        settle(&[], &[], None)
+        merge(&[], &[], None)
             .expect("settings")
             .to_toml()
             .expect("text")

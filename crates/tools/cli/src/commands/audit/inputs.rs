@@ -27,19 +27,19 @@ impl Inputs {
     /// one form one group.
     pub(super) fn read(
         paths: &[PathBuf],
-        most: usize,
+        limit: usize,
         extractor: &dyn Extractor,
         limits: ExtractionLimits,
         progress: &dyn Progress,
         ui: &Ui,
     ) -> Result<Self, Failure> {
         let given: Vec<Vec<Item>> =
-            paths.iter().map(|path| items::gather(std::slice::from_ref(path), &IMAGES)).collect();
+            paths.iter().map(|path| items::expand_inputs(std::slice::from_ref(path), &IMAGES)).collect();
         items::refuse_bad(&given.concat())?;
         let (mut files, mut given) = (Vec::new(), given);
         for path in paths.iter().filter(|path| holds_keypoints(path) && !path.is_dir()) {
             let images: Vec<KeypointImage> = read_keypoints(path)?;
-            files.push(paired(path, images, &mut given));
+            files.push(with_images(path, images, &mut given));
         }
         let mut files = files.into_iter();
         let mut groups: Vec<Group> = Vec::new();
@@ -49,15 +49,19 @@ impl Inputs {
                 if inside.is_empty() {
                     continue;
                 }
-                if inside.len() > most {
-                    ui.say(format!("{}: the first {most} of {} images", path.display(), inside.len()));
-                    inside.truncate(most);
+                if inside.len() > limit {
+                    ui.info(format!("{}: the first {limit} of {} images", path.display(), inside.len()));
+                    inside.truncate(limit);
                 }
                 groups.push(group(display_name(path), &inside, extractor, limits, progress)?);
             } else if holds_keypoints(path) {
                 let Some(group) = files.next() else { continue };
-                if group.images.len() > most {
-                    ui.say(format!("{}: the first {most} of {} images", path.display(), group.images.len()));
+                if group.images.len() > limit {
+                    ui.info(format!(
+                        "{}: the first {limit} of {} images",
+                        path.display(),
+                        group.images.len()
+                    ));
                 }
                 groups.push(group);
             } else {
@@ -65,9 +69,9 @@ impl Inputs {
             }
         }
         if !loose.is_empty() {
-            if loose.len() > most {
+            if loose.len() > limit {
                 return Err(Failure::with_help(
-                    format!("{} images are given, and only {most} would be attacked", loose.len()),
+                    format!("{} images are given, and only {limit} would be attacked", loose.len()),
                     format!("give --images {} to attack all of them", loose.len()),
                 ));
             }
@@ -90,7 +94,7 @@ impl Inputs {
             group.images.retain(|(image, _)| {
                 let empty = image.keypoints.is_empty();
                 if empty {
-                    ui.say(format!("{}: no keypoints found, left out", image.name));
+                    ui.info(format!("{}: no keypoints found, left out", image.name));
                     first.get_or_insert_with(|| image.name.clone());
                 }
                 !empty
@@ -135,7 +139,7 @@ impl Inputs {
 
 /// Reads a file of keypoints and finds their images: images of the same name among `given`, which then are not attacked
 /// separately, and otherwise images of the same name beside the file.
-fn paired(path: &Path, images: Vec<KeypointImage>, given: &mut [Vec<Item>]) -> Group {
+fn with_images(path: &Path, images: Vec<KeypointImage>, given: &mut [Vec<Item>]) -> Group {
     let mut files: Vec<Option<PathBuf>> = Vec::new();
     for image in &images {
         let named = Path::new(&image.name);

@@ -8,7 +8,7 @@ use veiloc_evaluation::privacy::adversaries::{
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 
-use crate::commands::eval::place::MaybePlaceArgs;
+use crate::commands::eval::posed_scene::OptionalPosedSceneArgs;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
@@ -27,7 +27,7 @@ use crate::ui::Ui;
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: MaybePlaceArgs,
+    place: OptionalPosedSceneArgs,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
     /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR", requires = "posed")]

@@ -44,7 +44,7 @@ pub(crate) struct Args {
 
 /// The document of `veiloc eval compare --json`.
 #[derive(Serialize)]
-struct Document {
+struct CompareDocument {
     version: u32,
     command: &'static str,
     a: String,
@@ -58,7 +58,7 @@ struct Document {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let (a, b) = (read(&args.a)?, read(&args.b)?);
     if a.data() != b.data() {
-        ui.complain(format!("A was evaluated on {}, and B on {}", a.data().join(", "), b.data().join(", ")));
+        ui.warn(format!("A was evaluated on {}, and B on {}", a.data().join(", "), b.data().join(", ")));
     }
     let options = ComparisonOptions {
         rows: [args.row.clone(), args.against.clone()],
@@ -73,7 +73,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         )
     })?;
     let text = comparison.table();
-    let document = Document {
+    let document = CompareDocument {
         version: 1,
         command: "eval compare",
         a: args.a.display().to_string(),

@@ -146,7 +146,7 @@ impl HtmlReport {
 pub(crate) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
     files::write(path, page.as_bytes())?;
     let megabytes = page.len() as f64 / 1e6;
-    ui.say(format!("report: {} ({megabytes:.1} MB; open it in a browser)", path.display()));
+    ui.info(format!("report: {} ({megabytes:.1} MB; open it in a browser)", path.display()));
     Ok(())
 }
 

@@ -120,7 +120,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     let all = match &args.list {
         Some(list) => listed(&args.images, list)?,
-        None => items::gather_all(&args.images, &IMAGES)?.into_iter().map(|item| item.path).collect(),
+        None => items::expand_readable(&args.images, &IMAGES)?.into_iter().map(|item| item.path).collect(),
     };
     let most = args.most.map_or(all.len(), |most| (most as usize).min(all.len()));
     let evaluation = InversionEvaluation {
@@ -139,7 +139,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         && let Some(png) = sheet.png()?
     {
         files::write(path, &png)?;
-        ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
+        ui.info(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
     }
     if let Some(path) = &args.report {
         let page = inversion_page(&document, &sheets, &html::facts(Some(args.seed)));
@@ -150,9 +150,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 }
 
 fn listed(folders: &[PathBuf], list: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let folder = lists::one_folder(folders)?;
+    let folder = lists::single_folder(folders)?;
     let listed = lists::read_with_cameras(list)?;
-    let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+    let items = items::files_of_list(folder, listed.iter().map(|l| l.name.as_str()));
     items::refuse_bad(&items)?;
     Ok(items.into_iter().map(|item| item.path).collect())
 }

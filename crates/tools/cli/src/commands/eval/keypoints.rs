@@ -42,11 +42,11 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
     let items = match &args.list {
-        None => items::gather_all(&args.images, &IMAGES)?,
+        None => items::expand_readable(&args.images, &IMAGES)?,
         Some(list) => {
-            let folder = lists::one_folder(&args.images)?;
+            let folder = lists::single_folder(&args.images)?;
             let listed = lists::read_with_cameras(list)?;
-            let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+            let items = items::files_of_list(folder, listed.iter().map(|l| l.name.as_str()));
             items::refuse_bad(&items)?;
             items
         }
@@ -60,6 +60,6 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let gzip = args.out.extension().is_some_and(|e| e == "gz");
     files::write_or_print(&args.out, &encode_keypoints(&images, gzip)?, ui)?;
     let keypoints: usize = images.iter().map(|p| p.keypoints.len()).sum();
-    ui.say(format!("{}: {} images, {keypoints} keypoints", args.out.display(), images.len()));
+    ui.info(format!("{}: {} images, {keypoints} keypoints", args.out.display(), images.len()));
     Ok(Exit::Success)
 }

@@ -8,7 +8,7 @@ use veiloc_map::colmap::read_posed;
 use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
 
-use crate::commands::eval::place::PlaceArgs;
+use crate::commands::eval::posed_scene::PosedSceneArgs;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
@@ -27,7 +27,7 @@ use crate::ui::Ui;
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PlaceArgs,
+    place: PosedSceneArgs,
     /// Layouts, as dcl schemes, in the order of the table. Layouts are compared with `dcl:paper` if it is among them.
     /// Default: the paper's, a diagonal with two corners, stripes, and layouts found by search.
     #[arg(long, value_delimiter = ',', value_parser = layout, value_name = "LAYOUT,…")]

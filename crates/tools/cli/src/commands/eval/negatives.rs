@@ -11,12 +11,12 @@ use veiloc_map::MapFile;
 use veiloc_protocol::{FocalKnowledge, Scheme};
 
 use crate::camera::{CameraArg, CameraSource};
-use crate::commands::eval::half::Half;
+use crate::commands::eval::split::Split;
 use crate::exit::{Failure, Outcome};
-use crate::faults::fault_of;
+use crate::extraction_error::extraction_error;
 use crate::feature_args::MapFeatureArgs;
 use crate::global_args::MapGlobalArgs;
-use crate::items::{self, Fault, IMAGES, Item, SkipArgs, Tally};
+use crate::items::{self, BatchSummary, IMAGES, InputError, Item, SkipArgs};
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::localization_args::{MatchArgs, PoseArgs};
@@ -42,8 +42,8 @@ pub(crate) struct Args {
     /// Use one half of the images, chosen by the file name alone: `design` to choose thresholds with, `final` for final
     /// figures only. Bit 32 of the 64-bit FNV-1a hash of the file name without folders is 0 in `design` and 1 in
     /// `final`.
-    #[arg(long, value_enum, default_value_t = Half::All)]
-    half: Half,
+    #[arg(long, value_enum, default_value_t = Split::All)]
+    half: Split,
     /// The camera of all images, as in `veiloc seal`. Default: the camera in the list, then EXIF, and otherwise an
     /// assumed camera that the query marks as unknown: no distortion, a focal length of 1.2 times the longer side.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
@@ -67,24 +67,24 @@ pub(crate) struct Args {
 
 /// The document of `veiloc eval negatives --json`.
 #[derive(Serialize)]
-struct Document {
+struct NegativesDocument {
     version: u32,
     command: &'static str,
     map: String,
-    half: Half,
+    half: Split,
     seed: u64,
     images: usize,
     failed: usize,
     #[serde(flatten)]
     result: Negatives,
-    faults: Vec<FaultDocument>,
+    faults: Vec<InputErrorDocument>,
 }
 
 #[derive(Serialize)]
-struct FaultDocument {
+struct InputErrorDocument {
     file: String,
     #[serde(flatten)]
-    fault: Fault,
+    fault: InputError,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let given = images(args)?;
     let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
     let names = items::names(&items);
-    let mut tally = Tally::begin("queried", &items, ui);
+    let mut tally = BatchSummary::begin("queried", &items, ui);
     let mut faults = Vec::new();
     let mut usable = Vec::new();
     for ((item, camera), name) in given.into_iter().zip(names) {
@@ -114,12 +114,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     } else {
         evaluate_negatives(&map, &evaluation, &Stages::new(ui))?
     };
-    faults.extend(result.unread.iter().map(|(name, error)| (name.clone(), fault_of(error))));
+    faults.extend(result.unread.iter().map(|(name, error)| (name.clone(), extraction_error(error))));
     for (name, fault) in &faults {
         tally.failed(name, fault);
     }
     let text = table(&result);
-    let document = Document {
+    let document = NegativesDocument {
         version: 1,
         command: "eval negatives",
         map: args.map.display().to_string(),
@@ -128,7 +128,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         images: items.len(),
         failed: faults.len(),
         result,
-        faults: faults.into_iter().map(|(file, fault)| FaultDocument { file, fault }).collect(),
+        faults: faults.into_iter().map(|(file, fault)| InputErrorDocument { file, fault }).collect(),
     };
     args.json.print(&text, &document, ui)?;
     tally.end(items.len() - document.failed, "", args.skip, ui)
@@ -144,10 +144,10 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     }
     let common = match args.camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()? {
         Some(CameraSource::Given(known)) => Some(known.intrinsics),
-        Some(CameraSource::Exif | CameraSource::Guess) | None => None,
+        Some(CameraSource::Exif | CameraSource::Assumed) | None => None,
     };
     let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
-        None => items::gather(std::slice::from_ref(&args.images), &IMAGES)
+        None => items::expand_inputs(std::slice::from_ref(&args.images), &IMAGES)
             .into_iter()
             .map(|item| (item, common))
             .collect(),
@@ -164,18 +164,18 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
                     "leave out --camera, or give a list without cameras",
                 ));
             }
-            let items = items::listed(&args.images, listed.iter().map(|l| l.name.as_str()));
+            let items = items::files_of_list(&args.images, listed.iter().map(|l| l.name.as_str()));
             items.into_iter().zip(listed).map(|(item, l)| (item, l.camera.or(common))).collect()
         }
     };
     let all = given.len();
-    let kept: Vec<_> =
+    let selected: Vec<_> =
         given.into_iter().filter(|(item, _)| item.path.is_dir() || args.half.holds(&item.path)).collect();
-    if kept.is_empty() {
+    if selected.is_empty() {
         return Err(Failure::with_help(
             format!("none of the {all} images belongs to this half"),
             "give more images, or leave out --half",
         ));
     }
-    Ok(kept)
+    Ok(selected)
 }

@@ -7,7 +7,7 @@ use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_evaluation::{ProblemSource, make_problems, masks_of};
 use veiloc_map::colmap::read_posed;
 
-use crate::commands::eval::place::PlaceArgs;
+use crate::commands::eval::posed_scene::PosedSceneArgs;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
@@ -23,7 +23,7 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PlaceArgs,
+    place: PosedSceneArgs,
     /// Output file of the problems; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
@@ -63,6 +63,6 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(path) = &args.keypoints {
         files::write(path, &encode_keypoints(&images, gzip(path))?)?;
     }
-    ui.say(format!("{}: {} problems", args.out.display(), lines.len()));
+    ui.info(format!("{}: {} problems", args.out.display(), lines.len()));
     Ok(Exit::Success)
 }

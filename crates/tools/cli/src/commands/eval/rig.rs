@@ -56,7 +56,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let result = evaluate_rig(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
-        ui.say(format!("map: {} images, {} points", map.images, map.points));
+        ui.info(format!("map: {} images, {} points", map.images, map.points));
     }
     args.scene.report.finish(&result, ui)
 }

@@ -9,7 +9,7 @@ use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
 
 use crate::commands::eval::html::{self, HtmlArgs};
-use crate::commands::eval::place::{GravityArgs, PlaceArgs};
+use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
 use crate::commands::eval::report::ReportArgs;
 use crate::exit::{Failure, Outcome};
 use crate::extraction_args::ExtractionArgs;
@@ -66,7 +66,7 @@ pub(crate) struct Args {
 #[derive(clap::Args)]
 pub(super) struct SceneArgs {
     #[command(flatten)]
-    place: PlaceArgs,
+    place: PosedSceneArgs,
     /// Write the map to this file.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
@@ -162,7 +162,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         jobs: args.jobs.into(),
         compress: args.compress,
         regions: args.regions(),
-        sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
+        sending: args.progressive.stop_criterion().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };
     let report = args.html.begin(1, LengthUnit::Map)?;
@@ -171,7 +171,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
-        ui.say(format!(
+        ui.info(format!(
             "map: {} images, {} points, {:.1} MB ({:.0} bytes per point), built in {:.1} s ({:.2} s per image)",
             map.images,
             map.points,
@@ -181,7 +181,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             map.build_seconds / map.images.max(1) as f64,
         ));
         if let Some(regions) = &map.regions {
-            ui.say(format!(
+            ui.info(format!(
                 "regions: {}, each image in {:.2} of them, {:.1} MB (the largest {:.1} MB), and an index of {:.2} MB",
                 regions.count,
                 regions.images_held as f64 / map.images.max(1) as f64,

@@ -55,7 +55,7 @@ pub(crate) struct Args {
 
 /// The document of `veiloc eval search --json`.
 #[derive(Serialize)]
-struct Document {
+struct RetrievalDocument {
     version: u32,
     command: &'static str,
     map: String,
@@ -72,15 +72,15 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         Ok(items.into_iter().map(|item| item.path).collect())
     };
     let queries = match &args.query_list {
-        None => gathered(items::gather(std::slice::from_ref(&args.images), &IMAGES))?,
+        None => gathered(items::expand_inputs(std::slice::from_ref(&args.images), &IMAGES))?,
         Some(list) => {
             let listed = lists::read_with_cameras(list)?;
-            gathered(items::listed(&args.images, listed.iter().map(|l| l.name.as_str())))?
+            gathered(items::files_of_list(&args.images, listed.iter().map(|l| l.name.as_str())))?
         }
     };
     let others = match &args.others {
         None => Vec::new(),
-        Some(folder) => gathered(items::gather(std::slice::from_ref(folder), &IMAGES))?,
+        Some(folder) => gathered(items::expand_inputs(std::slice::from_ref(folder), &IMAGES))?,
     };
     let extractors = args.features.extractors(map.profile())?;
     let extractor = extractors.of_kind(map.profile().descriptor_kind())?;
@@ -94,7 +94,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let rows = evaluate_search(&map, extractor, &evaluation, &Stages::new(ui))?;
     let text = table(&rows);
-    let document = Document {
+    let document = RetrievalDocument {
         version: 1,
         command: "eval search",
         map: args.map.display().to_string(),

@@ -79,7 +79,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .with_memory(default.memory && !args.no_memory),
     };
     let document = evaluate_sessions(&evaluation, &Stages::new(ui))?;
-    ui.say(format!("map: {} images, {} points", document.map.images, document.map.points));
+    ui.info(format!("map: {} images, {} points", document.map.images, document.map.points));
     args.scene.report.print(&table(&document), &document, ui)?;
     let localized = document.frames.iter().any(|f| f.summary.localized > 0);
     Ok(if localized { Exit::Success } else { Exit::Refused })

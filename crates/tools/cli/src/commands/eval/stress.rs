@@ -5,7 +5,7 @@ use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress, table
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 
-use crate::commands::eval::place::{GravityArgs, PlaceArgs};
+use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
@@ -22,7 +22,7 @@ use crate::ui::Ui;
 #[command(after_long_help = STRESSES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PlaceArgs,
+    place: PosedSceneArgs,
     #[command(flatten)]
     gravity: GravityArgs,
     /// Stress conditions of the queries, see below; `none`, the unchanged images, is always the first row.
@@ -93,9 +93,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.oracle_radius_px = args.oracle_radius;
     evaluation.seed = args.pose.run.seed;
     let result = evaluate_stress(&evaluation, &Stages::new(ui))?;
-    ui.say(format!("map: {} images, {} points", result.map.images, result.map.points));
+    ui.info(format!("map: {} images, {} points", result.map.images, result.map.points));
     if let Some(sparse) = &result.sparse_map {
-        ui.say(format!(
+        ui.info(format!(
             "sparse map: one image in {}, {} images, {} points",
             sparse.every, sparse.map.images, sparse.map.points
         ));

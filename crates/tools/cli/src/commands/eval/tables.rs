@@ -80,7 +80,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         for (name, svg) in drawn {
             files::write(&folder.join(name), svg.as_bytes())?;
         }
-        ui.say(format!("{}: position.svg, orientation.svg, times.svg", folder.display()));
+        ui.info(format!("{}: position.svg, orientation.svg, times.svg", folder.display()));
     }
     Ok(Exit::Success)
 }

@@ -8,23 +8,23 @@ use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
 use veiloc_report::significant;
 
-use crate::items::Fault;
+use crate::items::InputError;
 
 /// The document of `veiloc localize --json`.
 #[derive(Serialize)]
-pub(super) struct Document {
+pub(super) struct LocalizeDocument {
     pub(super) version: u32,
     pub(super) map: String,
     pub(super) localized: usize,
     pub(super) not_localized: usize,
     pub(super) failed: usize,
-    pub(super) queries: Vec<Query>,
+    pub(super) queries: Vec<QueryDocument>,
 }
 
 /// Result of a query.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Status {
+pub(super) enum LocalizeStatus {
     /// It has a pose; `trusted` says whether the pose is trusted.
     Localized,
     /// The query is valid, and no pose was found.
@@ -55,7 +55,7 @@ pub(super) enum NoPoseKind {
 #[serde(untagged)]
 pub(super) enum ErrorDocument {
     NotLocalized { kind: NoPoseKind, message: String },
-    Failed(Fault),
+    Failed(InputError),
 }
 
 impl ErrorDocument {
@@ -68,9 +68,9 @@ impl ErrorDocument {
 }
 
 #[derive(Serialize)]
-pub(super) struct Query {
+pub(super) struct QueryDocument {
     pub(super) file: String,
-    pub(super) status: Status,
+    pub(super) status: LocalizeStatus,
     /// `trusted`, `doubtful` or `not-found`.
     pub(super) state: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -136,10 +136,10 @@ impl ConfidenceDocument {
     }
 }
 
-impl Query {
+impl QueryDocument {
     /// Returns whether it has a doubtful pose.
     pub(super) fn is_doubtful(&self) -> bool {
-        self.status == Status::Localized && !self.trusted
+        self.status == LocalizeStatus::Localized && !self.trusted
     }
 
     /// Returns whether the query is valid but for another map.
@@ -152,12 +152,12 @@ pub(super) fn not_localized(kind: NoPoseKind, error: &LocalizeError) -> ErrorDoc
     ErrorDocument::NotLocalized { kind, message: error.to_string() }
 }
 
-pub(super) fn found_query(file: String, found: &Localization) -> Query {
+pub(super) fn localized_query(file: String, found: &Localization) -> QueryDocument {
     let pose = &found.cam_from_world;
     let c = pose.center().coords;
-    Query {
+    QueryDocument {
         file,
-        status: Status::Localized,
+        status: LocalizeStatus::Localized,
         state: name_of(found.state),
         cam_from_world: Some(PoseDocument::of(pose)),
         center: Some([c.x, c.y, c.z]),
@@ -187,14 +187,14 @@ pub(super) fn found_query(file: String, found: &Localization) -> Query {
 }
 
 /// Removes the pose and all statements on it, except the reasons for doubt.
-pub(super) fn withheld(query: Query) -> Query {
+pub(super) fn withheld(query: QueryDocument) -> QueryDocument {
     let message = format!(
         "its pose is withheld: {}; send another frame of the same session, or first move by at least one \
          step",
         query.doubts.join("; ")
     );
-    Query {
-        status: Status::NotLocalized,
+    QueryDocument {
+        status: LocalizeStatus::NotLocalized,
         cam_from_world: None,
         center: None,
         position_sd: None,
@@ -212,12 +212,12 @@ pub(super) const fn name_of(state: State) -> &'static str {
     }
 }
 
-pub(super) fn lost_query(file: String, error: ErrorDocument) -> Query {
+pub(super) fn failed_query(file: String, error: ErrorDocument) -> QueryDocument {
     let status = match error {
-        ErrorDocument::NotLocalized { .. } => Status::NotLocalized,
-        ErrorDocument::Failed(_) => Status::Failed,
+        ErrorDocument::NotLocalized { .. } => LocalizeStatus::NotLocalized,
+        ErrorDocument::Failed(_) => LocalizeStatus::Failed,
     };
-    Query {
+    QueryDocument {
         file,
         status,
         state: name_of(State::NotFound),
@@ -240,9 +240,9 @@ pub(super) fn lost_query(file: String, error: ErrorDocument) -> Query {
 }
 
 /// One line for each query that was answered; unusable files are reported on stderr.
-pub(super) fn table(document: &Document) -> String {
+pub(super) fn table(document: &LocalizeDocument) -> String {
     use std::fmt::Write as _;
-    let answered = || document.queries.iter().filter(|q| q.status != Status::Failed);
+    let answered = || document.queries.iter().filter(|q| q.status != LocalizeStatus::Failed);
     let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
     let mut text = String::new();
     for q in answered() {

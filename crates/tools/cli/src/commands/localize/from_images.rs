@@ -10,10 +10,10 @@ use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::{Profile, SealedQuery};
 
 use crate::commands::device_args::DeviceArgs;
-use crate::commands::listed::images_of_list;
+use crate::commands::image_list::images_of_list;
 use crate::commands::seal::seal_one;
 use crate::exit::Failure;
-use crate::items::{Fault, FaultKind, Item};
+use crate::items::{InputError, InputErrorKind, Item};
 use crate::ui::Ui;
 
 /// Images instead of sealed queries.
@@ -81,7 +81,7 @@ impl ImageArgs {
             ));
         }
         let images = images_of_list(list, folder, &self.device, self.camera.as_ref())?;
-        if images.len() > 1 && self.device.tells_gravity() {
+        if images.len() > 1 && self.device.has_gravity() {
             return Err(Failure::with_help(
                 "--gravity is for one image, and the list names several",
                 "seal each image with `veiloc seal`, with the direction measured when it was taken",
@@ -104,14 +104,18 @@ impl Sealing {
     ///
     /// # Errors
     /// Errors that do not belong to one image.
-    pub(super) fn seal(&self, index: usize) -> Result<Result<(SealedQuery, Intrinsics), Fault>, Failure> {
+    pub(super) fn seal(
+        &self,
+        index: usize,
+    ) -> Result<Result<(SealedQuery, Intrinsics), InputError>, Failure> {
         let (item, camera) = &self.images[index];
         if let Some(fault) = &item.fault {
             return Ok(Err(fault.clone()));
         }
         let sealed = seal_one(&item.path, *camera, &self.profile, &self.options, None, None)?;
         Ok(sealed.and_then(|sealed| {
-            let query = SealedQuery::decode(&sealed.bytes).map_err(|e| Fault::new(FaultKind::Damaged, e))?;
+            let query = SealedQuery::decode(&sealed.bytes)
+                .map_err(|e| InputError::new(InputErrorKind::Damaged, e))?;
             Ok((query, sealed.camera))
         }))
     }

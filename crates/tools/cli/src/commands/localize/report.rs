@@ -12,7 +12,7 @@ use veiloc_report::{
     worst_first,
 };
 
-use super::document::{Document, Query, Status, name_of};
+use super::document::{LocalizeDocument, LocalizeStatus, QueryDocument, name_of};
 use crate::args::report_args::ReportFileArgs;
 use crate::commands::eval::html;
 use crate::exit::Failure;
@@ -35,7 +35,7 @@ const ENDINGS: [&str; 6] = ["jpg", "jpeg", "png", "JPG", "JPEG", "PNG"];
 
 impl ReportArgs {
     /// Returns whether a report was requested: queries are then stored until it is written.
-    pub(super) const fn is_asked(&self) -> bool {
+    pub(super) const fn is_requested(&self) -> bool {
         self.report.file.is_some()
     }
 
@@ -44,7 +44,7 @@ impl ReportArgs {
     /// `sealed` holds the queries of the document, in its order, as far as they could be read.
     pub(super) fn write(
         &self,
-        document: &Document,
+        document: &LocalizeDocument,
         sealed: &[Option<SealedQuery>],
         map: &MapFile,
         options: &LocalizeOptions,
@@ -57,7 +57,8 @@ impl ReportArgs {
             let of_name = document.queries.iter().zip(sealed).find(|(query, _)| query.file == name);
             let Some((query, Some(sealed))) = of_name else { continue };
             // A withheld pose is not drawn either.
-            let found = localize(sealed, map, options).ok().filter(|_| query.status == Status::Localized);
+            let found =
+                localize(sealed, map, options).ok().filter(|_| query.status == LocalizeStatus::Localized);
             let sent = SentDrawing::of(sealed, found.as_ref(), map);
             let image = self.report_images.as_deref().and_then(|folder| image_of(folder, Path::new(&name)));
             let drawing = QueryDrawing { scene: 0, name, image, is_undistorted: false, sent: vec![sent] };
@@ -79,12 +80,12 @@ impl ReportArgs {
 }
 
 /// The tables of the report, and the scene.
-fn filled(document: &Document, sealed: &[Option<SealedQuery>], map: &MapFile) -> LocalizationReport {
-    let answered: Vec<(&Query, Option<&SealedQuery>)> = document
+fn filled(document: &LocalizeDocument, sealed: &[Option<SealedQuery>], map: &MapFile) -> LocalizationReport {
+    let answered: Vec<(&QueryDocument, Option<&SealedQuery>)> = document
         .queries
         .iter()
         .zip(sealed.iter().map(Option::as_ref))
-        .filter(|(q, _)| q.status != Status::Failed)
+        .filter(|(q, _)| q.status != LocalizeStatus::Failed)
         .collect();
     let mut run = LocalizationReport {
         title: "Where the queries were taken".to_owned(),
@@ -112,7 +113,7 @@ fn filled(document: &Document, sealed: &[Option<SealedQuery>], map: &MapFile) ->
     run
 }
 
-fn outcome(query: &Query, sealed: Option<&SealedQuery>, method: usize) -> QueryOutcome {
+fn outcome(query: &QueryDocument, sealed: Option<&SealedQuery>, method: usize) -> QueryOutcome {
     let error = query.error.as_ref().map(|error| error.message().to_owned());
     let doubts = (!query.doubts.is_empty()).then(|| query.doubts.join("; "));
     QueryOutcome {

@@ -78,9 +78,9 @@ pub(super) fn run(
         named.into_iter().map(|named| (named.file, named.sealed)).unzip();
     let document = match localize_rig(&frames, &map, options) {
         Ok(found) if trusted_only && found.state != State::Trusted => {
-            withheld(found_rig(map_path, rig, &files, &found))
+            withheld(localized_rig(map_path, rig, &files, &found))
         }
-        Ok(found) => found_rig(map_path, rig, &files, &found),
+        Ok(found) => localized_rig(map_path, rig, &files, &found),
         Err(LocalizeError::Frame { frame, source }) => {
             let file = files.get(frame).map_or("", String::as_str);
             return Err(Failure::refused(format!("{}: frame {frame} ({file}): {source}", rig.display())));
@@ -90,7 +90,7 @@ pub(super) fn run(
                 LocalizeError::EmptyMap => NoPoseKind::EmptyMap,
                 _ => NoPoseKind::NoPose,
             };
-            lost_rig(map_path, rig, &files, not_localized(kind, &error))
+            failed_rig(map_path, rig, &files, not_localized(kind, &error))
         }
     };
     if json {
@@ -105,7 +105,7 @@ pub(super) fn run(
     })
 }
 
-fn found_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) -> RigDocument {
+fn localized_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) -> RigDocument {
     let c = found.rig_from_world.center().coords;
     // The JSON pose type is a quaternion and a translation, independent of the frame.
     let pose = CameraFromWorld::new(*found.rig_from_world.rotation(), *found.rig_from_world.translation());
@@ -157,7 +157,7 @@ fn withheld(document: RigDocument) -> RigDocument {
     }
 }
 
-fn lost_rig(map: &Path, rig: &Path, files: &[String], error: ErrorDocument) -> RigDocument {
+fn failed_rig(map: &Path, rig: &Path, files: &[String], error: ErrorDocument) -> RigDocument {
     let frame = |file: &String| FrameDocument {
         query: file.clone(),
         cam_from_world: None,

@@ -6,7 +6,7 @@ use veiloc_map::{MapFile, MapModel};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test_compressed, smallest_within};
 use veiloc_mapping::{CompressOptions, Compression, compress};
 
-use super::info::Told;
+use super::info::InfoOutput;
 use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -64,7 +64,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
         Some(points) => args.smallest(&whole, points, &options, &stages)?,
     };
     veiloc_map::write(&small.model, &args.out)?;
-    Told { json: args.json, ..Told::default() }.info(&args.out, ui)
+    InfoOutput { json: args.json, ..InfoOutput::default() }.info(&args.out, ui)
 }
 
 impl CompressArgs {

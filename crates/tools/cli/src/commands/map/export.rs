@@ -37,11 +37,11 @@ pub(super) fn run(args: &ExportArgs, ui: &Ui) -> Outcome {
     if let Some(dir) = &args.colmap {
         let write = if args.text { write_text } else { write_binary };
         write(&export(&model)?, dir)?;
-        ui.say(format!("{}: {} images, {} points", dir.display(), model.images.len(), model.points.len()));
+        ui.info(format!("{}: {} images, {} points", dir.display(), model.images.len(), model.points.len()));
     }
     if let Some(path) = &args.ply {
         write_ply(&model, path)?;
-        ui.say(format!("{}: {} points", path.display(), model.points.len()));
+        ui.info(format!("{}: {} points", path.display(), model.points.len()));
     }
     Ok(Exit::Success)
 }

@@ -80,14 +80,14 @@ struct ImageInfo {
 
 /// Output format of the facts about a map, and facts that only the building command knows.
 #[derive(Default)]
-pub(super) struct Told {
+pub(super) struct InfoOutput {
     pub(super) json: bool,
     pub(super) list: bool,
     pub(super) skipped: Vec<BadImage>,
     pub(super) doubts: Vec<Doubt>,
 }
 
-impl Told {
+impl InfoOutput {
     pub(super) fn info(self, path: &Path, ui: &Ui) -> Outcome {
         let map = MapFile::open(path)?;
         let images: Vec<ImageInfo> = map
@@ -116,10 +116,10 @@ impl Told {
             ..facts(&map, path)
         };
         if !self.skipped.is_empty() {
-            ui.say(SkippedImages(self.skipped));
+            ui.info(SkippedImages(self.skipped));
         }
         for warning in &info.warnings {
-            ui.say(format!("warning: {}", warning.message));
+            ui.info(format!("warning: {}", warning.message));
         }
         if self.json {
             ui.json(&info)?;

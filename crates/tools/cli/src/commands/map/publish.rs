@@ -142,7 +142,7 @@ pub(super) fn fetch(args: &FetchArgs, ui: &Ui) -> Outcome {
 
 /// Reports bytes as megabytes of a stage.
 fn watched(stage: &Stage) -> impl Fn(u64, u64) + Send + Sync {
-    |done, total| stage.reach(done / 1_000_000, total.div_ceil(1_000_000))
+    |done, total| stage.set_position(done / 1_000_000, total.div_ceil(1_000_000))
 }
 
 fn awaited<T, E: Into<Failure>>(work: impl Future<Output = Result<T, E>>) -> Result<T, Failure> {

@@ -41,13 +41,13 @@ impl SelfTestArgs {
 
 /// Whether an unusable map is written.
 #[derive(clap::Args)]
-pub(super) struct KeepArgs {
+pub(super) struct KeepBrokenArgs {
     /// Write the map even if nothing can be localized in it.
     #[arg(long)]
     keep_broken: bool,
 }
 
-impl KeepArgs {
+impl KeepBrokenArgs {
     /// Refuses a map in which nothing can be localized, so that it does not replace a usable one.
     pub(super) fn allow(
         &self,
@@ -60,7 +60,7 @@ impl KeepArgs {
             return Ok(());
         }
         for doubt in doubts {
-            ui.say(format!("warning: {doubt}"));
+            ui.info(format!("warning: {doubt}"));
         }
         Err(Failure::with_help(
             format!(
@@ -80,13 +80,13 @@ fn is_broken(model: &MapModel, doubts: &[Doubt]) -> bool {
     let explained = doubted(|d| matches!(d, Doubt::LikelyCause { .. }));
     let empty = doubted(|d| matches!(d, Doubt::FewPoints { .. }));
     let failed = model.self_test.as_ref().is_some_and(SelfTest::failed);
-    model.points.len() < FEWEST_POINTS
+    model.points.len() < MIN_POINTS
         || (explained && doubted(|d| matches!(d, Doubt::SelfTest { .. })))
         || (empty && failed)
 }
 
 /// Minimum number of points for localization: a pose needs ten inliers.
-const FEWEST_POINTS: usize = 10;
+const MIN_POINTS: usize = 10;
 
 /// A self-test as JSON.
 #[derive(Serialize)]

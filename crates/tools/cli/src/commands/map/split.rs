@@ -42,7 +42,7 @@ pub(crate) struct SplitArgs {
 
 /// What was written.
 #[derive(Serialize)]
-struct Written<'a> {
+struct SplitDocument<'a> {
     version: u32,
     folder: String,
     manifest: String,
@@ -71,11 +71,11 @@ pub(super) fn run(args: &SplitArgs, ui: &Ui) -> Outcome {
     }
     stages.finish();
     let manifest = writer.finish(&regions, entries)?;
-    let written = written(&manifest, &map, &args.out);
+    let document = document(&manifest, &map, &args.out);
     if args.json {
-        ui.json(&written)?;
+        ui.json(&document)?;
     } else {
-        ui.print(describe(&written));
+        ui.print(describe(&document));
     }
     Ok(Exit::Success)
 }
@@ -92,8 +92,8 @@ impl SplitArgs {
     }
 }
 
-fn written<'a>(manifest: &'a Manifest, map: &MapFile, folder: &Path) -> Written<'a> {
-    Written {
+fn document<'a>(manifest: &'a Manifest, map: &MapFile, folder: &Path) -> SplitDocument<'a> {
+    SplitDocument {
         version: 1,
         folder: folder.display().to_string(),
         manifest: manifest.id().to_string(),
@@ -108,22 +108,22 @@ fn written<'a>(manifest: &'a Manifest, map: &MapFile, folder: &Path) -> Written<
     }
 }
 
-fn describe(written: &Written<'_>) -> String {
+fn describe(document: &SplitDocument<'_>) -> String {
     let mb = |bytes: u64| bytes as f64 / 1e6;
-    let held: u64 = written.regions.iter().map(|region| region.images).sum();
+    let images_in_regions: u64 = document.regions.iter().map(|region| region.images).sum();
     let mut text = format!(
         "{}: {} regions of {}, manifest {}\n  images      {}, each in {:.2} regions on average\n  bytes       {:.1} MB, of the whole map {:.1} MB; of the index {:.1} MB\n",
-        written.folder,
-        written.regions.len(),
-        written.map,
-        written.manifest,
-        written.images,
-        held as f64 / written.images as f64,
-        mb(written.bytes),
-        mb(written.bytes_of_whole),
-        mb(written.index_bytes),
+        document.folder,
+        document.regions.len(),
+        document.map,
+        document.manifest,
+        document.images,
+        images_in_regions as f64 / document.images as f64,
+        mb(document.bytes),
+        mb(document.bytes_of_whole),
+        mb(document.index_bytes),
     );
-    for region in written.regions.iter().take(SHOWN) {
+    for region in document.regions.iter().take(SHOWN) {
         let [x, y, z] = region.centre;
         text.extend([format!(
             "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {:.1} of ({x:.1}, {y:.1}, {z:.1})\n",
@@ -135,7 +135,7 @@ fn describe(written: &Written<'_>) -> String {
             region.radius,
         )]);
     }
-    let more = written.regions.len().saturating_sub(SHOWN);
+    let more = document.regions.len().saturating_sub(SHOWN);
     if more > 0 {
         text.extend([format!("  and {more} more, listed in the manifest\n")]);
     }

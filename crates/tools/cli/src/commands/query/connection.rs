@@ -44,7 +44,7 @@ impl Connection {
         options.retry.retries = self.retries;
         options.cache = self.cache.clone().or_else(user_cache);
         let ui = ui.clone();
-        options.notice = Some(Arc::new(move |notice: &Notice| tell(&ui, notice)));
+        options.notice = Some(Arc::new(move |notice: &Notice| print_notice(&ui, notice)));
         let token = self.token()?;
         Client::new(&self.server, token.as_deref(), options).map_err(|error| match (&error, &self.ca) {
             // The library has only the bytes; the message needs the name of the file.
@@ -65,13 +65,13 @@ impl Connection {
     }
 }
 
-fn tell(ui: &Ui, notice: &Notice) {
+fn print_notice(ui: &Ui, notice: &Notice) {
     match notice {
         Notice::Again { reason, pause } => {
-            ui.say(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
+            ui.info(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
         }
         Notice::NotKept { file, reason } => {
-            ui.say(format!("{}: the profile could not be cached: {reason}", file.display()));
+            ui.info(format!("{}: the profile could not be cached: {reason}", file.display()));
         }
     }
 }

@@ -76,10 +76,10 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     let mut request = LocalizeRequest::default();
     request.trusted_only = args.trusted_only;
     request.near = args.near;
-    let Answered { answer, steps } = match (&args.rig, &args.image) {
+    let QueryResponse { answer, steps } = match (&args.rig, &args.image) {
         (Some(rig), _) => {
             let answer = session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?;
-            Answered { answer, steps: None }
+            QueryResponse { answer, steps: None }
         }
         (None, Some(image)) => send(image, args, &request, ui)?,
         (None, None) => return Err(Failure::refused("neither an image nor a session is given")),
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
 }
 
 /// A response, with the steps of a progressive query.
-struct Answered {
+struct QueryResponse {
     answer: Answer,
     steps: Option<Vec<StepDocument>>,
 }
@@ -123,7 +123,12 @@ struct StepDocument {
 }
 
 /// Seals an image and requests its pose.
-fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answered, Failure> {
+fn send(
+    image: &Path,
+    args: &Args,
+    request: &LocalizeRequest,
+    ui: &Arc<Ui>,
+) -> Result<QueryResponse, Failure> {
     let camera = args.device.camera(args.camera.as_ref())?;
     let camera = camera.of(image).map_err(|error| match error {
         FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
@@ -135,10 +140,13 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
     let client = args.connection.client(ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
-    let (intrinsics, held) = (&camera.intrinsics, args.session.held(args.device.gravity()));
+    let (intrinsics, orientation) =
+        (&camera.intrinsics, args.session.camera_orientation(args.device.gravity()));
     let sealed = match (args.session.open()?, &hidden.mask) {
-        (Some(mut file), Some(mask)) => file.seal_masked(image, mask, intrinsics, &profile, &options, &held),
-        (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &held),
+        (Some(mut file), Some(mask)) => {
+            file.seal_masked(image, mask, intrinsics, &profile, &options, &orientation)
+        }
+        (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &orientation),
         (None, Some(mask)) => seal_masked(image, mask, intrinsics, &profile, &options),
         (None, None) => seal_image(image, intrinsics, &profile, &options),
     };
@@ -149,13 +157,13 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
     let of_image = options.image_global(&profile)?;
     let beside =
         of_image.map_or_else(String::new, |own| format!(" with {} of the image", own.model().name()));
-    ui.say(format!(
+    ui.info(format!(
         "{}: {}{} keypoints, {} {} as {}{}, {} bytes",
         image.display(),
-        hidden.said(),
+        hidden.description(),
         sealed.keypoints,
         sealed.query.len(),
-        if args.progressive.enough().is_some() { "sealed" } else { "sent" },
+        if args.progressive.stop_criterion().is_some() { "sealed" } else { "sent" },
         args.device.scheme(),
         beside,
         sealed.query.encode().len()
@@ -165,13 +173,13 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
         error => failure(error),
     };
-    let Some(enough) = args.progressive.enough() else {
+    let Some(enough) = args.progressive.stop_criterion() else {
         let answer = client.localize_with(&args.map, &sealed.query, request).map_err(refused)?;
-        return Ok(Answered { answer, steps: None });
+        return Ok(QueryResponse { answer, steps: None });
     };
     let found = client.localize_progressive(&args.map, &sealed.query, &profile, enough, request);
     let found = found.map_err(refused)?;
-    ui.say(format!(
+    ui.info(format!(
         "{} of {} rows in {} step{}, {} bytes",
         found.rows(),
         sealed.query.len(),
@@ -181,7 +189,7 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
     ));
     let document =
         |step: &Step| StepDocument { rows: step.rows, bytes: step.bytes, state: step.outcome.name() };
-    Ok(Answered { answer: found.answer, steps: Some(found.steps.iter().map(document).collect()) })
+    Ok(QueryResponse { answer: found.answer, steps: Some(found.steps.iter().map(document).collect()) })
 }
 
 fn line(answer: &Answer) -> String {

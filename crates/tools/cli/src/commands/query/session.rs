@@ -21,7 +21,7 @@ pub(super) fn send(
     let frames = rig_file::read(rig)?.into_iter().map(|named| named.sealed).collect();
     let message = RigMessage { frames };
     let client = client()?;
-    ui.say(format!(
+    ui.info(format!(
         "{}: {} sealed queries, {} bytes",
         rig.display(),
         message.frames.len(),

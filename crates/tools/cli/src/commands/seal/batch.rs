@@ -9,19 +9,19 @@ use veiloc_features::mask_in;
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Profile;
 
-use super::{Args, InSession, Sealed, seal_one};
+use super::{Args, Sealed, SessionContext, seal_one};
 use crate::args::camera::CameraSource;
-use crate::commands::listed::images_of_list;
-use crate::commands::mask_args::{HiddenPart, Hiding};
+use crate::commands::image_list::images_of_list;
+use crate::commands::mask_args::{HiddenPart, HiddenPartDetector};
 use crate::exit::{Failure, Outcome};
 use crate::files;
-use crate::items::{self, Fault, IMAGES, Item, Tally};
+use crate::items::{self, BatchSummary, IMAGES, InputError, Item};
 use crate::lists;
 use crate::ui::Ui;
 
 /// The document of `veiloc seal --json`.
 #[derive(Serialize)]
-struct Document {
+struct SealDocument {
     version: u32,
     /// Obfuscation scheme.
     scheme: String,
@@ -33,7 +33,7 @@ struct Document {
 #[derive(Serialize)]
 struct ImageDocument {
     file: String,
-    status: Status,
+    status: SealStatus,
     /// The sealed query's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<String>,
@@ -58,18 +58,18 @@ struct ImageDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<Fault>,
+    error: Option<InputError>,
 }
 
 #[derive(Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Status {
+enum SealStatus {
     Sealed,
     Failed,
 }
 
 /// An image to seal.
-struct Job {
+struct SealJob {
     item: Item,
     camera: CameraSource,
     out: PathBuf,
@@ -81,7 +81,7 @@ pub(super) fn run(
     args: &Args,
     profile: &Profile,
     options: &SealOptions,
-    hiding: &Hiding,
+    hiding: &HiddenPartDetector,
     mut session: Option<&mut SessionFile>,
     ui: &Ui,
 ) -> Outcome {
@@ -90,7 +90,7 @@ pub(super) fn run(
     let of_image = options.image_global(profile)?.map(|own| own.model().name().to_owned());
     let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
-    let mut tally = Tally::begin("sealed", &items, ui);
+    let mut tally = BatchSummary::begin("sealed", &items, ui);
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
     let mut images = Vec::new();
     for job in &jobs {
@@ -98,8 +98,8 @@ pub(super) fn run(
         let sealed = if let Some(fault) = &job.item.fault {
             Err(fault.clone())
         } else {
-            let held = args.session.held(args.device.gravity());
-            let session = session.as_deref_mut().map(|file| InSession { file, held });
+            let orientation = args.session.camera_orientation(args.device.gravity());
+            let session = session.as_deref_mut().map(|file| SessionContext { file, orientation });
             match hiding.of(&job.item.path, job.mask.as_deref()) {
                 Ok(hidden) => {
                     let mask = hidden.mask.as_ref();
@@ -111,10 +111,10 @@ pub(super) fn run(
         };
         match &sealed {
             Ok((sealed, hidden)) => {
-                keep(&job.out, sealed, ui)?;
-                let said = format!(
+                write_query(&job.out, sealed, ui)?;
+                let line = format!(
                     "{name}: {}{} keypoints, {} sent as {scheme}{beside}, {} bytes → {}",
-                    hidden.said(),
+                    hidden.description(),
                     sealed.found,
                     sealed.sent,
                     sealed.bytes.len(),
@@ -125,8 +125,8 @@ pub(super) fn run(
                     }
                 );
                 match &stage {
-                    Some(stage) => stage.suspend(|| ui.say(said)),
-                    None => ui.say(said),
+                    Some(stage) => stage.suspend(|| ui.info(line)),
+                    None => ui.info(line),
                 }
             }
             Err(fault) => tally.failed(&name, fault),
@@ -142,13 +142,13 @@ pub(super) fn run(
     let failed = tally.failures();
     let sealed = jobs.len() - failed;
     if args.json {
-        ui.json(&Document { version: 1, scheme, sealed, failed, images })?;
+        ui.json(&SealDocument { version: 1, scheme, sealed, failed, images })?;
     }
     tally.end(sealed, "", args.skip, ui)
 }
 
 /// Writes a sealed query; a failure ends the command, because the others could not be written either.
-fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
+fn write_query(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
     if let Some(folder) = out.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
         files::make_folder(folder)?;
     }
@@ -158,12 +158,12 @@ fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
 fn document_of(
     file: String,
     out: &Path,
-    sealed: Result<(Sealed, HiddenPart), Fault>,
+    sealed: Result<(Sealed, HiddenPart), InputError>,
     of_image: Option<&String>,
 ) -> ImageDocument {
     let (status, sealed, hidden, error) = match sealed {
-        Ok((sealed, hidden)) => (Status::Sealed, Some(sealed), hidden, None),
-        Err(fault) => (Status::Failed, None, HiddenPart::default(), Some(fault)),
+        Ok((sealed, hidden)) => (SealStatus::Sealed, Some(sealed), hidden, None),
+        Err(fault) => (SealStatus::Failed, None, HiddenPart::default(), Some(fault)),
     };
     ImageDocument {
         file,
@@ -181,26 +181,26 @@ fn document_of(
 }
 
 /// Returns the images with their cameras and output files.
-fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
+fn jobs(args: &Args) -> Result<Vec<SealJob>, Failure> {
     let with_cameras = images(args)?;
     let several =
         with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
     let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
     let into_folder = several || ends_in_slash || args.out.is_dir();
     let standard = files::is_standard(&args.out);
-    if several && args.device.tells_gravity() {
+    if several && args.device.has_gravity() {
         return Err(Failure::with_help(
             "--gravity is for one image, and several are given",
             "seal each image in a separate call, with the direction measured when it was taken",
         ));
     }
-    if several && args.mask.is_of_one_image() {
+    if several && args.mask.has_mask() {
         return Err(Failure::with_help(
             "--mask is for one image, and several are given",
             "give the folder of their masks with --masks, or seal each image in a separate call",
         ));
     }
-    if several && args.session.tells_orientation() {
+    if several && args.session.has_orientation() {
         return Err(Failure::with_help(
             "--orientation is for one image, and several are given",
             "seal each image in a separate call, with --session and its orientation",
@@ -212,7 +212,7 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
             "give a folder with --out",
         ));
     }
-    let jobs: Vec<Job> = with_cameras
+    let jobs: Vec<SealJob> = with_cameras
         .into_iter()
         .map(|(item, camera)| {
             let into_folder = into_folder && !standard;
@@ -225,7 +225,7 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
                 Some(folder) => Some(mask_in(folder, Path::new(item.name()))),
                 None => args.mask.file().map(Path::to_owned),
             };
-            Job { item, camera, out, mask }
+            SealJob { item, camera, out, mask }
         })
         .collect();
     refuse_collisions(&jobs)?;
@@ -252,13 +252,16 @@ fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
     }
     let Some(list) = &args.list else {
         let camera = args.device.camera(args.camera.as_ref())?;
-        return Ok(items::gather(&args.images, &IMAGES).into_iter().map(|item| (item, camera)).collect());
+        return Ok(items::expand_inputs(&args.images, &IMAGES)
+            .into_iter()
+            .map(|item| (item, camera))
+            .collect());
     };
-    images_of_list(list, lists::one_folder(&args.images)?, &args.device, args.camera.as_ref())
+    images_of_list(list, lists::single_folder(&args.images)?, &args.device, args.camera.as_ref())
 }
 
 /// Two images of the same name would overwrite each other's query.
-fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
+fn refuse_collisions(jobs: &[SealJob]) -> Result<(), Failure> {
     for (i, a) in jobs.iter().enumerate() {
         if let Some(b) = jobs[..i].iter().find(|b| a.out == b.out) {
             return Err(Failure::with_help(
@@ -277,7 +280,7 @@ fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
 }
 
 /// Refuses an output that overwrites an image, the profile or a list.
-fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
+fn refuse_overwriting_input(args: &Args, jobs: &[SealJob]) -> Result<(), Failure> {
     let masks = jobs.iter().filter_map(|job| job.mask.as_ref());
     let images = jobs.iter().map(|job| &job.item.path);
     let given = images.chain(masks).chain([&args.profile]).chain(&args.list).chain(args.mask.detector());

@@ -7,10 +7,10 @@ use crate::args::settings::{Origin, Settings, is_setting, layered, variable};
 use clap::FromArgMatches as _;
 
 use super::*;
-use crate::commands::settled;
+use crate::commands::with_config;
 
-fn complete() -> clap::Command {
-    settled::complete::<Args>("serve")
+fn serve_command() -> clap::Command {
+    with_config::full_command::<Args>("serve")
 }
 
 /// A value for each option, other than its default, in TOML and in the environment.
@@ -76,9 +76,9 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("ratio", "0.75", "0.75"),
 ];
 
-fn settle(line: &[OsString], variables: &BTreeMap<String, String>) -> Settings {
-    let first = layered(complete()).try_get_matches_from(line).expect("flags");
-    Settings::of(&complete(), &first, &|name| variables.get(name).map(OsString::from)).expect("settings")
+fn merge(line: &[OsString], variables: &BTreeMap<String, String>) -> Settings {
+    let first = layered(serve_command()).try_get_matches_from(line).expect("flags");
+    Settings::of(&serve_command(), &first, &|name| variables.get(name).map(OsString::from)).expect("settings")
 }
 
 /// Removes the origins from printed settings.
@@ -88,8 +88,8 @@ fn values(settings: &Settings) -> Vec<String> {
 }
 
 #[test]
-fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_same() {
-    let options: Vec<String> = complete()
+fn every_option_round_trips_through_file_and_environment() {
+    let options: Vec<String> = serve_command()
         .get_arguments()
         .filter(|argument| is_setting(argument))
         .map(|argument| argument.get_long().expect("a flag").to_owned())
@@ -102,19 +102,19 @@ fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_sam
     let line = ["serve".into(), format!("--config={}", path.display()).into()];
     let lines: Vec<String> = VALUES.iter().map(|(key, value, _)| format!("{key} = {value}")).collect();
     std::fs::write(&path, lines.join("\n")).expect("written");
-    let by_file = settle(&line, &BTreeMap::new());
+    let by_file = merge(&line, &BTreeMap::new());
     for (i, (key, origin)) in by_file.origins().enumerate() {
         assert_eq!(*origin, Origin::File { path: path.clone(), line: i + 1 }, "{key}");
     }
 
     let variables: BTreeMap<String, String> =
         VALUES.iter().map(|(key, _, value)| (variable(key), (*value).to_owned())).collect();
-    let by_variables = settle(&line[..1], &variables);
+    let by_variables = merge(&line[..1], &variables);
     for (key, origin) in by_variables.origins() {
         assert_eq!(*origin, Origin::Variable(variable(key)), "{key}");
     }
     assert_eq!(values(&by_file), values(&by_variables));
-    let by_default = settle(&line[..1], &BTreeMap::new());
+    let by_default = merge(&line[..1], &BTreeMap::new());
     for ((theirs, ours), (key, _, _)) in values(&by_default).iter().zip(values(&by_file)).zip(VALUES) {
         assert_ne!(*theirs, ours, "{key}: the test value is the default");
     }
@@ -122,17 +122,17 @@ fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_sam
     // Printed settings can be read again: all options, and none.
     for settings in [&by_file, &by_default] {
         std::fs::write(&path, settings.to_toml().expect("text")).expect("written");
-        assert_eq!(values(&settle(&line, &BTreeMap::new())), values(settings));
+        assert_eq!(values(&merge(&line, &BTreeMap::new())), values(settings));
     }
 }
 
 #[test]
-fn what_the_environment_says_is_what_is_served() {
+fn environment_sets_server_options() {
     let variables = [("VEILOC_MAP", "a=/a.vmap"), ("VEILOC_QUEUE", "9"), ("VEILOC_LOG_JSON", "true")];
     let variables = variables.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let settings = settle(&["serve".into(), "--log-json=false".into(), "--grace=3".into()], &variables);
+    let settings = merge(&["serve".into(), "--log-json=false".into(), "--grace=3".into()], &variables);
     let line = std::iter::once("serve".into()).chain(settings.arguments());
-    let matches = complete().try_get_matches_from(line).expect("complete");
+    let matches = serve_command().try_get_matches_from(line).expect("complete");
     let args = Args::from_arg_matches(&matches).expect("complete");
     assert_eq!((args.queue.get(), args.log.log_json, args.grace), (9, false, 3.0));
     let Ok(options) = options(&args) else { panic!("no options") };

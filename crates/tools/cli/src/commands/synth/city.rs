@@ -48,7 +48,7 @@ const PITCH: f64 = 12.0;
 /// Rooms per row.
 const ROW: u64 = 20;
 /// Every room of this number is similar to the room before it.
-const ALIKE_EVERY: u64 = 5;
+const SIMILAR_EVERY: u64 = 5;
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     super::check_empty(&args.out)?;
@@ -70,9 +70,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     progress.start("Rendering rooms", rooms as usize * views);
     let (mut posed, mut lists) = (Vec::new(), [String::new(), String::new()]);
     for room in 0..rooms {
-        let place = place_of(args, room);
-        let path =
-            place.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
+        let room_scene = rendered_room(args, room);
+        let path = room_scene
+            .camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
         let folder = format!("room{room:04}");
         make(&args.out.join("images").join(&folder))?;
         let of_map = path.mapping.iter().enumerate().map(|(k, pose)| (0, format!("m{k:03}"), pose));
@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             let name = format!("{folder}/{view}.png");
             let file = args.out.join("images").join(&name);
             let seed = args.seed.wrapping_add(room * views as u64 + index as u64);
-            let rendered = place.render(pose, &camera, &RenderOptions::with_seed(seed));
+            let rendered = room_scene.render(pose, &camera, &RenderOptions::with_seed(seed));
             rendered.rgb().save(&file).map_err(|e| super::refused(format!("{}: {e}", file.display())))?;
             lists[list].push_str(&name);
             lists[list].push('\n');
@@ -105,14 +105,14 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         let file = args.out.join(name);
         fs::write(&file, list).map_err(|e| super::refused(format!("{}: {e}", file.display())))?;
     }
-    ui.say(format!("{}: {rooms} rooms, {} views", args.out.display(), rooms as usize * views));
+    ui.info(format!("{}: {rooms} rooms, {} views", args.out.display(), rooms as usize * views));
     Ok(Exit::Success)
 }
 
 /// Returns a new room, or one that is similar to the room before it.
-fn place_of(args: &Args, room: u64) -> Place {
+fn rendered_room(args: &Args, room: u64) -> Place {
     let seed = |room: u64| args.seed.wrapping_mul(1_000_003).wrapping_add(room);
-    if room % ALIKE_EVERY == ALIKE_EVERY - 1 {
+    if room % SIMILAR_EVERY == SIMILAR_EVERY - 1 {
         Place::look_alike(seed(room - 1), seed(room), args.differing)
     } else {
         Place::generate(seed(room))
@@ -140,9 +140,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_sees_in_the_city_what_it_saw_in_its_room() {
-        let place = Place::generate(3);
-        let pose = place.camera_path(&PathOptions::with_counts(2, 1)).queries[0];
+    fn city_poses_preserve_room_views() {
+        let room_scene = Place::generate(3);
+        let pose = room_scene.camera_path(&PathOptions::with_counts(2, 1)).queries[0];
         for room in [0, 1, 27] {
             let moved = in_city(&pose, room);
             let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), room as f64 * 2.399_963_229_728_653);

@@ -49,10 +49,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let camera = lens.camera().map_err(super::refused)?;
     let progress = Stages::new(ui);
     progress.start("Rendering textures", 1);
-    let place = Place::generate(args.seed);
+    let room = Place::generate(args.seed);
     progress.advance(1);
     let path =
-        place.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
+        room.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
     let map = path.mapping.iter().map(|pose| View { cam_from_world: *pose, role: Role::Map });
     let queries = path.queries.iter().enumerate().map(|(k, pose)| View {
         cam_from_world: *pose,
@@ -67,7 +67,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         if knows_night && view.role == Role::NightQuery {
             options.exposure = NIGHT;
         }
-        let rendered = place.render(&view.cam_from_world, &camera, &options);
+        let rendered = room.render(&view.cam_from_world, &camera, &options);
         rendered
             .rgb()
             .save(file)
@@ -77,6 +77,6 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     })
     .map_err(super::refused)?;
     progress.finish();
-    ui.say(format!("{}: {} views in the layout of {}", args.out.display(), views.len(), args.layout.name()));
+    ui.info(format!("{}: {} views in the layout of {}", args.out.display(), views.len(), args.layout.name()));
     Ok(Exit::Success)
 }

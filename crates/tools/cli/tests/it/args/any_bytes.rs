@@ -13,9 +13,9 @@ use veiloc_cli::args::settings::{Settings, layered};
 /// settings.
 fn settings(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let Some(settings) = settle(text) else { return };
+    let Some(settings) = merge(text) else { return };
     let printed = settings.to_toml().expect("what is read is text");
-    let again = settle(&printed).expect("what is printed can be read");
+    let again = merge(&printed).expect("what is printed can be read");
     let again = again.to_toml().expect("what is read is text");
     assert_eq!(values(&again), values(&printed), "{printed}");
     // No accepted value may look like another option on the command line.
@@ -23,7 +23,7 @@ fn settings(bytes: &[u8]) {
     options().try_get_matches_from(line).expect("what is taken is a command line");
 }
 
-fn settle(text: &str) -> Option<Settings> {
+fn merge(text: &str) -> Option<Settings> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("veiloc.toml");
     std::fs::write(&path, text).expect("room in memory");
@@ -55,7 +55,7 @@ fn options() -> Command {
 }
 
 #[test]
-fn damaged_files_are_refused_or_say_what_they_say() {
+fn damaged_settings_are_refused_or_round_trip() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/args");
     damage::hold_on_files(&folder, "toml", 1000, settings);
 }

@@ -37,36 +37,39 @@ pub const EXTRACTION: [&str; 4] = ["--max-keypoints", "1024", "--query-keypoints
 /// place.vmap       the map
 /// place.vprofile   its profile
 /// ```
-pub struct Place {
+pub struct TestScene {
     pub folder: PathBuf,
     /// True poses of all images.
     pub poses: Vec<(String, CameraFromWorld)>,
 }
 
-/// A rendered scene with its map `place.vmap` and its profile `place.vprofile`, in a separate folder for each test
+/// A rendered scene with its map `scene.vmap` and its profile `scene.vprofile`, in a separate folder for each test
 /// file, because the tests write into it.
 #[track_caller]
-pub fn place() -> &'static Place {
-    static PLACES: Mutex<BTreeMap<&str, &Place>> = Mutex::new(BTreeMap::new());
-    let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
-    places.entry(Location::caller().file()).or_insert_with(|| {
+pub fn scene() -> &'static TestScene {
+    static SCENES: Mutex<BTreeMap<&str, &TestScene>> = Mutex::new(BTreeMap::new());
+    let mut scenes = SCENES.lock().unwrap_or_else(PoisonError::into_inner);
+    scenes.entry(Location::caller().file()).or_insert_with(|| {
         let whole = fixture("cli-place", &[Path::new(env!("CARGO_BIN_EXE_veiloc"))], |folder| {
-            let place = Place::render(folder.to_owned());
+            let scene = TestScene::render(folder.to_owned());
             let mut build = "map build --posed posed --images images --list map.txt -o place.vmap".to_owned();
             build.extend(EXTRACTION.map(|word| format!(" {word}")));
-            place.run(&build).succeeded();
-            place.run("map profile place.vmap -o place.vprofile").succeeded();
+            scene.run(&build).succeeded();
+            scene.run("map profile place.vmap -o place.vprofile").succeeded();
         });
         let folder = fresh_folder();
         copy_folder(&whole, &folder).expect("copied");
-        Box::leak(Box::new(Place { folder, poses: views(&veiloc_synthetic::Place::generate(11)).concat() }))
+        Box::leak(Box::new(TestScene {
+            folder,
+            poses: views(&veiloc_synthetic::Place::generate(11)).concat(),
+        }))
     })
 }
 
 /// Views of another room, beside the scene of the tests: `other/images`, `other/posed`, `other/list.txt`.
 #[track_caller]
-pub fn render_elsewhere(count: usize) {
-    let folder = &place().folder;
+pub fn render_out_of_map_images(count: usize) {
+    let folder = &scene().folder;
     let camera: Intrinsics = CAMERA.parse().expect("a camera");
     let other = veiloc_synthetic::Place::generate(12);
     let path = other.camera_path(&PathOptions::with_counts(4, count));
@@ -79,14 +82,14 @@ pub fn render_elsewhere(count: usize) {
         images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
     }
     let names: Vec<String> = images.iter().map(|image| image.name.clone()).collect();
-    place().write("other/list.txt", names.join("\n"));
+    scene().write("other/list.txt", names.join("\n"));
     let model = ColmapModel::new(vec![(1, camera)], images, Vec::new()).expect("a model");
     write_text(&model, &folder.join("other/posed")).expect("written");
 }
 
 /// An empty folder, for commands that need no scene.
-pub fn folder() -> Place {
-    Place { folder: fresh_folder(), poses: Vec::new() }
+pub fn folder() -> TestScene {
+    TestScene { folder: fresh_folder(), poses: Vec::new() }
 }
 
 /// A static is never dropped, so the folder stays until a later run of the tests removes it.
@@ -102,17 +105,17 @@ fn fresh_folder() -> PathBuf {
     tempfile::Builder::new().prefix("veiloc-place-").tempdir_in(parent).expect("temporary folder").keep()
 }
 
-impl Place {
+impl TestScene {
     fn render(folder: PathBuf) -> Self {
         let camera: Intrinsics = CAMERA.parse().expect("a camera");
         fs::create_dir_all(folder.join("images")).expect("folder");
-        let place = veiloc_synthetic::Place::generate(11);
-        let [map_poses, query_poses] = views(&place);
+        let scene = veiloc_synthetic::Place::generate(11);
+        let [map_poses, query_poses] = views(&scene);
         write_list(&folder.join("map.txt"), &map_poses);
         write_list(&folder.join("queries.txt"), &query_poses);
         let poses = [map_poses, query_poses].concat();
         for (seed, (name, pose)) in (1..).zip(&poses) {
-            let view = place.render(pose, &camera, &RenderOptions::with_seed(seed));
+            let view = scene.render(pose, &camera, &RenderOptions::with_seed(seed));
             view.rgb().save(folder.join("images").join(name)).expect("written");
         }
         let images = poses.iter().zip(1..).map(|((name, pose), id)| ColmapImage {
@@ -173,8 +176,8 @@ impl Place {
 }
 
 /// Names and poses of the map's images, and of the queries.
-fn views(place: &veiloc_synthetic::Place) -> [Vec<(String, CameraFromWorld)>; 2] {
-    let path = place.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
+fn views(scene: &veiloc_synthetic::Place) -> [Vec<(String, CameraFromWorld)>; 2] {
+    let path = scene.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
     let mapping = path.mapping[..MAP_VIEWS].iter().enumerate();
     let queries = path.queries[..QUERIES].iter().enumerate();
     [

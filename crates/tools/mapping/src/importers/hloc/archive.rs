@@ -7,9 +7,9 @@ use crate::importers::hloc::numbers::{self, Numbers};
 use hdf5_pure::{Dataset, File, Group};
 
 /// Maximum depth of nested groups; image names with folders stay far below it.
-const DEEPEST: usize = 24;
+const MAX_DEPTH: usize = 24;
 /// Maximum number of visited groups.
-const MOST_GROUPS: usize = 1 << 20;
+const MAX_GROUPS: usize = 1 << 20;
 
 /// An open file.
 pub(crate) struct Archive {
@@ -77,12 +77,12 @@ impl Archive {
         let mut seen = 0;
         while let Some((name, group, depth)) = open.pop() {
             seen += 1;
-            if seen > MOST_GROUPS || depth > DEEPEST {
+            if seen > MAX_GROUPS || depth > MAX_DEPTH {
                 return Err(self.bad(
                     &name,
                     format!(
-                        "groups are nested more than {DEEPEST} deep, or there are more than \
-                             {MOST_GROUPS}; this is not an hloc file"
+                        "groups are nested more than {MAX_DEPTH} deep, or there are more than \
+                             {MAX_GROUPS}; this is not an hloc file"
                     ),
                 ));
             }

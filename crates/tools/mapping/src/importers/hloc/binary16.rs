@@ -17,7 +17,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_number_comes_back() {
+    fn every_number_round_trips() {
         for bits in 0..=u16::MAX {
             let value = from_bits(bits);
             if value.is_nan() {

@@ -9,7 +9,7 @@ use veiloc_geometry::Pixel;
 use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
 use crate::importers::hloc::numbers::Numbers;
-use crate::importers::hloc::write::{Tree, Values, Written};
+use crate::importers::hloc::write::{GroupTree, NewDataset, Values};
 
 const KEYPOINTS: &str = "keypoints";
 const DESCRIPTORS: &str = "descriptors";
@@ -18,9 +18,9 @@ const SIZE: &str = "image_size";
 const UNCERTAINTY: &str = "uncertainty";
 
 /// Maximum number of keypoints per image.
-const MOST_KEYPOINTS: usize = 1 << 17;
+const MAX_KEYPOINTS: usize = 1 << 17;
 /// Maximum side length of an image, pixels.
-const LONGEST_SIDE: f32 = 65535.0;
+const MAX_SIDE: f32 = 65535.0;
 
 /// Vectors, stored contiguously.
 #[derive(Clone, PartialEq)]
@@ -115,10 +115,10 @@ impl FeaturesFile {
         let bad = |what: &str, reason: String| file.bad(&format!("{name}/{what}"), reason);
         let keypoints = numbers(KEYPOINTS)?.ok_or_else(|| missing("keypoints"))?;
         let count = match keypoints.shape[..] {
-            [count, 2] if count <= MOST_KEYPOINTS => count,
+            [count, 2] if count <= MAX_KEYPOINTS => count,
             ref other => {
                 let reason =
-                    format!("has shape {other:?}; at most {MOST_KEYPOINTS} rows of 2 numbers are expected");
+                    format!("has shape {other:?}; at most {MAX_KEYPOINTS} rows of 2 numbers are expected");
                 return Err(bad(KEYPOINTS, reason));
             }
         };
@@ -176,7 +176,7 @@ fn rows_of(columns: Numbers, count: usize) -> Result<Vectors, String> {
 }
 
 fn size_of(size: &Numbers) -> Result<(u32, u32), String> {
-    let side = |value: f32| (1.0..=LONGEST_SIDE).contains(&value) && value.fract() == 0.0;
+    let side = |value: f32| (1.0..=MAX_SIDE).contains(&value) && value.fract() == 0.0;
     match size.values[..] {
         [width, height] if side(width) && side(height) => Ok((width as u32, height as u32)),
         _ => Err("is not the width and height of an image; write the file again".to_owned()),
@@ -245,7 +245,7 @@ pub fn write_features(
     path: &Path,
     images: impl IntoIterator<Item = (String, ImageFeatures)>,
 ) -> Result<(), MappingError> {
-    let mut tree = Tree::default();
+    let mut tree = GroupTree::default();
     for (name, features) in images {
         let (count, dim) = (features.keypoints.len(), features.descriptors.dim);
         let of_scores = features.scores.as_ref().map_or(count, Vec::len);
@@ -257,13 +257,13 @@ pub fn write_features(
         let rows = &features.descriptors.values;
         let columns = (0..dim).flat_map(|number| (0..count).map(move |row| rows[row * dim + number]));
         let mut datasets = vec![
-            Written {
+            NewDataset {
                 name: DESCRIPTORS,
                 shape: vec![dim, count],
                 values: Values::Half(columns.collect()),
                 attribute: None,
             },
-            Written {
+            NewDataset {
                 name: KEYPOINTS,
                 shape: vec![count, 2],
                 values: Values::Single(features.keypoints.iter().flat_map(at).collect()),
@@ -272,11 +272,11 @@ pub fn write_features(
         ];
         if let Some((width, height)) = features.image_size {
             let values = Values::Whole(vec![width.into(), height.into()]);
-            datasets.push(Written { name: SIZE, shape: vec![2], values, attribute: None });
+            datasets.push(NewDataset { name: SIZE, shape: vec![2], values, attribute: None });
         }
         if let Some(scores) = features.scores {
             let values = Values::Single(scores);
-            datasets.push(Written { name: SCORES, shape: vec![count], values, attribute: None });
+            datasets.push(NewDataset { name: SCORES, shape: vec![count], values, attribute: None });
         }
         tree.put(&name, datasets)?;
     }

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
-use crate::importers::hloc::write::{Tree, Values, Written};
+use crate::importers::hloc::write::{GroupTree, NewDataset, Values};
 
 const GLOBAL: &str = "global_descriptor";
 /// Maximum number of elements per vector.
-const MOST_NUMBERS: usize = 1 << 16;
+const MAX_DIM: usize = 1 << 16;
 
 /// A global descriptor file.
 #[derive(Debug)]
@@ -45,8 +45,7 @@ impl GlobalsFile {
         let group = self.0.group(name).ok_or_else(missing)?;
         let numbers = self.0.numbers(name, &group, GLOBAL)?.ok_or_else(missing)?;
         let bad = |reason: &str| Err(self.0.bad(&format!("{name}/{GLOBAL}"), reason));
-        if numbers.shape.iter().filter(|side| **side != 1).count() > 1 || numbers.values.len() > MOST_NUMBERS
-        {
+        if numbers.shape.iter().filter(|side| **side != 1).count() > 1 || numbers.values.len() > MAX_DIM {
             return bad("is not a single vector; write the file again");
         }
         if numbers.values.iter().any(|value| !value.is_finite()) {
@@ -64,12 +63,12 @@ pub fn write_globals(
     path: &Path,
     images: impl IntoIterator<Item = (String, Vec<f32>)>,
 ) -> Result<(), MappingError> {
-    let mut tree = Tree::default();
+    let mut tree = GroupTree::default();
     for (name, vector) in images {
         let shape = vec![vector.len()];
         tree.put(
             &name,
-            vec![Written { name: GLOBAL, shape, values: Values::Single(vector), attribute: None }],
+            vec![NewDataset { name: GLOBAL, shape, values: Values::Single(vector), attribute: None }],
         )?;
     }
     tree.save(path)

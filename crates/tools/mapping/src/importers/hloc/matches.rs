@@ -6,12 +6,12 @@ use hdf5_pure::Group;
 
 use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
-use crate::importers::hloc::write::{Tree, Values, Written};
+use crate::importers::hloc::write::{GroupTree, NewDataset, Values};
 
 const MATCHES: &str = "matches0";
 const SCORES: &str = "matching_scores0";
 /// Maximum number of keypoints per image.
-const MOST_KEYPOINTS: usize = 1 << 17;
+const MAX_KEYPOINTS: usize = 1 << 17;
 
 /// Two matched keypoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,15 +64,15 @@ impl MatchesFile {
         let Some(partners) = self.0.numbers(name, group, MATCHES)? else { return Ok(None) };
         let scores = self.0.numbers(name, group, SCORES)?;
         let partners = &partners.values;
-        if partners.len() > MOST_KEYPOINTS {
-            return bad(MATCHES, format!("has {} keypoints, more than {MOST_KEYPOINTS}", partners.len()));
+        if partners.len() > MAX_KEYPOINTS {
+            return bad(MATCHES, format!("has {} keypoints, more than {MAX_KEYPOINTS}", partners.len()));
         }
         if let Some(scores) = scores.as_ref().filter(|scores| scores.values.len() != partners.len()) {
             return bad(SCORES, format!("has {} numbers instead of {}", scores.values.len(), partners.len()));
         }
         let mut matches = Vec::new();
         for (index, partner) in partners.iter().enumerate().filter(|(_, partner)| **partner != -1.0) {
-            let known = (0.0..MOST_KEYPOINTS as f32).contains(partner) && partner.fract() == 0.0;
+            let known = (0.0..MAX_KEYPOINTS as f32).contains(partner) && partner.fract() == 0.0;
             let score = scores.as_ref().map_or(1.0, |scores| scores.values[index]);
             if !known || !score.is_finite() {
                 return bad(
@@ -103,7 +103,7 @@ pub fn write_matches<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<Match>)>,
 ) -> Result<(), MappingError> {
-    let mut tree = Tree::default();
+    let mut tree = GroupTree::default();
     for (first, second, keypoints, matches) in pairs {
         let name = name_of_pair(first, second, '/');
         let mut partners = vec![-1_i32; keypoints];
@@ -117,7 +117,7 @@ pub fn write_matches<'a>(
             partners[index] = found.second as i32;
             scores[index] = found.score;
         }
-        let dataset = |name, values| Written { name, shape: vec![keypoints], values, attribute: None };
+        let dataset = |name, values| NewDataset { name, shape: vec![keypoints], values, attribute: None };
         let datasets = vec![dataset(MATCHES, Values::Small(partners)), dataset(SCORES, Values::Half(scores))];
         tree.put(&name, datasets)?;
     }
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pair_is_named_as_hloc_names_it() {
+    fn pair_names_follow_hloc() {
         assert_eq!(name_of_pair("db/a.jpg", "query/day/b.jpg", '/'), "db-a.jpg/query-day-b.jpg");
         assert_eq!(name_of_pair("db/a.jpg", "query/day/b.jpg", '_'), "db-a.jpg_query-day-b.jpg");
     }

@@ -6,11 +6,11 @@ use crate::importers::hloc::binary16;
 
 /// Maximum number of elements in a dataset: 64 million, a quarter of a gigabyte. hloc's largest descriptors are a tenth
 /// of it.
-const MOST: u64 = 1 << 26;
+const MAX_NUMBERS: u64 = 1 << 26;
 /// Maximum size of an uncompressed chunk in bytes.
-const MOST_OF_CHUNK: u64 = 1 << 28;
+const MAX_CHUNK_BYTES: u64 = 1 << 28;
 /// Maximum expansion ratio of deflate, with room for small files whose numbers are not stored at all.
-const LONGEST: u64 = 1040;
+const MAX_EXPANSION: u64 = 1040;
 
 /// Numbers and their shape, row-major.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,7 +21,7 @@ pub(crate) struct Numbers {
 
 /// Number type of a dataset.
 #[derive(Clone, Copy)]
-enum Stored {
+enum NumberType {
     Half,
     Single,
     Double,
@@ -29,7 +29,7 @@ enum Stored {
     Unsigned(usize),
 }
 
-impl Stored {
+impl NumberType {
     const fn bytes(self) -> usize {
         match self {
             Self::Half => 2,
@@ -63,11 +63,13 @@ impl Stored {
 pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String> {
     let shape = dataset.shape().map_err(|e| damaged(&e))?;
     let stored = stored(&dataset.datatype().map_err(|e| damaged(&e))?)?;
-    let count = product(&shape).filter(|count| *count <= MOST).ok_or_else(|| {
-        format!("has shape {shape:?}, more than {MOST} numbers; the file is damaged, or not an hloc file")
+    let count = product(&shape).filter(|count| *count <= MAX_NUMBERS).ok_or_else(|| {
+        format!(
+            "has shape {shape:?}, more than {MAX_NUMBERS} numbers; the file is damaged, or not an hloc file"
+        )
     })?;
     let bytes = count * stored.bytes() as u64;
-    if bytes > file_bytes.saturating_mul(LONGEST) {
+    if bytes > file_bytes.saturating_mul(MAX_EXPANSION) {
         return Err(format!(
             "has shape {shape:?}, more than a file of {file_bytes} bytes can hold; write it again"
         ));
@@ -85,10 +87,10 @@ pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String
 }
 
 /// Checks chunk sizes, because the HDF5 library allocates the size that the file states before it reads.
-fn check_chunks(dataset: &Dataset, stored: Stored, file_bytes: u64) -> Result<(), String> {
+fn check_chunks(dataset: &Dataset, stored: NumberType, file_bytes: u64) -> Result<(), String> {
     let Some(chunk) = dataset.chunk_shape().map_err(|e| damaged(&e))? else { return Ok(()) };
     let whole = product(&chunk).and_then(|count| count.checked_mul(stored.bytes() as u64));
-    if whole.is_none_or(|bytes| bytes > MOST_OF_CHUNK.min(file_bytes.saturating_mul(LONGEST))) {
+    if whole.is_none_or(|bytes| bytes > MAX_CHUNK_BYTES.min(file_bytes.saturating_mul(MAX_EXPANSION))) {
         return Err(format!("has chunks of {chunk:?}; the file is damaged, or not an hloc file"));
     }
     let inside =
@@ -109,7 +111,7 @@ fn damaged(error: &hdf5_pure::Error) -> String {
     format!("cannot be read: {error}; write the file again, without `libver=\"latest\"` if it is compressed")
 }
 
-fn stored(datatype: &Datatype) -> Result<Stored, String> {
+fn stored(datatype: &Datatype) -> Result<NumberType, String> {
     let refused = || {
         Err("has an unsupported number type; write float16, float32, float64 or integers, little endian, \
              as hloc does"
@@ -118,9 +120,9 @@ fn stored(datatype: &Datatype) -> Result<Stored, String> {
     match datatype {
         Datatype::FloatingPoint { size, byte_order: DatatypeByteOrder::LittleEndian, layout } => {
             match (size, layout.exponent_size, layout.mantissa_size) {
-                (2, 5, 10) => Ok(Stored::Half),
-                (4, 8, 23) => Ok(Stored::Single),
-                (8, 11, 52) => Ok(Stored::Double),
+                (2, 5, 10) => Ok(NumberType::Half),
+                (4, 8, 23) => Ok(NumberType::Single),
+                (8, 11, 52) => Ok(NumberType::Double),
                 _ => refused(),
             }
         }
@@ -130,7 +132,7 @@ fn stored(datatype: &Datatype) -> Result<Stored, String> {
                 && u32::from(layout.bit_precision) == 8 * size =>
         {
             let bytes = *size as usize;
-            Ok(if layout.signed { Stored::Signed(bytes) } else { Stored::Unsigned(bytes) })
+            Ok(if layout.signed { NumberType::Signed(bytes) } else { NumberType::Unsigned(bytes) })
         }
         _ => refused(),
     }
@@ -141,14 +143,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_are_the_numbers_they_stand_for() {
-        assert_eq!(Stored::Half.value(&[0x00, 0xc0]), -2.0);
-        assert_eq!(Stored::Single.value(&1.25_f32.to_le_bytes()), 1.25);
-        assert_eq!(Stored::Double.value(&(-0.5_f64).to_le_bytes()), -0.5);
-        assert_eq!(Stored::Signed(2).value(&(-1_i16).to_le_bytes()), -1.0);
-        assert_eq!(Stored::Signed(8).value(&640_i64.to_le_bytes()), 640.0);
-        assert_eq!(Stored::Unsigned(2).value(&[0xff, 0xff]), 65535.0);
-        assert_eq!(Stored::Unsigned(1).value(&[200]), 200.0);
-        assert_eq!(Stored::Signed(1).value(&[200]), -56.0);
+    fn bytes_decode_to_numbers() {
+        assert_eq!(NumberType::Half.value(&[0x00, 0xc0]), -2.0);
+        assert_eq!(NumberType::Single.value(&1.25_f32.to_le_bytes()), 1.25);
+        assert_eq!(NumberType::Double.value(&(-0.5_f64).to_le_bytes()), -0.5);
+        assert_eq!(NumberType::Signed(2).value(&(-1_i16).to_le_bytes()), -1.0);
+        assert_eq!(NumberType::Signed(8).value(&640_i64.to_le_bytes()), 640.0);
+        assert_eq!(NumberType::Unsigned(2).value(&[0xff, 0xff]), 65535.0);
+        assert_eq!(NumberType::Unsigned(1).value(&[200]), 200.0);
+        assert_eq!(NumberType::Signed(1).value(&[200]), -56.0);
     }
 }

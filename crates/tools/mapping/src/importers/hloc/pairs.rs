@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_and_what_is_no_pair_is_refused() {
+    fn pairs_round_trip_and_invalid_lines_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("pairs.txt");
         write_pairs(&path, [("db/a.jpg", "db/b.jpg"), ("db/a.jpg", "c.png")]).expect("written");

@@ -42,7 +42,7 @@ impl StoredFeatures {
                 )));
             }
             None => {
-                let length = (LENGTH * (dim as f64).sqrt()).round() as u32;
+                let length = (NORM * (dim as f64).sqrt()).round() as u32;
                 DescriptorKind::new(name, dim, Encoding::Signed, length).map_err(|e| bad(e.to_string()))?
             }
         };
@@ -90,7 +90,7 @@ impl Extractor for StoredFeatures {
     /// The receptive field of typical networks ([`Stored`] has the scale), because the file does not state one and
     /// images were not padded by mirroring.
     fn reach(&self) -> f64 {
-        SIGHT
+        RECEPTIVE_RADIUS
     }
 
     fn stored(&self) -> Option<&dyn Stored> {
@@ -117,15 +117,15 @@ impl Stored for StoredFeatures {
         }
         // hloc scales images down first, to this side by default, so a keypoint covers more pixels of the original
         // image.
-        let scale = (f64::from(size.0.max(size.1)) / SIDE).max(1.0) as f32;
+        let scale = (f64::from(size.0.max(size.1)) / DEFAULT_MAX_SIDE).max(1.0) as f32;
         let bad = |reason| refused(format!("{}: {name}: {reason}", self.file.path().display()));
         stored.features(self.kind, scale).map_err(bad)
     }
 }
 
 /// A unit vector times 32 square roots of its dimension, as for network kinds (decision 0022).
-const LENGTH: f64 = 32.0;
+const NORM: f64 = 32.0;
 /// Radius in pixels around a keypoint that a SuperPoint descriptor covers (docs/privacy.md, rule L11).
-const SIGHT: f64 = 32.0;
+const RECEPTIVE_RADIUS: f64 = 32.0;
 /// hloc's `resize_max` in most of its settings.
-const SIDE: f64 = 1024.0;
+const DEFAULT_MAX_SIDE: f64 = 1024.0;

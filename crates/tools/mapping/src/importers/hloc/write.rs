@@ -20,7 +20,7 @@ pub(crate) enum Values {
 }
 
 /// A dataset to be written.
-pub(crate) struct Written {
+pub(crate) struct NewDataset {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Values,
@@ -29,14 +29,14 @@ pub(crate) struct Written {
 
 /// A group: its datasets, and the groups in it.
 #[derive(Default)]
-pub(crate) struct Tree {
-    datasets: Vec<Written>,
+pub(crate) struct GroupTree {
+    datasets: Vec<NewDataset>,
     groups: BTreeMap<String, Self>,
 }
 
-impl Tree {
+impl GroupTree {
     /// Writes the file atomically: the old one stays until the new one is complete.
-    pub(crate) fn put(&mut self, name: &str, datasets: Vec<Written>) -> Result<(), MappingError> {
+    pub(crate) fn put(&mut self, name: &str, datasets: Vec<NewDataset>) -> Result<(), MappingError> {
         let refused =
             |reason: &str| MappingError::Unwritable { name: name.to_owned(), reason: reason.to_owned() };
         let mut at = self;

@@ -1,3 +1,3 @@
 //! Tests of `build_cache`.
 
-mod hands;
+mod distributed;

@@ -30,7 +30,7 @@ fn pose(image: usize) -> CameraFromWorld {
 }
 
 /// Random points with random descriptors, observed with noise; the points themselves are exact.
-fn place() -> MapModel {
+fn known_map() -> MapModel {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let points: Vec<Point3<World>> = (0..900)
         .map(|_| {
@@ -85,8 +85,8 @@ fn tested(model: &MapModel, schemes: &[Scheme]) -> SelfTest {
 }
 
 #[test]
-fn a_sound_map_localizes_its_images_under_every_scheme() {
-    let model = place();
+fn correct_map_localizes_its_images_under_every_scheme() {
+    let model = known_map();
     let test = tested(&model, &Scheme::ALL);
     assert_eq!((test.images, test.schemes.len()), (10, 4));
     assert!((4.0..9.0).contains(&test.scale), "{}", test.scale);
@@ -104,8 +104,8 @@ fn a_sound_map_localizes_its_images_under_every_scheme() {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
-    let model = place();
+fn result_is_independent_of_thread_count() {
+    let model = known_map();
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| tested(&model, &[Scheme::default()]))
@@ -115,8 +115,8 @@ fn the_number_of_threads_changes_nothing() {
 
 /// Matches are transferred between schemes, with the same result as separate matching.
 #[test]
-fn schemes_do_not_meddle_with_each_other() {
-    let model = place();
+fn schemes_are_independent() {
+    let model = known_map();
     let together = tested(&model, &[Scheme::Points, Scheme::default()]);
     let alone = tested(&model, &[Scheme::default()]);
     assert_eq!(together.of_scheme(Scheme::default()), alone.of_scheme(Scheme::default()));
@@ -124,8 +124,8 @@ fn schemes_do_not_meddle_with_each_other() {
 
 /// An image with a wrong pose and its own points at that pose: if it were used, it would find itself there.
 #[test]
-fn an_image_that_is_left_out_takes_no_part() {
-    let mut model = place();
+fn left_out_image_has_no_influence() {
+    let mut model = known_map();
     let wrong = 4;
     let away = Vector3::new(0.0, 0.0, 40.0);
     let image = &mut model.images[wrong];
@@ -154,8 +154,8 @@ fn an_image_that_is_left_out_takes_no_part() {
 
 /// A point whose position only the left-out image supports moves back to where the others see it, or is removed.
 #[test]
-fn points_are_triangulated_again_without_the_image() {
-    let model = place();
+fn points_are_retriangulated_without_the_image() {
+    let model = known_map();
     let id = model.images[3].point_of_keypoint.iter().flatten().next().expect("it sees a point");
     let truth = model.points[id.index()].position;
     let mut bent = model.clone();
@@ -178,8 +178,8 @@ fn points_are_triangulated_again_without_the_image() {
 }
 
 #[test]
-fn a_map_whose_poses_are_wrong_fails() {
-    let mut model = place();
+fn wrong_poses_fail_the_self_test() {
+    let mut model = known_map();
     let poses: Vec<CameraFromWorld> = model.images.iter().map(|i| i.cam_from_world).collect();
     for (i, image) in model.images.iter_mut().enumerate() {
         let turned = poses[(i * 7 + 3) % IMAGES].inverse();
@@ -193,8 +193,8 @@ fn a_map_whose_poses_are_wrong_fails() {
 /// A compressed map localizes images of the whole map, left out of both, and trusts the poses; points without an image
 /// equal those of the whole map, not those from the few keypoints in the compressed map.
 #[test]
-fn a_small_map_localizes_the_images_of_the_whole_one() {
-    let whole = place();
+fn compressed_map_localizes_images_of_the_whole_map() {
+    let whole = known_map();
     let bytes = veiloc_map::byte_count(&whole) / 6;
     let small = compress(&whole, &CompressOptions::new(bytes), &()).expect("a small map");
     let mut options = SelfTestOptions::default();
@@ -212,8 +212,8 @@ fn a_small_map_localizes_the_images_of_the_whole_one() {
 
 /// The smallest map without loss is smaller than the whole one, and as good in its own test.
 #[test]
-fn the_smallest_map_is_found_by_its_recall() {
-    let whole = place();
+fn smallest_map_within_recall_loss_is_found() {
+    let whole = known_map();
     let mut options = SelfTestOptions::default();
     options.schemes = vec![Scheme::default()];
     let found = smallest_within(&whole, 0.0, &CompressOptions::new(1), &options, &());

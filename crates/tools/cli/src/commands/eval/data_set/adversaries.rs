@@ -52,7 +52,7 @@ impl AttackArgs {
         let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
         evaluation.schemes = hiding.copied().collect();
         if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
-            ui.complain(format!(
+            ui.warn(format!(
                 "{name}: nothing to attack: no scheme hides positions, or no query has a known pose"
             ));
             return Ok(());
@@ -81,7 +81,7 @@ impl AttackArgs {
         let Some(document) = found else { return Ok(()) };
         let table = adversaries_table(document);
         if stdout_is_taken {
-            ui.say(table.trim_end());
+            ui.info(table.trim_end());
         } else {
             ui.print(format!("\n{table}"));
         }

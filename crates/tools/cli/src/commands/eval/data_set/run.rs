@@ -30,48 +30,48 @@ pub(in crate::commands::eval) struct DataSet {
 /// Evaluates the scenes and prints the results. Each scene is read again when its turn comes.
 pub(in crate::commands::eval) fn evaluate(
     data_set: &DataSet,
-    places: &[String],
+    scenes: &[String],
     read: &dyn Fn(&str) -> Result<Place, DatasetError>,
     args: &DataSetArgs,
     ui: &Ui,
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
     // All scenes are read before the first is computed, so that missing files are reported at once.
-    let places: Vec<Place> =
-        places.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
+    let scenes: Vec<Place> =
+        scenes.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
     let mut document = DataSetEvaluation {
         version: 1,
         command: data_set.command,
-        data: places.iter().map(|place| place.name.clone()).collect(),
+        data: scenes.iter().map(|scene| scene.name.clone()).collect(),
         run: facts(args),
         seed: args.pose.run.seed,
         places: Vec::new(),
         schemes: Vec::new(),
         queries: Vec::new(),
     };
-    let mut report = args.html.begin(places.len(), LengthUnit::Metres)?;
+    let mut report = args.html.begin(scenes.len(), LengthUnit::Metres)?;
     let mut attacked = None;
-    for place in &places {
-        place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
-        ui.say(format!(
+    for scene in &scenes {
+        scene.remarks.iter().for_each(|remark| ui.warn(format!("{}: {remark}", scene.name)));
+        ui.info(format!(
             "{}: {} images for the map, {} queries{}",
-            place.name,
-            place.mapped.images().len(),
-            place.queries.len(),
-            if place.is_official { "" } else { " (not the published scene)" }
+            scene.name,
+            scene.mapped.images().len(),
+            scene.queries.len(),
+            if scene.is_official { "" } else { " (not the published scene)" }
         ));
-        let mut evaluation = scene_of(place, data_set, args)?;
+        let mut evaluation = scene_evaluation(scene, data_set, args)?;
         if let Some(report) = &report {
             report.keep_map(&mut evaluation);
         }
         let found = evaluate_scene(&evaluation, &Stages::new(ui))?;
-        args.attack.attack(&place.name, &evaluation, &mut attacked, ui)?;
-        add(&mut document, place, found, &evaluation);
+        args.attack.attack(&scene.name, &evaluation, &mut attacked, ui)?;
+        add(&mut document, scene, found, &evaluation);
         if let Some(report) = &mut report {
-            let rows = document.schemes.iter().filter(|row| row.place == place.name);
+            let rows = document.schemes.iter().filter(|row| row.place == scene.name);
             let rows = rows.map(|row| (row.condition.as_deref(), &row.summary));
-            let queries = document.queries.iter().filter(|query| query.place.as_ref() == Some(&place.name));
+            let queries = document.queries.iter().filter(|query| query.place.as_ref() == Some(&scene.name));
             let queries = queries.map(|query| (query.condition.as_deref(), &query.result));
-            report.add(&place.name, &evaluation, rows, queries, ui)?;
+            report.add(&scene.name, &evaluation, rows, queries, ui)?;
         }
     }
     let json = serde_json::to_string(&document)?;
@@ -112,7 +112,7 @@ pub(in crate::commands::eval) fn outcome(found: Result<(DataSetEvaluation, Exit)
 }
 
 fn facts(args: &DataSetArgs) -> RunFacts {
-    let words = crate::output::command_line::words().into_iter();
+    let words = crate::output::command_line::arguments().into_iter();
     RunFacts {
         veiloc: env!("CARGO_PKG_VERSION").to_owned(),
         command_line: words.map(|word| word.to_string_lossy().into_owned()).collect(),
@@ -122,8 +122,12 @@ fn facts(args: &DataSetArgs) -> RunFacts {
     }
 }
 
-fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<SceneEvaluation, Failure> {
-    let known = place.queries.iter().filter_map(|query| {
+fn scene_evaluation(
+    scene: &Place,
+    data_set: &DataSet,
+    args: &DataSetArgs,
+) -> Result<SceneEvaluation, Failure> {
+    let known = scene.queries.iter().filter_map(|query| {
         Some(PosedImage {
             name: query.name.clone(),
             camera: query.camera,
@@ -131,10 +135,10 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
             seen: Vec::new(),
         })
     });
-    let images = place.mapped.images().iter().cloned().chain(known).collect();
-    let posed = PosedImages::new(images, place.mapped.points().to_vec()).map_err(|e| refused(e.into()))?;
+    let images = scene.mapped.images().iter().cloned().chain(known).collect();
+    let posed = PosedImages::new(images, scene.mapped.points().to_vec()).map_err(|e| refused(e.into()))?;
     let (known, unknown): (Vec<_>, Vec<_>) =
-        place.queries.iter().partition(|query| query.cam_from_world.is_some());
+        scene.queries.iter().partition(|query| query.cam_from_world.is_some());
     let mut localize = args.matching.options(&args.pose);
     if args.paper {
         localize.pose.score = Some(ScoreKind::Msac);
@@ -150,38 +154,38 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
         thresholds: args.thresholds(data_set.thresholds),
         localize,
         seed: args.pose.run.seed,
-        work: args.work.as_ref().map(|folder| folder.join(&place.name)),
+        work: args.work.as_ref().map(|folder| folder.join(&scene.name)),
         jobs: args.jobs(),
         ..SceneEvaluation::of_place(
             posed,
-            place.images.clone(),
-            place.mapped.names(),
+            scene.images.clone(),
+            scene.mapped.names(),
             known.iter().map(|query| query.name.clone()).collect(),
         )
     })
 }
 
 /// Adds the result of a scene.
-fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
+fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
     document.places.push(PlaceFacts {
-        name: place.name.clone(),
-        is_official: place.is_official,
-        queries: place.queries.len(),
-        remarks: place.remarks.clone(),
+        name: scene.name.clone(),
+        is_official: scene.is_official,
+        queries: scene.queries.len(),
+        remarks: scene.remarks.clone(),
         map: found.map,
     });
     let condition_of = |name: &str| {
-        let query = place.queries.iter().find(|query| query.name == name);
+        let query = scene.queries.iter().find(|query| query.name == name);
         query.and_then(|query| query.condition.clone())
     };
     let mut conditions: Vec<Option<String>> = Vec::new();
-    for query in &place.queries {
+    for query in &scene.queries {
         if !conditions.contains(&query.condition) {
             conditions.push(query.condition.clone());
         }
     }
     // The document lists the queries row by row of the table.
-    let rows = found.queries.chunks(place.queries.len().max(1));
+    let rows = found.queries.chunks(scene.queries.len().max(1));
     for (row, summary) in rows.zip(found.schemes) {
         for condition in &conditions {
             let own: Vec<&QueryResult> =
@@ -189,14 +193,14 @@ fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evalu
             let summary =
                 if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
             document.schemes.push(PlaceSummary {
-                place: place.name.clone(),
+                place: scene.name.clone(),
                 condition: condition.clone(),
                 summary,
             });
         }
     }
     document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
-        place: Some(place.name.clone()),
+        place: Some(scene.name.clone()),
         condition: condition_of(&result.name),
         result,
     }));

@@ -39,7 +39,7 @@ pub(super) fn write_submissions(path: &Path, document: &DataSetEvaluation, ui: &
         let path = if one { path.to_owned() } else { named(path, scheme) };
         files::write(&path, text.as_bytes())?;
         let lost = without.get(scheme).map_or(String::new(), |n| format!("; {n} queries have no pose"));
-        ui.say(format!("{}: {} poses{lost}", path.display(), text.lines().count()));
+        ui.info(format!("{}: {} poses{lost}", path.display(), text.lines().count()));
     }
     Ok(())
 }

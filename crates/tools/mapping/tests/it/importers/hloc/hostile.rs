@@ -31,7 +31,7 @@ impl Random {
 /// Hundreds of variants of each file, with changed bytes and truncated ends. They never needed more than a bounded part
 /// of the address space (800,000 files under `ulimit -v 400000`, decision 0025).
 #[test]
-fn damaged_files_are_errors_or_less_is_in_them() {
+fn damaged_files_give_errors_or_fewer_entries() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("damaged.h5");
     let mut random = Random(88_172_645_463_325_252);
@@ -67,13 +67,13 @@ fn damaged_files_are_errors_or_less_is_in_them() {
 }
 
 #[test]
-fn groups_that_hold_themselves_end() {
+fn recursive_groups_terminate() {
     let error = FeaturesFile::open(&data("cycle.h5")).expect("a file").names().expect_err("no end");
     assert!(error.to_string().contains("deep"), "{error}");
 }
 
 #[test]
-fn what_is_no_hdf5_file_is_told() {
+fn non_hdf5_files_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("feats.h5");
     for bytes in [&b""[..], b"no hdf5 at all", b"\x89HDF\r\n\x1a\n", &[0; 4096]] {

@@ -40,7 +40,7 @@ fn expected(image: &str) -> ImageFeatures {
 }
 
 #[test]
-fn features_are_what_h5py_wrote_in_every_form() {
+fn features_match_h5py_in_every_layout() {
     for name in ["feats-half.h5", "feats-single-packed.h5", "feats-double-v114.h5"] {
         let file = FeaturesFile::open(&data(name)).expect("a file");
         assert_eq!(file.names().expect("names"), IMAGES, "{name}");
@@ -59,7 +59,7 @@ fn features_are_what_h5py_wrote_in_every_form() {
 
 /// HDF5 2.0 has its own chunk packing in its latest format; hloc does not use it.
 #[test]
-fn a_form_that_is_not_read_is_told() {
+fn unsupported_chunk_format_is_reported() {
     let file = FeaturesFile::open(&data("feats-packed-latest.h5")).expect("a file");
     match file.read(IMAGES[0]) {
         Ok(read) => assert!(read == expected(IMAGES[0])),
@@ -68,7 +68,7 @@ fn a_form_that_is_not_read_is_told() {
 }
 
 #[test]
-fn what_is_written_is_read_again() {
+fn written_files_round_trip() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("feats.h5");
     write_features(&path, IMAGES.map(|image| (image.to_owned(), expected(image)))).expect("written");
@@ -93,7 +93,7 @@ fn what_is_written_is_read_again() {
 }
 
 #[test]
-fn matches_go_by_either_name_and_either_order() {
+fn matches_are_found_under_either_name_and_order() {
     let file = MatchesFile::open(&data("matches.h5")).expect("a file");
     let found = |first, second, score| Match { first, second, score };
     let matches = file.read("query.png", "db/a.jpg").expect("readable");
@@ -128,7 +128,7 @@ fn global_descriptors_are_vectors() {
 }
 
 #[test]
-fn stored_features_go_by_the_end_of_the_path() {
+fn stored_features_match_path_suffix() {
     let stored = StoredFeatures::open(&data("feats-half.h5"), "mine", None).expect("a file");
     let kind = DescriptorKind::new("mine", DIM, Encoding::Signed, 91).expect("a kind");
     assert_eq!(stored.kind(), kind);
@@ -142,14 +142,14 @@ fn stored_features_go_by_the_end_of_the_path() {
     let best = (0..COUNT).max_by(|a, b| scores[*a].total_cmp(&scores[*b])).expect("some");
     assert_eq!(features.keypoints[0].pixel, expected.keypoints[best]);
 
-    for (path, size, told) in [
+    for (path, size, expected) in [
         ("/data/images/db/c.jpg", (640, 480), "has no features of"),
         ("/data/images/db/a.jpg", (320, 240), "640x480"),
     ] {
         let Err(FeatureError::Extractor { reason, .. }) = lookup.features(Path::new(path), size) else {
             panic!("{path} was taken");
         };
-        assert!(reason.contains(told), "{reason}");
+        assert!(reason.contains(expected), "{reason}");
     }
     let compact = StoredFeatures::open(&data("feats-half.h5"), "compact", Some(DescriptorKind::COMPACT));
     assert!(compact.is_err_and(|e| e.to_string().contains("--features")));
@@ -159,7 +159,7 @@ fn stored_features_go_by_the_end_of_the_path() {
 
 /// Features written here are read back to the same bytes.
 #[test]
-fn bytes_of_a_kind_come_back() {
+fn descriptor_bytes_round_trip() {
     let kind = DescriptorKind::XFEAT;
     let bytes: Vec<u8> = (0..4 * 64_u32).map(|i| (128 + (i * 97 % 61)) as u8 - 30).collect();
     let descriptors = veiloc_descriptor::Descriptors::new(kind, bytes).expect("rows");

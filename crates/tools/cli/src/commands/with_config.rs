@@ -7,19 +7,19 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
 /// Returns the command with all its required arguments and conflicts, which apply to all layers together.
-pub(crate) fn complete<A: Args>(name: &'static str) -> Command {
+pub(crate) fn full_command<A: Args>(name: &'static str) -> Command {
     A::augment_args(Command::new(name).bin_name(format!("veiloc {name}")))
 }
 
 /// Runs a command with the merged settings of command line (`first`, as parsed by the layered command), environment and
 /// file; `--print-config` prints them instead.
-pub(crate) fn settled<A: Args + FromArgMatches>(
+pub(crate) fn run_with_config<A: Args + FromArgMatches>(
     name: &'static str,
     first: &ArgMatches,
     ui: &Ui,
     run: impl FnOnce(&A, &Ui) -> Outcome,
 ) -> Outcome {
-    let command = complete::<A>(name);
+    let command = full_command::<A>(name);
     let settings = Settings::of(&command, first, &|name| std::env::var_os(name)).map_err(Failure::refused)?;
     let line = std::iter::once(format!("veiloc {name}").into()).chain(settings.arguments());
     let args = match command.try_get_matches_from(line).and_then(|all| A::from_arg_matches(&all)) {

@@ -6,7 +6,7 @@ use crate::localization_args::positive;
 
 /// A scene with known poses.
 #[derive(clap::Args)]
-pub(super) struct PlaceArgs {
+pub(super) struct PosedSceneArgs {
     /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
     #[arg(long, value_name = "DIR")]
     pub(super) posed: PathBuf,
@@ -24,7 +24,7 @@ pub(super) struct PlaceArgs {
 
 /// The same arguments if the scene is optional: all or none of them must be given.
 #[derive(clap::Args)]
-pub(super) struct MaybePlaceArgs {
+pub(super) struct OptionalPosedSceneArgs {
     /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
     #[arg(long, value_name = "DIR", requires_all = ["images", "map_list", "query_list"])]
     posed: Option<PathBuf>,
@@ -39,9 +39,9 @@ pub(super) struct MaybePlaceArgs {
     query_list: Option<PathBuf>,
 }
 
-impl MaybePlaceArgs {
-    pub(super) fn given(&self) -> Option<PlaceArgs> {
-        Some(PlaceArgs {
+impl OptionalPosedSceneArgs {
+    pub(super) fn given(&self) -> Option<PosedSceneArgs> {
+        Some(PosedSceneArgs {
             posed: self.posed.clone()?,
             images: self.images.clone()?,
             map_list: self.map_list.clone()?,

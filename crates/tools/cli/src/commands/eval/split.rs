@@ -7,7 +7,7 @@ use veiloc_datasets::problem_files::is_for_design;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Half {
+pub(super) enum Split {
     /// The half for design and calibration.
     Design,
     /// The half for final figures only.
@@ -16,7 +16,7 @@ pub(super) enum Half {
     All,
 }
 
-impl Half {
+impl Split {
     pub(super) fn holds(self, file: &Path) -> bool {
         self == Self::All || is_for_design(file) == (self == Self::Design)
     }

@@ -21,13 +21,13 @@ pub(crate) struct LogArgs {
 
 /// Messages for people, written through the queue of the log, so that a slow or closed stderr does not block the
 /// command. With a JSON log the messages are JSON too.
-pub(crate) struct Voice {
+pub(crate) struct Logger {
     pub(crate) log: LogQueue,
     json: bool,
     quiet: bool,
 }
 
-impl Voice {
+impl Logger {
     /// Starts the log on stderr, through a queue and without colour: logs are read by programs more often than by
     /// people.
     pub(crate) fn start(args: &LogArgs, quiet: bool) -> std::io::Result<Self> {
@@ -45,7 +45,7 @@ impl Voice {
         Ok(Self { log: queue, json: args.log_json, quiet })
     }
 
-    pub(crate) fn say(&self, text: impl std::fmt::Display) {
+    pub(crate) fn info(&self, text: impl std::fmt::Display) {
         if self.json {
             tracing::info!("{text}");
         } else if !self.quiet {
@@ -53,7 +53,7 @@ impl Voice {
         }
     }
 
-    pub(crate) fn complain(&self, text: impl std::fmt::Display) {
+    pub(crate) fn error(&self, text: impl std::fmt::Display) {
         if self.json {
             tracing::error!("{text}");
         } else {
@@ -67,7 +67,7 @@ impl Voice {
     }
 
     /// Flushes the log, with a time limit: a closed stderr must not delay the exit.
-    pub(crate) fn end(&self) {
+    pub(crate) fn flush(&self) {
         self.log.flush(LAST_LINES);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, Place, place};
+use common::{CAMERA, TestScene, scene};
 
 /// Finds a person in the left half of any image (`scripts/oracle_detector.py`).
 fn detector(name: &str) -> String {
@@ -14,19 +14,19 @@ fn seal(more: &str) -> String {
 }
 
 /// The command exits with 1, prints all these words, and writes no query.
-fn refused(place: &Place, command: &str, says: &[&str]) {
-    let run = place.run(&command.replace("hidden.vquery", "none.vquery"));
+fn refused(scene: &TestScene, command: &str, says: &[&str]) {
+    let run = scene.run(&command.replace("hidden.vquery", "none.vquery"));
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
     let text = words.join(" ");
     assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
-    assert!(!place.path("none.vquery").exists(), "{run}");
+    assert!(!scene.path("none.vquery").exists(), "{run}");
 }
 
 #[test]
-fn what_is_found_is_hidden_and_told() {
-    let place = place();
+fn detections_are_hidden_and_reported() {
+    let scene = scene();
     let hidden = |more: &str| {
-        let run = place.run(&format!("{} --json", seal(more))).succeeded();
+        let run = scene.run(&format!("{} --json", seal(more))).succeeded();
         let fields = &common::documented::tables()["seal"];
         assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
         (run.json()["images"][0].clone(), run)
@@ -47,10 +47,10 @@ fn what_is_found_is_hidden_and_told() {
 }
 
 #[test]
-fn a_detector_that_cannot_be_used_sends_nothing() {
-    let place = place();
+fn unusable_detector_sends_nothing() {
+    let scene = scene();
     let whole = std::fs::read(detector("two-boxes")).expect("a detector");
-    place.write("cut.onnx", &whole[..whole.len() / 2]);
+    scene.write("cut.onnx", &whole[..whole.len() / 2]);
     let with = |classes: &str, file: &str| seal(&format!("--hide {classes} --detector {file}"));
     let good = detector("two-boxes");
     for (command, says) in [
@@ -63,14 +63,14 @@ fn a_detector_that_cannot_be_used_sends_nothing() {
         (with("person", &detector("not-a-number")), &["query-0.png", "could not run"]),
         (with("person", &good).replace("-o hidden.vquery", &format!("-o {good}")), &["is an input"]),
     ] {
-        refused(place, &command, says);
+        refused(scene, &command, says);
     }
     // The error comes before any request: there is no service at this address.
     let send =
         format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
-    refused(place, &format!("{send} --hide dog --detector {good}"), &["no class dog"]);
+    refused(scene, &format!("{send} --hide dog --detector {good}"), &["no class dog"]);
     refused(
-        place,
+        scene,
         &format!("{send} --hide person --detector {}", detector("not-a-number")),
         &["could not run"],
     );
@@ -80,7 +80,7 @@ fn a_detector_that_cannot_be_used_sends_nothing() {
         (format!("--hide person --detector {good} --hide-margin=-1"), "0 to 1"),
         (format!("--hide person --detector {good} --hide-margin nan"), "0 to 1"),
     ] {
-        let run = place.run(&seal(&more));
+        let run = scene.run(&seal(&more));
         assert!(run.code == Some(2) && run.stderr.contains(part), "{part}: {run}");
     }
 }

@@ -8,7 +8,7 @@ use veiloc_protocol::ExtractionLimits;
 
 /// Features of one image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Extracted {
+pub struct ExtractedFeatures {
     /// `[N]`, pixels of the stored image.
     pub keypoints: Vec<[f32; 2]>,
     /// `[N, dim]`
@@ -19,7 +19,7 @@ pub struct Extracted {
 
 /// A request for features: the image, and the extraction parameters.
 #[derive(Debug, Clone, Copy)]
-pub struct Wanted<'a> {
+pub struct FeatureRequest<'a> {
     /// The image's file.
     pub path: &'a Path,
     /// Width and height of its camera; an image of another size is refused.
@@ -35,20 +35,20 @@ pub struct Wanted<'a> {
 /// A cache of features and matches. A build looks up before it computes, and stores what it computed, from several
 /// threads at once. A cached result must equal the computed one. Write errors are reported separately: the build
 /// continues.
-pub trait Kept: Debug + Sync {
+pub trait Cache: Debug + Sync {
     /// Looks up the features of an image.
-    fn features(&self, wanted: &Wanted<'_>) -> Option<Extracted>;
+    fn features(&self, request: &FeatureRequest<'_>) -> Option<ExtractedFeatures>;
 
     /// Stores the features of an image.
-    fn keep_features(&self, wanted: &Wanted<'_>, found: &Extracted);
+    fn store_features(&self, request: &FeatureRequest<'_>, found: &ExtractedFeatures);
 
     /// Returns the cache key of an image's descriptors: equal descriptors have equal keys, different ones different
     /// keys.
-    fn name(&self, descriptors: DescriptorView<'_>) -> [u8; 32];
+    fn key(&self, descriptors: DescriptorView<'_>) -> [u8; 32];
 
     /// Looks up the matches of the first image's descriptors in the second's.
     fn matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions) -> Option<Vec<Match>>;
 
     /// Stores matches.
-    fn keep_matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions, matches: &[Match]);
+    fn store_matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions, matches: &[Match]);
 }

@@ -55,16 +55,16 @@ fn compare(a: &Rendering, b: &Rendering) -> (Vec<f64>, usize) {
 
 #[test]
 fn a_point_has_the_same_colour_in_two_views() {
-    let place = Place::generate(3);
-    let path = place.camera_path(&PathOptions::with_counts(40, 0));
-    let render = |k: usize| place.render(&path.mapping[k], &camera(), &quiet());
+    let scene = Place::generate(3);
+    let path = scene.camera_path(&PathOptions::with_counts(40, 0));
+    let render = |k: usize| scene.render(&path.mapping[k], &camera(), &quiet());
     let (first, next, far) = (render(0), render(1), render(20));
     let (differences, unseen) = compare(&first, &next);
     assert!(differences.len() > unseen, "neighbours share most of the view: {} seen", differences.len());
     assert!(differences[differences.len() / 2] < 5.0, "median {}", differences[differences.len() / 2]);
     // After a rotation by four pixels nothing agrees: the texture is fine enough to show the difference.
     let turned = first.cam_from_world().perturbed(&[0.0, 4.0 / 262.5, 0.0, 0.0, 0.0, 0.0]);
-    let (ga, gb) = (first.gray(), place.render(&turned, &camera(), &quiet()).gray());
+    let (ga, gb) = (first.gray(), scene.render(&turned, &camera(), &quiet()).gray());
     let mut changes: Vec<u8> = ga.pixels().zip(gb.pixels()).map(|(a, b)| a.0[0].abs_diff(b.0[0])).collect();
     changes.sort_unstable();
     assert!(f64::from(changes[changes.len() / 2]) > 2.0 * differences[differences.len() / 2]);
@@ -74,11 +74,11 @@ fn a_point_has_the_same_colour_in_two_views() {
 
 #[test]
 fn depth_does_not_depend_on_the_lens() {
-    let place = Place::generate(4);
-    let pose = place.camera_path(&PathOptions::with_counts(3, 0)).mapping[1];
+    let scene = Place::generate(4);
+    let pose = scene.camera_path(&PathOptions::with_counts(3, 0)).mapping[1];
     let bent: Intrinsics = "OPENCV,320,240,262,263,158,122,-0.2,0.05,0.001,-0.001".parse().expect("valid");
-    let straight = place.render(&pose, &camera(), &quiet());
-    let through_lens = place.render(&pose, &bent, &quiet());
+    let straight = scene.render(&pose, &camera(), &quiet());
+    let through_lens = scene.render(&pose, &bent, &quiet());
     let (differences, unseen) = compare(&through_lens, &straight);
     assert!(differences.len() > 3 * unseen, "{} seen, {unseen} not", differences.len());
     assert!(differences[differences.len() / 2] < 5.0);
@@ -90,9 +90,9 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
     let image = |seed: u64, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
-            let place = Place::generate(seed);
-            let pose = place.camera_path(&PathOptions::with_counts(1, 1)).queries[0];
-            place.render(&pose, &small, &RenderOptions::with_seed(5))
+            let scene = Place::generate(seed);
+            let pose = scene.camera_path(&PathOptions::with_counts(1, 1)).queries[0];
+            scene.render(&pose, &small, &RenderOptions::with_seed(5))
         })
     };
     let one = image(1, 1);
@@ -101,34 +101,34 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 }
 
 #[test]
-fn cameras_stand_free_and_queries_are_new() {
+fn cameras_keep_clearance_and_queries_differ() {
     for seed in 0..2 {
-        let place = Place::generate(seed);
-        let path = place.camera_path(&PathOptions::default());
+        let scene = Place::generate(seed);
+        let path = scene.camera_path(&PathOptions::default());
         assert_eq!((path.mapping.len(), path.queries.len()), (40, 12));
-        let free = |pose: &CameraFromWorld| place.is_free(pose.center().coords.into(), 0.3);
+        let free = |pose: &CameraFromWorld| scene.is_free(pose.center().coords.into(), 0.3);
         assert!(path.mapping.iter().chain(&path.queries).all(free), "seed {seed}");
         for query in &path.queries {
             let gap = path.mapping.iter().map(|m| m.translation_error(query)).fold(f64::INFINITY, f64::min);
             assert!(gap > 0.005 && gap < 0.8, "seed {seed}: nearest mapping view {gap} m away");
         }
     }
-    let place = Place::generate(0);
-    assert!(!place.is_free([0.0, 0.0, 0.42], 0.05), "inside the table");
-    assert!(!place.is_free([9.0, 0.0, 1.0], 0.0) && !place.is_free([f64::NAN, 0.0, 1.0], 0.0));
-    assert!(place.camera_path(&PathOptions::with_counts(0, 0)).mapping.is_empty());
+    let scene = Place::generate(0);
+    assert!(!scene.is_free([0.0, 0.0, 0.42], 0.05), "inside the table");
+    assert!(!scene.is_free([9.0, 0.0, 1.0], 0.0) && !scene.is_free([f64::NAN, 0.0, 1.0], 0.0));
+    assert!(scene.camera_path(&PathOptions::with_counts(0, 0)).mapping.is_empty());
 }
 
 #[test]
-fn rays_outside_the_room_or_without_direction_do_no_harm() {
-    let place = Place::generate(0);
+fn rays_outside_the_room_or_undefined_do_not_panic() {
+    let scene = Place::generate(0);
     let outside = CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [50.0, 0.0, 0.0]).expect("finite");
     let small: Intrinsics = "SIMPLE_PINHOLE,16,12,20,8,6".parse().expect("valid");
-    let view = place.render(&outside, &small, &quiet());
+    let view = scene.render(&outside, &small, &quiet());
     assert!(view.depth(3, 3).is_none() && view.point(3, 3).is_none() && view.depth(99, 0).is_none());
     // Beyond the fold of a strong distortion a pixel has no ray.
     let folded: Intrinsics = "SIMPLE_RADIAL,16,12,8,8,6,-0.6".parse().expect("valid");
-    let pose = place.camera_path(&PathOptions::with_counts(1, 0)).mapping[0];
-    let view = place.render(&pose, &folded, &quiet());
+    let pose = scene.camera_path(&PathOptions::with_counts(1, 0)).mapping[0];
+    let view = scene.render(&pose, &folded, &quiet());
     assert!(view.depth(8, 6).is_some() && view.depth(0, 0).is_none());
 }

@@ -2,29 +2,29 @@
 
 use super::common;
 
-use common::{CAMERA, Place, place};
+use common::{CAMERA, TestScene, scene};
 
 /// Seals three images: one of the scene, one that shows just enough of it for a doubtful pose, one of another scene.
-fn sealed() -> &'static Place {
+fn sealed() -> &'static TestScene {
     static READY: std::sync::Once = std::sync::Once::new();
-    let place = place();
+    let scene = scene();
     READY.call_once(|| {
-        seal_window(place, "whole", 100);
-        seal_window(place, "none", 0);
+        seal_window(scene, "whole", 100);
+        seal_window(scene, "none", 0);
         // The result of a sealed query is deterministic: the first window with a doubtful pose serves all tests.
         let found = (8..80).step_by(3).any(|percent| {
-            seal_window(place, "half", percent);
-            let run = place.run("localize --map place.vmap states-half.vquery --json");
+            seal_window(scene, "half", percent);
+            let run = scene.run("localize --map place.vmap states-half.vquery --json");
             run.json()["queries"][0]["state"] == "doubtful"
         });
         assert!(found, "no window of the image has a doubtful pose");
     });
-    place
+    scene
 }
 
 /// Seals an image whose middle part, in percent of the width, shows the scene, and the rest other texture.
-fn seal_window(place: &Place, name: &str, percent: u32) {
-    let mut image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
+fn seal_window(scene: &TestScene, name: &str, percent: u32) {
+    let mut image = image::open(scene.path("images/query-0.png")).expect("an image").to_rgb8();
     let width = image.width();
     let shown = width * percent / 100;
     let from = (width - shown) / 2;
@@ -32,9 +32,9 @@ fn seal_window(place: &Place, name: &str, percent: u32) {
         let hash = (x / 3).wrapping_mul(0x9E37_79B1) ^ (y / 3).wrapping_mul(0x85EB_CA77);
         *pixel = image::Rgb([(hash.wrapping_mul(0xC2B2_AE3D) >> 24) as u8; 3]);
     }
-    image.save(place.path(format!("states-{name}.png"))).expect("written");
+    image.save(scene.path(format!("states-{name}.png"))).expect("written");
     let seal = format!("seal states-{name}.png --camera {CAMERA} --profile place.vprofile --scheme points");
-    place.run(&format!("{seal} -o states-{name}.vquery")).succeeded();
+    scene.run(&format!("{seal} -o states-{name}.vquery")).succeeded();
 }
 
 fn localize(names: &str, options: &str) -> common::Run {
@@ -43,7 +43,7 @@ fn localize(names: &str, options: &str) -> common::Run {
 }
 
 #[test]
-fn every_state_has_its_word_and_its_code() {
+fn every_state_has_a_word_and_an_exit_code() {
     for (name, state, status, code) in [
         ("whole", "trusted", "localized", 0),
         ("half", "doubtful", "localized", 4),
@@ -70,7 +70,7 @@ fn every_state_has_its_word_and_its_code() {
 }
 
 #[test]
-fn the_code_of_several_is_that_of_the_worst_pose() {
+fn exit_code_of_several_is_that_of_the_worst_pose() {
     for (names, options, code) in [
         ("whole whole", "", 0),
         ("whole none", "", 0),
@@ -93,14 +93,14 @@ fn the_code_of_several_is_that_of_the_worst_pose() {
 }
 
 #[test]
-fn a_withheld_pose_is_nowhere() {
-    let told = localize("half", "--json").json()["queries"][0].clone();
+fn withheld_pose_is_absent_from_output() {
+    let shown = localize("half", "--json").json()["queries"][0].clone();
     let run = localize("half", "--json --trusted-only");
     let withheld = run.json()["queries"][0].clone();
     assert_eq!((&withheld["state"], &withheld["status"]), (&"doubtful".into(), &"not_localized".into()));
-    assert_eq!((&withheld["doubts"], &withheld["error"]["kind"]), (&told["doubts"], &"withheld".into()));
+    assert_eq!((&withheld["doubts"], &withheld["error"]["kind"]), (&shown["doubts"], &"withheld".into()));
     for field in ["cam_from_world", "center", "covariance", "position_sd"] {
-        assert!(told.get(field).is_some() && withheld.get(field).is_none(), "{field}: {run}");
+        assert!(shown.get(field).is_some() && withheld.get(field).is_none(), "{field}: {run}");
     }
     let text = localize("half", "--trusted-only");
     assert!(text.stdout.contains("doubtful") && text.stdout.contains("withheld"), "{text}");
@@ -109,7 +109,7 @@ fn a_withheld_pose_is_nowhere() {
 
 /// A wrong position hint gives no pose; a correct one does not change the result.
 #[test]
-fn a_place_nearby_is_checked_and_used() {
+fn position_hint_is_checked_and_used() {
     let center = localize("whole", "--json").json()["queries"][0]["center"].clone();
     let at = |i: usize| center[i].as_f64().expect("a number");
     let near = format!("--near={:.2},{:.2},{:.2},1", at(0), at(1), at(2));

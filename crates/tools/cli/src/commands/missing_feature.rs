@@ -13,11 +13,11 @@ pub(crate) struct Args {
 
 /// Refuses a command.
 pub(crate) fn run(_: &Args, command: &str, feature: &str) -> Outcome {
-    Err(without(&format!("veiloc {command}"), feature))
+    Err(error(&format!("veiloc {command}"), feature))
 }
 
 /// Returns the error for a command or flag that needs a cargo feature.
-pub(crate) fn without(what: &str, feature: &str) -> Failure {
+pub(crate) fn error(what: &str, feature: &str) -> Failure {
     Failure::with_help(
         format!("{what}: this program was built without the cargo feature `{feature}`"),
         format!(

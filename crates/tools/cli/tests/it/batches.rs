@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Write as _;
 use std::process::Stdio;
 
-use common::{CAMERA, Place, QUERIES, Run, keys, place};
+use common::{CAMERA, QUERIES, Run, TestScene, keys, scene};
 use serde_json::Value;
 
 /// The arguments that seal an image of the scene.
@@ -15,18 +15,18 @@ fn seal(what: &str, out: &str) -> String {
 }
 
 /// Ten images in a folder, two of them broken.
-fn ten(place: &Place, folder: &str) {
+fn write_ten_images(scene: &TestScene, folder: &str) {
     for i in 0..10 {
-        place.write(&format!("{folder}/{i}.png"), place.read(&format!("images/query-{}.png", i % QUERIES)));
+        scene.write(&format!("{folder}/{i}.png"), scene.read(&format!("images/query-{}.png", i % QUERIES)));
     }
-    place.write(&format!("{folder}/3.png"), "no image");
-    let png = place.read("images/query-0.png");
-    place.write(&format!("{folder}/7.png"), &png[..png.len() / 2]);
+    scene.write(&format!("{folder}/3.png"), "no image");
+    let png = scene.read("images/query-0.png");
+    scene.write(&format!("{folder}/7.png"), &png[..png.len() / 2]);
 }
 
 /// Files of a folder, sorted.
-fn names(place: &Place, folder: &str) -> Vec<String> {
-    let entries = fs::read_dir(place.path(folder)).expect("a folder");
+fn names(scene: &TestScene, folder: &str) -> Vec<String> {
+    let entries = fs::read_dir(scene.path(folder)).expect("a folder");
     let mut names: Vec<String> =
         entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
     names.sort();
@@ -39,19 +39,19 @@ fn with_status<'a>(items: &'a Value, status: &str) -> Vec<&'a Value> {
 }
 
 #[test]
-fn ten_images_with_two_broken_ones_give_eight_queries_and_two_reasons() {
-    let place = place();
-    ten(place, "ten");
-    let run = place.run(&seal("ten", "ten-sealed"));
+fn two_bad_images_of_ten_give_eight_queries_and_two_errors() {
+    let scene = scene();
+    write_ten_images(scene, "ten");
+    let run = scene.run(&seal("ten", "ten-sealed"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert_eq!(names(place, "ten-sealed").len(), 8, "{run}");
+    assert_eq!(names(scene, "ten-sealed").len(), 8, "{run}");
     for word in
         ["8 of 10 sealed; 2 could not be used", "ten/3.png", "JPEG or PNG", "ten/7.png", "copy it again"]
     {
         assert!(run.stderr.contains(word), "{word}: {run}");
     }
 
-    let run = place.run(&(seal("ten", "ten-again") + " --skip-bad --json")).succeeded();
+    let run = scene.run(&(seal("ten", "ten-again") + " --skip-bad --json")).succeeded();
     let document = run.json();
     assert_eq!(keys(&document), ["failed", "images", "scheme", "sealed", "version"]);
     assert_eq!((&document["sealed"], &document["failed"]), (&8.into(), &2.into()));
@@ -63,38 +63,38 @@ fn ten_images_with_two_broken_ones_give_eight_queries_and_two_reasons() {
     assert!(failed.iter().all(|f| f["error"]["kind"] == "damaged" && f.get("out").is_none()), "{run}");
     for sealed in with_status(&document["images"], "sealed") {
         let out = sealed["out"].as_str().expect("a file");
-        assert_eq!(sealed["bytes"], place.read(out).len(), "{run}");
+        assert_eq!(sealed["bytes"], scene.read(out).len(), "{run}");
     }
 }
 
 #[test]
-fn ten_queries_with_two_broken_ones_give_eight_poses_and_two_reasons() {
-    let place = place();
+fn two_bad_queries_of_ten_give_eight_poses_and_two_errors() {
+    let scene = scene();
     let images: Vec<String> = (0..QUERIES).map(|i| format!("images/query-{i}.png")).collect();
-    place.run(&seal(&images.join(" "), "sound")).succeeded();
+    scene.run(&seal(&images.join(" "), "sound")).succeeded();
     for i in 0..10 {
-        place.write(
+        scene.write(
             &format!("queries/{i}.vquery"),
-            place.read(&format!("sound/query-{}.vquery", i % QUERIES)),
+            scene.read(&format!("sound/query-{}.vquery", i % QUERIES)),
         );
     }
-    place.write("queries/3.vquery", "no query");
-    fs::remove_file(place.path("queries/7.vquery")).expect("removed");
+    scene.write("queries/3.vquery", "no query");
+    fs::remove_file(scene.path("queries/7.vquery")).expect("removed");
     let files: Vec<String> = (0..10).map(|i| format!("queries/{i}.vquery")).collect();
 
-    let run = place.run(&format!("localize --map place.vmap {}", files.join(" ")));
+    let run = scene.run(&format!("localize --map place.vmap {}", files.join(" ")));
     assert_eq!(run.code, Some(1), "{run}");
     assert_eq!(run.stdout.lines().count(), 8, "{run}");
-    let told = run.stderr.find("1 of 10 cannot be read").expect("what is missing is named");
+    let reported = run.stderr.find("1 of 10 cannot be read").expect("what is missing is named");
     let ended = run.stderr.find("8 of 10 localized; 2 could not be used").expect("a summary");
-    assert!(told < ended && run.stderr[told..ended].contains("queries/7.vquery"), "{run}");
+    assert!(reported < ended && run.stderr[reported..ended].contains("queries/7.vquery"), "{run}");
     assert!(
         run.stderr[ended..].contains("queries/3.vquery") && run.stderr[ended..].contains("veiloc seal"),
         "{run}"
     );
 
     let run =
-        place.run(&format!("localize --map place.vmap --skip-bad --json {}", files.join(" "))).succeeded();
+        scene.run(&format!("localize --map place.vmap --skip-bad --json {}", files.join(" "))).succeeded();
     let document = run.json();
     assert_eq!((&document["localized"], &document["failed"]), (&8.into(), &2.into()));
     let queries = &document["queries"];
@@ -106,57 +106,57 @@ fn ten_queries_with_two_broken_ones_give_eight_poses_and_two_reasons() {
     );
 
     // A folder stands for its files, sorted; if no input is usable, the command fails even with --skip-bad.
-    let run = place.run("localize --map place.vmap queries --skip-bad --quiet").succeeded();
+    let run = scene.run("localize --map place.vmap queries --skip-bad --quiet").succeeded();
     let first: Vec<&str> = run.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let sound = [0, 1, 2, 4, 5, 6, 8, 9].map(|i| format!("queries/{i}.vquery"));
     assert_eq!(first, sound, "{run}");
-    let run = place.run("localize --map place.vmap queries/3.vquery queries/7.vquery --skip-bad");
+    let run = scene.run("localize --map place.vmap queries/3.vquery queries/7.vquery --skip-bad");
     assert_eq!((run.code, run.stdout.as_str()), (Some(1), ""), "{run}");
 }
 
 #[test]
-fn folders_keep_their_shape_and_names_do_not_clash() {
-    let place = place();
-    let png = place.read("images/query-0.png");
+fn sub_folders_are_preserved_and_names_do_not_collide() {
+    let scene = scene();
+    let png = scene.read("images/query-0.png");
     for camera in ["camA", "camB"] {
-        place.write(&format!("rig/{camera}/0001.png"), &png);
+        scene.write(&format!("rig/{camera}/0001.png"), &png);
     }
-    place.run(&seal("rig", "rig-sealed")).succeeded();
-    place.run(&seal("rig/camA rig/camB", "cameras-sealed")).succeeded();
+    scene.run(&seal("rig", "rig-sealed")).succeeded();
+    scene.run(&seal("rig/camA rig/camB", "cameras-sealed")).succeeded();
     for folder in ["rig-sealed", "cameras-sealed"] {
-        assert_eq!(names(place, folder), ["camA", "camB"]);
-        assert_eq!(names(place, &format!("{folder}/camB")), ["0001.vquery"]);
+        assert_eq!(names(scene, folder), ["camA", "camB"]);
+        assert_eq!(names(scene, &format!("{folder}/camB")), ["0001.vquery"]);
     }
-    let run = place.run(&seal("rig/camA/0001.png rig/camB/0001.png", "loose"));
+    let run = scene.run(&seal("rig/camA/0001.png rig/camB/0001.png", "loose"));
     assert!(run.code == Some(1) && run.stderr.contains("parent folder"), "{run}");
-    assert!(!place.path("loose").exists(), "refused before the work");
+    assert!(!scene.path("loose").exists(), "refused before the work");
 
     // One image is written into an existing folder, or into a path that ends in `/`.
-    place.run(&seal("images/query-0.png", "cameras-sealed")).succeeded();
-    assert!(place.path("cameras-sealed/query-0.vquery").is_file());
-    place.run(&seal("images/query-0.png", "new/folder/")).succeeded();
-    assert!(place.path("new/folder/query-0.vquery").is_file());
+    scene.run(&seal("images/query-0.png", "cameras-sealed")).succeeded();
+    assert!(scene.path("cameras-sealed/query-0.vquery").is_file());
+    scene.run(&seal("images/query-0.png", "new/folder/")).succeeded();
+    assert!(scene.path("new/folder/query-0.vquery").is_file());
 }
 
 #[test]
-fn stdin_and_stdout_stand_for_files() {
-    let place = place();
-    let out = place.command(&seal("images/query-0.png", "-")).output().expect("runs");
+fn dash_means_stdin_and_stdout() {
+    let scene = scene();
+    let out = scene.command(&seal("images/query-0.png", "-")).output().expect("runs");
     assert!(out.status.success());
-    place.write("from-stdout.vquery", &out.stdout);
-    let by_file = place.run("localize --map place.vmap --json from-stdout.vquery").succeeded().json();
+    scene.write("from-stdout.vquery", &out.stdout);
+    let by_file = scene.run("localize --map place.vmap --json from-stdout.vquery").succeeded().json();
     let mut child =
-        place.command("localize --map place.vmap --json -").stdin(Stdio::piped()).spawn().expect("runs");
+        scene.command("localize --map place.vmap --json -").stdin(Stdio::piped()).spawn().expect("runs");
     child.stdin.take().expect("a pipe").write_all(&out.stdout).expect("written");
     let answer = child.wait_with_output().expect("ended");
     let by_pipe: Value = serde_json::from_slice(&answer.stdout).expect("a document");
     assert_eq!(by_pipe["queries"][0]["file"], "-");
     assert_eq!(by_pipe["queries"][0]["cam_from_world"], by_file["queries"][0]["cam_from_world"]);
     assert!(by_pipe["queries"][0]["cam_from_world"].is_object());
-    assert!(!place.path("-").exists());
+    assert!(!scene.path("-").exists());
 
     let refused = |arguments: &str, word: &str| {
-        let run = place.run(arguments);
+        let run = scene.run(arguments);
         assert!(run.code == Some(1) && run.stdout.is_empty() && run.stderr.contains(word), "{run}");
     };
     refused(&seal("images/query-0.png images/query-1.png", "-"), "one sealed query");
@@ -166,12 +166,12 @@ fn stdin_and_stdout_stand_for_files() {
 }
 
 #[test]
-fn lists_bring_their_cameras() {
-    let place = place();
+fn lists_may_have_cameras() {
+    let scene = scene();
     let with_spaces = CAMERA.replace(',', " ");
-    let list = |lines: &[String]| place.write("seal.txt", lines.join("\n"));
+    let list = |lines: &[String]| scene.write("seal.txt", lines.join("\n"));
     let seal = |more: &str, out: &str| {
-        place.run(&format!("seal images --list seal.txt --profile place.vprofile -o {out} {more}"))
+        scene.run(&format!("seal images --list seal.txt --profile place.vprofile -o {out} {more}"))
     };
     let refused = |run: Run, words: &[&str]| {
         assert!(
@@ -181,8 +181,8 @@ fn lists_bring_their_cameras() {
     };
     list(&[format!("query-0.png {with_spaces}"), format!("query-1.png {with_spaces}")]);
     seal("", "listed").succeeded();
-    assert_eq!(names(place, "listed"), ["query-0.vquery", "query-1.vquery"]);
-    let document = place.run("localize --map place.vmap listed --json").succeeded().json();
+    assert_eq!(names(scene, "listed"), ["query-0.vquery", "query-1.vquery"]);
+    let document = scene.run("localize --map place.vmap listed --json").succeeded().json();
     assert_eq!(document["localized"], 2);
     refused(seal(&format!("--camera {CAMERA}"), "listed"), &["seal.txt: line 1", "leave out --camera"]);
 
@@ -196,7 +196,7 @@ fn lists_bring_their_cameras() {
     }
     let one =
         ["seal", "images/query-0.png", "--profile", "place.vprofile", "-o", "spaces.vquery", "--camera"];
-    let out = place.command("").args(one).arg(&with_spaces).output().expect("runs");
+    let out = scene.command("").args(one).arg(&with_spaces).output().expect("runs");
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
 
     // A wrong camera in the list affects only its own image.
@@ -209,20 +209,20 @@ fn lists_bring_their_cameras() {
 }
 
 #[test]
-fn keypoints_of_folders_have_names_of_their_own() {
-    let place = place();
-    let png = place.read("images/query-0.png");
+fn keypoints_of_folders_have_distinct_names() {
+    let scene = scene();
+    let png = scene.read("images/query-0.png");
     for camera in ["camA", "camB"] {
-        place.write(&format!("rig-2/{camera}/0001.png"), &png);
+        scene.write(&format!("rig-2/{camera}/0001.png"), &png);
     }
-    let run = place.run("eval keypoints rig-2 --max-keypoints 64 -o - --quiet").succeeded();
+    let run = scene.run("eval keypoints rig-2 --max-keypoints 64 -o - --quiet").succeeded();
     let names: Vec<Value> = run
         .stdout
         .lines()
         .map(|line| serde_json::from_str::<Value>(line).expect("an object")["name"].clone())
         .collect();
     assert_eq!(names, ["camA/0001.png", "camB/0001.png"]);
-    let run = place.run("eval keypoints rig-2 no-1.png no-2.png -o no.jsonl");
+    let run = scene.run("eval keypoints rig-2 no-1.png no-2.png -o no.jsonl");
     assert!(
         run.code == Some(1) && run.stderr.contains("no-1.png") && run.stderr.contains("no-2.png"),
         "{run}"

@@ -15,7 +15,7 @@ use crate::demo::options::DemoOptions;
 const CAMERA: &str = "OPENCV,640,480,525,524,322,237,-0.06,0.02,0.0004,-0.0003";
 
 /// A scene on disk, with its true poses.
-pub(crate) struct RenderedPlace {
+pub(crate) struct RenderedScene {
     pub(crate) posed: PathBuf,
     pub(crate) images: PathBuf,
     pub(crate) camera: Intrinsics,
@@ -24,7 +24,7 @@ pub(crate) struct RenderedPlace {
     poses: Vec<(String, CameraFromWorld)>,
 }
 
-impl RenderedPlace {
+impl RenderedScene {
     /// Returns the true pose of an image.
     pub(crate) fn pose_of(&self, name: &str) -> Option<CameraFromWorld> {
         self.poses.iter().find(|(n, _)| n == name).map(|(_, pose)| *pose)
@@ -32,17 +32,17 @@ impl RenderedPlace {
 }
 
 /// Renders every view and writes the folder.
-pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<RenderedPlace, DemoError> {
-    let camera: Intrinsics = CAMERA.parse().map_err(|e| DemoError::Place(format!("{CAMERA}: {e}")))?;
+pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<RenderedScene, DemoError> {
+    let camera: Intrinsics = CAMERA.parse().map_err(|e| DemoError::Scene(format!("{CAMERA}: {e}")))?;
     let (images, posed) = (options.out.join("images"), options.out.join("posed"));
     for folder in [&images, &posed] {
         std::fs::create_dir_all(folder).map_err(|source| DemoError::Io { path: folder.clone(), source })?;
     }
 
     progress.start("Rendering textures", 1);
-    let place = Place::generate(options.seed);
+    let scene = Place::generate(options.seed);
     progress.advance(1);
-    let path = place.camera_path(&PathOptions::with_counts(options.map_views, options.query_views));
+    let path = scene.camera_path(&PathOptions::with_counts(options.map_views, options.query_views));
     let named = |kind: &str, poses: &[CameraFromWorld]| {
         poses.iter().enumerate().map(|(i, pose)| (format!("{kind}-{i:02}.png"), *pose)).collect::<Vec<_>>()
     };
@@ -54,7 +54,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
     progress.start("Rendering views", poses.len());
     for (index, (name, pose)) in poses.iter().enumerate() {
         let noise = RenderOptions::with_seed(options.seed.wrapping_add(index as u64));
-        let view = place.render(pose, &camera, &noise);
+        let view = scene.render(pose, &camera, &noise);
         let path = images.join(name);
         view.rgb().save(&path).map_err(|e| DemoError::Io { path, source: std::io::Error::other(e) })?;
         progress.advance(1);
@@ -73,7 +73,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
         })
         .collect();
     write_text(&ColmapModel::new(vec![(1, camera)], posed_images, Vec::new())?, &posed)?;
-    Ok(RenderedPlace { posed, images, camera, map_list, query_list, poses })
+    Ok(RenderedScene { posed, images, camera, map_list, query_list, poses })
 }
 
 /// Reads a rendered image in colour, for the report.

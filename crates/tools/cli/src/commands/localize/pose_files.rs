@@ -14,7 +14,7 @@ use crate::ui::Ui;
 
 /// Output files of poses.
 #[derive(clap::Args)]
-pub(super) struct WrittenArgs {
+pub(super) struct PoseFileArgs {
     /// Write the poses in hloc's result format: `name qw qx qy qz tx ty tz`, world to camera, in the order of the list,
     /// under its names; for sealed queries their paths without `.vquery`. Queries without a pose are left out. Default:
     /// not written.
@@ -35,7 +35,7 @@ pub(super) struct WrittenArgs {
 }
 
 /// Result of a query.
-pub(super) struct Answered {
+pub(super) struct QueryPose {
     pub(super) name: String,
     pub(super) pose: Option<PoseDocument>,
     /// The original camera, if the image was sealed here.
@@ -48,7 +48,7 @@ pub(super) fn name_of(item: &Item, is_image: bool) -> String {
     if is_image { name } else { name.strip_suffix(".vquery").unwrap_or(name) }.to_owned()
 }
 
-impl WrittenArgs {
+impl PoseFileArgs {
     /// Refuses names that pose files cannot hold, before the computation.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl WrittenArgs {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub(super) fn write(&self, answered: &[Answered], ui: &Ui) -> Result<(), Failure> {
+    pub(super) fn write(&self, answered: &[QueryPose], ui: &Ui) -> Result<(), Failure> {
         let posed = || answered.iter().filter_map(|query| Some((query, query.pose?)));
         if let Some(path) = &self.out_hloc {
             let lines = posed().filter_map(|(query, pose)| Some(hloc_line(&query.name, &pose)? + "\n"));
@@ -98,7 +98,7 @@ impl WrittenArgs {
             let model = colmap_model(posed())?;
             let write = if self.text { write_text } else { write_binary };
             write(&model, dir)?;
-            ui.say(format!("{}: {} images", dir.display(), model.images().len()));
+            ui.info(format!("{}: {} images", dir.display(), model.images().len()));
         }
         Ok(())
     }
@@ -106,13 +106,13 @@ impl WrittenArgs {
 
 fn save(path: &Path, lines: &str, queries: usize, ui: &Ui) -> Result<(), Failure> {
     files::write(path, lines.as_bytes())?;
-    ui.say(format!("{}: poses of {} of {queries} queries", path.display(), lines.lines().count()));
+    ui.info(format!("{}: poses of {} of {queries} queries", path.display(), lines.lines().count()));
     Ok(())
 }
 
 /// Builds a COLMAP model of images with poses; equal cameras are shared.
 fn colmap_model<'a>(
-    posed: impl Iterator<Item = (&'a Answered, PoseDocument)>,
+    posed: impl Iterator<Item = (&'a QueryPose, PoseDocument)>,
 ) -> Result<ColmapModel, Failure> {
     let mut cameras: Vec<Intrinsics> = Vec::new();
     let mut images = Vec::new();

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, MAP_VIEWS, Place, QUERIES, keys, place};
+use common::{CAMERA, MAP_VIEWS, QUERIES, TestScene, keys, scene};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_protocol::SealedQuery;
@@ -27,14 +27,14 @@ fn each_query(word: impl Fn(usize) -> String) -> String {
 }
 
 /// Seals all queries of the scene, localizes them in one call, and checks the document.
-fn localize_all(place: &Place, map: &str, scheme: &str, folder: &str, bound: (f64, f64)) {
+fn localize_all(scene: &TestScene, map: &str, scheme: &str, folder: &str, bound: (f64, f64)) {
     let images = each_query(|i| format!("images/query-{i}.png"));
     let scheme_words = if scheme.is_empty() { String::new() } else { format!("--scheme {scheme}") };
-    place
+    scene
         .run(&format!("seal {images} --camera {CAMERA} --profile place.vprofile {scheme_words} -o {folder}"))
         .succeeded();
     let sealed = each_query(|i| format!("{folder}/query-{i}.vquery"));
-    let run = place.run(&format!("localize --map {map} --json {sealed}")).succeeded();
+    let run = scene.run(&format!("localize --map {map} --json {sealed}")).succeeded();
     let document = run.json();
     assert_eq!(document["version"], 2);
     assert_eq!(document["map"], map);
@@ -74,7 +74,7 @@ fn localize_all(place: &Place, map: &str, scheme: &str, folder: &str, bound: (f6
         }
         let (inliers, matches) = (&query["inliers"], &query["matches"]);
         assert!(inliers.as_u64().is_some_and(|n| n >= 6 && n <= matches.as_u64().unwrap_or(0)), "{run}");
-        let truth = place.pose_of(&format!("query-{i}.png"));
+        let truth = scene.pose_of(&format!("query-{i}.png"));
         let (degrees, metres) = pose_error(&query["cam_from_world"], &truth);
         assert!(degrees <= bound.0 && metres <= bound.1, "{degrees} deg, {metres} m under {scheme:?}: {run}");
         let center: Vec<f64> = serde_json::from_value(query["center"].clone()).expect("three numbers");
@@ -86,31 +86,31 @@ fn localize_all(place: &Place, map: &str, scheme: &str, folder: &str, bound: (f6
 
 #[test]
 fn points_localize() {
-    localize_all(place(), "place.vmap", "points", "sealed-points", (0.5, 0.03));
+    localize_all(scene(), "place.vmap", "points", "sealed-points", (0.5, 0.03));
 }
 
 #[test]
 fn random_lines_localize() {
-    localize_all(place(), "place.vmap", "random-lines", "sealed-random", (1.0, 0.06));
+    localize_all(scene(), "place.vmap", "random-lines", "sealed-random", (1.0, 0.06));
 }
 
 #[test]
-fn dcl_localizes_with_any_dividing_line() {
+fn dcl_localizes_for_any_border() {
     for (scheme, folder) in [
         ("", "sealed-default"),
         ("dcl", "sealed-dcl"),
         ("dcl:horizontal", "sealed-horizontal"),
         ("dcl:angle=30", "sealed-30"),
     ] {
-        localize_all(place(), "place.vmap", scheme, folder, (1.0, 0.06));
+        localize_all(scene(), "place.vmap", scheme, folder, (1.0, 0.06));
     }
 }
 
 #[test]
 fn coordinate_permutation_is_sealed_and_read() {
-    let place = place();
-    place.seal("query-0.png", "coordinate-permutation", "permuted.vquery");
-    let run = place.run("localize --map place.vmap permuted.vquery --json");
+    let scene = scene();
+    scene.seal("query-0.png", "coordinate-permutation", "permuted.vquery");
+    let run = scene.run("localize --map place.vmap permuted.vquery --json");
     let document = run.json();
     assert_eq!(document["queries"].as_array().map(Vec::len), Some(1));
     // Half of its coordinates are swapped; the evaluation, not this test, decides whether that localizes.
@@ -125,39 +125,39 @@ fn coordinate_permutation_is_sealed_and_read() {
 
 #[test]
 fn the_device_chooses_the_scheme() {
-    let place = place();
-    let said = |scheme: &str, out: &str| place.seal("query-0.png", scheme, out).stderr;
-    assert!(said("", "chosen.vquery").contains("sent as dcl"));
-    assert!(said("random-lines", "chosen.vquery").contains("sent as random-lines"));
-    let warned = said("points", "chosen.vquery");
+    let scene = scene();
+    let message = |scheme: &str, out: &str| scene.seal("query-0.png", scheme, out).stderr;
+    assert!(message("", "chosen.vquery").contains("sent as dcl"));
+    assert!(message("random-lines", "chosen.vquery").contains("sent as random-lines"));
+    let warned = message("points", "chosen.vquery");
     assert!(warned.contains("WARNING") && warned.contains("position of every keypoint is sent"), "{warned}");
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile");
-    let quiet = place.run(&format!("--quiet {seal} --scheme points -o chosen.vquery")).succeeded();
+    let quiet = scene.run(&format!("--quiet {seal} --scheme points -o chosen.vquery")).succeeded();
     assert!(quiet.stderr.contains("WARNING"), "quiet is no reason not to warn: {quiet}");
 }
 
 #[test]
-fn a_device_may_send_fewer_keypoints_and_the_map_takes_them() {
-    let place = place();
+fn fewer_keypoints_are_accepted() {
+    let scene = scene();
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile");
-    let run = place.run(&format!("{seal} --max-keypoints 300 -o few.vquery")).succeeded();
+    let run = scene.run(&format!("{seal} --max-keypoints 300 -o few.vquery")).succeeded();
     assert!(run.stderr.contains("256 sent as dcl"), "{run}");
-    assert_eq!(rows_of(&place.read("few.vquery")), 256);
-    let document = place.run("localize --map place.vmap few.vquery --json").succeeded().json();
+    assert_eq!(rows_of(&scene.read("few.vquery")), 256);
+    let document = scene.run("localize --map place.vmap few.vquery --json").succeeded().json();
     let (degrees, metres) =
-        pose_error(&document["queries"][0]["cam_from_world"], &place.pose_of("query-0.png"));
+        pose_error(&document["queries"][0]["cam_from_world"], &scene.pose_of("query-0.png"));
     assert!(degrees < 2.0 && metres < 0.2, "{degrees} {metres}");
-    let refused = place.run(&format!("{seal} --max-keypoints 200 -o few.vquery"));
+    let refused = scene.run(&format!("{seal} --max-keypoints 200 -o few.vquery"));
     assert_eq!(refused.code, Some(2), "{refused}");
     assert!(refused.stderr.contains("256..=4096"), "{refused}");
 }
 
 #[test]
-fn without_json_people_get_a_line_a_query() {
-    let place = place();
-    place.seal("query-1.png", "", "table-1.vquery");
-    place.seal("query-2.png", "points", "table-2.vquery");
-    let run = place.run("localize --map place.vmap table-1.vquery table-2.vquery").succeeded();
+fn text_output_has_one_line_per_query() {
+    let scene = scene();
+    scene.seal("query-1.png", "", "table-1.vquery");
+    scene.seal("query-2.png", "points", "table-2.vquery");
+    let run = scene.run("localize --map place.vmap table-1.vquery table-2.vquery").succeeded();
     let lines: Vec<&str> = run.stdout.lines().collect();
     assert_eq!(lines.len(), 2, "{run}");
     for (line, file) in lines.iter().zip(["table-1.vquery", "table-2.vquery"]) {
@@ -167,29 +167,29 @@ fn without_json_people_get_a_line_a_query() {
 }
 
 #[test]
-fn quiet_means_only_results() {
-    let place = place();
+fn quiet_prints_only_results() {
+    let scene = scene();
     let seal =
         format!("--quiet seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o quiet.vquery");
-    let run = place.run(&seal).succeeded();
+    let run = scene.run(&seal).succeeded();
     assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
-    let run = place.run("localize --quiet --map place.vmap quiet.vquery").succeeded();
+    let run = scene.run("localize --quiet --map place.vmap quiet.vquery").succeeded();
     assert_eq!(run.stderr, "");
     assert_eq!(run.stdout.lines().count(), 1);
 }
 
 #[test]
-fn a_query_sealed_twice_differs_and_keeps_its_length() {
-    let place = place();
+fn sealing_twice_gives_different_queries_of_equal_length() {
+    let scene = scene();
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
-        place.seal("query-0.png", scheme, "twice-a.vquery");
-        place.seal("query-0.png", scheme, "twice-b.vquery");
-        place.seal("query-1.png", scheme, "twice-c.vquery");
-        let [a, b, c] = ["twice-a.vquery", "twice-b.vquery", "twice-c.vquery"].map(|file| place.read(file));
+        scene.seal("query-0.png", scheme, "twice-a.vquery");
+        scene.seal("query-0.png", scheme, "twice-b.vquery");
+        scene.seal("query-1.png", scheme, "twice-c.vquery");
+        let [a, b, c] = ["twice-a.vquery", "twice-b.vquery", "twice-c.vquery"].map(|file| scene.read(file));
         assert_ne!(a, b, "{scheme}: sealing must draw from the operating system");
         assert_eq!(a.len(), b.len(), "{scheme}");
         // The number of rows gives the size class, and the length may depend on nothing else.
-        let rows = |file: &str| rows_of(&place.read(file));
+        let rows = |file: &str| rows_of(&scene.read(file));
         assert_eq!(rows("twice-a.vquery"), rows("twice-c.vquery"), "both images fill the profile's class");
         assert_eq!(a.len(), c.len(), "{scheme}: all messages of a class have one length");
     }
@@ -200,9 +200,9 @@ fn rows_of(sealed: &[u8]) -> usize {
 }
 
 #[test]
-fn info_tells_what_is_in_the_map() {
-    let place = place();
-    let run = place.run("map info place.vmap --json").succeeded();
+fn info_describes_the_map() {
+    let scene = scene();
+    let run = scene.run("map info place.vmap --json").succeeded();
     let info = run.json();
     assert_eq!(
         keys(&info),
@@ -234,7 +234,7 @@ fn info_tells_what_is_in_the_map() {
     assert_eq!(info["images"], MAP_VIEWS);
     assert_eq!(info["cameras"], 1);
     assert_eq!((&info["descriptors"], &info["global"]), (&json!("compact"), &json!("vlad")));
-    let bytes = place.read("place.vmap").len();
+    let bytes = scene.read("place.vmap").len();
     assert_eq!(info["bytes"], bytes);
     let number = |key: &str| info[key].as_f64().unwrap_or_else(|| panic!("{key}: {run}"));
     assert!(number("points") > 200.0, "{run}");
@@ -246,57 +246,57 @@ fn info_tells_what_is_in_the_map() {
     );
     assert!((number("bytes_per_point") - bytes as f64 / number("points")).abs() < 1e-6, "{run}");
 
-    let text = place.run("map info place.vmap").succeeded().stdout;
+    let text = scene.run("map info place.vmap").succeeded().stdout;
     for word in ["place.vmap", "images", "points", "profile", info["profile"].as_str().expect("an id")] {
         assert!(text.contains(word), "{word}: {text}");
     }
 }
 
 #[test]
-fn the_profile_is_small_and_names_itself_as_the_map_does() {
-    let place = place();
-    let run = place.run("map profile place.vmap -o again.vprofile").succeeded();
+fn profile_is_small_and_has_the_maps_id() {
+    let scene = scene();
+    let run = scene.run("map profile place.vmap -o again.vprofile").succeeded();
     assert_eq!(
-        place.read("again.vprofile"),
-        place.read("place.vprofile"),
+        scene.read("again.vprofile"),
+        scene.read("place.vprofile"),
         "a profile has nothing random in it"
     );
-    let info = place.run("map info place.vmap --json").succeeded().json();
+    let info = scene.run("map info place.vmap --json").succeeded().json();
     assert!(run.stderr.contains(info["profile"].as_str().expect("an id")), "{run}");
-    assert!(place.read("place.vprofile").len() < 64 * 1024);
+    assert!(scene.read("place.vprofile").len() < 64 * 1024);
 }
 
 #[test]
 fn equal_input_gives_an_equal_map() {
-    let place = place();
+    let scene = scene();
     let build =
         "map build --posed posed --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024";
-    let run = place.run(&format!("{build} -o equal.vmap --json")).succeeded();
+    let run = scene.run(&format!("{build} -o equal.vmap --json")).succeeded();
     assert_eq!(run.json()["images"], MAP_VIEWS);
-    assert!(place.read("equal.vmap") == place.read("place.vmap"), "two builds of the same input differ");
+    assert!(scene.read("equal.vmap") == scene.read("place.vmap"), "two builds of the same input differ");
 }
 
 #[test]
-fn images_leave_and_join_a_map() {
-    let place = place();
+fn images_are_removed_and_added() {
+    let scene = scene();
     let without =
-        place.run("map remove place.vmap map-03.png map-06.png -o less.vmap --json").succeeded().json();
+        scene.run("map remove place.vmap map-03.png map-06.png -o less.vmap --json").succeeded().json();
     assert_eq!(without["images"], MAP_VIEWS - 2);
-    place.write("leaving.txt", "map-03.png\nmap-06.png\n");
-    let run = place
+    scene.write("leaving.txt", "map-03.png\nmap-06.png\n");
+    let run = scene
         .run("map add less.vmap --posed posed --images images --list leaving.txt -o more.vmap --json")
         .succeeded();
     let with = run.json();
     assert_eq!(with["images"], MAP_VIEWS);
     assert!(with["points"].as_u64() > without["points"].as_u64(), "{run}");
     assert_eq!(with["profile"], without["profile"], "queries sealed before stay valid");
-    localize_all(place, "less.vmap", "points", "sealed-less", (0.5, 0.05));
-    localize_all(place, "more.vmap", "dcl", "sealed-more", (1.0, 0.06));
+    localize_all(scene, "less.vmap", "points", "sealed-less", (0.5, 0.05));
+    localize_all(scene, "more.vmap", "dcl", "sealed-more", (1.0, 0.06));
 
     // Without --out the map itself is replaced.
-    std::fs::copy(place.path("more.vmap"), place.path("own.vmap")).expect("copied");
-    place.run("map remove own.vmap map-00.png").succeeded();
-    let info = place.run("map info own.vmap --json").succeeded().json();
+    std::fs::copy(scene.path("more.vmap"), scene.path("own.vmap")).expect("copied");
+    scene.run("map remove own.vmap map-00.png").succeeded();
+    let info = scene.run("map info own.vmap --json").succeeded().json();
     assert_eq!(info["images"], MAP_VIEWS - 1);
 }
 
@@ -339,11 +339,11 @@ fn check_evaluation(document: &Value, command: &str, schemes: &[&str], queries: 
 
 #[test]
 fn a_scene_is_evaluated() {
-    let place = place();
+    let scene = scene();
     let command = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
                    --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl --thresholds 0.05/5,0.1/2 \
                    --keep-map kept.vmap";
-    let run = place.run(&format!("{command} --json")).succeeded();
+    let run = scene.run(&format!("{command} --json")).succeeded();
     let document = run.json();
     check_evaluation(&document, "eval scene", &["points", "dcl"], QUERIES);
     assert_eq!(document["map"]["images"], MAP_VIEWS);
@@ -356,15 +356,15 @@ fn a_scene_is_evaluated() {
         assert!(row["sealed_bytes"].as_u64().is_some_and(|b| b > 0));
     }
     // The stored map is a valid map.
-    place.run("map info kept.vmap").succeeded();
+    scene.run("map info kept.vmap").succeeded();
 
     // With a file for the document, the table goes to stdout, and everything except the times is the same. The camera
     // may come from the list, as in hloc: the model's own camera changes nothing, another one does.
     let listed = |camera: &str| {
         let lines = (0..QUERIES).map(|i| format!("query-{i}.png {camera}")).collect::<Vec<_>>();
-        place.write("listed.txt", lines.join("\n"));
+        scene.write("listed.txt", lines.join("\n"));
         let command = command.replace("queries.txt", "listed.txt").replace("points,dcl", "points");
-        let document = place.run(&format!("{command} --json")).json();
+        let document = scene.run(&format!("{command} --json")).json();
         document["schemes"][0]["median_translation"].as_f64().unwrap_or(f64::INFINITY)
     };
     let own = listed(&CAMERA.replace(',', " "));
@@ -376,9 +376,9 @@ fn a_scene_is_evaluated() {
         "a focal length 10 % too short: {short}, {own}"
     );
 
-    let run = place.run(&format!("{command} --json scene.json")).succeeded();
+    let run = scene.run(&format!("{command} --json scene.json")).succeeded();
     assert!(run.stdout.contains("points") && run.stdout.contains("≤0.05/5"), "{run}");
-    let file: Value = serde_json::from_slice(&place.read("scene.json")).expect("one document");
+    let file: Value = serde_json::from_slice(&scene.read("scene.json")).expect("one document");
     assert_eq!(without_times(file), without_times(document));
 }
 
@@ -429,26 +429,26 @@ fn problems(count: usize) -> String {
 
 #[test]
 fn poses_are_evaluated() {
-    let place = place();
-    place.write("problems.jsonl", problems(4));
+    let scene = scene();
+    scene.write("problems.jsonl", problems(4));
     let command =
         "eval pose problems.jsonl --schemes points,random-lines,dcl --thresholds 0.05/5,0.1/2 --seed 3";
-    let run = place.run(&format!("{command} --json")).succeeded();
+    let run = scene.run(&format!("{command} --json")).succeeded();
     let document = run.json();
     check_evaluation(&document, "eval pose", &["points", "random-lines", "dcl"], 4);
     assert_eq!(document["seed"], 3);
-    let again = place.run(&format!("{command} --json -")).succeeded().json();
+    let again = scene.run(&format!("{command} --json -")).succeeded().json();
     assert_eq!(without_times(again), without_times(document), "equal seeds give equal results");
-    let table = place.run(command).succeeded().stdout;
+    let table = scene.run(command).succeeded().stdout;
     for word in ["points", "random-lines", "dcl", "4/4"] {
         assert!(table.contains(word), "{word}: {table}");
     }
 }
 
 #[test]
-fn every_command_tells_what_it_is_for() {
-    let place = place();
-    let help = place.run("--help").succeeded().stdout;
+fn every_command_has_help() {
+    let scene = scene();
+    let help = scene.run("--help").succeeded().stdout;
     for code in ["0  done", "1  input was refused", "2  wrong usage", "3  results could not be written"] {
         assert!(help.contains(code), "{code}: {help}");
     }
@@ -469,10 +469,10 @@ fn every_command_tells_what_it_is_for() {
         ("eval pose", "Run only the pose stage"),
     ] {
         for flag in ["--help", "-h"] {
-            let run = place.run(&format!("{command} {flag}")).succeeded();
+            let run = scene.run(&format!("{command} {flag}")).succeeded();
             assert!(run.stdout.contains(purpose), "{purpose}: {run}");
             assert!(run.stdout.contains("Usage:") && run.stderr.is_empty(), "{run}");
         }
     }
-    assert!(place.run("--version").succeeded().stdout.starts_with("veiloc "));
+    assert!(scene.run("--version").succeeded().stdout.starts_with("veiloc "));
 }

@@ -57,7 +57,7 @@ fn counting() -> (BuildOptions, Arc<AtomicUsize>) {
 }
 
 #[test]
-fn many_hands_build_the_map_that_one_builds() {
+fn distributed_build_equals_single_process_build() {
     let images = tempfile::tempdir().expect("a folder");
     let posed = rendered(images.path(), 14);
     let input = Input::new(&posed, images.path());
@@ -67,16 +67,16 @@ fn many_hands_build_the_map_that_one_builds() {
 
     let work = tempfile::tempdir().expect("a folder");
     let share = |stage, part, of| {
-        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
         let share = Share::new(part, of).expect("a share");
-        let done = prepare(&input, &keeping, &options, stage, share, &()).expect("prepared");
-        keeping.finish().expect("kept");
+        let done = prepare(&input, &cache, &options, stage, share, &()).expect("prepared");
+        cache.finish().expect("kept");
         done
     };
     let built = || -> MapModel {
-        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
-        let (map, _) = build(&input.with_kept(&keeping), &options, &()).expect("built");
-        keeping.finish().expect("kept");
+        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let (map, _) = build(&input.with_kept(&cache), &options, &()).expect("built");
+        cache.finish().expect("kept");
         map
     };
 
@@ -100,16 +100,16 @@ fn many_hands_build_the_map_that_one_builds() {
 }
 
 #[test]
-fn a_map_with_one_more_image_takes_the_others_features_from_the_folder() {
+fn added_image_reuses_cached_features() {
     let images = tempfile::tempdir().expect("a folder");
     let posed = rendered(images.path(), 8);
     let names: Vec<String> = posed.images().iter().map(|image| image.name.clone()).collect();
     let work = tempfile::tempdir().expect("a folder");
     let (options, extracted) = counting();
     for (count, fresh) in [(7, 7), (8, 1), (8, 0)] {
-        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
         let input = Input::new(&posed, images.path()).with_names(&names[..count]);
-        let (map, _) = build(&input.with_kept(&keeping), &options, &()).expect("built");
+        let (map, _) = build(&input.with_kept(&cache), &options, &()).expect("built");
         assert_eq!((map.images.len(), extracted.swap(0, Ordering::Relaxed)), (count, fresh));
     }
 }

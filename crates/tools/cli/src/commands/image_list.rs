@@ -35,7 +35,7 @@ pub(crate) fn images_of_list(
             }
             let camera = match (listed.camera, given) {
                 (Some(intrinsics), None) => {
-                    CameraSource::Given(KnownCamera { intrinsics, focal: device.known_of_given() })
+                    CameraSource::Given(KnownCamera { intrinsics, focal: device.focal_knowledge() })
                 }
                 (None, _) => camera,
                 (Some(_), Some(_)) => {
@@ -50,5 +50,5 @@ pub(crate) fn images_of_list(
         .collect::<Result<Vec<_>, Failure>>()?
         .into_iter()
         .unzip();
-    Ok(items::listed(folder, names.iter().map(String::as_str)).into_iter().zip(cameras).collect())
+    Ok(items::files_of_list(folder, names.iter().map(String::as_str)).into_iter().zip(cameras).collect())
 }
