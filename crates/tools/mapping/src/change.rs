@@ -44,9 +44,9 @@ pub fn add(
     let checked = input.check(|name| there.contains(name))?;
     let global = match model.profile.global_model() {
         GlobalModel::Vlad(_) => None,
-        GlobalModel::Named(asked) => {
-            let refused = || MappingError::GlobalOfImage { name: asked.name().to_owned() };
-            Some(input.global().filter(|own| own.model() == *asked).ok_or_else(refused)?)
+        GlobalModel::Named(model_of_map) => {
+            let refused = || MappingError::GlobalOfImage { name: model_of_map.name().to_owned() };
+            Some(input.global().filter(|own| own.model() == *model_of_map).ok_or_else(refused)?)
         }
     };
     let extractor_pair = ExtractorPair { extractor, global };

@@ -87,8 +87,8 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
         for node in &joining {
             scene.assign(*node, Some(keep));
         }
-        let kept = &mut scene.points[keep as usize];
-        (kept.position, kept.track, kept.touched) = (found.position, union, true);
+        let merged_point = &mut scene.points[keep as usize];
+        (merged_point.position, merged_point.track, merged_point.touched) = (found.position, union, true);
     }
 }
 

@@ -152,19 +152,19 @@ fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> ObservationAssign
     // The nearest first; a keypoint gets one point, and an observation is assigned to one position.
     pairs.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     let mut point_of: BTreeMap<u32, u64> = BTreeMap::new();
-    let mut place_of: BTreeMap<usize, Pixel> = BTreeMap::new();
+    let mut position_of: BTreeMap<usize, Pixel> = BTreeMap::new();
     for (_, keypoint, index) in pairs {
         let Some(point) = points2d[index].point else { continue };
         if point_of.contains_key(&keypoint) {
             continue;
         }
-        let place = *place_of.entry(index).or_insert_with(|| at(keypoint));
-        if place.distance(&at(keypoint)) <= SAME_POSITION_PX {
+        let position = *position_of.entry(index).or_insert_with(|| at(keypoint));
+        if position.distance(&at(keypoint)) <= SAME_POSITION_PX {
             point_of.insert(keypoint, point);
         }
     }
     ObservationAssignment {
-        observations: place_of.len(),
+        observations: position_of.len(),
         keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect(),
     }
 }

@@ -10,10 +10,10 @@
 //! use veiloc_geometry::Intrinsics;
 //! use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 //!
-//! let place = Place::generate(7);
-//! let path = place.camera_path(&PathOptions::default());
+//! let room = Place::generate(7);
+//! let path = room.camera_path(&PathOptions::default());
 //! let camera: Intrinsics = "PINHOLE,160,120,131,131,80,60".parse()?;
-//! let view = place.render(&path.queries[0], &camera, &RenderOptions::default());
+//! let view = room.render(&path.queries[0], &camera, &RenderOptions::default());
 //! assert_eq!(view.rgb().dimensions(), (160, 120));
 //! assert!(view.depth(80, 60).is_some_and(|z| z > 0.1));
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -46,13 +46,13 @@ pub(crate) fn octaves(
 ) -> f32 {
     let (mut sum, mut total, mut amplitude, mut length) = (0.0, 0.0, 1.0, wavelength);
     for octave in 0..count {
-        let kept = fade(length, footprint);
+        let contrast = fade(length, footprint);
         total += amplitude;
-        if kept > 0.0 {
+        if contrast > 0.0 {
             // Rotated from octave to octave, so that the lattices do not align.
             let (c, s) = [(1.0, 0.0), (0.8, 0.6), (0.28, 0.96), (-0.352, 0.936)][(octave % 4) as usize];
             let (a, b) = ((c * u - s * v) / length, (s * u + c * v) / length);
-            sum += kept * amplitude * value(seed.wrapping_add(octave * 0x1234_5677), a, b);
+            sum += contrast * amplitude * value(seed.wrapping_add(octave * 0x1234_5677), a, b);
         }
         amplitude *= gain;
         length *= 0.5;
@@ -72,8 +72,8 @@ pub(crate) struct Splat {
 /// Returns the shape at a position, if shapes lie in cells of `cell` metres and a share `density` of the cells contains
 /// one.
 pub(crate) fn splat(seed: u32, u: f32, v: f32, cell: f32, density: f32, footprint: f32) -> Option<Splat> {
-    let kept = fade(cell * 0.7, footprint);
-    if kept <= 0.0 {
+    let contrast = fade(cell * 0.7, footprint);
+    if contrast <= 0.0 {
         return None;
     }
     // Each layer has its own rotated grid, so that rows of shapes are not visible.
@@ -94,6 +94,6 @@ pub(crate) fn splat(seed: u32, u: f32, v: f32, cell: f32, density: f32, footprin
         1 => (qx.abs() - radius * 0.9).max(qy.abs() - radius * (0.15 + 0.25 * unit(bits, 5))),
         _ => (qx.abs() * 0.866 + qy * 0.5).max(-qy) - radius * 0.5,
     };
-    let coverage = (0.5 - distance * cell / footprint.max(1e-6)).clamp(0.0, 1.0) * kept;
+    let coverage = (0.5 - distance * cell / footprint.max(1e-6)).clamp(0.0, 1.0) * contrast;
     (coverage > 0.0).then_some(Splat { coverage, bits })
 }

@@ -42,7 +42,7 @@ impl Place {
 
     /// Returns a room with the shape, the furniture and the prints of the room of `seed`; the share `differing` of its
     /// other surfaces has its own stains, grain and wear: like two rooms of one hotel.
-    pub fn look_alike(seed: u64, own: u64, differing: f64) -> Self {
+    pub fn similar_to(seed: u64, own: u64, differing: f64) -> Self {
         let mut scene = Self::generate(seed);
         let mut rng = ChaCha8Rng::seed_from_u64(own ^ 0xa11c_e5ee_d000_0000);
         for material in &mut scene.materials {

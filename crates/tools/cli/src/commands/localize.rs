@@ -171,7 +171,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     })
 }
 
-/// Returns the result of the query named `file`, from the sealed query or the error in its place.
+/// Returns the result of the query named `file`, from the sealed query or the error instead of it.
 fn answer(
     file: String,
     sealed: Result<SealedQuery, InputError>,

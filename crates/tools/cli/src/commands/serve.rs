@@ -264,7 +264,7 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
             logger.error(report);
             Exit::Refused
         }
-        // Nobody is held up by a line before the first request.
+        // An error before the first request is printed directly.
         Err(failure) => return Err(failure),
     };
     logger.flush();

@@ -63,7 +63,7 @@ pub(crate) enum Failure {
     /// Internal error.
     Bug {
         /// File and line of the panic. The panic message is dropped: it may contain data of an image or a query.
-        place: String,
+        location: String,
     },
 }
 
@@ -169,7 +169,7 @@ pub(crate) fn catch_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     std::panic::set_hook(Box::new(move |info| recorder.record(info)));
     let result = catch_unwind(AssertUnwindSafe(command));
     std::panic::set_hook(previous);
-    result.unwrap_or_else(|_| Err(Failure::Bug { place: locations.last() }))
+    result.unwrap_or_else(|_| Err(Failure::Bug { location: locations.last() }))
 }
 
 /// Locations of panics, per thread, in order.
@@ -178,8 +178,8 @@ struct PanicLocations(Mutex<Vec<(ThreadId, String)>>);
 
 impl PanicLocations {
     fn record(&self, info: &PanicHookInfo<'_>) {
-        let place = info.location().map_or_else(|| "an unknown location".to_owned(), ToString::to_string);
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
+        let location = info.location().map_or_else(|| "an unknown location".to_owned(), ToString::to_string);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), location));
     }
 
     /// Returns the last location of this thread. The panic of a helper thread is resumed without the hook: then the
@@ -187,7 +187,8 @@ impl PanicLocations {
     fn last(&self) -> String {
         let locations = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let own = locations.iter().rev().find(|(id, _)| *id == thread::current().id());
-        own.or(locations.last()).map_or_else(|| "an unknown location".to_owned(), |(_, place)| place.clone())
+        own.or(locations.last())
+            .map_or_else(|| "an unknown location".to_owned(), |(_, location)| location.clone())
     }
 }
 
@@ -223,8 +224,8 @@ mod tests {
             });
             let failure = outcome.expect_err("it panicked");
             assert_eq!(failure.exit(), Exit::Bug);
-            let Failure::Bug { place } = failure else { panic!("another failure") };
-            assert!(place.contains(&format!("exit.rs:{line}:")), "{place}");
+            let Failure::Bug { location } = failure else { panic!("another failure") };
+            assert!(location.contains(&format!("exit.rs:{line}:")), "{location}");
         }
     }
 }

@@ -91,8 +91,8 @@ impl Ui {
             Failure::Refused { report } | Failure::Output { report } => {
                 print_line(format_args!("{report:?}"))
             }
-            Failure::Bug { place } => print_line(format_args!(
-                "veiloc panicked at {place}\nThis is a bug in veiloc; please report it with the command \
+            Failure::Bug { location } => print_line(format_args!(
+                "veiloc panicked at {location}\nThis is a bug in veiloc; please report it with the command \
                  you ran."
             )),
         }

@@ -62,7 +62,7 @@ fn contradictory_arguments_are_refused() {
     let scene = folder();
     scene.write("bad.jsonl", "{\"name\":\"a\",\"width\":640,\"height\":480,\"keypoints\":[[1,2],[3]]}\n");
     scene.write("empty.jsonl", "\n");
-    for (arguments, code, says) in [
+    for (arguments, code, expected_words) in [
         ("attack", 2, "KEYPOINTS"),
         ("attack --synthetic 0", 2, "--synthetic"),
         ("attack --synthetic 9 --attacks guess", 2, "closed-form-informed"),
@@ -85,7 +85,7 @@ fn contradictory_arguments_are_refused() {
     ] {
         let run = scene.run(arguments);
         assert_eq!(run.code, Some(code), "{run}");
-        assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+        assert!(run.stderr.contains(expected_words) && run.stdout.is_empty(), "{expected_words}: {run}");
     }
 }
 
@@ -163,7 +163,7 @@ fn eval_keypoints_output_is_attack_input() {
         .run("attack map.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
         .succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
-    for (arguments, says) in [
+    for (arguments, expected_words) in [
         ("images posed --list map.txt", "one folder"),
         ("posed", "no JPEG or PNG"),
         ("map.txt", "map.txt"),
@@ -171,7 +171,7 @@ fn eval_keypoints_output_is_attack_input() {
     ] {
         let run = scene.run(&format!("eval keypoints {arguments} -o refused.jsonl"));
         assert_eq!(run.code, Some(1), "{run}");
-        assert!(run.stderr.contains(says), "{says}: {run}");
+        assert!(run.stderr.contains(expected_words), "{expected_words}: {run}");
         assert!(!scene.folder.join("refused.jsonl").exists(), "{arguments}");
     }
 }
@@ -195,13 +195,13 @@ fn neighbour_network_is_used_or_error_has_remedy() {
     assert_eq!(attack("").code, Some(2), "a model must be named");
     let run = attack(&format!("--model {}", model("embedding.toml"))).succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
-    for (name, says) in [
+    for (name, expected_words) in [
         (model("neighbours.toml"), "descriptors of dimension 12 are expected, these have 128"),
         (model("inversion.toml"), "of kind \"inversion\""),
         ("network-all.jsonl".to_owned(), "network-all.jsonl"),
         ("none.onnx".to_owned(), "none.toml"),
     ] {
         let run = attack(&format!("--model {name}"));
-        assert!(run.code == Some(1) && run.stderr.contains(says), "{says}: {run}");
+        assert!(run.code == Some(1) && run.stderr.contains(expected_words), "{expected_words}: {run}");
     }
 }

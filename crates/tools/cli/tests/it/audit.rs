@@ -135,7 +135,7 @@ fn invalid_inputs_are_refused() {
     scene.write("text.jpg", "no image");
     RgbImage::from_pixel(120, 90, Rgb([90, 90, 90])).save(scene.path("flat.png")).expect("written");
     std::fs::create_dir_all(scene.path("nothing")).expect("folder");
-    for (arguments, code, says) in [
+    for (arguments, code, expected_words) in [
         ("audit", 2, "IMAGE"),
         ("audit gone.jpg", 1, "gone.jpg"),
         ("audit gone.jsonl", 1, "gone.jsonl"),
@@ -152,7 +152,7 @@ fn invalid_inputs_are_refused() {
     ] {
         let run = scene.run(&format!("{arguments} -o page.html"));
         assert_eq!(run.code, Some(code), "{run}");
-        assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+        assert!(run.stderr.contains(expected_words) && run.stdout.is_empty(), "{expected_words}: {run}");
         assert!(!scene.path("page.html").exists(), "{arguments}");
     }
 }

@@ -14,11 +14,14 @@ fn seal(more: &str) -> String {
 }
 
 /// The command exits with 1, prints all these words, and writes no query.
-fn refused(scene: &TestScene, command: &str, says: &[&str]) {
+fn refused(scene: &TestScene, command: &str, expected_words: &[&str]) {
     let run = scene.run(&command.replace("hidden.vquery", "none.vquery"));
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
     let text = words.join(" ");
-    assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
+    assert!(
+        run.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
+        "{expected_words:?}: {run}"
+    );
     assert!(!scene.path("none.vquery").exists(), "{run}");
 }
 
@@ -53,8 +56,8 @@ fn unusable_detector_sends_nothing() {
     scene.write("cut.onnx", &whole[..whole.len() / 2]);
     let with = |classes: &str, file: &str| seal(&format!("--hide {classes} --detector {file}"));
     let good = detector("two-boxes");
-    for (command, says) in [
-        (with("dog", &good), &["no class dog", "its classes: person, car"][..]),
+    for (command, expected_words) in [
+        (with("dog", &good), &["no class dog", "it knows: person, car"][..]),
         (with("Person", &good), &["no class Person", "person, car"]),
         (with("person", "gone.onnx"), &["gone.onnx", "cannot read the detector"]),
         (with("person", "cut.onnx"), &["cut.onnx", "this detector cannot be used"]),
@@ -63,7 +66,7 @@ fn unusable_detector_sends_nothing() {
         (with("person", &detector("not-a-number")), &["query-0.png", "could not run"]),
         (with("person", &good).replace("-o hidden.vquery", &format!("-o {good}")), &["is an input"]),
     ] {
-        refused(scene, &command, says);
+        refused(scene, &command, expected_words);
     }
     // The error comes before any request: there is no service at this address.
     let send =

@@ -54,7 +54,7 @@ fn adversaries_on_rendered_scene_and_keypoint_files() {
 fn contradictory_arguments_are_refused() {
     let scene = folder();
     scene.write("k.jsonl", "{}\n");
-    for (arguments, code, says) in [
+    for (arguments, code, expected_words) in [
         ("", 1, "nothing to attack"),
         ("--keypoints k.jsonl --schemes points", 1, "points are sent as they are"),
         ("--keypoints no-such.jsonl", 1, "no-such.jsonl"),
@@ -66,6 +66,6 @@ fn contradictory_arguments_are_refused() {
     ] {
         let run = scene.run(&format!("eval adversaries {arguments}"));
         assert_eq!(run.code, Some(code), "{run}");
-        assert!(run.stderr.contains(says), "{says}: {run}");
+        assert!(run.stderr.contains(expected_words), "{expected_words}: {run}");
     }
 }

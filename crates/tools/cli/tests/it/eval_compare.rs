@@ -46,12 +46,15 @@ fn runs_are_compared_and_invalid_files_refused() {
     let mut layouts: Value = serde_json::from_slice(&cut).expect("a document");
     layouts["command"] = "eval layouts".into();
     scene.write("layouts.json", layouts.to_string());
-    for (file, says) in [
+    for (file, expected_words) in [
         ("cut.json", "no document of an evaluation"),
         ("layouts.json", "eval layouts"),
         ("gone.json", "gone.json"),
     ] {
         let run = scene.run(&format!("eval compare plain.json {file}"));
-        assert!(run.code == Some(1) && run.stderr.contains(says) && run.stderr.contains(file), "{run}");
+        assert!(
+            run.code == Some(1) && run.stderr.contains(expected_words) && run.stderr.contains(file),
+            "{run}"
+        );
     }
 }

@@ -38,10 +38,13 @@ fn contradictory_arguments_are_refused() {
         ("eval crb --matches 20 --outliers 80", 1, &["20 matches", "take more matches"]),
         (&format!("{SMALL} --plot no/such/folder/law.svg"), 1, &["law.svg", "folder"]),
     ];
-    for (arguments, code, says) in cases {
+    for (arguments, code, expected_words) in cases {
         let run = scene.run(arguments);
         assert_eq!(run.code, Some(*code), "{run}");
-        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+        assert!(
+            run.stdout.is_empty() && expected_words.iter().all(|word| run.stderr.contains(word)),
+            "{run}"
+        );
     }
     let help = scene.run("eval crb --help").succeeded().stdout;
     assert!(help.contains("Cramér–Rao") && help.contains("field of view 20 degrees"), "{help}");

@@ -58,7 +58,7 @@ fn layouts_are_compared_on_rendered_scene() {
 #[test]
 fn contradictory_arguments_are_refused() {
     let scene = folder();
-    for (arguments, code, says) in [
+    for (arguments, code, expected_words) in [
         ("--layouts points", 2, "points has no layout"),
         ("--layouts dcl:axis=1", 2, "--layouts"),
         ("--attacked 0", 2, "--attacked"),
@@ -68,7 +68,7 @@ fn contradictory_arguments_are_refused() {
             "eval layouts --posed p --images i --map-list m.txt --query-list q.txt {arguments}"
         ));
         assert_eq!(run.code, Some(code), "{run}");
-        assert!(run.stderr.contains(says), "{run}");
+        assert!(run.stderr.contains(expected_words), "{run}");
     }
     let help = scene.run("eval layouts --help").succeeded().stdout;
     assert!(help.contains("several-seals") && help.contains("@DEG at infinity"), "{help}");

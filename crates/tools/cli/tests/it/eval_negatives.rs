@@ -136,10 +136,10 @@ fn bad_images_are_named_without_stopping_others() {
         ("--images other/images --half last", 2, &["design", "final"]),
         ("", 2, &["--images"]),
     ];
-    for (arguments, code, says) in cases {
+    for (arguments, code, expected_words) in cases {
         let run = scene.run(&format!("{ASK} {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
-        assert!(says.iter().all(|word| run.stderr.contains(word)), "{run}");
+        assert!(expected_words.iter().all(|word| run.stderr.contains(word)), "{run}");
     }
 }
 

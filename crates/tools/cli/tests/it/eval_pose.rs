@@ -152,10 +152,13 @@ fn contradictory_arguments_are_refused() {
         ("problems.jsonl --oracle-radius 0", 2, &["above 0"]),
         ("down.jsonl", 1, &["down.jsonl:1", "gravity_in_world"]),
     ];
-    for (arguments, code, says) in cases {
+    for (arguments, code, expected_words) in cases {
         let run: Run = scene.run(&format!("eval pose {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
-        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+        assert!(
+            run.stdout.is_empty() && expected_words.iter().all(|word| run.stderr.contains(word)),
+            "{run}"
+        );
     }
 }
 

@@ -145,9 +145,12 @@ fn invalid_arguments_are_refused() {
         (&format!("{given} --query-list queries.txt --gravity=-1"), 2, &["above 0"]),
         (&format!("{given} --query-list no-such.txt"), 1, &["no-such.txt"]),
     ];
-    for (arguments, code, says) in cases {
+    for (arguments, code, expected_words) in cases {
         let run = scene.run(&format!("eval stress {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
-        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+        assert!(
+            run.stdout.is_empty() && expected_words.iter().all(|word| run.stderr.contains(word)),
+            "{run}"
+        );
     }
 }

@@ -20,7 +20,7 @@ fn build(scene: &TestScene, down: &str, out: &str) -> common::Run {
 
 /// Gravity in the camera of an image, rotated by some degrees about the camera's `z` axis.
 fn measured_gravity(scene: &TestScene, image: &str, degrees: f64) -> String {
-    let (_, pose) = scene.poses.iter().find(|(name, _)| name == image).expect("an image of the place");
+    let (_, pose) = scene.poses.iter().find(|(name, _)| name == image).expect("an image of the scene");
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
     let [x, y, z]: [f64; 3] = (turn * (pose.rotation() * DOWN)).into();
     format!("{x},{y},{z},0.5")

@@ -73,7 +73,7 @@ fn unusable_networks_are_named() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     draw(folder, "image-1.png", 31);
-    for (words, file, says) in [
+    for (words, file, expected_words) in [
         ("--network image-1.png", "image-1.png", "research/train"),
         ("--network data/learned/positions.toml", "positions.toml", "one of \"inversion\" is needed"),
         ("--network gone.onnx", "gone.toml", "cannot be read"),
@@ -85,6 +85,6 @@ fn unusable_networks_are_named() {
         let features = if words.contains("--features") { "" } else { "--features sift" };
         let refused = run(folder, &format!("eval inversion image-1.png --schemes dcl {features} {words}"))
             .expect_err(words);
-        assert!(refused.contains(file) && refused.contains(says), "{words}: {refused}");
+        assert!(refused.contains(file) && refused.contains(expected_words), "{words}: {refused}");
     }
 }

@@ -25,11 +25,14 @@ fn seal(more: &str) -> String {
 }
 
 /// The command exits with 1, and prints all these words.
-fn refused(scene: &TestScene, command: &str, says: &[&str]) {
+fn refused(scene: &TestScene, command: &str, expected_words: &[&str]) {
     let run = scene.run(command);
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
     let text = words.join(" ");
-    assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
+    assert!(
+        run.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
+        "{expected_words:?}: {run}"
+    );
 }
 
 #[test]
@@ -158,7 +161,7 @@ fn implausible_masks_are_refused_without_output() {
     let whole = std::fs::read(scene.path("bad/turned.png")).expect("written");
     scene.write("bad/cut.png", &whole[..whole.len() / 2]);
     scene.write("bad/text.png", "no image");
-    for (more, says) in [
+    for (more, expected_words) in [
         ("--mask bad/nothing.png", &["bad/nothing.png", "hides nothing", "black hides"][..]),
         ("--mask bad/all.png", &["bad/all.png", "hides the whole image"]),
         ("--mask bad/turned.png", &["bad/turned.png", "300x400", "400x300", "query-0.png"]),
@@ -170,7 +173,7 @@ fn implausible_masks_are_refused_without_output() {
         ("--masks bad", &["query-0.png.png", "cannot read"]),
         ("--mask bad/nothing.png images/query-1.png", &["--mask is for one image"]),
     ] {
-        refused(scene, &seal(more).replace("masked.vquery", "none.vquery"), says);
+        refused(scene, &seal(more).replace("masked.vquery", "none.vquery"), expected_words);
         assert!(!scene.path("none.vquery").exists(), "{more}");
     }
     // The error comes before any request: there is no service at this address.

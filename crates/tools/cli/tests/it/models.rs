@@ -10,11 +10,14 @@ fn corners(ending: &str) -> String {
 }
 
 /// The command exits with 1, prints all these words, and writes no query.
-fn refused(scene: &TestScene, command: &str, says: &[&str]) {
+fn refused(scene: &TestScene, command: &str, expected_words: &[&str]) {
     let run = scene.run(command);
     let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
     let text = words.join(" ");
-    assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
+    assert!(
+        run.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
+        "{expected_words:?}: {run}"
+    );
     assert!(!scene.path("none.vquery").exists(), "{run}");
 }
 
@@ -38,8 +41,8 @@ fn a_described_network_maps_seals_and_localizes() {
     let built_in = scene.run(&format!("{audit} -o built-in.html"));
     assert_ne!(attacked["inputs"]["attacks"], built_in.succeeded().json()["inputs"]["attacks"]);
     let out_of_map = "eval negatives --map corners.vmap --images images --schemes dcl";
-    let asked = scene.run(&format!("{out_of_map} {features} --json")).succeeded().json();
-    assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
+    let negatives = scene.run(&format!("{out_of_map} {features} --json")).succeeded().json();
+    assert!(negatives["rows"][0]["negatives"].as_u64() > Some(0), "{negatives}");
     refused(scene, out_of_map, &["no features of the name \"corners\""]);
 
     // `corners` without a description; another kind than the map's; compact rows for a map of corners.
@@ -132,8 +135,8 @@ fn l14_whole_image_descriptor_needs_consent() {
     // The user's own out-of-map images need no consent.
     let out_of_map = "eval negatives --map whole.vmap --images images --schemes dcl";
     refused(scene, out_of_map, &["\"corner-map\""]);
-    let asked = scene.run(&format!("{out_of_map} --global {file} --json")).succeeded().json();
-    assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
+    let negatives = scene.run(&format!("{out_of_map} --global {file} --json")).succeeded().json();
+    assert!(negatives["rows"][0]["negatives"].as_u64() > Some(0), "{negatives}");
 
     // A map without such a descriptor gets none, regardless of consent.
     let run = scene.run(&format!("{seal} place.vprofile --image-global {file} -o rows.vquery")).succeeded();

@@ -454,7 +454,7 @@ fn every_command_has_help() {
     }
     for (command, purpose) in [
         ("", "Visual localization"),
-        ("demo", "Render a place, map it, localize hidden queries, attack them"),
+        ("demo", "Render a scene, map it, localize hidden queries, attack them"),
         ("map", "Build, import, inspect and change maps"),
         ("map build", "Build a map from images with known poses"),
         ("map import", "Build a map from a complete COLMAP model"),

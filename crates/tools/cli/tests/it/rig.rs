@@ -106,11 +106,11 @@ fn invalid_rig_files_are_refused() {
         ),
         (with(&|d| d["frames"][1]["cam_from_rig"]["t"] = json!([0, 0])), &["not a rig file", "length"]),
     ];
-    for (text, says) in cases {
+    for (text, expected_words) in cases {
         scene.write("session/rig-bad.json", &text);
         let run = scene.run("localize --map place.vmap --rig session/rig-bad.json");
         assert_eq!(run.code, Some(1), "{text}: {run}");
-        for word in ["rig-bad.json"].iter().chain(says) {
+        for word in ["rig-bad.json"].iter().chain(expected_words) {
             assert!(run.stderr.contains(word), "{word:?} of {text}: {run}");
         }
     }

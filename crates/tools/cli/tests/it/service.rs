@@ -149,8 +149,8 @@ fn progressive_query_stops_at_trusted_pose() {
     assert!([256, 512, 1024].starts_with(&first) && first.len() < 3, "a trusted pose ends it: {first:?}");
     assert_eq!(sent("--accuracy 1e-9"), [256, 512, 1024]);
     // One request per step.
-    let asked = service.log().lines().filter(|line| line.contains("/localize")).count();
-    assert_eq!(asked, first.len() + 3, "{}", service.log());
+    let requests = service.log().lines().filter(|line| line.contains("/localize")).count();
+    assert_eq!(requests, first.len() + 3, "{}", service.log());
     for (more, part) in [
         ("--progressive --accuracy 0", "above 0"),
         ("--progressive --accuracy nan", "above 0"),

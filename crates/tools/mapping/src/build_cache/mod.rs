@@ -71,13 +71,12 @@ impl Keeping {
     /// # Errors
     /// [`MappingError`]: the first file that could not be written. The built map is valid in any case.
     pub fn finish(&self) -> Result<(), MappingError> {
-        let first_error = self.first_error.lock().unwrap_or_else(PoisonError::into_inner).take();
-        first_error.map_or(Ok(()), Err)
+        self.first_error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
 
     fn record_error(&self, outcome: Result<(), MappingError>) {
-        if let Err(first_error) = outcome {
-            self.first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(first_error);
+        if let Err(error) = outcome {
+            self.first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         }
     }
 }

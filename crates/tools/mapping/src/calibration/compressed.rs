@@ -26,7 +26,8 @@ pub fn self_test_compressed(
 ) -> Result<SelfTest, MappingError> {
     let (file, whole_file) = (MapFile::of_model(&small.model)?, MapFile::of_model(whole)?);
     let leave_out = LeaveOut::of(whole);
-    let id_of: BTreeMap<PointId, PointId> = small.kept.iter().copied().zip((0..).map(PointId)).collect();
+    let id_of: BTreeMap<PointId, PointId> =
+        small.kept_points.iter().copied().zip((0..).map(PointId)).collect();
     let without = |image: usize| {
         let in_whole = leave_out.without(image);
         let view = MapView::without(&whole_file, &in_whole);

@@ -54,7 +54,7 @@ pub struct Compression {
     /// The compressed map; it has no self-test yet.
     pub model: MapModel,
     /// `[P]`, the indices of its points in the whole map, ascending.
-    pub kept: Vec<PointId>,
+    pub kept_points: Vec<PointId>,
 }
 
 /// Compresses a map.
@@ -85,7 +85,7 @@ pub fn compress(
     let kept_of = represent(model, &chosen, limit, progress);
     let mut small = assemble(model, &file, &kept_of);
     small.pack()?;
-    Ok(Compression { model: small, kept: kept_of.into_keys().collect() })
+    Ok(Compression { model: small, kept_points: kept_of.into_keys().collect() })
 }
 
 /// Maximum size of section gaps and a self-test, bytes.

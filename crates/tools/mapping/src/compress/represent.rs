@@ -22,21 +22,21 @@ pub(super) fn represent(
     progress: &dyn Progress,
 ) -> BTreeMap<PointId, Vec<Observation>> {
     progress.start("Choosing descriptors", chosen.len());
-    let kept = chosen
+    let representatives = chosen
         .par_iter()
         .map(|id| {
             let track = &model.points[id.index()].track;
-            let kept = if track.len() <= limit {
+            let representatives = if track.len() <= limit {
                 track.clone()
             } else {
                 medoids(model, &evenly_spaced(track), limit)
             };
             progress.advance(1);
-            (*id, kept)
+            (*id, representatives)
         })
         .collect();
     progress.finish();
-    kept
+    representatives
 }
 
 fn medoids(model: &MapModel, track: &[Observation], limit: usize) -> Vec<Observation> {

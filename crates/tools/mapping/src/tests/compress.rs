@@ -24,10 +24,11 @@ fn compressed_map_fits_budget_and_is_a_subset() {
         let spent = byte_count(&small.model);
         assert!(spent <= bytes && spent * 10 > bytes * 8, "{spent} of {bytes}");
         assert_eq!(small.model.profile.id(), whole.profile.id());
-        assert_eq!(small.kept.len(), small.model.points.len());
+        assert_eq!(small.kept_points.len(), small.model.points.len());
         let compressed = small.model.compressed.as_ref().unwrap();
         assert_eq!((compressed.bytes, compressed.points), (file.byte_count(), whole.points.len() as u64));
-        for ((id, point), remembered) in small.kept.iter().zip(&small.model.points).zip(&compressed.of_points)
+        for ((id, point), remembered) in
+            small.kept_points.iter().zip(&small.model.points).zip(&compressed.of_points)
         {
             let before = &whole.points[id.index()];
             // The scene is about ten units wide: 24 bits are a millionth of that.
@@ -57,12 +58,12 @@ fn every_image_keeps_points() {
     let whole = whole();
     let bytes = byte_count(&whole) / 6;
     let small = compress(&whole, &CompressOptions::new(bytes), &()).unwrap();
-    let kept: BTreeSet<PointId> = small.kept.iter().copied().collect();
-    let share = kept.len() as f64 / whole.points.len() as f64;
+    let kept_points: BTreeSet<PointId> = small.kept_points.iter().copied().collect();
+    let share = kept_points.len() as f64 / whole.points.len() as f64;
     for image in &whole.images {
         let seen = |half: bool| {
             let there = |(k, p): (&[f32; 2], &Option<PointId>)| {
-                p.is_some_and(|p| kept.contains(&p)) && (k[0] > 320.0) == half
+                p.is_some_and(|p| kept_points.contains(&p)) && (k[0] > 320.0) == half
             };
             image.keypoints.iter().zip(&image.point_of_keypoint).filter(|(k, p)| there((*k, *p))).count()
         };
@@ -90,7 +91,7 @@ fn fewer_descriptors_allow_more_points() {
     let bytes = byte_count(&whole) / 9;
     let points = |descriptors: usize| {
         let options = CompressOptions::new(bytes).with_descriptors(descriptors);
-        compress(&whole, &options, &()).unwrap().kept.len()
+        compress(&whole, &options, &()).unwrap().kept_points.len()
     };
     assert!(points(1) > points(3) && points(3) > points(8), "{} {} {}", points(1), points(3), points(8));
 }

@@ -40,9 +40,9 @@ fn cut(model: &ColmapModel, names: &[&str]) -> ColmapModel {
         point.track.retain(|(image, _)| ids.contains(image));
     }
     points.retain(|p| p.track.len() > 1);
-    let kept: BTreeSet<u64> = points.iter().map(|p| p.id).collect();
+    let point_ids: BTreeSet<u64> = points.iter().map(|p| p.id).collect();
     for keypoint in images.iter_mut().flat_map(|i| &mut i.points2d) {
-        keypoint.point = keypoint.point.filter(|p| kept.contains(p));
+        keypoint.point = keypoint.point.filter(|p| point_ids.contains(p));
     }
     let cameras = model.cameras().iter().map(|(id, c)| (*id, *c)).collect();
     ColmapModel::new(cameras, images, points).unwrap()

@@ -145,9 +145,9 @@ fn points_of_known_scene_are_recovered() {
     let missed = visible.clone().filter(|p| found[*p] == 0).count();
     assert!(missed * 50 <= visible.count(), "{missed} points missed");
     assert!(found.iter().filter(|n| **n > 1).count() <= 2, "points found twice");
-    let kept = model.observation_count() as f64;
+    let unchanged = model.observation_count() as f64;
     let true_ones = known_scene.truth.iter().flatten().flatten().count() as f64;
-    assert!(kept > 0.95 * true_ones, "{kept} of {true_ones} observations");
+    assert!(unchanged > 0.95 * true_ones, "{unchanged} of {true_ones} observations");
 }
 
 #[test]
@@ -187,8 +187,8 @@ fn removed_and_re_added_images_give_similar_points() {
             assert_eq!(new, old, "a point that gained nothing changed");
         }
     }
-    let (kept, all) = (model.observation_count() as f64, before.observation_count() as f64);
-    assert!((kept / all - 1.0).abs() < 0.02, "{kept} observations, {all} before");
+    let (unchanged, all) = (model.observation_count() as f64, before.observation_count() as f64);
+    assert!((unchanged / all - 1.0).abs() < 0.02, "{unchanged} observations, {all} before");
     let same = |p: &MapPoint| {
         before.points.iter().any(|q| q.track == p.track && q.position.distance(&p.position) < 1e-4)
     };
@@ -269,9 +269,9 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
     let of_left = learn(&left, &settings, &()).unwrap();
     let leaving = [7, 8, 9].map(|i| format!("{i}.jpg"));
 
-    let mut kept = whole.clone();
-    remove(&mut kept, &leaving, Words::Keep, &()).unwrap();
-    assert_eq!(kept.profile, whole.profile, "queries sealed for the map are still valid");
+    let mut unchanged = whole.clone();
+    remove(&mut unchanged, &leaving, Words::Keep, &()).unwrap();
+    assert_eq!(unchanged.profile, whole.profile, "queries sealed for the map are still valid");
 
     let mut retrained = whole.clone();
     remove(&mut retrained, &leaving, Words::Retrain, &()).unwrap();
@@ -282,7 +282,7 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
         assert_eq!(image.global, of_left.aggregate(features.descriptors.view()));
     }
     // Everything else is the same as without retraining.
-    assert_eq!((&retrained.points, &retrained.cameras), (&kept.points, &kept.cameras));
+    assert_eq!((&retrained.points, &retrained.cameras), (&unchanged.points, &unchanged.cameras));
     assert_eq!(retrained.profile.limits(), whole.profile.limits());
 
     // The map is the same for any content of the removed images, so it contains nothing of them.

@@ -51,10 +51,10 @@ pub enum SettingsError {
         expected: String,
     },
     /// The flag refuses the value.
-    #[error("{place}: {key} has an invalid value: {reason}")]
+    #[error("{location}: {key} has an invalid value: {reason}")]
     Value {
         /// File and line, or the variable.
-        place: String,
+        location: String,
         /// The key.
         key: String,
         /// The message of the flag's parser.

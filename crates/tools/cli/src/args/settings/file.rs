@@ -120,7 +120,7 @@ fn type_name(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// Suggests a key in place of an unknown one.
+/// Suggests a key for an unknown one.
 fn suggestion(key: &str, command: &Command) -> String {
     let plain = |key: &str| key.to_lowercase().replace(['_', '-', ' '], "");
     let keys: Vec<&str> =

@@ -9,7 +9,7 @@ use std::path::Path;
 use clap::{Arg, ArgAction, Command};
 
 use super::error::SettingsError;
-use super::{Origin, alone, resolve_path};
+use super::{Origin, resolve_path, unconstrained};
 
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,13 +74,13 @@ pub(super) fn check(
     origin: &Origin,
 ) -> Result<(), SettingsError> {
     let wrong = |reason: String| {
-        let place = match origin {
+        let location = match origin {
             Origin::File { path, line } => format!("{}, line {line}", path.display()),
             Origin::Variable(name) => name.clone(),
             Origin::Flag | Origin::Default => "the command line".to_owned(),
         };
         let key = argument.get_long().unwrap_or_default().to_owned();
-        SettingsError::Value { place, key, reason }
+        SettingsError::Value { location, key, reason }
     };
     if kind == ValueKind::Switch {
         let known = ["true", "false"].iter().any(|known| normalize(value) == *known);
@@ -88,7 +88,8 @@ pub(super) fn check(
     }
     let mut word = OsString::from(format!("--{}=", argument.get_long().unwrap_or_default()));
     word.push(value);
-    let command = Command::new("").no_binary_name(true).disable_help_flag(true).arg(alone(argument.clone()));
+    let command =
+        Command::new("").no_binary_name(true).disable_help_flag(true).arg(unconstrained(argument.clone()));
     match command.try_get_matches_from([word]) {
         Ok(_) => Ok(()),
         Err(error) => {

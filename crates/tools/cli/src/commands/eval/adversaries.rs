@@ -27,7 +27,7 @@ use crate::ui::Ui;
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: OptionalPosedSceneArgs,
+    posed_scene: OptionalPosedSceneArgs,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
     /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR", requires = "posed")]
@@ -91,12 +91,12 @@ Example: veiloc eval keypoints photos -o photos.jsonl.gz
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
-    if let Some(place) = args.place.given() {
+    if let Some(scene) = args.posed_scene.given() {
         evaluation.place = Some(Place {
-            posed: read_posed(&place.posed)?,
-            images: place.images,
-            map_list: lists::read_list(&place.map_list)?,
-            query_list: lists::read_list(&place.query_list)?,
+            posed: read_posed(&scene.posed)?,
+            images: scene.images,
+            map_list: lists::read_list(&scene.map_list)?,
+            query_list: lists::read_list(&scene.query_list)?,
             build: args.extraction.options()?,
             localize: args.matching.localize_options(),
             masks: args.masks.clone(),

@@ -27,7 +27,7 @@ use crate::ui::Ui;
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PosedSceneArgs,
+    posed_scene: PosedSceneArgs,
     /// Layouts, as dcl schemes, in the order of the table. Layouts are compared with `dcl:paper` if it is among them.
     /// Default: the paper's, a diagonal with two corners, stripes, and layouts found by search.
     #[arg(long, value_delimiter = ',', value_parser = layout, value_name = "LAYOUT,…")]
@@ -83,11 +83,11 @@ Adversaries; the best attack of each counts (see `attack`):
   true-neighbours     has the true neighbours, which no real attacker has; for comparison only";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let queries = lists::read_with_cameras(&args.place.query_list)?;
+    let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
     let mut evaluation = LayoutsEvaluation::new(
-        read_posed(&args.place.posed)?,
-        args.place.images.clone(),
-        lists::read_list(&args.place.map_list)?,
+        read_posed(&args.posed_scene.posed)?,
+        args.posed_scene.images.clone(),
+        lists::read_list(&args.posed_scene.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),
     );
     let stress = &mut evaluation.stress;

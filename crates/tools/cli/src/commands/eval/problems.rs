@@ -23,7 +23,7 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PosedSceneArgs,
+    posed_scene: PosedSceneArgs,
     /// Output file of the problems; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
@@ -45,11 +45,11 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let query_list = lists::read_list(&args.place.query_list)?;
+    let query_list = lists::read_list(&args.posed_scene.query_list)?;
     let source = ProblemSource {
-        posed: &read_posed(&args.place.posed)?,
-        images: &args.place.images,
-        map_list: &lists::read_list(&args.place.map_list)?,
+        posed: &read_posed(&args.posed_scene.posed)?,
+        images: &args.posed_scene.images,
+        map_list: &lists::read_list(&args.posed_scene.map_list)?,
         query_list: &query_list,
         build: &args.extraction.options()?,
         localize: &args.matching.localize_options(),

@@ -66,7 +66,7 @@ pub(crate) struct Args {
 #[derive(clap::Args)]
 pub(super) struct SceneArgs {
     #[command(flatten)]
-    place: PosedSceneArgs,
+    posed_scene: PosedSceneArgs,
     /// Write the map to this file.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
@@ -84,7 +84,7 @@ impl SceneArgs {
     /// Returns the evaluation without gravity and negatives.
     pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
         // A device may know its lens better than the model does, so cameras in the list take precedence.
-        let queries = lists::read_with_cameras(&self.place.query_list)?;
+        let queries = lists::read_with_cameras(&self.posed_scene.query_list)?;
         let names = queries.iter().map(|query| query.name.clone()).collect();
         Ok(SceneEvaluation {
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
@@ -96,9 +96,9 @@ impl SceneArgs {
             localize: self.matching.options(&self.pose),
             seed: self.pose.run.seed,
             ..SceneEvaluation::of_place(
-                read_posed(&self.place.posed)?,
-                self.place.images.clone(),
-                lists::read_list(&self.place.map_list)?,
+                read_posed(&self.posed_scene.posed)?,
+                self.posed_scene.images.clone(),
+                lists::read_list(&self.posed_scene.map_list)?,
                 names,
             )
         })

@@ -22,7 +22,7 @@ use crate::ui::Ui;
 #[command(after_long_help = STRESSES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PosedSceneArgs,
+    posed_scene: PosedSceneArgs,
     #[command(flatten)]
     gravity: GravityArgs,
     /// Stress conditions of the queries, see below; `none`, the unchanged images, is always the first row.
@@ -74,11 +74,11 @@ on --seed, the name of the image and the name of the stress):
                   (N from 1 to 50; only if given)";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let queries = lists::read_with_cameras(&args.place.query_list)?;
+    let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
     let mut evaluation = StressEvaluation::new(
-        read_posed(&args.place.posed)?,
-        args.place.images.clone(),
-        lists::read_list(&args.place.map_list)?,
+        read_posed(&args.posed_scene.posed)?,
+        args.posed_scene.images.clone(),
+        lists::read_list(&args.posed_scene.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),
     );
     evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();

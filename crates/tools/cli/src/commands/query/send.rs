@@ -195,7 +195,7 @@ fn send(
 fn line(answer: &Answer) -> String {
     let times = &answer.times;
     let total = times.queue_ms + times.retrieve_ms + times.match_ms + times.pose_ms;
-    let place = answer.pose.as_ref().map_or_else(
+    let position = answer.pose.as_ref().map_or_else(
         || "its pose is withheld".to_owned(),
         |pose| {
             let [x, y, z] = pose.center;
@@ -205,7 +205,7 @@ fn line(answer: &Answer) -> String {
     let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();
     let doubts = if answer.trusted { String::new() } else { format!("  {}", doubts.join("; ")) };
     format!(
-        "{}  {place}  {} of {} matches agree  {total:.0} ms{doubts}\n",
+        "{}  {position}  {} of {} matches agree  {total:.0} ms{doubts}\n",
         answer.state(),
         answer.inliers,
         answer.matches

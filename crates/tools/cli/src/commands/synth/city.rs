@@ -113,7 +113,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 fn rendered_room(args: &Args, room: u64) -> Place {
     let seed = |room: u64| args.seed.wrapping_mul(1_000_003).wrapping_add(room);
     if room % SIMILAR_EVERY == SIMILAR_EVERY - 1 {
-        Place::look_alike(seed(room - 1), seed(room), args.differing)
+        Place::similar_to(seed(room - 1), seed(room), args.differing)
     } else {
         Place::generate(seed(room))
     }

@@ -1,4 +1,4 @@
-//! `veiloc synth export`: a rendered place, in the layout of a published data set.
+//! `veiloc synth export`: writes a rendered scene in the layout of a published data set.
 
 use std::path::PathBuf;
 

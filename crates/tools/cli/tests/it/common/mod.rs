@@ -132,7 +132,7 @@ impl TestScene {
 
     /// The true pose of an image.
     pub fn pose_of(&self, name: &str) -> CameraFromWorld {
-        self.poses.iter().find(|(n, _)| n == name).expect("an image of the place").1
+        self.poses.iter().find(|(n, _)| n == name).expect("an image of the scene").1
     }
 
     /// A path in the scene's folder.

@@ -13,12 +13,12 @@ use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 /// A rendered scene of this many views, in `folder`.
 fn rendered(folder: &Path, views: usize) -> PosedImages {
-    let place = Place::generate(11);
+    let room = Place::generate(11);
     let camera = "PINHOLE,320,240,262.4,262.4,160,120".parse().expect("a camera");
-    let path = place.camera_path(&PathOptions::with_counts(views, 0));
+    let path = room.camera_path(&PathOptions::with_counts(views, 0));
     let images = path.mapping.iter().enumerate().map(|(k, pose)| {
         let name = format!("{k:03}.png");
-        let view = place.render(pose, &camera, &RenderOptions::with_seed(k as u64));
+        let view = room.render(pose, &camera, &RenderOptions::with_seed(k as u64));
         view.rgb().save(folder.join(&name)).expect("written");
         PosedImage { name, camera, cam_from_world: *pose, seen: Vec::new() }
     });

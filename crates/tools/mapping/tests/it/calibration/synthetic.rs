@@ -98,9 +98,9 @@ fn correct_map_localizes_its_images_under_every_scheme() {
         assert!((0.4..4.0).contains(&scheme.calibration.factor), "{scheme:?}");
     }
     // The self-test is stored in the map, and the map is otherwise the same.
-    let kept = MapModel { self_test: Some(test.clone()), ..model.clone() };
-    kept.validate().expect("a self-test belongs into a map");
-    assert_eq!(tested(&kept, &Scheme::ALL), test, "a calibration that is there already takes no part");
+    let unchanged = MapModel { self_test: Some(test.clone()), ..model.clone() };
+    unchanged.validate().expect("a self-test belongs into a map");
+    assert_eq!(tested(&unchanged, &Scheme::ALL), test, "a calibration that is there already takes no part");
 }
 
 #[test]
@@ -206,8 +206,8 @@ fn compressed_map_localizes_images_of_the_whole_map() {
         assert!(scheme.within_of_scale[1] == 10, "{scheme:?}");
         assert!((0.2..4.0).contains(&scheme.calibration.factor), "{scheme:?}");
     }
-    let kept = MapModel { self_test: Some(test), ..small.model };
-    kept.validate().expect("a self-test belongs into a small map");
+    let unchanged = MapModel { self_test: Some(test), ..small.model };
+    unchanged.validate().expect("a self-test belongs into a small map");
 }
 
 /// The smallest map without loss is smaller than the whole one, and as good in its own test.
