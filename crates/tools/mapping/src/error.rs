@@ -66,7 +66,7 @@ pub enum MappingError {
     /// No image has keypoints.
     #[error(
         "no usable keypoints in {images} images: {source}; check that they are the right files and \
-             not blank"
+         not blank"
     )]
     NoKeypoints {
         /// Number of images.

@@ -102,7 +102,7 @@ impl fmt::Display for InputMistake {
         match self {
             Self::CameraToWorld => f.write_str(
                 "the poses seem to be camera-to-world; world-to-camera is expected, so invert \
-                             them",
+                 them",
             ),
             Self::AxesUpAndBack => f.write_str(
                 "the camera's axes seem to be OpenGL's (y up, z backwards); y down and z forwards are \

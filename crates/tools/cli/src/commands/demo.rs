@@ -87,7 +87,7 @@ fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
         for address in &listening.addresses {
             ui.info(format!(
                 "The scene is served on http://{address} (open it in a browser; Ctrl-C stops \
-                            the server)"
+                 the server)"
             ));
         }
     })?;

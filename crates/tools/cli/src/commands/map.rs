@@ -280,7 +280,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     if let Some(fault) = cache.and_then(|cache| cache.finish().err()) {
         ui.warn(format!(
             "the work folder is incomplete, and the missing part will be computed again: \
-                             {fault}"
+             {fault}"
         ));
     }
     if let Some(path) = &args.pairs.out_pairs {

@@ -219,7 +219,7 @@ fn describe(info: &Info) -> String {
         let name = printable(name);
         text.extend([format!(
             "{points_seen:>7} of {keypoints:>6} keypoints with a map point  {camera}  \
-                              {name}\n"
+             {name}\n"
         )]);
     }
     text

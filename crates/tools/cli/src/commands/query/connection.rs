@@ -88,7 +88,7 @@ pub(super) fn failure(error: ClientError) -> Failure {
     let help = match &error {
         ClientError::PlainHttp { .. } => {
             "use https://, or give --insecure-http if the network path is \
-                                          secure"
+             secure"
         }
         ClientError::Address { .. } => "give an address of the form https://HOST:PORT/PATH",
         ClientError::Token => "give the token as created by the operator: one line of letters and digits",

@@ -82,7 +82,7 @@ impl Archive {
                     &name,
                     format!(
                         "groups are nested more than {MAX_DEPTH} deep, or there are more than \
-                             {MAX_GROUPS}; this is not an hloc file"
+                         {MAX_GROUPS}; this is not an hloc file"
                     ),
                 ));
             }
