@@ -147,7 +147,7 @@ impl<'a> Scene<'a> {
             };
             let mut agree = found.agree.iter();
             let (inside, outside): (Vec<Node>, Vec<Node>) =
-                nodes.iter().partition(|_| *agree.next().expect("one flag an observation"));
+                nodes.iter().partition(|_| *agree.next().expect("one flag per observation"));
             points.push(WorkPoint { position: found.position, track: inside, touched: true });
             (nodes, sights) = self.sights(&outside);
             // Two remaining observations agree too easily.

@@ -33,7 +33,7 @@ pub(crate) fn learn(
             before += images[image].len();
             image += 1;
         }
-        sample.push(images[image].row(index - before)).expect("a row of the same kind");
+        sample.push(images[image].row(index - before)).expect("all rows have the same kind");
     }
     let vocabulary = Vocabulary::train(sample.view(), words, &mut rng)
         .map_err(|source| MappingError::NoKeypoints { images: images.len(), source })?;

@@ -166,6 +166,6 @@ mod tests {
         assert!("nonsense".parse::<CameraArg>().is_err());
         assert!(matches!(camera("no/such/cameras.txt"), Err(Failure::Refused { .. })));
         let unknown = "unknown".parse::<CameraArg>().expect("a word").source(FocalKnowledge::Calibrated);
-        assert!(matches!(unknown, Ok(CameraSource::Assumed)), "a guess is never calibrated");
+        assert!(matches!(unknown, Ok(CameraSource::Assumed)), "an assumed camera is never calibrated");
     }
 }

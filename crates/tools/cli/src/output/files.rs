@@ -121,6 +121,6 @@ mod tests {
         assert_eq!(fs::read(&path).expect("there"), b"old");
         write(&path, b"new").expect("written");
         assert_eq!(fs::read(&path).expect("there"), b"new");
-        assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1, "nothing is left lying about");
+        assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1, "no temporary file remains");
     }
 }

@@ -176,7 +176,7 @@ fn maps() {
         ));
     }
     check(scene, cases);
-    assert!(scene.read("place.vmap") == map, "a refused change leaves the map as it was");
+    assert!(scene.read("place.vmap") == map, "a refused change leaves the map unchanged");
     assert!(!scene.path("bad/x.vmap").exists());
 }
 

@@ -85,7 +85,7 @@ fn two_bad_queries_of_ten_give_eight_poses_and_two_errors() {
     let run = scene.run(&format!("localize --map place.vmap {}", files.join(" ")));
     assert_eq!(run.code, Some(1), "{run}");
     assert_eq!(run.stdout.lines().count(), 8, "{run}");
-    let reported = run.stderr.find("1 of 10 cannot be read").expect("what is missing is named");
+    let reported = run.stderr.find("1 of 10 cannot be read").expect("missing inputs are named");
     let ended = run.stderr.find("8 of 10 localized; 2 could not be used").expect("a summary");
     assert!(reported < ended && run.stderr[reported..ended].contains("queries/7.vquery"), "{run}");
     assert!(
@@ -98,7 +98,7 @@ fn two_bad_queries_of_ten_give_eight_poses_and_two_errors() {
     let document = run.json();
     assert_eq!((&document["localized"], &document["failed"]), (&8.into(), &2.into()));
     let queries = &document["queries"];
-    assert_eq!(queries.as_array().map(Vec::len), Some(10), "all in the order given");
+    assert_eq!(queries.as_array().map(Vec::len), Some(10), "results are in the given order");
     assert!(with_status(queries, "localized").iter().all(|q| q["cam_from_world"].is_object()), "{run}");
     assert_eq!(
         (&queries[3]["error"]["kind"], &queries[7]["error"]["kind"]),

@@ -80,7 +80,7 @@ fn gravity_is_sent_for_one_image_only() {
     let seal = |what: &str| format!("seal {what} --camera {CAMERA} --profile place.vprofile");
     let one = seal("images/query-0.png");
     scene.run(&format!("{one} -o none.vquery")).succeeded();
-    assert!(sealed(scene, "none.vquery").gravity().is_none(), "nothing is sent that nobody gave");
+    assert!(sealed(scene, "none.vquery").gravity().is_none(), "gravity is sent only if given");
     scene.run(&format!("{one} -o down.vquery --gravity=-0.1,9.81,0.5,1")).succeeded();
     let sent_gravity = sealed(scene, "down.vquery").gravity().expect("it was given");
     assert!(sent_gravity.in_camera()[1] > 0.99 && (sent_gravity.sd_deg() - 1.0).abs() < 1e-12);

@@ -37,7 +37,7 @@ fn detections_are_hidden_and_reported() {
     let (all, _) = hidden("");
     assert!(all["hidden"].is_null() && all["found_to_hide"].is_null());
     let (person, run) = hidden(&format!("--hide person --detector {}", detector("two-boxes")));
-    assert_eq!(person["found_to_hide"], serde_json::json!({"person": 1}), "the car is not asked for");
+    assert_eq!(person["found_to_hide"], serde_json::json!({"person": 1}), "cars were not requested");
     // Columns 62.5 to 137.5 and rows 25 to 275 of 400 x 300, with 0.15 of each to both sides.
     assert_eq!(person["hidden"], 98.0 / 400.0, "{run}");
     assert!(run.stderr.contains("found 1 × person, 24.5 % of the image hidden"), "{run}");

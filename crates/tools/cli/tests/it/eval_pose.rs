@@ -83,7 +83,7 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
         assert_eq!(row["median_hypotheses"].is_null(), floor, "{row}");
     }
     // The floor knows which matches are correct: two thirds of 300.
-    let floor = &document["queries"].as_array().expect("an array").last().expect("there are some");
+    let floor = &document["queries"].as_array().expect("an array").last().expect("at least one row");
     assert_eq!(floor["recipe"], "floor");
     assert!((190..=210).contains(&floor["inliers"].as_u64().expect("a number")), "{floor}");
     assert!(floor["translation_error"].as_f64().expect("found") < 0.05, "{floor}");
@@ -128,7 +128,7 @@ fn gravity_comes_from_file_or_true_pose() {
         let document = document(&scene, &format!("{arguments} --schemes points"));
         rows(&document).iter().map(|row| row["gravity"].clone()).collect()
     };
-    assert_eq!(reported("problems.jsonl"), [Value::Null], "nothing was asked for, the file brings none");
+    assert_eq!(reported("problems.jsonl"), [Value::Null], "no gravity requested, and none in the file");
     assert_eq!(reported("gravity.jsonl"), ["file"]);
     assert_eq!(reported("problems.jsonl --gravity none,0,3"), ["none", "0", "3"]);
     let table = scene.run("eval pose gravity.jsonl --schemes points --gravity none,file").succeeded().stdout;

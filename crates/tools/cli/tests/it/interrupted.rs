@@ -37,7 +37,7 @@ fn killed_in(scene: &TestScene, stage: &str) {
     let mut child = scene.command(BUILD).spawn().expect("the binary runs");
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
     assert!(lines.any(|line| line.starts_with(stage)), "it came to {stage}");
-    assert!(child.try_wait().expect("a child").is_none(), "it cannot end without the lock");
+    assert!(child.try_wait().expect("a child").is_none(), "the build cannot end without the lock");
     child.kill().expect("killed");
     child.wait().expect("ended");
 }
@@ -65,7 +65,7 @@ fn killed_build_keeps_old_map() {
     scene.run(&BUILD.replace("live/", "")).succeeded();
 
     // In each stage in turn. The lock that is held here prevents every build from replacing the map.
-    let lock = MapLock::acquire(&scene.path("live/place.vmap")).expect("nobody else holds it");
+    let lock = MapLock::acquire(&scene.path("live/place.vmap")).expect("no other process holds the lock");
     for stage in ["Extracting features", "Matching pairs", "Triangulating points", "Testing the map"] {
         killed_in(scene, stage);
         old_map_is_untouched(scene, &old, stage);
@@ -91,10 +91,10 @@ fn killed_build_keeps_old_map() {
     scene.write("live/.place.vmap.4194304999-0.partial", &old[..old.len() / 2]);
     let run = scene.run(&format!("{BUILD} --json")).succeeded();
     assert_eq!(run.json()["images"], MAP_VIEWS);
-    assert_eq!(names(scene), ["place.vmap"], "what killed builds left is cleared away");
+    assert_eq!(names(scene), ["place.vmap"], "files of killed builds are removed");
     assert!(
         scene.read("live/place.vmap") == scene.read("place.vmap"),
-        "the build is not what it would have been"
+        "the build differs from an uninterrupted one"
     );
 }
 

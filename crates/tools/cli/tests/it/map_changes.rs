@@ -129,7 +129,7 @@ fn poses_without_points_suffice_and_wrong_focal_length_is_diagnosed() {
         )
     };
     scene.run(&build("bare")).succeeded();
-    assert!(scene.read("bare.vmap") == scene.read("place.vmap"), "without points the map is another one");
+    assert!(scene.read("bare.vmap") == scene.read("place.vmap"), "without points the map differs");
 
     let first = cameras.lines().find(|l| !l.starts_with('#')).expect("a camera");
     let mut fields: Vec<&str> = first.split(' ').collect();
@@ -215,5 +215,5 @@ fn self_test_localizes_own_images() {
     scene.run(&format!("map remove {less} map-04.png")).succeeded();
     assert_eq!(info(scene, &less)["self_test"]["images"], MAP_VIEWS - 1);
     scene.run(&format!("map remove {less} map-05.png --no-self-test")).succeeded();
-    assert!(info(scene, &less)["self_test"].is_null(), "an old test is not true of a changed map");
+    assert!(info(scene, &less)["self_test"].is_null(), "a changed map must not keep the old self-test");
 }

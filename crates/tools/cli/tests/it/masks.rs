@@ -58,7 +58,7 @@ fn a_masked_image_is_sealed_and_localized() {
         "seal images/query-0.png images/query-1.png --camera {CAMERA} --profile place.vprofile -o some/"
     );
     refused(scene, &format!("{two} --masks masks"), &["query-1.png.png"]);
-    SealedQuery::decode(&scene.read("some/query-0.vquery")).expect("the one that has a mask");
+    SealedQuery::decode(&scene.read("some/query-0.vquery")).expect("the image with a mask");
     assert!(!scene.path("some/query-1.vquery").exists(), "an image without a mask is not sealed");
     scene.run(&seal("--masks masks --session masked.session")).succeeded();
 }
@@ -99,7 +99,11 @@ fn l13_hidden_pixels_change_no_result() {
     let masked = evaluated("images", masks).0;
     assert_eq!(masked, evaluated("changed", masks).0);
     assert!(masked.iter().all(|query| query["state"] == "trusted"), "{masked:?}");
-    assert_ne!(evaluated("images", "").0, evaluated("changed", "").0, "the measure does not see the leak");
+    assert_ne!(
+        evaluated("images", "").0,
+        evaluated("changed", "").0,
+        "the test measure does not detect the leak"
+    );
 }
 
 /// The attack on a masked query uses only what a device sends.

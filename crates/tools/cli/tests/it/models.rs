@@ -201,10 +201,10 @@ fn models_list_files_and_searched_folders() {
     );
     let file = there["models"][0]["file"].as_str().expect("found").to_owned();
     assert!(file.ends_with("xfeat_640x640.onnx"), "{file}");
-    assert_eq!(there["models"][1]["file"], there["models"][0]["file"], "one file for both of its kinds");
+    assert_eq!(there["models"][1]["file"], there["models"][0]["file"], "one file serves both kinds");
     let text = scene.run("models").succeeded().stdout;
     assert!(text.contains("superpoint") && text.contains("non-commercial"), "{text}");
-    assert!(text.contains("python scripts/export_onnx.py"), "what makes files is said: {text}");
+    assert!(text.contains("python scripts/export_onnx.py"), "the export command is printed: {text}");
     let missing = scene.run("map build --posed posed --images images --features superpoint -o none.vmap");
     assert!(missing.code == Some(1) && missing.stderr.contains("superpoint_v1.onnx"), "{missing}");
     assert!(missing.stderr.contains("VEILOC_MODELS"), "{missing}");

@@ -80,7 +80,7 @@ fn localize_all(scene: &TestScene, map: &str, scheme: &str, folder: &str, bound:
         let center: Vec<f64> = serde_json::from_value(query["center"].clone()).expect("three numbers");
         let true_center = truth.center().coords;
         let away = (0..3).map(|k| (center[k] - true_center[k]).powi(2)).sum::<f64>().sqrt();
-        assert!((away - metres).abs() < 1e-6, "the centre says {away}, the pose {metres}");
+        assert!((away - metres).abs() < 1e-6, "centre error {away}, pose error {metres}");
     }
 }
 
@@ -256,11 +256,7 @@ fn info_describes_the_map() {
 fn profile_is_small_and_has_the_maps_id() {
     let scene = scene();
     let run = scene.run("map profile place.vmap -o again.vprofile").succeeded();
-    assert_eq!(
-        scene.read("again.vprofile"),
-        scene.read("place.vprofile"),
-        "a profile has nothing random in it"
-    );
+    assert_eq!(scene.read("again.vprofile"), scene.read("place.vprofile"), "profiles are deterministic");
     let info = scene.run("map info place.vmap --json").succeeded().json();
     assert!(run.stderr.contains(info["profile"].as_str().expect("an id")), "{run}");
     assert!(scene.read("place.vprofile").len() < 64 * 1024);
@@ -351,7 +347,7 @@ fn a_scene_is_evaluated() {
         assert_eq!(
             keys(&row["median_ms"]),
             ["decode", "extract", "match", "pose", "retrieve", "seal"],
-            "all stages are told"
+            "all stages are printed"
         );
         assert!(row["sealed_bytes"].as_u64().is_some_and(|b| b > 0));
     }

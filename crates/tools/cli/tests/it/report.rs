@@ -86,7 +86,7 @@ fn data_set_report_has_every_scene() {
         .succeeded();
     let text = page(scene, "7s.html");
     assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 2);
-    assert!(text.contains("frame-0000") && text.contains("5 cm, 5°"), "7Scenes is in metres");
+    assert!(text.contains("frame-0000") && text.contains("5 cm, 5°"), "7Scenes uses metres");
 }
 
 #[test]

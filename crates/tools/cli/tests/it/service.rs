@@ -286,7 +286,7 @@ fn one_sided_image_is_not_sent() {
     image.save(scene.path("images/half.png")).expect("written");
     let run = scene.run(&send("half.png", &service.url));
     assert!(run.code == Some(1) && run.stderr.contains("side of the dividing line"), "{run}");
-    assert!(run.stderr.contains("turn"), "it says what to do: {run}");
+    assert!(run.stderr.contains("turn"), "the message has a remedy: {run}");
     assert!(!service.log().contains("/localize"), "nothing was sent: {}", service.log());
 }
 
@@ -351,7 +351,7 @@ fn signals_stop_and_reload() {
     };
     let before = images(&service);
     scene.run("map remove signals/place.vmap map-00.png").succeeded();
-    assert_eq!(images(&service), before, "not looked at yet");
+    assert_eq!(images(&service), before, "not yet reloaded");
     service.signal("-HUP");
     while images(&service) == before {
         std::thread::sleep(std::time::Duration::from_millis(10));

@@ -19,7 +19,7 @@ fn token_is_printed_once_and_stored_as_hash() {
     let token = made.stdout.trim_end();
     assert_eq!(token.len(), 64);
     assert!(made.stderr.contains("Authorization: Bearer") && !made.stderr.contains(token));
-    assert!(!text(&folder).contains(token), "the file keeps the hash alone");
+    assert!(!text(&folder).contains(token), "the file has only the hash");
     let file = list(&folder);
     let entry = file.find(&TokenKey::of_token(token.as_bytes())).expect("its line");
     assert!(entry.may_ask_for("garage") && !entry.may_ask_for("attic") && !entry.operator);
@@ -41,7 +41,7 @@ fn token_is_printed_once_and_stored_as_hash() {
     assert_eq!(list(&folder).entries().len(), 1);
     let last = folder.run("token revoke ops --tokens tokens").succeeded();
     assert!(last.stderr.contains("no client may send requests"));
-    assert!(list(&folder).entries().is_empty(), "and not a file that counts as an unfinished one");
+    assert!(list(&folder).entries().is_empty(), "no partial file remains");
     folder.run("token new again --tokens tokens").succeeded();
     assert_eq!(list(&folder).entries().len(), 1);
 }

@@ -203,7 +203,7 @@ mod tests {
         let files = open();
         assert_eq!(files.get(&a, &b, &options), Some(found(3)));
         assert_eq!(files.get(&b, &c, &options), Some(Vec::new()));
-        assert_eq!(files.get(&b, &a, &options), None, "the other way round is another pair");
+        assert_eq!(files.get(&b, &a, &options), None, "the reversed pair has another key");
         assert_eq!(files.get(&a, &b, &options.clone().with_mutual(false)), None);
         drop(files);
         let bytes = fs::read(&path).expect("there");

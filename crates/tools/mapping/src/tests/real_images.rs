@@ -24,7 +24,12 @@ fn recomputed_errors_equal_colmaps(data: &Path) {
     let (mut stated, mut own) = (0.0, 0.0);
     for point in colmap.points() {
         let error = recomputed_error(&colmap, point).unwrap();
-        assert!((error - point.error).abs() < 0.005, "point {}: {error}, told {}", point.id, point.error);
+        assert!(
+            (error - point.error).abs() < 0.005,
+            "point {}: recomputed {error}, stated {}",
+            point.id,
+            point.error
+        );
         (stated, own) = (stated + point.error, own + error);
     }
     assert!((own / stated - 1.0).abs() < 1e-4, "means {own} and {stated}");

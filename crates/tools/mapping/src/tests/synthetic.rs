@@ -145,9 +145,9 @@ fn points_of_known_scene_are_recovered() {
     let missed = visible.clone().filter(|p| found[*p] == 0).count();
     assert!(missed * 50 <= visible.count(), "{missed} points missed");
     assert!(found.iter().filter(|n| **n > 1).count() <= 2, "points found twice");
-    let unchanged = model.observation_count() as f64;
+    let observations = model.observation_count() as f64;
     let true_ones = known_scene.truth.iter().flatten().flatten().count() as f64;
-    assert!(unchanged > 0.95 * true_ones, "{unchanged} of {true_ones} observations");
+    assert!(observations > 0.95 * true_ones, "{observations} of {true_ones} observations");
 }
 
 #[test]
@@ -184,11 +184,11 @@ fn removed_and_re_added_images_give_similar_points() {
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
         if new.track == old.track {
-            assert_eq!(new, old, "a point that gained nothing changed");
+            assert_eq!(new, old, "a point without new observations changed");
         }
     }
-    let (unchanged, all) = (model.observation_count() as f64, before.observation_count() as f64);
-    assert!((unchanged / all - 1.0).abs() < 0.02, "{unchanged} observations, {all} before");
+    let (observations, all) = (model.observation_count() as f64, before.observation_count() as f64);
+    assert!((observations / all - 1.0).abs() < 0.02, "{observations} observations, {all} before");
     let same = |p: &MapPoint| {
         before.points.iter().any(|q| q.track == p.track && q.position.distance(&p.position) < 1e-4)
     };

@@ -79,7 +79,7 @@ fn later_layers_override_and_switches_turn_off() {
     assert_eq!((last.queue, last.log_json, last.maps), (10, true, vec!["e=v".to_owned()]));
     assert_eq!(last.memory, Memory::There);
     assert!(!of(&["--log-json=false"], &[]).log_json);
-    assert_eq!(of(&[], &[("VEILOC_QUEUE", "")]).queue, 8, "an empty variable is none");
+    assert_eq!(of(&[], &[("VEILOC_QUEUE", "")]).queue, 8, "an empty variable counts as absent");
 }
 
 /// Arguments that depend on each other may come from different layers; the command's own parser checks the result.
@@ -88,7 +88,7 @@ fn dependent_arguments_may_come_from_different_layers() {
     let settings = merge(&["--key=k"], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
     let both = sample(&settings).expect("complete");
     assert!(both.cert.is_some_and(|cert| cert.is_absolute()));
-    assert_eq!(both.key.as_deref(), Some(Path::new("k")), "a flag's path is as it was typed");
+    assert_eq!(both.key.as_deref(), Some(Path::new("k")), "a flag's path is relative to the working folder");
     let alone = merge(&[], &[], Some("cert = \"c\"\nmaps = \"m\"")).expect("settings");
     assert!(sample(&alone).expect_err("no key").to_string().contains("--key"));
     assert!(

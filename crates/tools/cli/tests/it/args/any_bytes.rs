@@ -14,13 +14,13 @@ use veiloc_cli::args::settings::{Settings, layered};
 fn settings(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Some(settings) = merge(text) else { return };
-    let printed = settings.to_toml().expect("what is read is text");
-    let again = merge(&printed).expect("what is printed can be read");
-    let again = again.to_toml().expect("what is read is text");
+    let printed = settings.to_toml().expect("accepted settings are text");
+    let again = merge(&printed).expect("printed settings can be read");
+    let again = again.to_toml().expect("accepted settings are text");
     assert_eq!(values(&again), values(&printed), "{printed}");
     // No accepted value may look like another option on the command line.
     let line = std::iter::once("serve".into()).chain(settings.arguments());
-    options().try_get_matches_from(line).expect("what is taken is a command line");
+    options().try_get_matches_from(line).expect("accepted settings give a valid command line");
 }
 
 fn merge(text: &str) -> Option<Settings> {

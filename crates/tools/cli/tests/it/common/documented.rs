@@ -35,7 +35,7 @@ pub fn tables() -> BTreeMap<String, Fields> {
         let own = Field { optional: meaning.contains("absent"), nullable: meaning.contains("null") };
         let mut add = |name: String, field: Field| {
             let own = own_names.entry(command.clone()).or_default();
-            assert!(own.insert(name.clone()), "{command}: {name} is there twice");
+            assert!(own.insert(name.clone()), "{command}: {name} occurs twice");
             tables.entry(command.clone()).or_default().insert(name, field);
         };
         match unit.strip_prefix("as `").and_then(|u| u.strip_suffix('`')) {

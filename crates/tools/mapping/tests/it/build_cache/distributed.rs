@@ -89,7 +89,7 @@ fn distributed_build_equals_single_process_build() {
         assert!(done[0].of_all > 10 && done[0].done + done[1].done == done[0].of_all, "{done:?}");
     }
     assert_eq!(built(), alone);
-    assert_eq!(extracted.load(Ordering::Relaxed), 14, "what was missing was made once");
+    assert_eq!(extracted.load(Ordering::Relaxed), 14, "missing entries are computed once");
 
     // A damaged entry costs only time.
     let features = std::fs::read_dir(work.path().join("features")).expect("a folder").next().expect("a file");

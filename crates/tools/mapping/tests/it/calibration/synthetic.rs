@@ -99,8 +99,8 @@ fn correct_map_localizes_its_images_under_every_scheme() {
     }
     // The self-test is stored in the map, and the map is otherwise the same.
     let unchanged = MapModel { self_test: Some(test.clone()), ..model.clone() };
-    unchanged.validate().expect("a self-test belongs into a map");
-    assert_eq!(tested(&unchanged, &Scheme::ALL), test, "a calibration that is there already takes no part");
+    unchanged.validate().expect("a map with a self-test is valid");
+    assert_eq!(tested(&unchanged, &Scheme::ALL), test, "an existing calibration has no influence");
 }
 
 #[test]
@@ -148,15 +148,15 @@ fn left_out_image_has_no_influence() {
 
     let test = tested(&model, &[Scheme::Points]);
     let points = test.of_scheme(Scheme::Points).expect("tested");
-    assert_eq!(points.localized, 10, "the others show where it was");
-    assert_eq!(points.within_of_scale[2], 9, "and that is not where it says");
+    assert_eq!(points.localized, 10, "the other images restore the position");
+    assert_eq!(points.within_of_scale[2], 9, "the stored position is wrong");
 }
 
 /// A point whose position only the left-out image supports moves back to where the others see it, or is removed.
 #[test]
 fn points_are_retriangulated_without_the_image() {
     let model = known_map();
-    let id = model.images[3].point_of_keypoint.iter().flatten().next().expect("it sees a point");
+    let id = model.images[3].point_of_keypoint.iter().flatten().next().expect("the image observes a point");
     let truth = model.points[id.index()].position;
     let mut bent = model.clone();
     // Along the ray of image 3, which therefore still agrees; the others do not.
@@ -164,14 +164,14 @@ fn points_are_retriangulated_without_the_image() {
     bent.points[id.index()].position = Point3::from_vector(center + (truth.coords - center) * 1.5);
     let without = veiloc_mapping::LeaveOut::of(&bent).without(3);
     assert_eq!(without.image, 3);
-    let point = without.points[id].as_ref().expect("others see it");
+    let point = without.points[id].as_ref().expect("other images observe the point");
     assert!(point.position.distance(&truth) < 0.05, "{:?}", point.position);
     let Evidence::Track(track) = &point.evidence else { panic!("{point:?}") };
     assert!(track.iter().all(|o| o.image != 3) && track.len() >= 3);
     let all = model.images[3].point_of_keypoint.iter().flatten().count();
-    assert_eq!(without.points.len(), all, "the points it sees, and no others");
+    assert_eq!(without.points.len(), all, "only the points that it observes");
     // Two of three views remain, which is too few.
-    let three = model.points.iter().position(|p| p.track.len() == 3).expect("some point of three views");
+    let three = model.points.iter().position(|p| p.track.len() == 3).expect("a point with three views");
     let image = model.points[three].track[1].image as usize;
     let without = veiloc_mapping::LeaveOut::of(&model).without(image);
     assert_eq!(without.points[&veiloc_map::PointId(three as u32)], None);
@@ -207,7 +207,7 @@ fn compressed_map_localizes_images_of_the_whole_map() {
         assert!((0.2..4.0).contains(&scheme.calibration.factor), "{scheme:?}");
     }
     let unchanged = MapModel { self_test: Some(test), ..small.model };
-    unchanged.validate().expect("a self-test belongs into a small map");
+    unchanged.validate().expect("a compressed map with a self-test is valid");
 }
 
 /// The smallest map without loss is smaller than the whole one, and as good in its own test.
@@ -217,7 +217,7 @@ fn smallest_map_within_recall_loss_is_found() {
     let mut options = SelfTestOptions::default();
     options.schemes = vec![Scheme::default()];
     let found = smallest_within(&whole, 0.0, &CompressOptions::new(1), &options, &());
-    let small = found.expect("a map that can be tested").expect("one that loses nothing");
+    let small = found.expect("a map that can be tested").expect("a map without recall loss");
     assert!(veiloc_map::byte_count(&small.model) * 4 < veiloc_map::byte_count(&whole));
     let test = small.model.self_test.expect("tested");
     assert_eq!((test.schemes[0].trusted, test.schemes[0].within_of_scale[1]), (10, 10));

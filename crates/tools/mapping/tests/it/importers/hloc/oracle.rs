@@ -132,7 +132,7 @@ fn stored_features_match_path_suffix() {
     let stored = StoredFeatures::open(&data("feats-half.h5"), "mine", None).expect("a file");
     let kind = DescriptorKind::new("mine", DIM, Encoding::Signed, 91).expect("a kind");
     assert_eq!(stored.kind(), kind);
-    let lookup = stored.stored().expect("it looks features up");
+    let lookup = stored.stored().expect("stored features");
     let features = lookup.features(Path::new("/data/images/db/a.jpg"), (640, 480)).expect("features");
     assert_eq!(features.keypoints.len(), COUNT);
     assert!(features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response));
