@@ -391,9 +391,9 @@ mod tests {
             ("b/c d.jpg", "\"b/c d.jpg\" is no image", true),
             ("", "is no image", false),
         ] {
-            let message = InputError::new(InputErrorKind::Damaged, message).of(name);
+            let shown = InputError::new(InputErrorKind::Damaged, message).of(name);
             let expected = if named { message.to_owned() } else { format!("{name}: {message}") };
-            assert_eq!(message, expected);
+            assert_eq!(shown, expected);
         }
     }
 

@@ -67,9 +67,9 @@ pub fn smallest_within(
     let (mut found, mut low, mut high) = (None, 0.0, bytes as f64);
     while high - low > SIZE_TOLERANCE * high {
         let size = if low > 0.0 { f64::midpoint(low, high) } else { high / FIRST_STEP };
-        let compress_options =
+        let sized =
             CompressOptions::new(size as u64).with_descriptors(compress_options.descriptors_per_point);
-        let mut small = match compress(whole, &compress_options, progress) {
+        let mut small = match compress(whole, &sized, progress) {
             Ok(small) => small,
             // This is the minimum size.
             Err(MappingError::TooSmall { least, .. }) => {

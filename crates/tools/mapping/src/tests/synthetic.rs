@@ -10,7 +10,7 @@ use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
 use crate::cache::ExtractedFeatures;
-use crate::change::{Words, join, remove};
+use crate::change::{Words, integrate, remove};
 use crate::complete::grow;
 use crate::error::MappingError;
 use crate::scene::Scene;
@@ -179,7 +179,7 @@ fn removed_and_re_added_images_give_similar_points() {
 
     let without = model.clone();
     let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &known_scene.posed[*i]).collect();
-    join(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &()).unwrap();
+    integrate(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -205,7 +205,7 @@ fn emptied_map_can_be_extended_again() {
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
     let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
-    join(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
+    integrate(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }
@@ -240,7 +240,7 @@ fn changes_use_the_build_settings() {
         remove(&mut model, &names, Words::Keep, &()).unwrap();
         assert_eq!(model.settings, *settings);
         let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
-        join(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
+        integrate(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
         model.validate().unwrap();
         model
     };
@@ -269,9 +269,9 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
     let of_left = learn(&left, &settings, &()).unwrap();
     let leaving = [7, 8, 9].map(|i| format!("{i}.jpg"));
 
-    let mut unchanged = whole.clone();
-    remove(&mut unchanged, &leaving, Words::Keep, &()).unwrap();
-    assert_eq!(unchanged.profile, whole.profile, "queries sealed for the map are still valid");
+    let mut not_retrained = whole.clone();
+    remove(&mut not_retrained, &leaving, Words::Keep, &()).unwrap();
+    assert_eq!(not_retrained.profile, whole.profile, "queries sealed for the map are still valid");
 
     let mut retrained = whole.clone();
     remove(&mut retrained, &leaving, Words::Retrain, &()).unwrap();
@@ -282,7 +282,7 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
         assert_eq!(image.global, of_left.aggregate(features.descriptors.view()));
     }
     // Everything else is the same as without retraining.
-    assert_eq!((&retrained.points, &retrained.cameras), (&unchanged.points, &unchanged.cameras));
+    assert_eq!((&retrained.points, &retrained.cameras), (&not_retrained.points, &not_retrained.cameras));
     assert_eq!(retrained.profile.limits(), whole.profile.limits());
 
     // The map is the same for any content of the removed images, so it contains nothing of them.
