@@ -86,7 +86,7 @@ fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
     run_until_signal(options, |listening| {
         for address in &listening.addresses {
             ui.info(format!(
-                "The scene is served on http://{address} (open it in a browser; Ctrl-C stops \
+                "The scene is on http://{address} (open it in a browser; Ctrl-C stops \
                  the server)"
             ));
         }
