@@ -243,7 +243,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Build(args) => build(args, ui),
         Command::Import(args) => import(args, ui),
         Command::Info(args) => {
-            InfoOutput { list: args.images, json: args.json, ..InfoOutput::default() }.info(&args.map, ui)
+            InfoOutput { list: args.images, json: args.json, ..InfoOutput::default() }.print(&args.map, ui)
         }
         Command::Add(args) => add(args, ui),
         Command::Remove(args) => remove(args, ui),
@@ -368,7 +368,7 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
              backups of the old map still contain the images' keypoints."
         }
     });
-    InfoOutput { json: args.json, doubts, ..InfoOutput::default() }.info(edit.out, ui)
+    InfoOutput { json: args.json, doubts, ..InfoOutput::default() }.print(edit.out, ui)
 }
 
 /// A map that is being changed; it is locked against other writers from reading to writing.

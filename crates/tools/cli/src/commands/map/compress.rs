@@ -64,7 +64,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
         Some(points) => args.smallest(&whole, points, &options, &stages)?,
     };
     veiloc_map::write(&small.model, &args.out)?;
-    InfoOutput { json: args.json, ..InfoOutput::default() }.info(&args.out, ui)
+    InfoOutput { json: args.json, ..InfoOutput::default() }.print(&args.out, ui)
 }
 
 impl CompressArgs {

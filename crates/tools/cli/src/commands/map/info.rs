@@ -88,7 +88,7 @@ pub(super) struct InfoOutput {
 }
 
 impl InfoOutput {
-    pub(super) fn info(self, path: &Path, ui: &Ui) -> Outcome {
+    pub(super) fn print(self, path: &Path, ui: &Ui) -> Outcome {
         let map = MapFile::open(path)?;
         let images: Vec<ImageInfo> = map
             .images()
