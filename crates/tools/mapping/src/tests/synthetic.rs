@@ -179,7 +179,8 @@ fn removed_and_re_added_images_give_similar_points() {
 
     let without = model.clone();
     let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &known_scene.posed[*i]).collect();
-    integrate(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &()).unwrap();
+    integrate(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &())
+        .unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
