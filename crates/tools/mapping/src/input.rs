@@ -117,8 +117,8 @@ impl<'a> Input<'a> {
         self.posed
     }
 
-    /// Finds the images and checks their files before any computation. `is_in_map` returns whether the map already has a
-    /// name.
+    /// Finds the images and checks their files before any computation. `is_in_map` returns whether the map already has
+    /// a name.
     pub(crate) fn check(&self, is_in_map: impl Fn(&str) -> bool) -> Result<CheckedImages<'a>, MappingError> {
         let named: Vec<&'a str> = self.names.map_or_else(
             || self.posed.images().iter().map(|i| i.name.as_str()).collect(),

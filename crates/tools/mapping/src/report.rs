@@ -215,8 +215,8 @@ const MIN_POINTS: usize = 100;
 const MIN_SEEN: usize = 10;
 /// With fewer matches there is no conclusion about the poses.
 const MIN_MATCHES: usize = 100;
-/// Share of matches that agree with the poses, below which the poses are doubted: 88 % in a part of RedKitchen, 12 % with
-/// its focal length doubled.
+/// Share of matches that agree with the poses, below which the poses are doubted: 88 % in a part of RedKitchen, 12 %
+/// with its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
 /// Share below which the cause is searched: correct maps have 80 % and more.
 const DIAGNOSE_BELOW: f64 = 0.7;

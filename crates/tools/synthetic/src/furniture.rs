@@ -1,5 +1,5 @@
-//! Furniture of the room. Each piece is built in a local frame ([`LocalFrame`]): front left corner, `x` along the front, `y`
-//! back.
+//! Furniture of the room. Each piece is built in a local frame ([`LocalFrame`]): front left corner, `x` along the
+//! front, `y` back.
 
 use std::sync::Arc;
 

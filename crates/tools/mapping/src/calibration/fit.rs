@@ -7,8 +7,8 @@
 //!
 //! # Outliers
 //! A trusted pose may be wrong. A first fit with a heavy-tailed distribution (Student's t with [`FREEDOM`] degrees of
-//! freedom) finds the poses beyond [`MAX_SQUARED_DISTANCE`]; the second fit leaves them out, but at most a tenth of all: frequent
-//! errors are not outliers, and the covariances must cover them.
+//! freedom) finds the poses beyond [`MAX_SQUARED_DISTANCE`]; the second fit leaves them out, but at most a tenth of
+//! all: frequent errors are not outliers, and the covariances must cover them.
 
 use veiloc_map::Calibration;
 

@@ -11,9 +11,9 @@ const CELLS: u32 = 4;
 /// Chooses points until the byte budget is used, the most useful first; each keeps at most `descriptors` keypoints.
 ///
 /// Greedy maximization of a submodular sum: an image cell with `n` points counts `log(1 + n)`; the gain of a point is
-/// its increase over all images that observe it, weighted by the probability of seeing it again ([`redetection_probability`]). Greedy
-/// selection reaches `1 − 1/e` of the optimum (Nemhauser, Wolsey and Fisher, 1978). Gains only decrease, so an old gain
-/// is an upper bound, and most gains are never recomputed.
+/// its increase over all images that observe it, weighted by the probability of seeing it again
+/// ([`redetection_probability`]). Greedy selection reaches `1 − 1/e` of the optimum (Nemhauser, Wolsey and Fisher,
+/// 1978). Gains only decrease, so an old gain is an upper bound, and most gains are never recomputed.
 pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<PointId> {
     let cell_of = |image: u32, keypoint: u32| {
         let image_of = &model.images[image as usize];

@@ -63,7 +63,7 @@ pub(crate) struct Args {
 const STRESSES: &str = "\
 Stress conditions (applied to the gray image before feature extraction, rounded to 8 bits again; random choices depend
 on --seed, the name of the image and the name of the stress):
-  dark            an eighth of the light: 500 instead of 4000 electrons per white pixel, shot noise, 3 electrons of readout
+  dark            an eighth of the light: white is 500 instead of 4000 electrons, shot and readout noise (3 electrons)
   motion          motion blur over 13/640 of the longer side, in a random direction
   half-hidden     flat gray over one half, cut through the middle in a random direction
   side-hidden     flat gray over exactly the left or the right half, which may leave dcl only one of its two anchors
