@@ -1,9 +1,9 @@
-//! Where keypoints usually are: a prior learned from other images.
+//! Spatial density of keypoints: a prior learned from other images.
 //!
-//! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other images knows, and
-//! the guess along a segment is then the expected position under that density (times `r` for half-lines, whose
-//! wedges widen; see [`crate::prior_only`]). Positions are counted in shares of width and height, so that images
-//! of different size teach each other.
+//! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other images knows this
+//! density. The prior-only baseline along a segment is then the expected position under that density (times `r` for
+//! half-lines, whose wedges widen; see [`crate::prior_only`]). Positions are counted relative to width and height, so
+//! images of different size can be combined.
 
 use veiloc_geometry::Pixel;
 
@@ -14,10 +14,11 @@ const COLUMNS: usize = 48;
 const ROWS: usize = 36;
 /// Width of the smoothing kernel in cells.
 const SMOOTHING: f64 = 1.5;
-/// Points of a segment at which the density is asked.
+/// Points of a segment at which the density is evaluated.
 const SAMPLES: usize = 256;
 
-/// Counts of keypoints by place in the image. Add those of many images; take one out to attack it.
+/// Histogram of keypoint positions in the image. Add the histograms of many images; subtract that of the attacked
+/// image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaceCounts {
     cells: Vec<f64>,
@@ -30,7 +31,7 @@ impl Default for PlaceCounts {
 }
 
 impl PlaceCounts {
-    /// Of one image's keypoints; those outside it do not count.
+    /// Histogram of one image's keypoints; keypoints outside the image are ignored.
     pub fn of(keypoints: &[Pixel], width: u32, height: u32) -> Self {
         let mut counts = Self::default();
         for p in keypoints {
@@ -42,17 +43,17 @@ impl PlaceCounts {
         counts
     }
 
-    /// Adds another image's.
+    /// Adds the histogram of another image.
     pub fn add(&mut self, other: &Self) {
         self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a += b);
     }
 
-    /// Takes an image out that was added.
+    /// Subtracts the histogram of an image that was added.
     pub fn subtract(&mut self, other: &Self) {
         self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a = (*a - b).max(0.0));
     }
 
-    /// The density they suggest: smoothed, with a tenth of it spread evenly.
+    /// The smoothed density of this histogram, mixed with a tenth of the uniform density.
     pub fn density(&self) -> Density {
         let across = smoothed(&self.cells, COLUMNS, ROWS);
         let transposed: Vec<f64> =
@@ -67,7 +68,7 @@ impl PlaceCounts {
     }
 }
 
-/// Smooths along rows of `columns` cells; what would fall off an edge is reflected.
+/// Smooths along rows of `columns` cells, with reflection at the edges.
 fn smoothed(cells: &[f64], columns: usize, rows: usize) -> Vec<f64> {
     let reach = (3.0 * SMOOTHING).ceil() as isize;
     let kernel: Vec<f64> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / SMOOTHING).powi(2)).exp()).collect();
@@ -88,7 +89,7 @@ fn smoothed(cells: &[f64], columns: usize, rows: usize) -> Vec<f64> {
     out
 }
 
-/// How likely a keypoint is by place in the image.
+/// Probability density of keypoints over the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Density {
     cells: Vec<f64>,
@@ -101,7 +102,8 @@ impl Density {
         self.cells[cell(p.v, height, ROWS) * COLUMNS + cell(p.u, width, COLUMNS)]
     }
 
-    /// The expected distance from a segment's origin, and how likely the segment is, up to one factor for the observation.
+    /// The expected distance from a segment's origin, and the likelihood of the segment up to one factor for the
+    /// observation.
     fn expected(&self, segment: &KnownSegment, width: u32, height: u32) -> (f64, f64) {
         if segment.is_empty() {
             return (segment.expected(), 1.0);
@@ -118,13 +120,13 @@ impl Density {
         (expected, weights * length / SAMPLES as f64)
     }
 
-    /// The expected position of each keypoint when nothing is known but its own observation and this density: as
-    /// [`crate::prior_only`], which takes keypoints to be spread evenly.
+    /// The expected position of each keypoint given its own observation and this density: as [`crate::prior_only`],
+    /// which assumes a uniform density.
     pub fn guess(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
         let guess = |o: &Observation| {
             mean(&KnownSegment::of(o, width, height), |segment| {
                 let (expected, weight) = self.expected(segment, width, height);
-                // Which of two lines was kept is a coin's choice; which stretch of one line, the keypoint's.
+                // A coin decides which of two lines was sent; the keypoint decides which stretch of one line.
                 let share = if segment.anchor.is_some() { weight } else { segment.share };
                 (segment.at(expected), share.max(f64::MIN_POSITIVE))
             })

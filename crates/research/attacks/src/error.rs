@@ -1,10 +1,10 @@
-//! What can be wrong with the input of an attack, with a network, or with images that are compared.
+//! Errors of attacks, of their networks and of image comparisons.
 
-/// Why an attack refused its input, or there is no network or no measure of images.
+/// Why an attack, a network or an image comparison was refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AttackError {
-    /// There is not one neighbour list per observation.
+    /// The number of neighbour lists differs from the number of observations.
     #[error("{observations} observations need as many neighbour lists, {lists} were given")]
     ListCount {
         /// Number of observations.
@@ -28,7 +28,7 @@ pub enum AttackError {
         /// Number of entries.
         entries: usize,
     },
-    /// The bytes are no whole number of descriptors.
+    /// The number of bytes is not a multiple of the descriptor's length.
     #[error("{bytes} bytes are no whole number of descriptors of dimension {dimension}")]
     Descriptors {
         /// Number of bytes.
@@ -36,7 +36,7 @@ pub enum AttackError {
         /// Length of one descriptor.
         dimension: usize,
     },
-    /// There is not one descriptor per keypoint.
+    /// The numbers of descriptors and keypoints differ.
     #[error("{keypoints} keypoints need as many descriptors, {descriptors} were given")]
     DescriptorCount {
         /// Number of keypoints.
@@ -52,10 +52,10 @@ pub enum AttackError {
         /// The dimension found.
         found: usize,
     },
-    /// No keypoint has any neighbour, and the attack lives on neighbours.
+    /// No keypoint has a neighbour, and the attack needs neighbours.
     #[error("no keypoint has any neighbour; ask for one at least")]
     NoNeighbours,
-    /// There is not one position to begin with per observation.
+    /// The numbers of initial positions and observations differ.
     #[error("{observations} observations need as many positions to begin with, {positions} were given")]
     BeginCount {
         /// Number of observations.
@@ -63,7 +63,7 @@ pub enum AttackError {
         /// Number of positions.
         positions: usize,
     },
-    /// A frame holds another number of descriptors than of observations.
+    /// In one frame the numbers of descriptors and observations differ.
     #[error("frame {frame}: {observations} observations need as many descriptors, {descriptors} were given")]
     FrameDescriptors {
         /// Which frame, the attacked one being 0.
@@ -73,59 +73,59 @@ pub enum AttackError {
         /// Number of descriptors.
         descriptors: usize,
     },
-    /// Several frames were asked for, and fewer than two given.
+    /// Fewer than two frames were given to an attack on several frames.
     #[error("several frames are two at least, {frames} were given")]
     TooFewFrames {
-        /// How many there are.
+        /// Number of frames.
         frames: usize,
     },
-    /// Several seals of one image have not as many rows.
+    /// Several seals of one image have different numbers of rows.
     #[error("{rows} rows, where the first seal has {expected}")]
     Rows {
-        /// How many there are.
+        /// Number of rows.
         rows: usize,
-        /// How many the first has.
+        /// Number of rows of the first seal.
         expected: usize,
     },
-    /// Limits of depth are no interval of positive, finite numbers.
+    /// The depth limits are not an interval of positive, finite numbers.
     #[error("depths must be positive, finite and in order")]
     Depths,
     /// The training images hold no two keypoints that are neighbours.
     #[error("the training images hold no pair of neighbours")]
     NothingToLearn,
-    /// There is nothing to learn or to attack where positions are sent, or nothing but one scheme was learned.
+    /// The scheme sends positions, so there is nothing to attack, or the network was trained for another scheme.
     #[error("{found}: {expected}")]
     Scheme {
         /// What was given.
         found: String,
-        /// What would do.
+        /// What is accepted.
         expected: String,
     },
-    /// Images of two sizes.
+    /// Two images have different sizes.
     #[error("images of {}x{} and {}x{} pixels cannot be compared; make them equally large", sizes[0][0], sizes[0][1], sizes[1][0], sizes[1][1])]
     Sizes {
         /// Width and height of each.
         sizes: [[u32; 2]; 2],
     },
-    /// An image with a side shorter than the window.
+    /// An image has a side that is shorter than the window.
     #[error("an image of {}x{} pixels is too small: each side must have {least}", size[0], size[1])]
     Small {
         /// Width and height.
         size: [usize; 2],
-        /// Shortest side that will do.
+        /// Smallest accepted side.
         least: usize,
     },
-    /// An option, or a number in a file, is none of those allowed.
+    /// An option, or a number in a file, is outside its allowed range.
     #[error("{name} is {value}, allowed is {allowed}")]
     Option {
-        /// Which.
+        /// Name of the option.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it may be.
+        /// The allowed range.
         allowed: &'static str,
     },
-    /// A file that does not describe a network of an attacker, or one of another kind.
+    /// The file does not describe an attacker's network, or describes a network of another kind.
     #[error(
         "{}: this does not describe the network that is needed: {reason}; give the .toml that research/train writes \
          beside the .onnx",
@@ -137,24 +137,24 @@ pub enum AttackError {
         /// What is wrong with it.
         reason: String,
     },
-    /// An image cannot be obfuscated under the scheme.
+    /// The scheme cannot obfuscate an image.
     #[cfg(feature = "networks")]
     #[error(transparent)]
     Seal(#[from] veiloc_obfuscation::SealError),
-    /// A network cannot be used.
+    /// A network cannot be read or run.
     #[cfg(feature = "networks")]
     #[error(transparent)]
     Features(#[from] veiloc_features::FeatureError),
 }
 
 impl AttackError {
-    /// What is wrong with a whole number.
+    /// An integer option outside its allowed range.
     pub fn refuse(name: &'static str, value: usize, allowed: &'static str) -> Self {
         Self::Option { name, value: value as f64, allowed }
     }
 }
 
-/// Equal when they say the same facts: what the system said of a file cannot be compared otherwise.
+/// Compares the facts of two errors; messages of the operating system cannot be compared.
 impl PartialEq for AttackError {
     fn eq(&self, other: &Self) -> bool {
         format!("{self:?}") == format!("{other:?}")

@@ -1,4 +1,4 @@
-//! What an attacker who holds no position of the query has of it, and what he has of images he knows.
+//! What an attacker holds of a query without positions, and of images with known positions.
 
 use veiloc_descriptor::DescriptorView;
 use veiloc_geometry::Pixel;
@@ -6,24 +6,24 @@ use veiloc_geometry::nalgebra::DMatrix;
 
 use crate::error::AttackError;
 
-/// Descriptors of one image, as they are sent beside the lines.
+/// Descriptors of one image, as they are sent with the lines.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptors {
-    /// `[dimension, N]`: one unit column a keypoint; a column of zeros stays zero.
+    /// `[dimension, N]`: one unit column per keypoint; a zero column stays zero.
     columns: DMatrix<f32>,
 }
 
 impl Descriptors {
-    /// Those of a sealed query, of a map image or of an extractor, by the numbers their bytes stand for.
+    /// Descriptors of a sealed query, a map image or an extractor, decoded from their bytes.
     pub fn of(rows: DescriptorView<'_>) -> Self {
         let values = (0..rows.len()).flat_map(|row| rows.values(row).map(f32::from));
         Self::from_values(rows.kind().dim(), rows.len(), values)
     }
 
-    /// From `[N · dimension]` row-major bytes, each the number it is, as keypoint files hold them.
+    /// From `[N · dimension]` row-major bytes, one integer value per byte, as in keypoint files.
     ///
     /// # Errors
-    /// [`AttackError::Descriptors`] when the bytes are no whole number of descriptors.
+    /// [`AttackError::Descriptors`] when the number of bytes is not a multiple of `dimension`.
     pub fn new(bytes: &[u8], dimension: usize) -> Result<Self, AttackError> {
         if dimension == 0 || !bytes.len().is_multiple_of(dimension) {
             return Err(AttackError::Descriptors { bytes: bytes.len(), dimension });
@@ -43,22 +43,22 @@ impl Descriptors {
         Self { columns }
     }
 
-    /// How many there are.
+    /// Number of descriptors.
     pub fn len(&self) -> usize {
         self.columns.ncols()
     }
 
-    /// True when there is none.
+    /// True when there are no descriptors.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Length of one.
+    /// Length of one descriptor.
     pub fn dimension(&self) -> usize {
         self.columns.nrows()
     }
 
-    /// Some of them, in this order; all indices are of descriptors that there are.
+    /// The descriptors with these indices, in this order; all indices must be below `N`.
     #[cfg(feature = "networks")]
     pub(crate) fn select(&self, which: &[usize]) -> Self {
         Self { columns: self.columns.select_columns(which) }
@@ -68,13 +68,14 @@ impl Descriptors {
         &self.columns
     }
 
-    /// Cosines with the descriptors of a query, `[own, query]`: those of one query descriptor are one column.
+    /// Cosines with the descriptors of a query, `[own, query]`: one column per query descriptor.
     pub(crate) fn cosines(&self, query: &Self) -> DMatrix<f32> {
-        // Transposed beforehand: a plain product of matrices is blocked, one with a transpose is not.
+        // Transposed beforehand: nalgebra blocks a plain matrix product, but not a product with a transpose.
         self.columns.transpose() * &query.columns
     }
 
-    /// `[dimension, N]`: unit columns with the image's mean taken off, what tells keypoints of one image apart.
+    /// `[dimension, N]`: unit columns minus the mean of the image, which leaves what distinguishes keypoints of one
+    /// image.
     pub fn centered(&self) -> DMatrix<f32> {
         let mut columns = self.columns.clone();
         if !self.is_empty() {
@@ -85,7 +86,7 @@ impl Descriptors {
     }
 }
 
-/// An image of which the attacker knows everything: one to learn from, or one of the map.
+/// An image whose keypoints and descriptors the attacker knows: a training image or an image of the map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownImage {
     keypoints: Vec<Pixel>,
@@ -97,7 +98,7 @@ impl KnownImage {
     /// Keypoints `[N]` in pixels, their descriptors, and the image's size in pixels.
     ///
     /// # Errors
-    /// [`AttackError::DescriptorCount`] when there is not one descriptor per keypoint.
+    /// [`AttackError::DescriptorCount`] when the numbers of descriptors and keypoints differ.
     pub fn new(
         keypoints: Vec<Pixel>,
         descriptors: Descriptors,
@@ -128,7 +129,7 @@ impl KnownImage {
         self.size
     }
 
-    /// A keypoint's place in an image of another size.
+    /// The position of a keypoint, scaled to an image of another size.
     pub(crate) fn scaled(&self, keypoint: usize, width: u32, height: u32) -> Pixel {
         let p = self.keypoints[keypoint];
         let scale = |x: f64, to: u32, from: u32| x * f64::from(to) / f64::from(from.max(1));

@@ -1,14 +1,15 @@
 //! The geometry-recovery attack in closed form (paper Eq. 3, Proposition 1; Chelani et al., 2024).
 //!
-//! A keypoint is put where its own line comes nearest to the lines of its neighbours. On `x(t) = o + t v` the signed
-//! distance to neighbour line `l_j` is linear, `d_j(t) = α_j t + β_j` with `α_j = n_jᵀ v = ±sin θ_ij`, so
+//! The recovered position is where the keypoint's own line comes nearest to the lines of its neighbours. On `x(t) = o
+//! + t v` the signed distance to neighbour line `l_j` is linear, `d_j(t) = α_j t + β_j` with `α_j = n_jᵀ v = ±sin
+//! θ_ij`, so
 //!
 //! ```text
 //! f(t) = Σ_j (α_j t + β_j)²        t* = −Σ α_j β_j / Σ α_j²  =  Σ w_ij t_ij / Σ w_ij,   w_ij = sin² θ_ij
 //! ```
 //!
-//! with `t_ij = −β_j / α_j` where the two lines cross. The sums need no crossing point, so nearly parallel
-//! neighbours do no numerical harm.
+//! where the two lines cross at `t_ij = −β_j / α_j`. The sums need no crossing point, so nearly parallel neighbours
+//! do no numerical harm.
 //!
 //! # Two candidate lines
 //! A permuted position stands for the union of two lines, whose distance is the smaller of two. Then `f` is a
@@ -17,19 +18,20 @@
 //! target with two candidates tries both and keeps the one of smaller cost.
 //!
 //! # Variants
-//! An attacker who knows the scheme would not stop at the paper's recipe; [`ClosedFormOptions`] says what is tried:
-//! half-lines or segments in place of infinite lines (more breakpoints, solved by the same sweep), answers held
-//! inside the image, neighbours of the other anchor only, and a filter for falsely predicted neighbours. A
-//! neighbour whose position is known counts by its distance as a point (the paper's server-side attack).
+//! An attacker who knows the scheme can improve on the paper's attack. [`ClosedFormOptions`] selects the
+//! improvements: half-lines or segments in place of infinite lines (more breakpoints, solved by the same sweep),
+//! answers restricted to the image, neighbours of the other anchor only, and a filter for falsely predicted
+//! neighbours. A neighbour with a known position contributes its distance as a point (the paper's server-side
+//! attack).
 //!
 //! # Singular cases
 //! - All neighbours share the target's anchor: every `t_ij` is the anchor, so the answer is the anchor, exactly
 //!   (half-lines are measured from it, hence `β_j = 0`). The paper's mode 1.
-//! - All neighbours are parallel to the target (or there are none): every point is as good. The answer is the anchor
-//!   of a half-line and the middle of a line's part in the image, with `determined: false`. Under
-//!   [`ClosedFormOptions::other_anchor_only`] the answer is then the guess that uses no neighbours.
-//! - Neighbours nearly parallel: the answer is far away and unstable, as the mathematics says (the paper's mode 2),
-//!   often outside the image, unless [`Reach::Image`] holds it inside.
+//! - All neighbours are parallel to the target (or there are none): every point has the same cost. The answer is the
+//!   anchor of a half-line, or the middle of the line's part in the image, with `determined: false`. With
+//!   [`ClosedFormOptions::other_anchor_only`] the answer is then the prior-only baseline.
+//! - Neighbours nearly parallel: the answer is far away and unstable, (the paper's mode 2), often outside the image,
+//!   unless [`Reach::Image`] restricts it to the image.
 
 mod along;
 mod consensus;
@@ -50,12 +52,12 @@ pub enum Reach {
     /// Anywhere on the line, also outside the image and behind the anchor: the paper's attack.
     #[default]
     WholeLine,
-    /// On the part in the image, and before the anchor. `f` is minimised there exactly. A stronger attacker, who
-    /// knows the image's size and the scheme.
+    /// On the part of the line in the image and in front of the anchor. `f` is minimised there exactly. This attacker
+    /// is stronger: it knows the image's size and the scheme.
     Image,
 }
 
-/// What of a neighbour's line counts.
+/// Which part of a neighbour's line is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Extent {
     /// The infinite line: the paper's attack.
@@ -63,24 +65,24 @@ pub enum Extent {
     Line,
     /// The half-line, where the neighbour has one.
     HalfLine,
-    /// The part in the image. Of two alternative lines the whole: those of coordinate permutation are parallel to
-    /// the image's sides, so for answers inside the image that is the same.
+    /// The part in the image. For two alternative lines both whole lines are used: lines of coordinate permutation
+    /// are parallel to the image's sides, so for answers inside the image the result is the same.
     Segment,
 }
 
-/// How the closed form is used. The default is the paper's attack.
+/// Options of the closed form. The default is the paper's attack.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct ClosedFormOptions {
     /// Where the answer may lie; the paper's default is the whole line.
     pub reach: Reach,
-    /// What of a neighbour's line counts; the paper's default is all of it.
+    /// Which part of a neighbour's line is used; the paper's default is the whole line.
     pub extent: Extent,
-    /// Leave out neighbours whose half-line begins at the keypoint's own anchor: they all say "the anchor", which an
-    /// attacker knows to be wrong. Default: they count.
+    /// Ignore neighbours whose half-line starts at the keypoint's own anchor: each of them votes for the anchor,
+    /// which an attacker knows to be wrong. Default: false.
     pub other_anchor_only: bool,
-    /// Keep only the neighbours that agree within this many pixels with the best single one (for predicted
-    /// neighbours, of which many are false). Default: all are believed.
+    /// Keep only the neighbours that agree within this many pixels with the best single neighbour; for predicted
+    /// neighbours, many of which are false. Default: all neighbours are kept.
     pub consensus_px: Option<f64>,
 }
 
@@ -90,12 +92,13 @@ impl ClosedFormOptions {
         Self { reach: Reach::Image, extent: Extent::Line, other_anchor_only: false, consensus_px: None }
     }
 
-    /// In the image, with the parts of the lines in the image, from neighbours of the other anchor only.
+    /// Answers in the image, the lines' parts in the image, and neighbours of the other anchor only.
     pub const fn informed() -> Self {
         Self { reach: Reach::Image, extent: Extent::Segment, other_anchor_only: true, consensus_px: None }
     }
 
-    /// The same with falsely predicted neighbours filtered out: those farther than `px` pixels from the consensus.
+    /// The same options, plus a filter for falsely predicted neighbours: those farther than `px` pixels from the
+    /// consensus are ignored.
     #[must_use]
     pub const fn with_consensus(mut self, px: f64) -> Self {
         self.consensus_px = Some(px);
@@ -103,12 +106,12 @@ impl ClosedFormOptions {
     }
 }
 
-/// An attacker's answer for one keypoint.
+/// The recovered position of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Recovered {
     /// The position, pixels; possibly outside the image.
     pub pixel: Pixel,
-    /// `f` there, squared pixels, summed over the neighbours that counted.
+    /// `f` at this position, squared pixels, summed over the neighbours that were used.
     pub cost: f64,
     /// Whether the minimum is a single point.
     pub determined: bool,
@@ -116,11 +119,11 @@ pub struct Recovered {
 
 /// Recovers each keypoint from its own observation and those of its neighbours (module docs).
 ///
-/// `width`, `height`: the image, pixels. One answer per observation, the same for any number of threads. The
-/// answer for a known position is that position.
+/// `width`, `height`: the image, pixels. One answer per observation; the result does not depend on the number of
+/// threads. The answer for a known position is that position.
 ///
 /// # Errors
-/// [`AttackError::ListCount`] when there is not one neighbour list per observation.
+/// [`AttackError::ListCount`] when the numbers of neighbour lists and observations differ.
 pub fn closed_form(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -148,22 +151,22 @@ pub fn closed_form(
         .collect())
 }
 
-/// The answer of smaller cost, the first among equals.
+/// The answer with the smallest cost; ties go to the first.
 fn best(answers: &[Recovered]) -> Recovered {
     let nowhere = Recovered { pixel: Pixel::new(f64::NAN, f64::NAN), cost: f64::NAN, determined: false };
     answers.iter().fold(nowhere, |best, a| if best.cost <= a.cost { best } else { *a })
 }
 
-/// Buffers of the minimisation, kept from one keypoint to the next.
+/// Buffers of the minimisation, reused for all keypoints.
 #[derive(Default)]
 struct Sweep {
-    /// Where a neighbour's piece ends: the position, and its rank in order of arrival.
+    /// End of each piece: the position, and the index in insertion order.
     breaks: Vec<(f64, u32)>,
-    /// What the sum gains at each break, in order of arrival: kept apart so that sorting moves little.
+    /// Change of the sum at each break, in insertion order; stored separately so that sorting moves little data.
     gains: Vec<Quadratic>,
 }
 
-/// Squared sine below which lines are parallel for all purposes: an angle of 1e-9 rad.
+/// Squared sine below which two lines are treated as parallel: an angle of 1e-9 rad.
 const PARALLEL: f64 = 1e-18;
 
 impl Sweep {
@@ -242,7 +245,7 @@ fn minimum(
     if sum.a > PARALLEL * neighbours.max(1) as f64 {
         return ((-sum.b / sum.a).max(piece.0).min(piece.1), true);
     }
-    // Flat: the anchor where the line begins, otherwise the middle of what is in the image.
+    // Constant cost: use the anchor where the line begins, otherwise the middle of the part in the image.
     let t = if segment.anchor.is_some() {
         if options.other_anchor_only || segment.growth[0] != 0.0 { segment.expected() } else { 0.0 }
     } else if segment.is_empty() {

@@ -1,23 +1,23 @@
-//! Attacks on obfuscated queries: keypoint recovery and the guesses it must beat.
+//! Attacks on obfuscated queries: keypoint recovery and its prior-only baselines.
 //!
-//! An attacker holds what a device sent ([`Observation`], one per keypoint) and tries to say where the keypoints
-//! were. The answers that live here:
-//! - [`closed_form`]: the paper's geometry-recovery attack (Eq. 3, Proposition 1). It uses the observations of
-//!   each keypoint's neighbours, told by an oracle ([`NeighbourLists::nearest`]) or predicted from descriptors;
-//! - [`graph`](graph()): the layout of the whole graph of neighbours with each keypoint on its line. Far stronger:
-//!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
-//! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
-//!   of keypoints learned from other images;
-//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's (networks for these,
-//!   and for positions and images, are in [`learned`], cargo feature `networks`);
-//! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
-//! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
-//!   knows the keypoints that matched its map.
+//! An attacker holds what a device sent ([`Observation`], one per keypoint) and tries to recover the keypoints:
+//! - [`closed_form`]: the paper's geometry-recovery attack (Eq. 3, Proposition 1). It uses the observations of each
+//!   keypoint's neighbours, which come from an oracle ([`NeighbourLists::nearest`]) or are predicted from
+//!   descriptors;
+//! - [`graph`](graph()): the layout of the whole neighbour graph with each keypoint on its line. It is far stronger:
+//!   with true neighbours its errors on half-lines are one or two pixels where those of [`closed_form`] are hundreds;
+//! - [`prior_only`]: the best answer from the single line alone, and [`Density::expected_positions`], the same with a
+//!   density of keypoints learned from other images;
+//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, without an oracle (networks that predict
+//!   neighbours, positions and images are in [`learned`], cargo feature `networks`);
+//! - [`transfer`](transfer()): positions and neighbours transferred from map images with similar descriptors;
+//! - [`server_side()`], [`iterative`], [`guided_transfer`]: attacks by a server that has found the pose, and so knows
+//!   the keypoints that matched its map.
 //!
-//! Several queries of one place put together are attacked in the crate `veiloc_attacks::multi_view`.
+//! Attacks on several queries of one scene are in [`multi_view`].
 //!
-//! A large recovery error alone is not privacy: an attack that errs by 300 px where guessing errs by 90 px has only
-//! shown that it is a bad attack. So an attack is always reported beside the guess ([`bits_over_prior`]).
+//! A large recovery error alone does not show privacy: an attack with an error of 300 px is a bad attack if the
+//! prior-only baseline has an error of 90 px. So every attack is reported beside the baseline ([`bits_over_prior`]).
 //!
 //! ```
 //! use rand::SeedableRng;

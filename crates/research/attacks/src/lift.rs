@@ -1,7 +1,7 @@
 //! Textbook obfuscation: exact lines, no dither, no quantization, no wire.
 //!
-//! For tests and benches, where the truth must lie on the line to the last bit. What a device sends, dither and
-//! quantization included, is made by the obfuscation crate and read by [`Observation::of_sent`]; audits attack that.
+//! For tests and benches, where the true keypoint must lie exactly on the line. Audits attack what a device sends,
+//! with dither and quantization: the obfuscation crate makes it, and [`Observation::of_sent`] reads it.
 
 use std::f64::consts::PI;
 
@@ -16,10 +16,9 @@ pub fn random_lines(keypoints: &[Pixel], rng: &mut impl Rng) -> Vec<Observation>
     keypoints.iter().map(|&p| Observation::Line(PixelLine::through(p, rng.random_range(0.0..PI)))).collect()
 }
 
-/// Keypoints paired at random; the two of a pair swap one coordinate, drawn with a coin (the paper's reference: Pan
-/// et al., 2023). Each keypoint is then known to lie on the vertical or on the horizontal line through the position
-/// that was sent for it. With an odd count the last keypoint is swapped with an already used one, and so is sent
-/// with one coordinate of that.
+/// Keypoints paired at random; the two of a pair swap one coordinate, chosen by a coin (the paper's reference: Pan et
+/// al., 2023). Each keypoint then lies on the vertical or on the horizontal line through its sent position. With an
+/// odd count the last keypoint swaps with an already used one, and is sent with one coordinate of that one.
 pub fn coordinate_permutation(keypoints: &[Pixel], rng: &mut impl Rng) -> Vec<Observation> {
     let mut order: Vec<usize> = (0..keypoints.len()).collect();
     order.shuffle(rng);

@@ -1,9 +1,9 @@
-//! How far off recovered keypoints are.
+//! Errors of recovered keypoints.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::statistics::upper_median;
 
-/// Distance of each recovered keypoint from the true one, pixels. Infinite where either is not finite.
+/// Distance of each recovered keypoint from the true one, pixels. Infinite if either is not finite.
 pub fn errors_px(recovered: impl IntoIterator<Item = Pixel>, truth: &[Pixel]) -> Vec<f64> {
     recovered
         .into_iter()
@@ -15,10 +15,10 @@ pub fn errors_px(recovered: impl IntoIterator<Item = Pixel>, truth: &[Pixel]) ->
         .collect()
 }
 
-/// Errors of an attack in a few numbers.
+/// Summary of an attack's errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSummary {
-    /// How many keypoints.
+    /// Number of keypoints.
     pub count: usize,
     /// Mean error, pixels. NaN without keypoints. One answer far outside the image can dominate it.
     pub mean_px: f64,
@@ -33,7 +33,7 @@ pub struct ErrorSummary {
 }
 
 impl ErrorSummary {
-    /// Of these errors, pixels. NaN counts as infinite.
+    /// The summary of these errors, pixels. NaN counts as infinite.
     pub fn of(errors: &[f64]) -> Self {
         let mut sorted: Vec<f64> =
             errors.iter().map(|e| if e.is_nan() { f64::INFINITY } else { *e }).collect();
@@ -56,17 +56,17 @@ impl ErrorSummary {
     }
 }
 
-/// The upper median, 0 of none: where a scale is wanted.
+/// The upper median, 0 for an empty list: used as a scale.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     upper_median(&mut values).unwrap_or(0.0)
 }
 
-/// How many bits an attack tells about a keypoint beyond the prior guess, on average.
+/// Mean information gain of an attack over the prior-only baseline, bits per keypoint.
 ///
-/// The mean over keypoints of `log2(e_prior / e_attack)`, both errors held between 1 px (a keypoint is not known
-/// better than that) and the image's diagonal (nobody need answer outside the image). One bit means that the
-/// attack has halved the error of the guess; 0 that it knows nothing new; below 0 that it did worse than guessing.
-/// NaN without keypoints.
+/// The mean over keypoints of `log2(e_prior / e_attack)`. Both errors are clamped to 1 px (the accuracy of keypoints)
+/// and to the image's diagonal (an answer outside the image can always be improved). One bit means that the attack
+/// halves the error of the baseline; 0 means no gain; a negative value means that the attack is worse than the
+/// baseline. NaN without keypoints.
 pub fn bits_over_prior(attack_errors: &[f64], prior_errors: &[f64], width: u32, height: u32) -> f64 {
     let diagonal = f64::from(width).hypot(f64::from(height)).max(1.0);
     let held = |e: f64| if e.is_nan() { diagonal } else { e.clamp(1.0, diagonal) };

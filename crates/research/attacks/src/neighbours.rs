@@ -1,4 +1,4 @@
-//! Who is a neighbour of whom: the side information of the geometry-recovery attack.
+//! Neighbour lists: the side information of the geometry-recovery attack.
 
 use rand::Rng;
 use rayon::prelude::*;
@@ -50,9 +50,9 @@ impl NeighbourLists {
         Self::new(offsets, entries)
     }
 
-    /// What an oracle would tell: the `k` nearest true keypoints of each, itself left out, nearest first, equal
-    /// distances by index. Fewer where there are fewer keypoints. A keypoint that is not finite has no neighbours
-    /// and is nobody's.
+    /// The oracle: the `k` nearest true keypoints of each keypoint, without itself, nearest first; ties are ordered
+    /// by index. Fewer if there are fewer keypoints. A keypoint that is not finite has no neighbours and is on no
+    /// list.
     pub fn nearest(keypoints: &[Pixel], k: usize) -> Self {
         let grid = Grid::new(keypoints, k);
         let lists: Vec<Vec<u32>> =
@@ -60,15 +60,15 @@ impl NeighbourLists {
         Self::from_lists(&lists).expect("the grid only holds indices of keypoints")
     }
 
-    /// The same lists with each entry replaced, with probability `share`, by a keypoint drawn from all but the
-    /// list's own: what a poor predictor of neighbours would say.
+    /// The same lists with each entry replaced, with probability `share`, by a random keypoint other than the list's
+    /// own: simulates a poor predictor of neighbours.
     pub fn corrupted(&self, share: f64, rng: &mut impl Rng) -> Self {
         let n = self.len() as u32;
         let mut entries = self.entries.clone();
         for i in 0..self.len() {
             for entry in &mut entries[self.offsets[i]..self.offsets[i + 1]] {
                 if n > 1 && rng.random::<f64>() < share {
-                    // One of the n − 1 others.
+                    // One of the n − 1 other keypoints.
                     let other = rng.random_range(0..n - 1);
                     *entry = other + u32::from(other >= i as u32);
                 }
@@ -77,7 +77,7 @@ impl NeighbourLists {
         Self { offsets: self.offsets.clone(), entries }
     }
 
-    /// The same lists with those entries alone for which `keep(list, entry)` holds, in the same order.
+    /// The same lists restricted to the entries for which `keep(list, entry)` holds, in the same order.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(usize, u32) -> bool) -> Self {
         let mut offsets = vec![0];
@@ -102,7 +102,7 @@ impl NeighbourLists {
         self.offsets.len() - 1
     }
 
-    /// True when there is no list.
+    /// True when there are no lists.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -143,7 +143,7 @@ impl Grid {
         let size = [high[0] - low[0], high[1] - low[1]];
         let per_cell = (k as f64 / 4.0).clamp(1.0, count as f64);
         let cell = ((size[0] * size[1]) * per_cell / count as f64).sqrt();
-        // At most about as many cells as keypoints, also when they all lie on one line.
+        // At most about as many cells as keypoints, even if all keypoints lie on one line.
         let cell = cell.max((size[0] + size[1]) * per_cell / count as f64).max(1e-9);
         let columns = (size[0] / cell) as usize + 1;
         let rows = (size[1] / cell) as usize + 1;
@@ -180,7 +180,7 @@ impl Grid {
                     found.push(((q.u - p.u).powi(2) + (q.v - p.v).powi(2), j));
                 }
             });
-            // Everything within `ring` cell widths of the own cell's border has been seen.
+            // Everything within `ring` cell widths of the own cell's border has been visited.
             let seen = ring as f64 * self.cell;
             if found.iter().filter(|f| f.0 <= seen * seen).count() >= k {
                 break;

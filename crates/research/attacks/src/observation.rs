@@ -1,27 +1,26 @@
-//! What an attacker holds of one keypoint.
+//! Observations: what an attacker holds of one keypoint.
 
 use veiloc_geometry::{Anchor, PencilLine, Pencils, Pixel, PixelLine, Span};
 use veiloc_protocol::Observations;
 
-/// What one sealed row tells about the position of its keypoint.
+/// Constraint of one sealed row on the position of its keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Observation {
     /// The keypoint lies on this line: random lines.
     Line(PixelLine),
-    /// The keypoint lies on this line of a pencil, in one of few stretches: Dual Convergent Lines.
+    /// The keypoint lies on this line of a pencil, in one of a few stretches: Dual Convergent Lines.
     Pencil(PencilRow),
-    /// The keypoint lies on one of these two lines: coordinate permutation, where a sent position `(u, v)` has
-    /// kept one of its two coordinates, so the keypoint is somewhere on the vertical line through it or somewhere
-    /// on the horizontal one.
+    /// The keypoint lies on one of these two lines: coordinate permutation. One coordinate of the sent position `(u,
+    /// v)` is that of the keypoint, so the keypoint lies on the vertical or on the horizontal line through it.
     EitherLine([PixelLine; 2]),
-    /// The keypoint is here: a server that has found the pose projects the map point it matched.
+    /// The keypoint has this position: a server that has found the pose projects the map point it matched.
     Known(Pixel),
 }
 
-/// A line of a pencil, and where on it the keypoint may be.
+/// A line of a pencil, and its stretches that can hold the keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PencilRow {
-    /// Lines of one anchor meet in it and nowhere else.
+    /// Lines of one anchor meet only in it.
     pub anchor: Anchor,
     /// The line; its direction leads away from the anchor.
     pub line: PencilLine,
@@ -30,10 +29,10 @@ pub struct PencilRow {
 }
 
 impl PencilRow {
-    /// Stretches that are told apart: more, of very fine sectors, are joined where the gap between them is smallest.
+    /// Maximum number of stretches; with finer sectors, stretches are joined at the smallest gaps.
     pub const MOST: usize = 8;
 
-    /// Of a line with these stretches, in order.
+    /// A line with these stretches, in order.
     pub fn new(anchor: Anchor, line: PencilLine, mut spans: Vec<Span>) -> Self {
         while spans.len() > Self::MOST {
             let gap = |k: &usize| spans[k + 1].near - spans[*k].far;
@@ -45,17 +44,17 @@ impl PencilRow {
         Self { anchor, line, stretches, count: spans.len() }
     }
 
-    /// Where the keypoint may be, in order; empty when the line misses the image.
+    /// The stretches that can hold the keypoint, in order; empty when the line misses the image.
     pub fn stretches(&self) -> &[Span] {
         &self.stretches[..self.count]
     }
 
-    /// Where the line begins, when that is not too far away.
+    /// The origin of the line, unless it is too far away.
     pub fn begins(&self) -> Option<Pixel> {
         (self.line.offset == 0.0).then_some(self.line.origin)
     }
 
-    /// Whether a pixel near the line is in one of its stretches, or at most `margin` pixels beside one.
+    /// Whether a pixel near the line is in one of its stretches, or at most `margin` pixels outside one.
     pub fn holds(&self, pixel: Pixel, margin: f64) -> bool {
         let t = self.line.direction.dot(&(pixel.vector() - self.line.origin.vector()));
         self.stretches().iter().any(|s| s.near - margin <= t && t <= s.far + margin)
@@ -66,13 +65,13 @@ impl Observation {
     /// The line of Dual Convergent Lines with this anchor and angle (as [`Pencils::angle_of`]).
     ///
     /// # Panics
-    /// When the half-plane does not meet the image plane: what comes from the wire does.
+    /// When the half-plane does not meet the image plane; decoded queries are checked for this.
     pub fn anchored(pencils: &Pencils, anchor: Anchor, angle: f64) -> Self {
         let line = pencils.along(anchor, angle).expect("it meets the image plane");
         Self::Pencil(PencilRow::new(anchor, line, pencils.spans(anchor, angle)))
     }
 
-    /// The candidates of a position that kept one of its coordinates: the vertical line, then the horizontal one.
+    /// The candidates of a permuted position: the vertical line, then the horizontal one.
     pub fn permuted(sent: Pixel) -> Self {
         Self::EitherLine([
             PixelLine::through(sent, std::f64::consts::FRAC_PI_2),
@@ -80,7 +79,7 @@ impl Observation {
         ])
     }
 
-    /// What was sent for each keypoint, as an attacker reads it: `[N]` in the order of the rows.
+    /// The sent observations as an attacker reads them: `[N]` in the order of the rows.
     pub fn of_sent(sent: &Observations) -> Vec<Self> {
         match sent {
             Observations::Points(pixels) => pixels.iter().copied().map(Self::Known).collect(),
@@ -92,7 +91,7 @@ impl Observation {
         }
     }
 
-    /// The lines on one of which the keypoint lies; the second is `None` where there is one, both are for a known
+    /// The candidate lines of the keypoint; the second is `None` for a single line, both are `None` for a known
     /// position.
     pub fn lines(&self) -> [Option<PixelLine>; 2] {
         match *self {
@@ -105,8 +104,8 @@ impl Observation {
         }
     }
 
-    /// Distance of a pixel from what is known, in pixels: from the line, from the nearer of two candidates,
-    /// or from the known position.
+    /// Distance of a pixel from the constraint, pixels: from the line, from the nearer of two candidates, or from the
+    /// known position.
     pub fn distance(&self, pixel: Pixel) -> f64 {
         if let Self::Known(known) = self {
             return known.distance(&pixel);

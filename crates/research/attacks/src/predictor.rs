@@ -1,7 +1,7 @@
-//! Neighbours predicted from descriptors, without any position: a statistic of which descriptors occur side by side.
+//! Neighbours predicted from descriptors, without positions: a statistic of the co-occurrence of descriptors.
 //!
-//! The descriptors `x`, `y` of two keypoints of one image, the image's mean taken off, are taken to be jointly
-//! normal with the same covariance each; for spatial neighbours they are correlated, for other pairs not. In the
+//! The descriptors `x`, `y` of two keypoints of one image, after subtraction of the image's mean, are modelled as
+//! jointly normal with equal covariances; for spatial neighbours they are correlated, for other pairs not. In the
 //! coordinates of canonical correlation analysis (covariance the identity, cross-covariance diagonal) the logarithm
 //! of the likelihood ratio is
 //!
@@ -19,28 +19,29 @@ use crate::features::{Descriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 use crate::ranking::likeliest_pairs;
 
-/// Directions of descriptor space that are kept. Twice as many gain hardly anything on held-out images.
+/// Number of directions of descriptor space that are used. Twice as many hardly improve the result on held-out
+/// images.
 const DIRECTIONS: usize = 64;
-/// Added to the variances, of unit descriptors; keeps directions without variance from being blown up.
+/// Added to the variances of unit descriptors; avoids a division by zero in directions without variance.
 const FLOOR: f64 = 1e-6;
-/// Correlations are held below this, so that the ratio stays finite.
+/// Upper bound of correlations, which keeps the ratio finite.
 const LARGEST_CORRELATION: f64 = 0.99;
 
-/// Says from descriptors alone which keypoints are likely neighbours.
+/// Predicts from descriptors alone which keypoints are neighbours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NeighbourPredictor {
-    /// `[dimension, directions]`: canonical coordinates of a descriptor with the image's mean taken off.
+    /// `[dimension, directions]`: canonical coordinates of a descriptor after subtraction of the image's mean.
     canonical: DMatrix<f32>,
-    /// `[directions]`: correlation of neighbours along each.
+    /// `[directions]`: correlation of neighbours along each direction.
     correlations: DVector<f32>,
 }
 
 impl NeighbourPredictor {
-    /// Learns from images with known positions: the `k` nearest keypoints of each are its neighbours.
+    /// Fits the statistic to images with known positions: the neighbours of a keypoint are its `k` nearest keypoints.
     ///
     /// # Errors
-    /// [`AttackError::NothingToLearn`] when no keypoint has a neighbour, [`AttackError::Dimensions`] when images have
-    /// descriptors of different dimension.
+    /// [`AttackError::NothingToLearn`] when no keypoint has a neighbour, [`AttackError::Dimensions`] when the
+    /// descriptors of images have different dimensions.
     pub fn fit(images: &[KnownImage], k: usize) -> Result<Self, AttackError> {
         let dimension = images.first().map_or(0, |p| p.descriptors().columns().nrows());
         let mut covariance = DMatrix::<f64>::zeros(dimension, dimension);
@@ -82,10 +83,10 @@ impl NeighbourPredictor {
         })
     }
 
-    /// The `k` likeliest neighbours of each keypoint, likeliest first, equal ones by index.
+    /// The `k` likeliest neighbours of each keypoint, likeliest first; ties are ordered by index.
     ///
     /// # Errors
-    /// [`AttackError::Dimensions`] when the descriptors are of another dimension than those learned from.
+    /// [`AttackError::Dimensions`] when the descriptors have another dimension than the training descriptors.
     pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
         let found = descriptors.columns().nrows();
         if found != self.canonical.nrows() {

@@ -1,41 +1,45 @@
-//! What is known of a keypoint before any neighbour is asked: a piece of a line, and where on it to bet.
+//! The prior-only baseline: the best answer from the single line of a keypoint, without neighbours.
 //!
-//! Keypoints are taken to be spread evenly over the image. The bet is the expected position given what was sent,
-//! which has the smallest mean squared error of all bets.
-//! - **Line in a random direction:** every keypoint on it is as likely, the direction having been drawn without
-//!   looking: uniform along the chord in the image, so the chord's middle.
-//! - **Line of a pencil:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r` from the anchor, so far keypoints
-//!   are likelier in proportion to `r`; between the distances `a` and `b` the expected distance is `⅔ (b³ − a³)/(b² − a²)`.
-//!   Where the anchor's sectors leave several stretches, each is as likely as the area of its part of the wedge.
-//! - **Either of two lines:** the mean of what each would say, both being as likely.
-//! - **Known position:** itself.
+//! Keypoints are assumed to be uniform over the image. The baseline is the expected position given the sent
+//! observation, which minimises the mean squared error.
+//! - **Line in a random direction:** every position on it has the same probability, because the direction is
+//!   independent of the keypoint: uniform along the chord in the image, so the expected position is the chord's
+//!   centre.
+//! - **Line of a pencil:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r` from the anchor, so the
+//!   density is proportional to `r`; between the distances `a` and `b` the expected distance is `⅔ (b³ − a³)/(b² −
+//!   a²)`. If the anchor's sectors leave several stretches, the probability of each is proportional to the area of
+//!   its part of the wedge.
+//! - **One of two lines:** the mean of both expected positions; both lines have the same probability.
+//! - **Known position:** the position itself.
 
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, Pixel, PixelLine};
 
 use crate::observation::{Observation, PencilRow};
 
-/// A part of a line in which the keypoint may be: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
+/// A part of a line that can hold the keypoint: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownSegment {
-    /// The anchor, for a line that begins there; of others, the point nearest to the image's centre.
+    /// The anchor, for a line that begins there; otherwise the point nearest to the image's centre.
     pub origin: Pixel,
     /// Unit direction; zero for a known position.
     pub direction: Vector2<f64>,
-    /// Where it begins. `near > far` when the line misses the image.
+    /// Start of the segment. `near > far` when the line misses the image.
     pub near: f64,
-    /// Where it ends.
+    /// End of the segment.
     pub far: f64,
     /// The anchor, for a line of a pencil.
     pub anchor: Option<Anchor>,
-    /// How likely a keypoint is at `t`, up to one factor for the observation: the first plus `t` times the second.
+    /// Density of the keypoint at `t`, up to one factor for the observation: the first value plus `t` times the
+    /// second.
     pub growth: [f64; 2],
-    /// How likely the keypoint is in this segment and not in another of the same observation.
+    /// Probability that the keypoint is in this segment, among all segments of the same observation.
     pub share: f64,
 }
 
 impl KnownSegment {
-    /// The candidates of an observation: one, two for a permuted position, and one for each stretch of a line of a pencil.
+    /// The candidate segments of an observation: one for a line, two for a permuted position, one per stretch of a
+    /// line of a pencil.
     pub fn of(observation: &Observation, width: u32, height: u32) -> Vec<Self> {
         match observation {
             Observation::Line(line) => vec![Self::of_line(line, width, height)],
@@ -47,7 +51,7 @@ impl KnownSegment {
         }
     }
 
-    /// All of its line from the first candidate to the last; `None` for one of two lines.
+    /// The segment from the first candidate to the last on the same line; `None` for one of two lines.
     pub fn hull(observation: &Observation, width: u32, height: u32) -> Option<Self> {
         let candidates = Self::of(observation, width, height);
         match (observation, candidates.as_slice()) {
@@ -58,7 +62,7 @@ impl KnownSegment {
         }
     }
 
-    /// A position that is known: a segment without length.
+    /// A known position: a segment of length zero.
     fn point(pixel: Pixel) -> Self {
         Self {
             origin: pixel,
@@ -113,7 +117,7 @@ impl KnownSegment {
         Self { origin, direction, near, far, anchor: None, growth: [1.0, 0.0], share: 1.0 }
     }
 
-    /// How likely a keypoint is at `t`, up to one factor for the observation.
+    /// Density of the keypoint at `t`, up to one factor for the observation.
     pub fn likelihood(&self, t: f64) -> f64 {
         (self.growth[0] + self.growth[1] * t).max(0.0)
     }
@@ -142,12 +146,12 @@ impl KnownSegment {
         let (a, b) = (self.near, self.far);
         let middle = f64::midpoint(a, b);
         let mass = self.mass();
-        // ∫ t (g₀ + g₁ t) dt over ∫ (g₀ + g₁ t) dt: the middle, and what the growth adds.
+        // ∫ t (g₀ + g₁ t) dt over ∫ (g₀ + g₁ t) dt: the centre plus a term for the growth.
         if mass > 0.0 { middle + self.growth[1] * (b - a).powi(3) / (12.0 * mass) } else { middle }
     }
 }
 
-/// The mean of what the candidates of an observation say, each by its share.
+/// The mean of the candidates' positions, weighted by their shares.
 pub(crate) fn mean(candidates: &[KnownSegment], at: impl Fn(&KnownSegment) -> (Pixel, f64)) -> Pixel {
     let (mut sum, mut weight) = (Vector2::zeros(), 0.0);
     for segment in candidates {
@@ -158,10 +162,10 @@ pub(crate) fn mean(candidates: &[KnownSegment], at: impl Fn(&KnownSegment) -> (P
     Pixel::new(sum.x / weight, sum.y / weight)
 }
 
-/// The expected position of each keypoint when nothing is known but its own observation (module docs).
+/// The expected position of each keypoint given its own observation alone (module docs).
 ///
-/// `width`, `height`: the image, pixels. A line that misses the image answers its point nearest to the centre,
-/// a line of a pencil its anchor.
+/// `width`, `height`: the image, pixels. For a line that misses the image the result is its point nearest to the
+/// centre; for a line of a pencil it is the anchor.
 pub fn prior_only(observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
     let guess = |o: &Observation| {
         mean(&KnownSegment::of(o, width, height), |segment| (segment.at(segment.expected()), segment.share))
@@ -176,7 +180,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::{AnchorPlace, Layout, Pencils, Sectors, Span};
 
-    /// The mean of evenly spread keypoints whose observation is nearly the given one, found by drawing.
+    /// The mean of uniform keypoints whose observation is close to the given one, by Monte Carlo.
     #[test]
     fn half_line_answers_the_mean_of_keypoints_in_a_thin_wedge() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -206,8 +210,8 @@ mod tests {
         }
     }
 
-    /// Stripes with anchors outside the image and at infinity: the mean of drawn keypoints whose angle is nearly the same, and
-    /// each of them in one of the stretches.
+    /// Stripes with anchors outside the image and at infinity: the mean of random keypoints with nearly the same
+    /// angle; each of them lies in one of the stretches.
     #[test]
     fn stripes_answer_the_mean_of_keypoints_in_a_thin_wedge() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);

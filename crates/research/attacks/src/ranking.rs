@@ -1,12 +1,12 @@
-//! The most likely neighbours of every keypoint, from scores of pairs that never stand in memory all at once.
+//! The most likely neighbours of every keypoint, from a matrix of pair scores that is computed in blocks.
 
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::DMatrix;
 
-/// Rows of the table of scores that are worked on together.
+/// Rows of the score matrix per block.
 const BLOCK: usize = 256;
 
-/// For each keypoint `i` the `k` others with the greatest `xⱼᵀ wᵢ − ownⱼ`, greatest first, equal ones by index.
+/// For each keypoint `i` the `k` others with the greatest `xⱼᵀ wᵢ − ownⱼ`, greatest first; ties are ordered by index.
 ///
 /// `x` and `w` are `[dimension, N]`, `own` is `[N]`.
 pub fn likeliest_pairs(x: &DMatrix<f32>, w: &DMatrix<f32>, own: &[f32], k: usize) -> Vec<Vec<u32>> {

@@ -1,13 +1,13 @@
-//! Which keypoints of two queries show the same place, by descriptors alone.
+//! Matches between two queries by descriptors alone.
 
 use crate::error::AttackError;
 use crate::features::Descriptors;
 
-/// For each descriptor of `from` the one of `to` that is each other's nearest and nearer than the second by `ratio`
-/// (of distances, 0 to 1), if there is one: `[N]` of `from`.
+/// Mutual nearest neighbours with a ratio test: for each descriptor of `from` its match in `to`, if there is one:
+/// `[N]` of `from`. `ratio`: largest ratio of the distances to the nearest and to the second nearest, 0 to 1.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when the two have descriptors of different dimension.
+/// [`AttackError::Dimensions`] when the descriptors have different dimensions.
 pub fn mutual_matches(
     from: &Descriptors,
     to: &Descriptors,
@@ -17,7 +17,7 @@ pub fn mutual_matches(
     if expected != found {
         return Err(AttackError::Dimensions { expected, found });
     }
-    // [to, from]: the cosines of one descriptor of `from` are one column.
+    // [to, from]: one column per descriptor of `from`.
     let similarity = to.cosines(from);
     let mut back = vec![(f32::NEG_INFINITY, 0); to.len()];
     let mut best = Vec::with_capacity(from.len());
@@ -36,7 +36,7 @@ pub fn mutual_matches(
         }
         best.push((own, second));
     }
-    // Of unit vectors.
+    // For unit vectors.
     let distance = |s: f32| (2.0 - 2.0 * f64::from(s)).max(0.0).sqrt();
     let nearer = |own: f32, second: f32| !second.is_finite() || distance(own) < ratio * distance(second);
     let answer = |(i, (own, second)): (usize, ((f32, usize), f32))| {
@@ -54,7 +54,7 @@ mod tests {
         let of = |rows: &[[u8; 3]]| Descriptors::new(rows.as_flattened(), 3).expect("whole");
         let from = of(&[[255, 0, 0], [0, 255, 0], [250, 20, 0], [0, 0, 255]]);
         let to = of(&[[0, 255, 10], [255, 2, 0], [0, 60, 255], [0, 55, 255]]);
-        // The third prefers what the first fits better; the fourth has two that fit as well.
+        // The third prefers a descriptor that the first matches better; the fourth has two equally good matches.
         let matches = mutual_matches(&from, &to, 0.9).expect("one dimension");
         assert_eq!(matches, [Some(1), Some(0), None, None]);
         assert_eq!(mutual_matches(&from, &to, 1.0).expect("one dimension")[3], Some(3));

@@ -1,9 +1,9 @@
-//! Positions transferred from images the attacker knows: a server holds the features of its map.
+//! Positions transferred from images that the attacker knows: a server holds the features of its map.
 //!
-//! Descriptors are sent as they are, so a server matches them; each match brings the position of a keypoint in a map
-//! image, and a map image taken from nearly the same place has it at nearly the same position. That position,
-//! projected on the known segment, is an attack by itself ([`Transfer::projected`]); and keypoints near each other
-//! in the map image are predicted neighbours ([`Transfer::neighbours`]) for every attack that asks for some.
+//! Descriptors are sent without change, so a server can match them. Each match gives the position of a keypoint in a
+//! map image; in a map image from a nearby viewpoint this is nearly its position in the query. The transferred
+//! position, projected on the segment, is an attack by itself ([`Transfer::projected`]), and keypoints near each
+//! other in the map image are predicted neighbours ([`Transfer::neighbours`]) for attacks that need them.
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
@@ -14,16 +14,16 @@ use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::{KnownSegment, prior_only};
 
-/// What map images tell about a query.
+/// What map images reveal about a query.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transfer {
-    /// `[N]`: where the best match of each keypoint lies, in pixels of the query; `None` without a map.
+    /// `[N]`: position of the best match of each keypoint, in pixels of the query; `None` without a map.
     pub positions: Vec<Option<Pixel>>,
     /// `[N]`: the keypoints whose mutual matches lie nearest to it in the same map image, nearest first.
     pub neighbours: NeighbourLists,
 }
 
-/// The best match of each query keypoint in one image, and who is each other's best.
+/// The best match of each query keypoint in one image, and which matches are mutual.
 struct Matches {
     /// `[N]`: similarity and map keypoint.
     best: Vec<(f32, usize)>,
@@ -33,11 +33,12 @@ struct Matches {
 
 /// Matches a query's descriptors against map images and transfers positions and neighbours.
 ///
-/// Of `map` only the `images` with most mutual matches are used. `width`, `height`: the query image, pixels.
-/// A keypoint takes its most similar mutual match of all those images, or without any the most similar match.
+/// Only the `images` images of `map` with the most mutual matches are used. `width`, `height`: the query image,
+/// pixels. For each keypoint the most similar mutual match of all these images is used, or, without mutual matches,
+/// the most similar match.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when a map image has descriptors of another dimension.
+/// [`AttackError::Dimensions`] when the descriptors of a map image have another dimension.
 pub fn transfer(
     query: &Descriptors,
     map: &[KnownImage],
@@ -54,7 +55,7 @@ pub fn transfer(
         .filter(|p| !p.descriptors().is_empty())
         .map(|p| (p, Matches::of(query, p.descriptors())))
         .collect();
-    // Stable: equal counts stay in the order of the map.
+    // A stable sort keeps the order of the map for equal counts.
     matched.sort_by_key(|(_, m)| std::cmp::Reverse(m.mutual.iter().filter(|m| **m).count()));
     matched.truncate(images);
 
@@ -79,7 +80,7 @@ pub fn transfer(
 }
 
 impl Transfer {
-    /// The transferred positions projected on the known segments; the guess where there is none.
+    /// The transferred positions projected on the segments; the prior-only baseline where there is no match.
     pub fn projected(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
         let guess = prior_only(observations, width, height);
         let answer = |((o, guess), position): ((&Observation, Pixel), &Option<Pixel>)| {
@@ -100,7 +101,7 @@ impl Transfer {
 
 impl Matches {
     fn of(query: &Descriptors, map: &Descriptors) -> Self {
-        // [map, query]: the similarities of one query keypoint are one column.
+        // [map, query]: one column per query keypoint.
         let similarity = map.cosines(query);
         let mut back = vec![(f32::NEG_INFINITY, 0); map.len()];
         let mut best = Vec::with_capacity(query.len());
@@ -120,7 +121,7 @@ impl Matches {
         Self { best, mutual }
     }
 
-    /// Positions in the map image of the mutual matches, and whose they are.
+    /// Mutual matches: position in the map image and index of the query keypoint.
     fn anchors(&self, image: &KnownImage) -> Vec<(Pixel, u32)> {
         let all = self.best.iter().zip(&self.mutual).enumerate();
         all.filter(|(_, (_, mutual))| **mutual)

@@ -1,11 +1,12 @@
-//! Squared distance from a point that slides along a line to what is known of a neighbour: quadratics, piece by piece.
+//! Squared distance from a point that slides along a line to a neighbour's line or position, as piecewise quadratics.
 //!
 //! On `x(t) = o + t v` the signed distance to a neighbour's line is linear, `d(t) = α t + β`, so its square is one
-//! quadratic. What has ends or alternatives breaks into pieces:
-//! - a **segment or half-line** is as far as its line while the foot of the perpendicular lies on it, and as far as
-//!   its end beyond: at most two breaks;
-//! - **either of two lines** is as far as the nearer, which changes where `d₁ = ±d₂`: at most two breaks;
-//! - a **known point** is one quadratic, `t² − 2 t vᵀ(p − o) + |p − o|²`.
+//! quadratic. Ends and alternatives break it into pieces:
+//! - for a **segment or half-line** the distance is that to its line while the foot of the perpendicular lies on it,
+//!   and that to its end otherwise: at most two breaks;
+//! - for **two alternative lines** the distance is that to the nearer line, which changes where `d₁ = ±d₂`: at most
+//!   two breaks;
+//! - for a **known point** it is one quadratic, `t² − 2 t vᵀ(p − o) + |p − o|²`.
 
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, Pixel};
@@ -42,10 +43,10 @@ impl Quadratic {
     }
 }
 
-/// What is known of a neighbour, ready to be asked for its distance many times.
+/// Constraint that a neighbour's observation puts on positions, prepared for repeated distance evaluations.
 #[derive(Clone, Copy)]
 pub(super) enum Place {
-    /// A line `(a, b, c)` of unit normal and, where it has ends, its segment.
+    /// A line `(a, b, c)` with unit normal and, if it has ends, its segment.
     Line { line: [f64; 3], ends: Option<KnownSegment>, anchor: Option<Anchor> },
     /// One of two lines.
     Either([[f64; 3]; 2]),
@@ -64,7 +65,7 @@ impl Place {
                     Observation::Pencil(row) => Some(row.anchor),
                     _ => None,
                 };
-                // Several stretches of one line count from the first to the last.
+                // Several stretches of one line are merged into the stretch from the first to the last.
                 let known = KnownSegment::hull(&observation, width, height);
                 let ends = match extent {
                     Extent::Line => None,
@@ -81,26 +82,26 @@ impl Place {
         }
     }
 
-    /// Whether this is a line of the pencil of `segment`: such lines meet in the anchor and nowhere else.
+    /// Whether the line belongs to the same pencil as `segment`: such lines meet only in the anchor.
     pub(super) fn shares_anchor(&self, segment: &KnownSegment) -> bool {
         matches!(self, Self::Line { anchor: Some(anchor), .. } if segment.anchor == Some(*anchor))
     }
 }
 
-/// `[α, β]` of a line seen from `o + t v`.
+/// `[α, β]` of the signed distance of `o + t v` from a line.
 fn slope(l: [f64; 3], o: Pixel, v: Vector2<f64>) -> [f64; 2] {
     [l[0] * v.x + l[1] * v.y, l[0] * o.u + l[1] * o.v + l[2]]
 }
 
-/// The squared distance along a line: the first piece, and where which piece follows.
+/// The squared distance along a line: the first piece, and the start of each following piece.
 pub(super) struct Pieces {
     pub(super) first: Quadratic,
-    /// Rising in `t`.
+    /// Ordered by `t`.
     pub(super) then: [Option<(f64, Quadratic)>; 2],
 }
 
 impl Pieces {
-    /// Of `place`, along `segment`'s whole line.
+    /// The squared distance to `constraint` along the whole line of `segment`.
     pub(super) fn of(place: &Place, segment: &KnownSegment) -> Self {
         let (o, v) = (segment.origin, segment.direction);
         match place {
@@ -148,7 +149,7 @@ impl Pieces {
     }
 
     fn of_either([a1, b1]: [f64; 2], [a2, b2]: [f64; 2]) -> Self {
-        // d₁ = d₂ and d₁ = −d₂; slopes of equal size leave one or none of the two.
+        // d₁ = d₂ and d₁ = −d₂; with slopes of equal size at most one of the two has a solution.
         let crossing = |slope: f64, offset: f64| (slope.abs() > 1e-12).then(|| -offset / slope);
         let mut breaks = [crossing(a1 - a2, b1 - b2), crossing(a1 + a2, b1 + b2)];
         if let [Some(x), Some(y)] = breaks
@@ -158,7 +159,8 @@ impl Pieces {
         } else if breaks[0].is_none() {
             breaks.swap(0, 1);
         }
-        // Left of all crossings the order of the two distances does not change; ask well before the first one.
+        // Left of all crossings the order of the two distances does not change; evaluate it well before the first
+        // one.
         let probe = breaks[0].filter(|t| t.is_finite()).map_or(0.0, |t| t - 1.0 - t.abs() * 1e-3);
         let mut lines = [Quadratic::of_line([a1, b1]), Quadratic::of_line([a2, b2])];
         if (a1 * probe + b1).abs() > (a2 * probe + b2).abs() {

@@ -1,16 +1,16 @@
-//! Which of a keypoint's supposed neighbours agree with each other: filtering of falsely predicted ones.
+//! Consensus among a keypoint's predicted neighbours: filtering of false ones.
 //!
-//! The attack of Chelani et al. (2024) draws a few supposed neighbours, recovers the keypoint from them, counts who
-//! agrees, and keeps the largest consensus. A keypoint has one unknown and so a draw is a single neighbour: all
-//! draws can be tried, and nothing is left to chance.
+//! The attack of Chelani et al. (2024) draws a few predicted neighbours, recovers the keypoint from them, counts the
+//! neighbours that agree, and keeps the largest consensus. A keypoint on a line has one unknown, so a sample is a
+//! single neighbour: all samples are tried, without randomness.
 
 use crate::geometry_recovery::along::{Pieces, Place, Quadratic};
 use crate::prior::KnownSegment;
 
 /// The neighbours on `list` that agree with the best of all single-neighbour hypotheses within `limit` pixels.
 ///
-/// A neighbour's hypothesis is the point of the segment nearest to it. `low`, `high`: where hypotheses may lie. The
-/// first of equally supported hypotheses wins.
+/// The hypothesis of a neighbour is the point of the segment nearest to it. `low`, `high`: interval of allowed
+/// hypotheses. Ties go to the first hypothesis.
 pub(super) fn agreeing(
     segment: &KnownSegment,
     list: &[u32],

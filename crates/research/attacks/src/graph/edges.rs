@@ -1,14 +1,14 @@
-//! Which listed neighbours to believe, and how far apart believed ones are: shared neighbours.
+//! Which listed neighbours are accepted as edges, and how long accepted edges are: shared neighbours.
 //!
-//! Two keypoints near each other have most of their neighbours in common; a false edge joins two that have none but
-//! by chance. With lists of `k_i` and `k_j` among `n` keypoints, chance gives Poisson-many common entries of mean
-//! `k_i k_j / n`; an edge is believed when that would be surprising. Counting again among believed edges only was
-//! tried and is no gain: lost true edges come back, but so do false ones between dense places, or, with the first
-//! count's edges dropped, the graph falls into islands.
+//! Two keypoints near each other share most of their neighbours; the ends of a false edge share neighbours only by
+//! chance. With lists of `k_i` and `k_j` among `n` keypoints, the number of entries shared by chance is Poisson with
+//! mean `k_i k_j / n`; an edge is accepted when its count is improbable under that distribution. A second count among
+//! accepted edges only was tried and did not help: it restores true edges but also false ones between dense regions,
+//! or, with the edges of the first count dropped, splits the graph into islands.
 
 use crate::neighbours::NeighbourLists;
 
-/// A believed edge.
+/// An accepted edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Edge {
     pub(super) to: u32,
@@ -17,20 +17,20 @@ pub(super) struct Edge {
     pub(super) length: f64,
 }
 
-/// Believed edges, symmetric, by rising end.
+/// Accepted edges, symmetric, sorted by end.
 pub(super) struct Edges {
     of: Vec<Vec<Edge>>,
-    /// Share of the listed neighbours that are not believed.
+    /// Share of the listed neighbours that are rejected.
     pub(super) doubted: f64,
 }
 
-/// Chance that coincidence joins a false edge, above which it is not believed.
+/// Largest probability of the count under chance for which an edge is accepted.
 const SURPRISE: f64 = 1e-3;
 
 impl Edges {
     pub(super) fn believed(lists: &NeighbourLists) -> Self {
         let n = lists.len();
-        // Both ways: a false entry is seldom returned, a true one mostly is.
+        // Both directions: a false entry is rarely mutual, a true entry usually is.
         let mut ends: Vec<Vec<u32>> = vec![Vec::new(); n];
         for i in 0..n {
             for &j in lists.of(i).iter().filter(|j| **j as usize != i) {
@@ -59,14 +59,14 @@ impl Edges {
         &self.of[i]
     }
 
-    /// The believed neighbours as lists.
+    /// The accepted neighbours as lists.
     pub(super) fn lists(&self) -> NeighbourLists {
         let lists: Vec<Vec<u32>> = self.of.iter().map(|l| l.iter().map(|e| e.to).collect()).collect();
         NeighbourLists::from_lists(&lists).expect("ends are indices of observations")
     }
 }
 
-/// The list and the keypoint itself, sorted.
+/// The list plus the keypoint itself, sorted.
 fn closed(list: &[u32], i: usize) -> Vec<u32> {
     let mut all: Vec<u32> = list.iter().copied().chain([i as u32]).collect();
     all.sort_unstable();
@@ -74,7 +74,7 @@ fn closed(list: &[u32], i: usize) -> Vec<u32> {
     all
 }
 
-/// The edges whose ends have surprisingly much in common.
+/// The edges whose ends share more neighbours than chance explains.
 fn keep(ends: &[Vec<u32>], closed: &[Vec<u32>], n: usize) -> Vec<Vec<Edge>> {
     let edge = |i: usize, j: u32| {
         let (a, b) = (&closed[i], &closed[j as usize]);

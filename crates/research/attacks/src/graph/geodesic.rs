@@ -1,4 +1,4 @@
-//! Distances along the graph from a few keypoints to all: Dijkstra's shortest paths over believed edges.
+//! Graph distances from a few landmarks to all keypoints: Dijkstra's shortest paths over accepted edges.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -28,8 +28,8 @@ impl PartialOrd for Open {
     }
 }
 
-/// `[landmarks][n]`: shortest way from each landmark, an edge `(i, j)` counting `length · ½ (scale_i + scale_j)`.
-/// Infinite where there is none.
+/// `[landmarks][n]`: length of the shortest path from each landmark; an edge `(i, j)` has the length `length · ½
+/// (scale_i + scale_j)`. Infinite without a path.
 pub(super) fn from_landmarks(edges: &Edges, landmarks: &[usize], scale: &[f64]) -> Vec<Vec<f64>> {
     landmarks.par_iter().map(|&l| shortest(edges, l, scale)).collect()
 }

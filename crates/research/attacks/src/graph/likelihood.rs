@@ -1,22 +1,22 @@
-//! How likely the lists are, given positions; and positions made likelier.
+//! Likelihood of the neighbour lists given positions, and maximisation of it over positions.
 //!
 //! A true list names the `k` nearest keypoints, so `j` is on the list of `i` when it lies within some radius `ρ_i`.
-//! The radius is unknown and differs from place to place with the density of keypoints. With a share `q` of false
-//! entries and a soft edge of relative width `s`,
+//! The radius is unknown and varies with the local density of keypoints. With a share `q` of false entries and a soft
+//! edge of relative width `s`,
 //!
 //! ```text
 //! P(j on list of i | d_ij) = (1 − q) σ((ρ_i − d_ij) / (s ρ_i)) + q k / n
 //! ```
 //!
-//! and the cost is `−Σ log P` over listed pairs `− Σ log(1 − P)` over pairs that are near but not listed. No
-//! distance is ever assumed: only the order of distances around each keypoint counts, hence the density of
-//! keypoints does not matter.
+//! and the cost is `−Σ log P` over listed pairs `− Σ log(1 − P)` over pairs that are near but not listed. No absolute
+//! distance is assumed: only the order of distances around each keypoint matters, so the density of keypoints does
+//! not.
 //!
-//! Each `ρ_i` is set where the cost is least. This matters: with a radius set otherwise (by counting neighbours,
-//! say) all pairs together push or pull, and on half-lines that converge the whole image grows or shrinks by tens
-//! of pixels; at the best radius that pressure is zero.
+//! Each `ρ_i` is set to its minimiser. With any other radius (for example from counting neighbours) the pairs have a
+//! common radial gradient, and on half-lines that converge the whole layout grows or shrinks by tens of pixels; at
+//! the best radius this gradient is zero.
 //!
-//! `s` falls from sweep to sweep, so that far-off layouts are drawn in first and the sharp truth is met last; `q` is
+//! `s` decreases from sweep to sweep (coarse to fine), so layouts far from the optimum converge first; `q` is
 //! estimated on the way.
 
 use rayon::prelude::*;
@@ -27,11 +27,11 @@ use super::rail::{Rail, pixels, positions};
 use crate::metrics::median;
 use crate::neighbours::NeighbourLists;
 
-/// The cost of layouts, and what is estimated beside the positions.
+/// The cost of layouts, with the parameters that are estimated beside the positions.
 pub(super) struct ListLikelihood<'a> {
     rails: &'a [Rail],
     lists: &'a NeighbourLists,
-    /// Listed neighbours of each, sorted, for looking up.
+    /// Sorted listed neighbours of each keypoint, for look-up.
     sorted: Vec<Vec<u32>>,
     radii: Vec<f64>,
     /// Share of false entries.
@@ -39,7 +39,7 @@ pub(super) struct ListLikelihood<'a> {
     estimate_share: bool,
 }
 
-/// A pair, whose list it belongs to first.
+/// A pair of keypoints; the owner of the list comes first.
 #[derive(Clone, Copy)]
 struct Candidate {
     i: u32,
@@ -48,11 +48,11 @@ struct Candidate {
     listed: bool,
 }
 
-/// Least share of false entries that is reckoned with: a single false entry must not weigh without limit.
+/// Lower bound of the share of false entries: it bounds the weight of a single false entry.
 const LEAST_FALSE: f64 = 0.01;
 const MOST_FALSE: f64 = 0.98;
 
-/// Not-listed pairs are looked at as far as this many times the list's length, in keypoints.
+/// Pairs that are not listed are considered up to this multiple of the list's length, in keypoints.
 const LOOK_AROUND: f64 = 2.5;
 
 impl<'a> ListLikelihood<'a> {
@@ -74,13 +74,13 @@ impl<'a> ListLikelihood<'a> {
         Self { rails, lists, sorted, radii: Vec::new(), false_share, estimate_share: known_share.is_none() }
     }
 
-    /// Share of false entries as estimated by the last sweep.
+    /// Share of false entries estimated by the last sweep.
     pub(super) const fn false_share(&self) -> f64 {
         self.false_share
     }
 
-    /// Makes `t` likelier by this many sweeps, the soft edge narrowing from `wide` to `narrow`; returns the cost per
-    /// keypoint at the end.
+    /// Improves `t` by this many sweeps while the soft edge narrows from `wide` to `narrow`; returns the final cost
+    /// per keypoint.
     pub(super) fn improve(&mut self, t: &mut [f64], sweeps: usize, wide: f64, narrow: f64) -> f64 {
         let mut cost = f64::INFINITY;
         for sweep in 0..sweeps {
@@ -101,8 +101,8 @@ impl<'a> ListLikelihood<'a> {
         cost
     }
 
-    /// All listed pairs, and those near by that are not listed; radii begin, and are held near, where as many
-    /// keypoints lie within as the list is long.
+    /// All listed pairs and the near pairs that are not listed. The initial radius encloses as many keypoints as the
+    /// list has entries, and the radius stays near that value.
     fn candidates(&mut self, t: &[f64], x: &[Vector2<f64>]) -> Vec<Candidate> {
         let longest = self.sorted.iter().map(Vec::len).max().unwrap_or(0);
         let around = NeighbourLists::nearest(&pixels(self.rails, t), (longest as f64 * LOOK_AROUND) as usize);
@@ -192,7 +192,7 @@ impl<'a> ListLikelihood<'a> {
         candidates.iter().map(of).sum()
     }
 
-    /// The share of listed pairs that are likelier false than true, softly.
+    /// Soft estimate of the share of listed pairs that are more likely false than true.
     fn estimate(&mut self, candidates: &[Candidate], width: f64) {
         let (mut listed, mut right) = (0.0, 0.0);
         for c in candidates.iter().filter(|c| c.listed) {

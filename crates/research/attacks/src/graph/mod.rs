@@ -1,19 +1,20 @@
-//! The graph attack: positions from nothing but half-lines and a graph of neighbours.
+//! The graph attack: positions from half-lines and a neighbour graph alone.
 //!
-//! The paper's attack asks every keypoint for the point of its line nearest to its neighbours' lines. For lines that
-//! converge in two anchors that is ill-posed, as the paper says; but a *graph* of neighbours tells more. Whoever
-//! knows who is near whom knows distances along the graph, and a layout of the graph in the plane with each keypoint
-//! on its own half-line has one unknown per keypoint and `k` equations.
+//! The paper's attack computes, for each keypoint, the point of its line nearest to its neighbours' lines. For lines
+//! that converge in two anchors this is ill-posed, as the paper says; but the neighbour *graph* carries more
+//! information. Neighbour lists give distances along the graph, and a layout of the graph in the plane with each
+//! keypoint on its own half-line has one unknown per keypoint and `k` equations.
 //!
 //! 1. [`edges`]: false edges are those whose ends have no neighbours in common; lengths from shared neighbours.
 //! 2. [`geodesic`], [`stress`]: a layout by distances along the graph, each keypoint on its segment, from several
-//!    starts; the one of least stress is kept. Schemes whose lines cross begin with the closed form, whichever
-//!    layout is likelier.
-//! 3. [`likelihood`]: the layout under which the lists are likeliest: neighbours nearer than those that are not.
-//!    Needs no distance, so the density of keypoints does not matter; a false entry is one among many.
+//!    starts; the layout with the least stress is kept. For schemes whose lines cross, the closed form is one more
+//!    start, and the likelier layout is kept.
+//! 3. [`likelihood`]: the layout with the largest likelihood of the lists: listed neighbours are nearer than other
+//!    keypoints. It needs no distances, so the density of keypoints does not matter, and a single false entry has
+//!    little weight.
 //!
-//! Positions that are known (a server that found the pose projects its map) are observations as others and stand
-//! still ([`Observation::Known`]).
+//! Known positions (a server that found the pose projects its map) are observations like others and stay fixed
+//! ([`Observation::Known`]).
 
 mod edges;
 mod geodesic;
@@ -38,34 +39,35 @@ use likelihood::ListLikelihood;
 use places::Places;
 use rail::{Rail, pixels};
 
-/// How the graph attack works. The defaults were chosen on synthetic keypoints and hold on images.
+/// Options of the graph attack. The defaults were tuned on synthetic keypoints and transfer to images.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GraphOptions {
-    /// Keypoints from which distances along the graph are measured. More cost time and gain nothing.
+    /// Landmarks: keypoints from which graph distances are measured. More landmarks cost time and do not improve the
+    /// result.
     pub landmarks: usize,
-    /// Layouts that are begun, the first from the guess without neighbours, the others from random positions on the
-    /// segments; the one of least stress is kept.
+    /// Number of initial layouts: the first from the prior-only baseline, the others from random positions on the
+    /// segments; the layout with the least stress is kept.
     pub starts: usize,
-    /// Rounds of stress majorisation a start.
+    /// Rounds of stress majorisation per start.
     pub stress_rounds: usize,
-    /// Times that lengths of edges are made to follow the density of the layout and the stress is minimised again,
-    /// as long as it falls.
+    /// Maximum number of reweightings: edge lengths are adapted to the density of the layout and the stress is
+    /// minimised again, as long as it decreases.
     pub reweighings: usize,
-    /// Sweeps that make the layout likelier; 0 leaves it as the stress has it.
+    /// Sweeps that maximise the likelihood; 0 keeps the layout of least stress.
     pub sweeps: usize,
-    /// Times that the likeliest layout is made likelier once more from wide edges on, as long as that is worth it. It
-    /// undoes folds of the first layout where keypoints crowd.
+    /// Maximum number of restarts of the likelihood sweeps with wide edges, as long as the cost decreases enough.
+    /// They undo folds of the first layout where keypoints are dense.
     pub rewarmings: usize,
-    /// Share of false entries in the lists, 0 to 1, where it is known; `None`: estimated.
+    /// Share of false entries in the lists, 0 to 1, if known; `None`: estimated.
     pub false_share: Option<f64>,
-    /// `[N]`: positions the attacker has from elsewhere, pixels; projected on the segments they are one more layout to
-    /// begin with, and the likeliest layout is the answer.
+    /// `[N]`: initial positions from another attack, pixels; projected on the segments they are one more start, and
+    /// the likeliest layout is the answer.
     pub begin: Option<Vec<Pixel>>,
 }
 
 impl GraphOptions {
-    /// The same with positions to begin with as one more layout ([`Self::begin`]).
+    /// The same options with initial positions as one more start ([`Self::begin`]).
     #[must_use]
     pub fn beginning_at(self, pixels: Vec<Pixel>) -> Self {
         Self { begin: Some(pixels), ..self }
@@ -87,7 +89,7 @@ impl Default for GraphOptions {
     }
 }
 
-/// What the graph attack found.
+/// Result of the graph attack.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GraphAnswer {
@@ -99,20 +101,20 @@ pub struct GraphAnswer {
     pub cost: f64,
 }
 
-/// Width of the soft edge around a radius, as a share of it, at the first sweep and at the last.
+/// Relative width of the soft edge around a radius, at the first sweep and at the last.
 const WIDE: f64 = 0.4;
 const NARROW: f64 = 0.03;
-/// Least share of the cost that one more warming must have saved for another to be tried.
+/// Smallest relative decrease of the cost for which another restart is tried.
 const WORTH_WARMING: f64 = 0.002;
 
 /// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
 ///
-/// `width`, `height`: the image, pixels. Order within a list does not matter. Equal generators give equal answers,
-/// whatever the number of threads.
+/// `width`, `height`: the image, pixels. Order within a list does not matter. The answer depends on the generator's
+/// state, not on the number of threads.
 ///
 /// # Errors
-/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::BeginCount`] when
-/// there is not one position to begin with per observation.
+/// [`AttackError::ListCount`] when the numbers of neighbour lists and observations differ,
+/// [`AttackError::BeginCount`] when the numbers of initial positions and observations differ.
 pub fn graph(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -138,7 +140,7 @@ pub fn graph(
     Ok(GraphAnswer { pixels: places.to_rows(&answer.pixels), ..answer })
 }
 
-/// [`graph`] for rows that are places of their own.
+/// [`graph`] for rows with distinct positions.
 fn lay_out(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -185,7 +187,7 @@ fn lay_out(
     Ok(best.map_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }, |b| b.0))
 }
 
-/// Of the candidate segments the one nearest to a position.
+/// The candidate segment nearest to a position.
 fn nearest_candidate(candidates: &[KnownSegment], near: Pixel) -> KnownSegment {
     let distance = |s: &KnownSegment| {
         let rail = Rail::of(s);
@@ -195,7 +197,7 @@ fn nearest_candidate(candidates: &[KnownSegment], near: Pixel) -> KnownSegment {
     nearest.copied().unwrap_or_else(|| KnownSegment::of(&Observation::Known(near), 0, 0)[0])
 }
 
-/// The layout of least stress among several starts, then with lengths that follow the density found.
+/// The layout with the least stress among several starts, refined with edge lengths that follow its density.
 fn by_stress(rails: &[Rail], edges: &Edges, options: &GraphOptions, rng: &mut impl Rng) -> Vec<f64> {
     let n = rails.len();
     let landmarks = sample(rng, n, options.landmarks.min(n)).into_vec();
@@ -223,8 +225,8 @@ fn by_stress(rails: &[Rail], edges: &Edges, options: &GraphOptions, rng: &mut im
     best.1
 }
 
-/// How far neighbours are around each keypoint in a layout, in shares of the mean: where keypoints are dense, an
-/// edge is short. Smoothed over believed edges.
+/// Mean distance to neighbours around each keypoint in a layout, relative to the overall mean: edges are short where
+/// keypoints are dense. Smoothed over accepted edges.
 fn local_scale(rails: &[Rail], edges: &Edges, t: &[f64]) -> Vec<f64> {
     let at = pixels(rails, t);
     let near = NeighbourLists::nearest(&at, LOCAL_NEIGHBOURS);
@@ -240,9 +242,9 @@ fn local_scale(rails: &[Rail], edges: &Edges, t: &[f64]) -> Vec<f64> {
             .collect();
     }
     let mean = scale.iter().sum::<f64>() / scale.len().max(1) as f64;
-    // A pile-up of the layout must not make edges vanish.
+    // The lower bound keeps edges from vanishing where the layout collapses.
     scale.iter().map(|s| (s / mean.max(1e-9)).clamp(0.2, 5.0)).collect()
 }
 
-/// Keypoints that tell the local density.
+/// Number of keypoints from which the local density is estimated.
 const LOCAL_NEIGHBOURS: usize = 20;

@@ -1,15 +1,15 @@
-//! One step of Newton's method for costs of distances between keypoints on rails.
+//! One step of Newton's method for costs of distances between keypoints on segments.
 //!
 //! For a cost `Σ φ(‖x_i − x_j‖)` with `φ' = w` and curvature `h ≥ 0`, the model of a pair with unit vector `u` from
 //! `i` to `j` has the Hessian `h u uᵀ + max(w, 0)/d (I − u uᵀ)` in `x_j − x_i`: positive semidefinite, so that the
 //! linear system is solved by conjugate gradients, preconditioned by its diagonal. Errors of long wavelength, which
-//! gradient descent takes for ever to remove, go in a few steps.
+//! gradient descent removes very slowly, vanish in a few steps.
 
 use veiloc_geometry::nalgebra::Vector2;
 
 use super::rail::Rail;
 
-/// The cost of one pair at its present distance: slope `w` and curvature `h`.
+/// The cost of one pair at its current distance: slope `w` and curvature `h`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PairCost {
     pub(super) i: u32,
@@ -18,12 +18,12 @@ pub(super) struct PairCost {
     pub(super) curvature: f64,
 }
 
-/// How far, in shares of a diagonal entry, the Hessian's diagonal is raised.
+/// Relative increase of the Hessian's diagonal (damping).
 const DAMPING: f64 = 1e-3;
 const ITERATIONS: usize = 300;
 const TOLERANCE: f64 = 1e-2;
 
-/// Moves all keypoints by one step, none by more than `longest` pixels.
+/// Moves all keypoints by one step of at most `longest` pixels.
 pub(super) fn step(rails: &[Rail], x: &[Vector2<f64>], pairs: &[PairCost], t: &mut [f64], longest: f64) {
     let n = t.len();
     let mut gradient = vec![0.0; n];
@@ -57,7 +57,8 @@ pub(super) fn step(rails: &[Rail], x: &[Vector2<f64>], pairs: &[PairCost], t: &m
     }
 }
 
-/// Solves `H s = g` for the symmetric matrix with this diagonal and these entries beside it, each standing for both.
+/// Solves `H s = g` for the symmetric matrix with this diagonal and these off-diagonal entries, each of which stands
+/// for both triangles.
 fn conjugate_gradients(diagonal: &[f64], rest: &[(u32, u32, f64)], g: &[f64]) -> Vec<f64> {
     let n = g.len();
     let rows = Rows::new(n, rest);
@@ -92,7 +93,7 @@ fn conjugate_gradients(diagonal: &[f64], rest: &[(u32, u32, f64)], g: &[f64]) ->
     s
 }
 
-/// The entries beside the diagonal by rows.
+/// The off-diagonal entries by rows.
 struct Rows {
     starts: Vec<usize>,
     entries: Vec<(u32, f64)>,
@@ -132,7 +133,7 @@ impl Rows {
 mod tests {
     use super::*;
 
-    /// Springs of length 10 between neighbours on a line of rails: the layout with that spacing is found at once.
+    /// Springs of length 10 between neighbours on a line: one step finds the layout with that spacing.
     #[test]
     fn a_chain_of_springs_relaxes() {
         let rail = |fixed: bool| Rail {

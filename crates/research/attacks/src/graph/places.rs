@@ -1,25 +1,26 @@
-//! Rows that stand for one place: a detector that finds several orientations at one place makes a row of each, and all
-//! of them are sent with the same line.
+//! Rows with the same keypoint position: a detector that finds several orientations at one position makes a row for
+//! each, and all of these rows are sent with the same line.
 //!
-//! Left apart they fill each other's lists with themselves, so that a list tells next to nothing of what lies around;
-//! taken together they are one keypoint whose list reaches as far as that of others. Equal lines alone prove nothing
-//! (angles are rounded, and an image holds keypoints enough for chance to repeat some), so rows are one place only when
-//! their lists say so too.
+//! As separate keypoints they fill each other's neighbour lists, so a list carries almost no information about the
+//! surroundings; merged, they are one keypoint whose list reaches as far as other lists. Equal lines alone are not
+//! sufficient (angles are rounded, and large images repeat some by chance), so rows are merged only when their
+//! neighbour lists agree too.
 
 use std::collections::HashMap;
 
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 
-/// Share of common neighbours (Jaccard's index, each row on its own list) that rows of one place have at least.
+/// Smallest share of common neighbours (Jaccard's index, each row counted on its own list) of two rows with one
+/// position.
 const COMMON: f64 = 0.85;
 
-/// Which rows are one place.
+/// Groups of rows with the same position.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Places {
-    /// `[rows]`: the place of each row.
+    /// `[rows]`: the position index of each row.
     pub(super) of: Vec<u32>,
-    /// `[places]`: the first row of each.
+    /// `[positions]`: the first row of each position.
     pub(super) first: Vec<u32>,
 }
 
@@ -41,12 +42,12 @@ impl Places {
         places
     }
 
-    /// Whether every row is a place of its own.
+    /// Whether all rows have different positions.
     pub(super) fn all_apart(&self) -> bool {
         self.first.len() == self.of.len()
     }
 
-    /// The lists of places: all places that rows of one list, without itself.
+    /// Neighbour lists of positions: the union of the lists of their rows, without the position itself.
     pub(super) fn lists(&self, lists: &NeighbourLists) -> NeighbourLists {
         let mut joined: Vec<Vec<u32>> = vec![Vec::new(); self.first.len()];
         for (i, &place) in self.of.iter().enumerate() {
@@ -60,18 +61,18 @@ impl Places {
         NeighbourLists::from_lists(&joined).expect("places are numbered from zero")
     }
 
-    /// What is known of each place, from its first row.
+    /// The values of each position's first row.
     pub(super) fn first_of<T: Copy>(&self, rows: &[T]) -> Vec<T> {
         self.first.iter().map(|&i| rows[i as usize]).collect()
     }
 
-    /// What was found for each place, for each row.
+    /// The values of each position, copied to its rows.
     pub(super) fn to_rows<T: Copy>(&self, places: &[T]) -> Vec<T> {
         self.of.iter().map(|&p| places[p as usize]).collect()
     }
 }
 
-/// Equal for equal observations only.
+/// A key that is equal only for equal observations.
 fn bits(observation: &Observation) -> [u64; 5] {
     let [a, b] = observation.lines().map(|line| {
         line.map_or([0; 2], |l| {
@@ -80,7 +81,7 @@ fn bits(observation: &Observation) -> [u64; 5] {
         })
     });
     let extra = match *observation {
-        // Those of one line have one angle, and so all else.
+        // Rows with one line have the same angle, so all other values agree too.
         Observation::Pencil(row) => {
             let (origin, direction) = (row.line.origin, row.line.direction);
             let anchor = 8 + row.anchor.index() as u64;

@@ -1,23 +1,24 @@
-//! What a keypoint of the graph attack can still do: slide along its segment, or stand still.
+//! Degree of freedom of a keypoint in the graph attack: it moves along its segment, or is fixed.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::Vector2;
 
 use crate::prior::KnownSegment;
 
-/// `x(t) = origin + t · direction`, `near ≤ t ≤ far`, pixels. A known position has direction zero.
+/// `x(t) = origin + t · direction`, `near ≤ t ≤ far`, pixels. The direction of a known position is zero.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rail {
     pub(super) origin: Vector2<f64>,
     pub(super) direction: Vector2<f64>,
     pub(super) near: f64,
     pub(super) far: f64,
-    /// The guess that uses no neighbours.
+    /// `t` of the prior-only baseline.
     pub(super) guess: f64,
 }
 
 impl Rail {
-    /// Of a segment; one that misses the image, or is not finite, stands still where the guess is.
+    /// The constraint of a segment; a segment that misses the image, or is not finite, is fixed at the prior-only
+    /// baseline.
     pub(super) fn of(segment: &KnownSegment) -> Self {
         let origin = segment.origin.vector();
         let guess = segment.expected();
@@ -37,7 +38,7 @@ impl Rail {
         t.max(self.near).min(self.far)
     }
 
-    /// The `t` of the rail's point nearest to `x`.
+    /// The `t` of the point nearest to `x`.
     pub(super) fn nearest(&self, x: Vector2<f64>) -> f64 {
         self.held(self.direction.dot(&(x - self.origin)))
     }
@@ -48,7 +49,7 @@ pub(super) fn positions(rails: &[Rail], t: &[f64]) -> Vec<Vector2<f64>> {
     rails.iter().zip(t).map(|(r, t)| r.at(*t)).collect()
 }
 
-/// The same as pixels.
+/// All positions as pixels.
 pub(super) fn pixels(rails: &[Rail], t: &[f64]) -> Vec<Pixel> {
     positions(rails, t).iter().map(|p| Pixel::new(p.x, p.y)).collect()
 }

@@ -1,4 +1,4 @@
-//! A first layout: keypoints on their rails so that distances in the image follow distances along the graph.
+//! The initial layout: keypoints on their segments such that image distances follow graph distances.
 //!
 //! With graph distances `g_li` from landmarks `l`, minimises the stress
 //!
@@ -6,16 +6,16 @@
 //! Σ_l Σ_i w_li (c g_li − ‖x_l − x_i‖)²          w_li = 1 / g_li
 //! ```
 //!
-//! over positions on the rails and the scale `c` (pixels per unit of graph distance), by majorisation: each keypoint
-//! moves to the point of its rail nearest to the mean of where the landmarks would have it. For lines through
-//! anchors the scale is not free: keypoints on either side of the dividing line have common neighbours, and only one
-//! scale lets both sets of half-lines meet there.
+//! over positions on the segments and the scale `c` (pixels per unit of graph distance), by majorisation: each
+//! keypoint moves to the point of its segment nearest to the mean of the positions that the landmarks suggest. For
+//! lines through anchors the scale is not free: keypoints on either side of the dividing line have common neighbours,
+//! and the two sets of half-lines meet there at one scale only.
 
 use veiloc_geometry::nalgebra::Vector2;
 
 use super::rail::{Rail, positions};
 
-/// Improves `t` by this many rounds; returns the stress per pair, in shares of the squared distance.
+/// Improves `t` by this many rounds; returns the mean stress per pair, relative to the squared distance.
 pub(super) fn minimise(
     rails: &[Rail],
     landmarks: &[usize],
@@ -54,7 +54,7 @@ pub(super) fn minimise(
     stress
 }
 
-/// The scale of least stress.
+/// The scale with the least stress.
 fn scale(x: &[Vector2<f64>], landmarks: &[usize], graph: &[Vec<f64>]) -> f64 {
     let (mut over, mut under) = (0.0, 0.0);
     for (&l, row) in landmarks.iter().zip(graph) {

@@ -1,4 +1,4 @@
-//! What an image shows, by a network of ImageNet's thousand classes.
+//! Image classification by an ImageNet network.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use veiloc_features::learned::Tensor;
 use super::Judge;
 use crate::AttackError;
 
-/// ImageNet's classes in the order of networks' outputs: that of their WordNet synsets.
+/// ImageNet's classes in the order of the networks' outputs: their WordNet synsets.
 const SYNSETS: &str = include_str!("synsets.txt");
-/// How many classes there are.
+/// Number of classes.
 const CLASSES: usize = 1000;
 /// Side of the network's input, pixels.
 const SIDE: usize = 224;
-/// Share of the shorter side that is looked at, in the middle: EfficientNet's.
+/// Relative size of the central crop, along the shorter side: EfficientNet's.
 const MIDDLE: f64 = 0.875;
-/// Taken off a byte, and what the rest is divided by: EfficientNet-Lite's.
+/// Offset and divisor of a byte: EfficientNet-Lite's.
 const SHIFT: f32 = 127.0;
 const SCALE: f32 = 128.0;
 
-/// A network that says what an image shows, EfficientNet-Lite0 as it is exported.
+/// An ImageNet classifier: EfficientNet-Lite0 as it is exported.
 ///
 /// ```text
 /// image [1, 3, 224, 224], red, green and blue, (byte − 127) / 128 → logits [1, 1000]
@@ -32,15 +32,15 @@ impl Classifier {
     /// Reads the network, an ONNX file.
     ///
     /// # Errors
-    /// [`AttackError::Features`], which names the file.
+    /// [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         Judge::open(path, &["image"], "logits").map(Self)
     }
 
-    /// The five likeliest classes of what is in the middle of an image, likeliest first, equal ones by number.
+    /// The five likeliest classes of the central crop of an image, likeliest first; ties are ordered by number.
     ///
     /// # Errors
-    /// [`AttackError::Features`] where the network cannot run.
+    /// [`AttackError::Features`] when the network cannot run.
     pub fn classes(&self, image: &ColourImage) -> Result<Vec<usize>, AttackError> {
         let data = middle(image).into_iter().map(|value| (value - SHIFT) / SCALE).collect();
         let tensor = Tensor { shape: vec![1, 3, SIDE, SIDE], data };
@@ -52,8 +52,7 @@ impl Classifier {
     }
 }
 
-/// The class that the name of a file or of its folder begins with, as a synset (`n01440764_tench.jpg`); `None` where neither
-/// does.
+/// The class whose synset starts the name of a file or of its folder (`n01440764_tench.jpg`), or `None`.
 pub fn class_named(path: &Path) -> Option<usize> {
     let of = |path: &Path| {
         let synset = path.file_name()?.to_str()?.get(..9)?;
@@ -62,8 +61,8 @@ pub fn class_named(path: &Path) -> Option<usize> {
     of(path).or_else(|| of(path.parent()?))
 }
 
-/// The square in the middle at the network's size, `[3, SIDE, SIDE]` bytes: each sample the mean of the pixels around it,
-/// weighted by a triangle as wide as a step, and of two pixels at least.
+/// The central square at the network's input size, `[3, SIDE, SIDE]` bytes: triangle filter whose width is one step,
+/// at least two pixels.
 fn middle(image: &ColourImage) -> Vec<f32> {
     let [width, height] = [image.width(), image.height()].map(|side| side as usize);
     let square = MIDDLE * width.min(height) as f64;
@@ -74,7 +73,7 @@ fn middle(image: &ColourImage) -> Vec<f32> {
     let (columns, rows) = (weights(width), weights(height));
     let mut out = Vec::with_capacity(3 * SIDE * SIDE);
     for colour in 0..3 {
-        // Rows are made narrow only where a row of the result asks for them.
+        // The horizontal filter runs only on rows that the result needs.
         let narrow = |y: usize, column: &[(usize, f32)]| -> f32 {
             column.iter().map(|(x, w)| w * f32::from(image.data()[3 * (y * width + x) + colour])).sum()
         };
@@ -87,7 +86,7 @@ fn middle(image: &ColourImage) -> Vec<f32> {
     out
 }
 
-/// Pixels of a side with their weights, which sum up to one, of a sample of some `step` pixels.
+/// Pixels of a side with their weights, which sum to one, for one sample of a grid with this step.
 fn triangle(first: f64, step: f64, at: usize, side: usize) -> Vec<(usize, f32)> {
     let reach = step.max(1.0);
     let centre = first + (at as f64 + 0.5) * step;
@@ -125,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_middle_is_looked_at() {
-        // Grey on the left, and brighter by one from column to column: a slope stays one whatever the size.
+        // A gray ramp that rises by one from column to column: it stays a ramp at any size.
         for [width, height] in [[512, 256], [64, 100], [224, 224], [1, 1]] {
             let pixels = (0..width * height).flat_map(|i| [(i % width / 4) as u8 * 2; 3]).collect();
             let image = ColourImage::new(width, height, pixels).expect("three bytes a pixel");

@@ -1,4 +1,4 @@
-//! How alike two images of one size are, and whether what they show is still recognised.
+//! Similarity of two images of one size, and recognisability of their content.
 //!
 //! | measure | what it compares | range |
 //! |---|---|---|
@@ -7,8 +7,8 @@
 //! | [`PerceptualDistance`] | ST-LPIPS: layers of a network, weighted by what people call alike | from 0 for equal images |
 //! | [`Classifier`] | the class that a network of ImageNet's classes gives | right or wrong |
 //!
-//! PSNR and SSIM are those of scikit-image to the last digits that are printed (`scripts/oracle_judge.py`). The two networks are
-//! ONNX files that users bring; `scripts/export_onnx.py` makes them of their authors' files.
+//! PSNR and SSIM agree with scikit-image to all printed digits (`scripts/oracle_judge.py`). The two networks are ONNX
+//! files that the user provides; `scripts/export_onnx.py` exports them from their authors' files.
 #![forbid(unsafe_code)]
 
 mod classifier;
@@ -29,7 +29,7 @@ pub use perceptual::PerceptualDistance;
 pub use psnr::psnr;
 pub use ssim::ssim;
 
-/// A network that judges images.
+/// A network of an image metric.
 #[derive(Debug)]
 struct Judge {
     path: PathBuf,
@@ -37,7 +37,7 @@ struct Judge {
 }
 
 impl Judge {
-    /// Reads a network that has these inputs and no others, and this output.
+    /// Reads a network that has exactly these inputs, and this output.
     fn open(path: &Path, inputs: &[&str], output: &str) -> Result<Self, AttackError> {
         let judge = Self { path: path.to_owned(), network: Network::open(path, Engine::default())? };
         let [count, _] = judge.network.ends();
@@ -49,7 +49,7 @@ impl Judge {
         Ok(judge)
     }
 
-    /// The numbers of its output, as many as are `expected`, all of them finite.
+    /// The values of its output: `expected` many, all finite.
     fn ask(
         &self,
         inputs: &[(&str, &Tensor)],

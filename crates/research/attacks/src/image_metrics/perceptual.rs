@@ -1,4 +1,4 @@
-//! A perceptual distance by a network.
+//! A perceptual distance computed by a network.
 
 use std::path::Path;
 
@@ -9,10 +9,10 @@ use super::Judge;
 use super::size::one_size;
 use crate::AttackError;
 
-/// ST-LPIPS, as a network that holds all of it.
+/// ST-LPIPS, exported as one network.
 ///
-/// Ghildyal and Liu, *Shift-tolerant Perceptual Similarity Metric*, ECCV 2022: LPIPS (Zhang et al., CVPR 2018) with layers that
-/// hardly notice a shift by a pixel. Its numbers are not those of LPIPS and do not compare with them.
+/// Ghildyal and Liu, *Shift-tolerant Perceptual Similarity Metric*, ECCV 2022: LPIPS (Zhang et al., CVPR 2018) with
+/// layers that are almost invariant to a shift by a pixel. Its values are not comparable with LPIPS.
 ///
 /// ```text
 /// a, b [1, 3, H, W], red, green and blue, sRGB from 0 to 1 → distance, one number
@@ -24,7 +24,7 @@ impl PerceptualDistance {
     /// Reads the network, an ONNX file.
     ///
     /// # Errors
-    /// [`AttackError::Features`], which names the file.
+    /// [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         Judge::open(path, &["a", "b"], "distance").map(Self)
     }
@@ -32,7 +32,8 @@ impl PerceptualDistance {
     /// The distance, 0 for equal images.
     ///
     /// # Errors
-    /// [`AttackError::Sizes`], and [`AttackError::Features`] where the network cannot run, as on images that are too small.
+    /// [`AttackError::Sizes`], and [`AttackError::Features`] when the network cannot run, for example on images that
+    /// are too small.
     pub fn between(&self, a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
         let [width, height] = one_size(a, b)?;
         let tensor = |image: &ColourImage| {

@@ -1,4 +1,4 @@
-//! Only images of one size are compared.
+//! Size check: only images of equal size can be compared.
 
 use veiloc_features::ColourImage;
 

@@ -7,7 +7,7 @@
 //! SSIM = (2 μa μb + C1) (2 σab + C2) / ((μa² + μb² + C1) (σa² + σb² + C2)),   C1 = (0.01 · 255)²,   C2 = (0.03 · 255)²
 //! ```
 //!
-//! averaged over all windows that lie in the image whole, and over the three colours.
+//! averaged over all windows that lie completely in the image, and over the three channels.
 
 use crate::AttackError;
 use crate::image_metrics::size::one_size;
@@ -22,7 +22,7 @@ const C2: f64 = 0.03 * 255.0 * 0.03 * 255.0;
 /// Structural similarity, 1 for equal images.
 ///
 /// # Errors
-/// [`AttackError::Sizes`], and [`AttackError::Small`] where no window fits.
+/// [`AttackError::Sizes`], and [`AttackError::Small`] when the image is smaller than a window.
 pub fn ssim(a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
     let size = one_size(a, b)?;
     let least = 2 * RADIUS + 1;
@@ -50,7 +50,7 @@ pub fn ssim(a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
     Ok(sum / f64::from(count as u32))
 }
 
-/// `[11]`, summing up to one.
+/// `[11]`, normalised to sum 1.
 fn window() -> Vec<f64> {
     let weight = |i: usize| (-0.5 * ((i as f64 - RADIUS as f64) / SIGMA).powi(2)).exp();
     let all: Vec<f64> = (0..=2 * RADIUS).map(weight).collect();
@@ -58,7 +58,7 @@ fn window() -> Vec<f64> {
     all.into_iter().map(|w| w / whole).collect()
 }
 
-/// Weighted means about each pixel whose window lies in the image, row by row.
+/// Weighted means around each pixel whose window lies in the image, row by row.
 fn blurred(image: &[f64], [width, height]: [usize; 2], window: &[f64]) -> Vec<f64> {
     let narrow = width - 2 * RADIUS;
     let sum = |values: &mut dyn Iterator<Item = f64>| values.zip(window).map(|(v, w)| v * w).sum::<f64>();

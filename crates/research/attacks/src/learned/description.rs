@@ -1,4 +1,4 @@
-//! A network's description, and the network as it says.
+//! The description file of a network, and the network it names.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -11,14 +11,14 @@ use veiloc_features::learned::{Engine, Network, Tensor};
 use super::positions::Sees;
 use crate::{AttackError, Descriptors};
 
-/// The version that is read.
+/// The supported version.
 const VERSION: i64 = 1;
-/// Most bytes of a description that are read.
+/// Maximum size of a description, bytes.
 const MOST_BYTES: u64 = 1 << 16;
-/// Longest descriptor.
+/// Maximum length of a descriptor.
 const MOST_DIMENSION: usize = 8192;
 
-/// What a network does.
+/// What a network predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Kind {
@@ -37,7 +37,7 @@ impl Kind {
     }
 }
 
-/// All that a description can say; what another kind of network needs is refused where it stands.
+/// All fields of a description; fields of another kind of network are refused.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Description {
@@ -85,7 +85,7 @@ impl Description {
     }
 }
 
-/// What descriptions of one kind say, in the order of the fields.
+/// The kinds of networks by name, in the order of the fields.
 const OF_KINDS: [(&str, Kind); 4] = [
     ("side", Kind::Inversion),
     ("multiple", Kind::Inversion),
@@ -103,11 +103,11 @@ pub(super) struct Described {
     dimension: usize,
 }
 
-/// Sides of an input or output; `None` for one that is open.
+/// Shape of an input or output; `None` for a dynamic side.
 pub(super) type Sides<'a> = &'a [Option<usize>];
 
 impl Described {
-    /// Reads a description, or of an ONNX file the description beside it, and the network that it names.
+    /// Reads a description, or the description beside an ONNX file, and the network that it names.
     pub(super) fn open(path: &Path, kind: Kind) -> Result<(Self, Description), AttackError> {
         let is_model = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx"));
         let file = if is_model { path.with_extension("toml") } else { path.to_owned() };
@@ -125,17 +125,17 @@ impl Described {
         &self.file
     }
 
-    /// The kind of descriptors it learned from.
+    /// The descriptor kind of its training data.
     pub(super) fn features(&self) -> &str {
         &self.features
     }
 
-    /// Their length.
+    /// The descriptor length.
     pub(super) fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// What is wrong with the description, where only its kind of network can tell.
+    /// An error about the description, for checks that only one kind of network can make.
     pub(super) fn misdescribed(&self, reason: String) -> AttackError {
         AttackError::Description { path: self.file.clone(), reason }
     }
@@ -144,7 +144,7 @@ impl Described {
         FeatureError::Network { path: self.model.clone(), reason }.into()
     }
 
-    /// Refuses a network that has other inputs than these, or lacks one of these outputs.
+    /// Refuses a network that has inputs other than these, or lacks one of these outputs.
     pub(super) fn check(&self, inputs: &[(&str, Sides<'_>)], outputs: &[&str]) -> Result<(), AttackError> {
         let [count, _] = self.network.ends();
         if count != inputs.len() {
@@ -157,7 +157,7 @@ impl Described {
                 Err(self.unusable(format!("it {what} the input {name:?} of sides [{sides}]")))
             };
             let Some(own) = self.network.input_named(name) else { return refused("lacks") };
-            // A side that it leaves open takes any number.
+            // A dynamic side accepts any number.
             let fits = |(own, expected): (&Option<usize>, &Option<usize>)| own.is_none() || own == expected;
             if own.len() != expected.len() || !own.iter().zip(*expected).all(fits) {
                 return refused("does not take");
@@ -169,18 +169,18 @@ impl Described {
         }
     }
 
-    /// Whether it has an output of this name.
+    /// Whether it has an output with this name.
     pub(super) fn gives(&self, output: &str) -> bool {
         self.network.outputs().iter().any(|own| own == output)
     }
 
-    /// Refuses descriptors of another length than those learned from.
+    /// Refuses descriptors with another length than the network's.
     pub(super) fn fits(&self, descriptors: &Descriptors) -> Result<(), AttackError> {
         let (expected, found) = (self.dimension, descriptors.dimension());
         if found == expected { Ok(()) } else { Err(AttackError::Dimensions { expected, found }) }
     }
 
-    /// Runs it; each output must have these sides, and finite numbers alone.
+    /// Runs the network; every output must have this shape and finite values.
     pub(super) fn run(
         &self,
         inputs: &[(&str, &Tensor)],

@@ -1,8 +1,8 @@
-//! Attackers that are networks: trained in PyTorch on images of elsewhere (`research/train`), run here by rten.
+//! Learned attacks: networks trained in PyTorch on images of other scenes (`research/train`) and run here by rten.
 //!
-//! - [`neighbours`]: from the descriptors of an image to who is near whom, for the attacks that live on neighbours;
-//! - [`positions`]: from all rows of a query, descriptors and lines, to where on its line each keypoint lies;
-//! - [`inversion`]: from descriptors and what is known of their places to an image.
+//! - [`neighbours`]: from the descriptors of an image to a neighbour graph, for the attacks that need neighbours;
+//! - [`positions`]: from all rows of a query, descriptors and lines, to the position of each keypoint on its line;
+//! - [`inversion`]: from descriptors and information about their positions to an image.
 //!
 //! A network is an ONNX file with a short text file beside it, its description:
 //!
@@ -20,8 +20,9 @@
 //! sees = "set"                  # of a query: all rows ("set"), each row alone ("row"), each line alone ("line")
 //! ```
 //!
-//! All networks are given descriptors whose squares sum up to their length; a descriptor of zeros stays zero.
-//! What is wrong with a description or a network is an error that names the file, whatever the file holds.
+//! The input descriptors of all networks are scaled to a squared norm equal to their length; a zero descriptor stays
+//! zero. A defect in a description or a network is an error with the file's name; no content of a file ends the
+//! program.
 
 mod description;
 pub mod inversion;
@@ -32,7 +33,7 @@ use veiloc_features::learned::Tensor;
 
 use crate::Descriptors;
 
-/// `[1, N, dimension]`, the squares of a row summing up to its length.
+/// `[1, N, dimension]`, each row scaled to a squared norm equal to its length.
 fn rows(descriptors: &Descriptors) -> Tensor {
     let scale = (descriptors.dimension() as f32).sqrt();
     let shape = vec![1, descriptors.len(), descriptors.dimension()];

@@ -1,8 +1,8 @@
-//! A network over the set of descriptors of an image that predicts who is whose neighbour.
+//! A network over the set of descriptors of an image that predicts which keypoints are neighbours.
 //!
 //! After Chelani et al., *Obfuscation Based Privacy Preserving Representations are Recoverable Using Neighborhood
-//! Information*: every descriptor is embedded, self-attention lets it see the others of its image, and a pair is the
-//! likelier the more alike its embeddings are.
+//! Information*: every descriptor is embedded, self-attention relates it to the others of its image, and the
+//! likelihood of a pair grows with the similarity of its embeddings.
 //!
 //! ```text
 //! descriptors [1, N, dimension] → embedding [1, N, E], rows of length 1; the larger a product of two, the likelier neighbours
@@ -16,25 +16,25 @@ use super::description::{Described, Kind};
 use super::rows;
 use crate::{AttackError, Descriptors, NeighbourLists, likeliest_pairs};
 
-/// Says from descriptors alone which keypoints are likely neighbours.
+/// Predicts from descriptors alone which keypoints are neighbours.
 #[derive(Debug)]
 pub struct NeighbourNetwork(Described);
 
 impl NeighbourNetwork {
-    /// Reads a network by its description, or by the ONNX file that has one beside it.
+    /// Reads a network from its description, or from the ONNX file beside it.
     ///
     /// # Errors
-    /// [`AttackError::Description`] and [`AttackError::Features`], which name the file.
+    /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         let (network, _) = Described::open(path, Kind::Neighbours)?;
         network.check(&[("descriptors", &[Some(1), None, Some(network.dimension())])], &["embedding"])?;
         Ok(Self(network))
     }
 
-    /// The `k` likeliest neighbours of each keypoint, likeliest first, equal ones by index.
+    /// The `k` likeliest neighbours of each keypoint, likeliest first; ties are ordered by index.
     ///
     /// # Errors
-    /// [`AttackError::Dimensions`] when the descriptors are of another dimension than those learned from,
+    /// [`AttackError::Dimensions`] when the descriptors have another dimension than the network's,
     /// [`AttackError::Features`] when the network cannot run.
     pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
         self.0.fits(descriptors)?;
@@ -45,7 +45,7 @@ impl NeighbourNetwork {
         let sides = [Some(1), Some(count), None];
         let embedding =
             self.0.run(&[("descriptors", &rows(descriptors))], &[("embedding", &sides)])?.remove(0);
-        // A row of the one is a column of the other.
+        // A row of one matrix is a column of the other.
         let embedding = DMatrix::from_vec(embedding.data.len() / count, count, embedding.data);
         NeighbourLists::from_lists(&likeliest_pairs(&embedding, &embedding, &vec![0.0; count], k))
     }

@@ -1,18 +1,19 @@
-//! Which of many frames of a place tell most about one of them: turn against motion.
+//! Selection of the frames that carry the most information about the attacked frame: rotation against translation.
 //!
-//! A frame that turned and hardly moved moves a projection across its line when the keypoint moves along its own, and not
-//! when its depth changes; one that moved and did not turn mixes the two. What a set of frames tells about a keypoint's
-//! position `t`, with its depth open, is the Schur complement of the Fisher information of `(t, ln depth)`:
+//! If a frame was rotated and hardly translated, a projection moves across its line when the keypoint moves along its
+//! own line, and does not move when the depth changes; translation without rotation mixes the two. The information of
+//! a set of frames about a keypoint's position `t`, with unknown depth, is the Schur complement of the Fisher
+//! information of `(t, ln depth)`:
 //!
 //! ```text
 //! I = Σ_f J_f J_fᵀ / σ² + diag(0, 1 / var(ln depth)),    J_f = ∂(distance from the line of f) / ∂(t, ln depth)
 //! bits = ½ log₂(1 + var(t) · (I_tt − I_tz² / I_zz))
 //! ```
 //!
-//! summed over the attacked frame's keypoints at the guess and what is known of depth there, and times the share of
-//! right matches: a frame that turned far has more wrong ones. Keypoints that the map knows tell that share, since the server
-//! sees whether the lines they are matched with run through their map points. Frames are taken one after another, each
-//! the one that adds most bits to those before it.
+//! summed over the attacked frame's keypoints, at the prior-only position and depth, and multiplied by the share of
+//! right matches: a frame with a large rotation has more wrong ones. The share is estimated from the keypoints that
+//! the map knows, since the server sees whether the lines of their matches pass through their map points. Frames are
+//! chosen greedily: each one adds the most bits to the frames before it.
 
 use crate::{AttackError, KnownSegment, Observation, mutual_matches};
 use rayon::prelude::*;
@@ -22,7 +23,7 @@ use crate::multi_view::depth::DepthPrior;
 use crate::multi_view::frame::{Frame, FramesOptions};
 use crate::multi_view::sight::{Plane, Sight};
 
-/// One keypoint of the attacked frame: its position's variance by the guess, and the information so far.
+/// One keypoint of the attacked frame: the prior variance of its position, and the information so far.
 struct Held {
     variance: f64,
     information: Matrix2<f64>,
@@ -36,11 +37,12 @@ impl Held {
     }
 }
 
-/// Which `count` of the other frames to attack the first with, the most telling first (module docs): indices into
-/// `others`, fewer where there are fewer. Of equals the first.
+/// The `count` most informative frames for an attack on `first`, best first (module docs): indices into `others`.
+/// Fewer if there are fewer frames; ties go to the first frame.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when descriptors do not fit, [`AttackError::Depths`] when the depths are none.
+/// [`AttackError::Dimensions`] when descriptor lengths differ, [`AttackError::Depths`] when the depth limits are
+/// invalid.
 pub fn most_telling(
     first: &Frame<'_>,
     others: &[Frame<'_>],
@@ -60,10 +62,11 @@ pub fn most_telling(
     )
 }
 
-/// The same with matches that are already there, as for [`crate::multi_view::several_matched_frames`]: `[others, N]`.
+/// The same with given matches, as for [`crate::multi_view::several_matched_frames`]: `[others, N]`.
 ///
 /// # Errors
-/// [`AttackError::Depths`] when the depths are none, [`AttackError::Rows`] when the matches do not fit.
+/// [`AttackError::Depths`] when the depth limits are invalid, [`AttackError::Rows`] when the number of matches is
+/// wrong.
 pub fn most_telling_matched(
     first: &Frame<'_>,
     others: &[Frame<'_>],
@@ -79,7 +82,7 @@ pub fn most_telling_matched(
     let depths = DepthPrior::new(options.depths, &options.known, first.camera.width, first.camera.height);
     let segments: Vec<Option<KnownSegment>> =
         first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
-    // [N]: logarithm and variance of depth at the guess.
+    // [N]: mean and variance of the log depth at the prior-only position.
     let worth: Vec<[f64; 2]> =
         segments.iter().map(|s| s.map_or([0.0, 1.0], |s| depths.worth(s.at(s.expected())))).collect();
     let mut held: Vec<Held> = segments
@@ -90,7 +93,7 @@ pub fn most_telling_matched(
             information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / variance.max(1e-12)),
         })
         .collect();
-    // [others][N], zero where it tells nothing.
+    // [others][N], zero without information.
     let told: Vec<(f64, Vec<Matrix2<f64>>)> = others
         .par_iter()
         .zip(matches)
@@ -126,7 +129,7 @@ pub fn most_telling_matched(
     Ok(chosen)
 }
 
-/// The segment of a keypoint that is to be found; the longer of two.
+/// The segment of a keypoint that is attacked; of two candidates the longer one.
 fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSegment> {
     if let Observation::Known(_) = observation {
         return None;
@@ -135,12 +138,12 @@ fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSe
     all.max_by(|a, b| (a.far - a.near).total_cmp(&(b.far - b.near)))
 }
 
-/// Matches of known keypoints that are thought of before the first is seen: as many as this, right as the options say.
+/// Pseudo-count of matches of known keypoints, right with the probability in the options.
 const SUPPOSED: f64 = 10.0;
-/// Standard deviations within which a line runs through a map point.
+/// Largest distance of a line from its map point, standard deviations.
 const THROUGH: f64 = 3.0;
 
-/// Share of the matches that are right, by those of keypoints whose map points the server sees.
+/// The share of right matches, estimated from keypoints with known map points.
 fn share_of_right(
     first: &Frame<'_>,
     other: &Frame<'_>,
@@ -164,7 +167,8 @@ fn share_of_right(
     right / all
 }
 
-/// What another frame's line tells at the guess, were it right: pixels and noise of one.
+/// Information of another frame's line at the prior-only position, if the match is right: in units of pixels with
+/// unit noise.
 fn information(
     first: &Frame<'_>,
     segment: &KnownSegment,

@@ -1,28 +1,28 @@
-//! How deep the attacked keypoint may lie: log-uniform within the scene's limits, and likelier at the depths of the map
-//! points that the server sees nearby.
+//! Prior of the depth of an attacked keypoint: log-uniform within the scene's limits, with more weight at the depths
+//! of nearby map points that the server sees.
 
 use veiloc_geometry::Pixel;
 
-/// Side of a cell of the image in which one density holds, pixels.
+/// Side of an image cell with one density, pixels.
 const CELL: f64 = 16.0;
-/// Depths at which a density is kept; between them it is interpolated.
+/// Number of depths at which a density is stored; it is interpolated between them.
 const BINS: usize = 96;
-/// Known points that a cell listens to: the nearest ones.
+/// Number of known points that contribute to a cell: the nearest ones.
 const NEAREST: usize = 6;
-/// Probability that a keypoint lies at the depth of known points around it, where they are near.
+/// Probability that a keypoint has the depth of known points around it, if they are near.
 const TRUSTED: f64 = 0.6;
-/// Spread of depth around a known point: relative, and for each 100 px of distance from it.
+/// Spread of depth around a known point: relative, and per 100 px of distance from it.
 const SPREAD: [f64; 2] = [0.03, 0.15];
-/// Pixels at which a known point counts half.
+/// Distance at which a known point has half its weight, pixels.
 const REACH: f64 = 40.0;
 
-/// Density of the logarithm of depth, by place in the attacked image.
+/// Density of the log depth, by position in the attacked image.
 pub(crate) struct DepthPrior {
     /// Logarithms of the limits.
     pub(crate) limits: [f64; 2],
     columns: usize,
     rows: usize,
-    /// `[rows, columns, BINS]`, `None` where nothing is known.
+    /// `[rows, columns, BINS]`, `None` without known points.
     density: Option<Vec<f64>>,
 }
 
@@ -45,19 +45,19 @@ impl DepthPrior {
         Self { limits, columns, rows, density }
     }
 
-    /// Longest step along the logarithm of depth that follows the density.
+    /// Longest step of the log depth that resolves the density.
     pub(crate) fn longest_step(&self) -> f64 {
         if self.density.is_some() { (self.limits[1] - self.limits[0]) / BINS as f64 } else { 0.25 }
     }
 
-    /// The densities at a place, `[BINS]`; `None` for the log-uniform one.
+    /// The density at a position, `[BINS]`; `None` for the log-uniform one.
     pub(crate) fn at(&self, pixel: Pixel) -> Option<&[f64]> {
         let cell = |x: f64, count: usize| ((x / CELL).max(0.0) as usize).min(count - 1);
         let from = (cell(pixel.v, self.rows) * self.columns + cell(pixel.u, self.columns)) * BINS;
         self.density.as_ref().map(|d| &d[from..from + BINS])
     }
 
-    /// Of the logarithm of a depth, by the densities of [`Self::at`]; 1 where depth is one number.
+    /// Density of a log depth, from the values of [`Self::at`]; 1 if the limits are equal.
     pub(crate) fn density(&self, bins: Option<&[f64]>, log_depth: f64) -> f64 {
         let length = self.limits[1] - self.limits[0];
         let Some(bins) = bins else { return if length > 0.0 { 1.0 / length } else { 1.0 } };
@@ -69,8 +69,8 @@ impl DepthPrior {
 }
 
 impl DepthPrior {
-    /// Of the logarithm of depth at a place: the median, and the variance of a Gaussian of the same entropy, which is
-    /// what a density with a peak is worth.
+    /// Median of the log depth at a position, and the variance of a Gaussian with the same entropy, which measures
+    /// the information of a peaked density.
     pub(crate) fn worth(&self, pixel: Pixel) -> [f64; 2] {
         let [low, high] = self.limits;
         let length = (high - low).max(1e-9);
@@ -88,7 +88,7 @@ impl DepthPrior {
     }
 }
 
-/// The density in the middle of each bin, in a cell.
+/// The density at the centre of each bin, for one cell.
 fn around(center: Pixel, known: &[(Pixel, f64)], limits: [f64; 2]) -> Vec<f64> {
     let length = limits[1] - limits[0];
     let mut near: Vec<(f64, f64)> = known.iter().map(|(p, s)| (p.distance(&center), *s)).collect();
@@ -98,7 +98,7 @@ fn around(center: Pixel, known: &[(Pixel, f64)], limits: [f64; 2]) -> Vec<f64> {
     }
     let weight = |distance: f64| 1.0 / (1.0 + (distance / REACH).powi(2));
     let total: f64 = near.iter().map(|n| weight(n.0)).sum();
-    // Far from every known point the scene's limits are all there is.
+    // Far from every known point only the scene's limits are used.
     let trusted = TRUSTED * (total / near.len().max(1) as f64).sqrt().min(1.0);
     let width = length / BINS as f64;
     let raw = |s: f64| {
@@ -137,7 +137,7 @@ mod tests {
         let near = Pixel::new(50.0, 50.0);
         assert!(of(&prior, near, 2.0) > 10.0 * of(&prior, near, 8.0));
         assert!(of(&prior, near, 8.0) > 0.3 * of(&none, near, 8.0), "another depth stays possible");
-        // Far from what is known: nearly as if nothing were.
+        // Far from known points the density is nearly the log-uniform one.
         assert!(of(&prior, Pixel::new(600.0, 400.0), 8.0) > 0.8 * of(&none, near, 8.0));
     }
 }

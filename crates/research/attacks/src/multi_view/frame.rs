@@ -1,86 +1,87 @@
-//! What goes in and comes out: a frame, what is supposed of all, and what they tell about a keypoint.
+//! Input and output of the attack: frames, model parameters, and the estimate of a keypoint.
 
 use crate::{AttackError, Descriptors, Observation};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
 
-/// One sealed query, and what the server found out about it.
+/// One sealed query with the pose that the server estimated.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
     /// The camera of the query, without distortion.
     pub camera: Pinhole,
-    /// Where the query was taken, as the server has it.
+    /// The pose of the query, as the server estimated it.
     pub cam_from_world: CameraFromWorld,
-    /// `[N]`: what was sent of each keypoint. Known positions count as such in the attacked frame; in another they
-    /// tell nothing, for what the map knows of them is no matter of lines.
+    /// `[N]`: the sent observations. Known positions are used in the attacked frame only; in other frames they are
+    /// ignored, because they say nothing about lines.
     pub observations: &'a [Observation],
-    /// `[N]`: what was sent beside them.
+    /// `[N]`: the sent descriptors.
     pub descriptors: &'a Descriptors,
 }
 
-/// How keypoints are triangulated from lines.
+/// Options of the triangulation of keypoints from lines.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct FramesOptions {
-    /// A match counts when the second best in the other frame is this much farther: ratio of descriptor distances.
+    /// Ratio test: a match is accepted when its descriptor distance is below this ratio of the second best.
     pub ratio: f64,
-    /// Noise of a projection across a line, pixels: detector, dither, angle code and pose together.
+    /// Standard deviation of a projection across a line, pixels: detector, dither, angle quantization and pose
+    /// together.
     pub noise_px: f64,
     /// Probability that a match is wrong.
     pub wrong: f64,
-    /// Depths that the attacked frame may have, map units: positive, finite.
+    /// Depth limits of the attacked frame, map units: positive, finite.
     pub depths: [f64; 2],
-    /// Where the attacked frame shows map points, pixels, and at which depths, map units.
+    /// Map points in the attacked frame: position in pixels, depth in map units.
     pub known: Vec<(Pixel, f64)>,
-    /// `[N]`: the keypoints of the attacked frame that are asked for; the others are answered as if no frame showed them.
-    /// All when none.
+    /// `[N]`: which keypoints of the attacked frame are attacked; the others get the answer of a keypoint without
+    /// matches. `None`: all.
     pub asked: Option<Vec<bool>>,
 }
 
 impl FramesOptions {
-    /// With the depths of the scene as the server's map has them around the query, map units.
+    /// Options with these depth limits, from the server's map around the query, map units.
     pub const fn with_depths(depths: [f64; 2]) -> Self {
         Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new(), asked: None }
     }
 
-    /// Whether the depths are depths.
+    /// Checks the depth limits.
     pub(crate) fn check(&self) -> Result<(), AttackError> {
         let [least, most] = self.depths;
         // Written so that NaN is refused.
         if least > 0.0 && most >= least && most.is_finite() { Ok(()) } else { Err(AttackError::Depths) }
     }
 
-    /// Of these keypoints of the attacked frame alone, `[N]`.
+    /// Restricts the attack to these keypoints of the attacked frame, `[N]`.
     #[must_use]
     pub fn asking(self, asked: Vec<bool>) -> Self {
         Self { asked: Some(asked), ..self }
     }
 
-    /// With map points that the server sees in the attacked frame: a keypoint among them is likely as deep.
+    /// Adds map points that the server sees in the attacked frame: keypoints near them probably have a similar depth.
     #[must_use]
     pub fn beside(self, known: Vec<(Pixel, f64)>) -> Self {
         Self { known, ..self }
     }
 }
 
-/// What several frames tell about one keypoint of the first.
+/// Estimate of one keypoint of the first frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighted {
-    /// Where it is, pixels; `None` where no other frame shows it.
+    /// Its position, pixels; `None` without a match in another frame.
     pub pixel: Option<Pixel>,
-    /// Other frames with a match.
+    /// Number of other frames with a match.
     pub matched: usize,
-    /// Of these, those that agree with the answer.
+    /// Number of matched frames that agree with the answer.
     pub agreeing: usize,
-    /// Root of the expected squared error of the answer, by the posterior, pixels; infinite where there is none.
+    /// Root of the expected squared error of the answer under the posterior, pixels; infinite without an answer.
     pub sigma_px: f64,
-    /// Probability that the answer is within 10 px, by the posterior.
+    /// Posterior probability that the answer is within 10 px.
     pub within: f64,
     /// Expected number of such agreements among wrong matches.
     pub by_chance: f64,
 }
 
 impl Sighted {
-    /// Known beforehand.
+    /// A keypoint with a known position.
     pub(crate) const fn given(pixel: Pixel) -> Self {
         Self { pixel: Some(pixel), matched: 0, agreeing: 0, sigma_px: 0.0, within: 1.0, by_chance: 0.0 }
     }
@@ -94,7 +95,7 @@ impl Sighted {
         by_chance: f64::INFINITY,
     };
 
-    /// Whether wrong matches would hardly agree as much, and the posterior is sure to some pixels.
+    /// Whether chance cannot explain the agreement, and the posterior is concentrated within a few pixels.
     pub fn is_believed(&self) -> bool {
         self.by_chance < MOST_BY_CHANCE && self.within >= LEAST_WITHIN
     }
@@ -102,5 +103,5 @@ impl Sighted {
 
 const MOST_BY_CHANCE: f64 = 0.1;
 const LEAST_WITHIN: f64 = 0.9;
-/// What [`Sighted::within`] counts as near, pixels.
+/// Distance of [`TriangulatedKeypoint::within`], pixels.
 pub(crate) const NEAR_PX: f64 = 10.0;

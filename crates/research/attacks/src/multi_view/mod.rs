@@ -1,29 +1,32 @@
-//! Several sealed queries of one place, their poses known: what keeps still is triangulated from lines alone.
+//! Attack on several sealed queries of one scene with known poses: static content is triangulated from lines alone.
 //!
-//! # What may be expected
-//! A keypoint's line and the camera's centre span a **plane** in space, and the keypoint's 3D point lies in it.
-//! - **A camera that turns and hardly moves** gives every matched keypoint away with two frames: both planes pass
-//!   through nearly the same centre, and meet in the viewing ray of the keypoint whatever its depth.
-//! - **A camera that moves**: two planes meet in a line in space, which projects onto the first line, each position at
-//!   a depth of its own. What is known of depth is then what is known of the position.
-//! - **Three frames in general position** fix the point; a fourth tells right matches from wrong ones.
-//! - **Cameras that move and do not turn** fix nothing, however many: all planes of one anchor hold the direction of
-//!   its ray, `Rᵀ K⁻¹ a`, and planes that share a direction meet in a line along it. A point that changes sides
-//!   belongs to the other anchor, and is fixed. Lines of any other direction do not have that.
-//! - **A camera that rests** tells by the scatter of the angles, which is that of the noise over the distance from the
-//!   anchor: [`resting_camera`].
+//! # What lines determine
+//! A keypoint's line and the camera centre span a **plane** in space that contains the keypoint's 3D point.
+//! - **A camera that rotates without translation** reveals every matched keypoint with two frames: both planes
+//!   contain the same centre, and intersect in the viewing ray of the keypoint at any depth.
+//! - **A camera that translates**: two planes intersect in a 3D line, whose projection is the first line, and each
+//!   position on it has its own depth. Knowledge of depth is then knowledge of position.
+//! - **Three frames in general position** determine the point; a fourth frame separates right matches from wrong
+//!   ones.
+//! - **Cameras that translate without rotation** determine nothing, at any number of frames: all planes of one anchor
+//!   contain the direction of its ray, `Rᵀ K⁻¹ a`, and planes that share a direction intersect in a line along it. A
+//!   point that changes sides belongs to the other anchor, and is determined. Lines of any other direction do not
+//!   have this property.
+//! - **A stationary camera** reveals distances by the scatter of the angles, which is the noise divided by the
+//!   distance from the anchor: [`resting_camera`].
 //!
-//! # How
-//! For each position `t` along the own line the likelihood of all other frames' lines is integrated over depth, with
-//! a prior that is log-uniform within the scene's limits and may be sharpened by the map points that the server sees
-//! around ([`FramesOptions::beside`]). Each frame counts as right within the noise or as wrong with some probability,
-//! within the integral. A maximum over depth in place of the integral, among the depths at which the planes say the
-//! point lies, is blind to the camera that turns: that depth, `−n·t / n·R b`, is zero for every position when `t` is.
+//! # Method
+//! For each position `t` on the keypoint's own line, the likelihood of the lines of all other frames is integrated
+//! over depth. The depth prior is log-uniform within the scene's limits; nearby map points that the server sees can
+//! sharpen it ([`FramesOptions::beside`]). Within the integral each frame is a mixture of a right match with noise
+//! and a wrong match. Maximising over the depths at which the planes intersect instead of integrating would fail for
+//! a camera that only rotates: that depth, `−n·t / n·R b`, is zero for every position when `t` is zero.
 //!
-//! That times the guess's density is the posterior of `t`. The answer is its median, which has the smallest expected
-//! error, and where half of it lies within some pixels the maximum, refined by least squares over position and depth.
-//! An answer is **believed** when the posterior puts it within 10 px with 90 %, and more frames agree than any choice of
-//! two matches could bring about by chance ([`Sighted::is_believed`]).
+//! This likelihood times the prior density is the posterior of `t`. The answer is its median, which has the smallest
+//! expected error. If half of the posterior lies within a few pixels, the answer is the maximum, refined by least
+//! squares over position and depth. An answer is **accepted** when the posterior probability of an error below 10 px
+//! is at least 90 %, and more frames agree than any two matches could cause by chance
+//! ([`TriangulatedKeypoint::is_believed`]).
 
 #![forbid(unsafe_code)]
 
@@ -44,15 +47,15 @@ use place::Own;
 pub use resting::{RestingOptions, resting_camera};
 use sight::Sight;
 
-/// Recovers the keypoints of the first frame from the lines of all: `[N]` of the first frame (module docs).
+/// Recovers the keypoints of the first frame from the lines of all frames: `[N]` of the first frame (module docs).
 ///
-/// Keypoints are matched by descriptors, mutually and by ratio; only static content can be. Answers are the same for
-/// any number of threads.
+/// Keypoints are matched by descriptors (mutual nearest neighbours and ratio test), so only static content is
+/// recovered. The answers do not depend on the number of threads.
 ///
 /// # Errors
 /// [`AttackError::TooFewFrames`] for fewer than two frames, [`AttackError::FrameDescriptors`] and
-/// [`AttackError::Dimensions`] when a frame's descriptors do not fit, [`AttackError::Rows`] when
-/// [`FramesOptions::asked`] does not, [`AttackError::Depths`] when the depths are none.
+/// [`AttackError::Dimensions`] when a frame's descriptors have the wrong number or length, [`AttackError::Rows`] when
+/// [`FramesOptions::asked`] has the wrong length, [`AttackError::Depths`] when the depth limits are invalid.
 pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<Vec<Sighted>, AttackError> {
     let [first, others @ ..] = frames else { return Err(AttackError::TooFewFrames { frames: 0 }) };
     let matches: Vec<Vec<Option<usize>>> = others
@@ -62,11 +65,11 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
     several_matched_frames(frames, &matches.iter().map(Vec::as_slice).collect::<Vec<_>>(), options)
 }
 
-/// The same with matches that are already there: of each other frame, by row of the first, which of its rows shows the
-/// same keypoint, `[frames - 1, N]`.
+/// The same with given matches: for each other frame and each row of the first, the row of the other frame that shows
+/// the same keypoint, `[frames - 1, N]`.
 ///
 /// # Errors
-/// As [`several_frames`]; [`AttackError::Rows`] also when the matches do not fit.
+/// As [`several_frames`]; [`AttackError::Rows`] also when the number of matches is wrong.
 pub fn several_matched_frames(
     frames: &[Frame<'_>],
     matches: &[&[Option<usize>]],

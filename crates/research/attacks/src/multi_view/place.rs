@@ -1,4 +1,4 @@
-//! Where on its own line a keypoint is, by the lines of other frames: the integral over its depth.
+//! Posterior of a keypoint's position on its own line, given the lines of other frames: the integral over depth.
 
 use crate::{KnownSegment, Observation};
 use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
@@ -11,14 +11,14 @@ use crate::multi_view::sight::{Crossing, Plane, Said, Sight};
 /// Step of the sweep along the line, in standard deviations of the noise, and its bounds, pixels.
 const STEP: f64 = 0.6;
 const STEPS: [f64; 2] = [0.25, 1.5];
-/// Step over depth, in standard deviations of the noise by which it moves a projection: a sum over such steps is the
-/// integral of a Gaussian to a part in a thousand.
+/// Step over depth, in standard deviations of the projection's noise: a sum over such steps approximates the integral
+/// of a Gaussian to 0.1 %.
 const FINE: f64 = 0.8;
-/// Standard deviations beyond which a frame is wrong, whatever else: steps may come as near as that at once.
+/// Number of standard deviations beyond which a match is treated as wrong; bounds the step size.
 const BEYOND: f64 = 5.0;
-/// Standard deviations within which a frame agrees.
+/// Largest distance of an agreeing frame, standard deviations.
 const AGREES: f64 = 2.5;
-/// Half of the probability within this many pixels: sharp, the maximum is refined.
+/// The maximum is refined when half of the probability lies within this distance, pixels.
 const SHARP: f64 = 6.0;
 const ROUNDS: usize = 10;
 const LONGEST: f64 = 10.0;
@@ -29,14 +29,14 @@ pub(crate) struct Own {
     segments: Vec<KnownSegment>,
 }
 
-/// A position on the own line.
+/// A position on the keypoint's own line.
 #[derive(Clone, Copy)]
 struct Node {
     segment: KnownSegment,
     t: f64,
-    /// Probability, up to a factor common to all, of this position and its part of the line.
+    /// Probability of this position and its part of the line, up to a common factor.
     weight: f64,
-    /// The likeliest depth there, its logarithm.
+    /// The likeliest log depth at this position.
     log_depth: f64,
 }
 
@@ -88,8 +88,7 @@ impl Own {
         }
     }
 
-    /// The position with as much probability on either side of it, which has the smallest expected error of all; of two
-    /// segments the geometric median.
+    /// The median of the posterior, which has the smallest expected error; for two segments the geometric median.
     fn median(&self, nodes: &[Node], total: f64) -> Pixel {
         if self.segments.len() == 1 {
             let mut sum = 0.0;
@@ -97,7 +96,7 @@ impl Own {
                 let before = sum;
                 sum += n.weight;
                 if sum >= 0.5 * total {
-                    // Within the node's own part of the line, so that steps do not show.
+                    // Interpolated within the node's part of the line, to avoid an error of up to half a step.
                     let part = (n.segment.far - n.segment.near) / nodes.len() as f64;
                     let share = ((0.5 * total - before) / n.weight).clamp(0.0, 1.0);
                     return n.segment.at(n.t + part * (share - 0.5));
@@ -133,7 +132,7 @@ impl Own {
         let step = (STEP * options.noise_px).clamp(STEPS[0], STEPS[1]);
         let steps = (length / step).ceil().max(1.0) as usize;
         let part = length / steps as f64;
-        // Two candidate lines are as likely as each other, whatever their lengths.
+        // Two candidate lines have equal prior probability, independent of their lengths.
         let share = part / length.max(1e-9);
         let mut crossings: Vec<Crossing<'_, '_>> = Vec::with_capacity(frames.len());
         let node = |step: usize| {
@@ -149,7 +148,7 @@ impl Own {
         (0..steps).map(node).collect()
     }
 
-    /// Least squares over `t` and the logarithm of depth on the frames that agree with the node.
+    /// Least squares over `t` and log depth on the frames that agree with the node.
     fn refined(
         &self,
         start: &Node,
@@ -174,16 +173,16 @@ impl Own {
                     gradient += j * said.distance;
                 }
             }
-            // Where depth moves nothing, it stays.
+            // Damping: a depth without effect on the projections stays as it is.
             normal += Matrix2::new(1e-9, 0.0, 0.0, 1e-6 * options.noise_px.powi(2));
             let Some(mut step) = normal.try_inverse().map(|inverse| inverse * gradient) else { break };
-            // At a limit of depth only the position is left to move.
+            // At a depth limit only the position is refined.
             if (s <= depths.limits[0] && step.y >= 0.0) || (s >= depths.limits[1] && step.y <= 0.0) {
                 step = Vector2::new(gradient.x / normal[(0, 0)], 0.0);
             }
             let moved = (t - step.x.clamp(-LONGEST, LONGEST)).clamp(segment.near, segment.far);
             if (moved - start.t).abs() > 2.0 * SHARP {
-                // Left the maximum it was sent to refine.
+                // The iteration left the maximum it started from.
                 return (start.t, start.log_depth);
             }
             t = moved;
@@ -193,11 +192,11 @@ impl Own {
     }
 }
 
-/// The likelihood of all frames' lines, integrated over depth with its prior, for one position of the attacked frame;
-/// and the logarithm of the likeliest depth. Relative to all matches being wrong.
+/// The likelihood of all frames' lines at one position of the attacked frame, integrated over depth with its prior,
+/// relative to all matches being wrong; and the likeliest log depth.
 ///
-/// Trapezoids between depths whose distance follows the planes: no projection moves by more than a share of the noise
-/// while its plane is near, and none leaps over its plane.
+/// Trapezoidal rule with steps that follow the planes: near a plane no projection moves by more than a fraction of
+/// the noise per step, and no step crosses a plane.
 fn over_depth(
     crossings: &[Crossing<'_, '_>],
     frames: &[Vec<Plane<'_>>],
@@ -237,7 +236,7 @@ fn over_depth(
             (best, best_depth) = (value, s);
         }
         if s >= last {
-            // Depth known to be one number.
+            // The depth limits are equal.
             return (if last > first { sum } else { value }, best_depth);
         }
         step = next.max(SHORTEST).min(last - s);
@@ -246,11 +245,10 @@ fn over_depth(
     }
 }
 
-/// Shortest step over the logarithm of depth: a plane that runs through the camera itself would ask for ever shorter
-/// ones.
+/// Shortest step of the log depth: a plane through the attacked camera itself would require ever shorter steps.
 const SHORTEST: f64 = 1e-3;
 
-/// Of a frame's candidate lines that which is nearest to where the ray's point is seen.
+/// The candidate line of a frame that is nearest to the projection of the ray's point.
 fn nearest<'a, 'b>(
     planes: &'a [Plane<'b>],
     ray: Vector3<f64>,
@@ -265,8 +263,8 @@ fn agrees(planes: &[Plane<'_>], ray: Vector3<f64>, log_depth: f64, options: &Fra
     nearest(planes, ray, log_depth).is_some_and(|(_, s)| s.distance.abs() <= AGREES * options.noise_px)
 }
 
-/// Expected number of agreements of so many among wrong matches: each choice of two fixes a place, and each of the
-/// others runs through it with the probability that a line of its side of the image comes so near.
+/// Expected number of such agreements among wrong matches: each pair of matches determines a point, and each other
+/// line passes through it with the probability that a random line on its side of the image comes that near.
 fn by_chance(matched: usize, agreeing: usize, width: u32, options: &FramesOptions) -> f64 {
     if agreeing < 3 {
         return f64::INFINITY;

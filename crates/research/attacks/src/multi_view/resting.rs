@@ -1,18 +1,20 @@
-//! A camera that rests, or one image sealed several times: the scatter of a keypoint's angles tells its distance.
+//! Attack on a stationary camera, or on several seals of one image: the scatter of a keypoint's angles reveals its
+//! distance from the anchor.
 //!
-//! Each seal moves a keypoint by a dither of up to half a pixel each way, and each new frame by the noise of the
-//! detector: a few tenths of a pixel across the line, which at distance `r` from the anchor is an angle of `1/r` of
-//! that. So the angles of one keypoint scatter, and the more the nearer it is to its anchor.
+//! Each seal moves a keypoint by a dither of up to half a pixel in each direction, and each new frame by the noise of
+//! the detector: a few tenths of a pixel across the line, which at distance `r` from the anchor is `1/r` of that as
+//! an angle. So the angles of one keypoint scatter, and the scatter grows as the distance to the anchor shrinks.
 //!
-//! # How
-//! A code is a cell of the angle, of known width. With the keypoint at angle `φ` and distance `r`, the probability of a
-//! cell `[a, b]` is `F(r (b − φ)) − F(r (a − φ))`, `F` being the distribution of dither and noise across the line. Their
-//! product over all codes, the own one among them, each right or of a wrong match, is integrated over `φ`; times the
-//! guess's density, which grows with `r`, it is the posterior of `r`. The answer is its median.
+//! # Method
+//! A code is a cell of the angle with known width. For a keypoint at angle `φ` and distance `r`, the probability of a
+//! cell `[a, b]` is `F(r (b − φ)) − F(r (a − φ))`, where `F` is the distribution of dither and noise across the line.
+//! The product over all codes, the attacked frame's included, each a mixture of right and wrong matches, is
+//! integrated over `φ`. Times the prior density, which grows with `r`, it is the posterior of `r`. The answer is its
+//! median.
 //!
-//! Exact for half-lines of one anchor. Where the lines of a keypoint have another direction (random lines, a permuted
-//! position, a keypoint at the border of two anchors) they cross in it, and it is answered by
-//! `several_frames`' posterior for cameras at one place.
+//! The model is exact for half-lines of one anchor. If the lines of a keypoint have different directions (random
+//! lines, a permuted position, a keypoint at the border of two anchors), they intersect in it, and the answer is the
+//! posterior of `several_frames` for cameras with one centre.
 
 use crate::{AttackError, Descriptors, KnownSegment, Observation, PencilRow};
 use rayon::prelude::*;
@@ -24,50 +26,49 @@ use crate::multi_view::frame::{Frame, FramesOptions, NEAR_PX, Sighted};
 use crate::multi_view::place::Own;
 use crate::multi_view::sight::Sight;
 
-/// What is known of the codes.
+/// Model of the angle codes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct RestingOptions {
-    /// Width of an angle's cell, radians; 0 when angles are not rounded.
+    /// Width of an angle cell, radians; 0 for angles without rounding.
     pub cell: f64,
-    /// Half the side of the square that the dither fills, pixels.
+    /// Half the side of the dither's square, pixels.
     pub dither_px: f64,
     /// Standard deviation of the detector along each axis, from frame to frame, pixels; 0 for seals of one image.
     pub noise_px: f64,
-    /// Probability that a row is of another keypoint.
+    /// Probability that a row belongs to another keypoint.
     pub wrong: f64,
 }
 
 impl RestingOptions {
-    /// Seals of one image with angles of this cell, radians: a device's dither, and rows that are of one keypoint for
-    /// certain or nearly so.
+    /// Seals of one image with this angle cell, radians: a device's dither, and almost certain row associations.
     pub const fn of_one_image(cell: f64) -> Self {
         Self { cell, dither_px: 0.5, noise_px: 0.0, wrong: 0.01 }
     }
 
-    /// Codes that nothing dithers.
+    /// The same without dither.
     #[must_use]
     pub const fn without_dither(self) -> Self {
         Self { dither_px: 0.0, ..self }
     }
 
-    /// Frames of a camera at rest, whose detector errs by so many pixels along each axis from frame to frame.
+    /// Frames of a stationary camera whose detector has this noise along each axis from frame to frame, pixels.
     #[must_use]
     pub const fn with_noise(self, noise_px: f64) -> Self {
         Self { noise_px, ..self }
     }
 }
 
-/// Distances along the line at which the posterior is kept.
+/// Number of distances at which the posterior is evaluated.
 const DISTANCES: usize = 64;
-/// Angles over which it is integrated.
+/// Number of angles over which it is integrated.
 const ANGLES: usize = 96;
 
-/// Recovers keypoints from several lines of each, of one camera at rest: `[N]`. `own`: `[N]`, the attacked frame; `others`:
-/// each `[N]`, what it sent of the keypoint of row `i`, where it shows it.
+/// Recovers keypoints from several lines of each, taken by one stationary camera: `[N]`. `own`: `[N]`, the attacked
+/// frame; `others`: each `[N]`, the observation of the keypoint of row `i` in that frame, if there is one.
 ///
 /// # Errors
-/// [`AttackError::TooFewFrames`] for no others, [`AttackError::Rows`] when they have not as many rows.
+/// [`AttackError::TooFewFrames`] without other frames, [`AttackError::Rows`] when the numbers of rows differ.
 pub fn resting_camera(
     own: &[Observation],
     others: &[Vec<Option<Observation>>],
@@ -94,8 +95,9 @@ pub fn resting_camera(
     Ok((0..own.len()).into_par_iter().map(answer).collect())
 }
 
-/// The first row and the angles of all about it, where they are lines of one anchor; `None` when they are not. Lines of an
-/// anchor that is infinitely far are parallel: they do not scatter by the place of the keypoint, and cross nowhere.
+/// The first row and the angles of all rows around it, if they are lines of one anchor; otherwise `None`. Lines of an
+/// anchor at infinity are parallel: their scatter does not depend on the keypoint's position, and they do not
+/// intersect.
 fn pencil(rows: &[Observation]) -> Option<(PencilRow, Vec<f64>)> {
     let Observation::Pencil(first) = rows[0] else { return None };
     let own = first.line.direction;
@@ -109,9 +111,9 @@ fn pencil(rows: &[Observation]) -> Option<(PencilRow, Vec<f64>)> {
     Some((first, rows.iter().map(angle).collect::<Option<_>>()?))
 }
 
-/// Distribution across the line of what moves a keypoint.
+/// Distribution of the keypoint's displacement across the line.
 struct Across {
-    /// Half the widths of the two uniform parts, pixels: the dither's square seen along the line.
+    /// Half widths of the two uniform parts, pixels: the dither's square projected across the line.
     halves: [f64; 2],
     /// Standard deviation of the Gaussian part, pixels.
     sigma: f64,
@@ -131,7 +133,7 @@ impl Across {
         across
     }
 
-    /// The distribution function, the Gaussian part by a sum over its quantiles.
+    /// The distribution function; the Gaussian part is a sum over its quantiles.
     fn exact(&self, x: f64) -> f64 {
         if self.sigma <= 0.0 {
             return self.of_dither(x);
@@ -146,7 +148,7 @@ impl Across {
         sum / weight
     }
 
-    /// Distribution of the sum of two uniform numbers.
+    /// Distribution function of the sum of two uniform variables.
     fn of_dither(&self, x: f64) -> f64 {
         let [a, b] = self.halves;
         if b <= 0.0 {
@@ -155,7 +157,7 @@ impl Across {
         if a < 1e-9 {
             return ((x + b) / (2.0 * b)).clamp(0.0, 1.0);
         }
-        // The integral of the trapezoid: three parts, symmetric about zero.
+        // Integral of a trapezoid: three pieces, symmetric about zero.
         let at = x.abs();
         let right = if at >= a + b {
             1.0
@@ -182,16 +184,16 @@ impl Across {
 
 const TABLE: usize = 512;
 
-/// The posterior of the distance by the scatter of the angles.
+/// The posterior of the distance, from the scatter of the angles.
 fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: &RestingOptions) -> Sighted {
     let segment = KnownSegment::hull(&Observation::Pencil(*row), width, height);
     let Some(segment) = segment.filter(|s| !s.is_empty() && row.begins().is_some()) else {
         return Sighted::UNSEEN;
     };
-    // Angles that are not rounded are cells so narrow that nothing changes across them.
+    // Angles without rounding are very narrow cells, in which the density is constant.
     let half = (0.5 * options.cell).max(1e-7);
     let across = Across::new(segment.direction, options);
-    // Equal codes once.
+    // Count equal codes once.
     let mut sorted = angles.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     let mut codes: Vec<(f64, i32)> = Vec::new();
@@ -219,7 +221,7 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
                 codes.iter().map(of).product::<f64>()
             };
             let likelihood = step * (0..ANGLES).map(one).sum::<f64>();
-            // Of evenly spread keypoints a wedge holds the more, the farther out.
+            // With uniform keypoints the density in a wedge grows with the distance.
             (r, if row.holds(segment.at(r), 0.0) { r * likelihood } else { 0.0 })
         })
         .collect();
@@ -240,7 +242,7 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
     let within =
         posterior.iter().filter(|p| (p.0 - answer).abs() <= NEAR_PX).map(|p| p.1).sum::<f64>() / total;
     let others = angles.len() - 1;
-    // Rows are told to be of one keypoint: agreement is no evidence of it, and no chance is counted.
+    // The row associations are given: agreement is no evidence for them, so chance agreements are not counted.
     Sighted {
         pixel: Some(segment.at(answer)),
         matched: others,
@@ -251,7 +253,7 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
     }
 }
 
-/// Lines of other directions: cameras at one place, whatever the depth.
+/// Lines with different directions: cameras with one centre, independent of depth.
 fn crossing(rows: &[Observation], width: u32, height: u32, options: &RestingOptions) -> Sighted {
     if let Observation::Known(pixel) = rows[0] {
         return Sighted::given(pixel);
@@ -274,7 +276,7 @@ fn crossing(rows: &[Observation], width: u32, height: u32, options: &RestingOpti
     let others: Vec<(&Sight, &Observation)> =
         rows[1..].iter().filter(|o| !matches!(o, Observation::Known(_))).map(|o| (&sight, o)).collect();
     let depths = DepthPrior::new([1.0, 2.0], &[], width, height);
-    // Two dithers, two detectors, and the rounding of what is sent.
+    // Two dithers, two detectors, and the rounding of the sent values.
     let noise_px = (2.0 * (options.dither_px.powi(2) / 3.0 + options.noise_px.powi(2)) + 0.02).sqrt();
     let frames = FramesOptions { noise_px, wrong: options.wrong, ..FramesOptions::with_depths([1.0, 2.0]) };
     Own::new(&frame, 0).sighted(&others, &depths, &frames)
@@ -296,7 +298,7 @@ mod tests {
             let mut drawn: Vec<f64> = (0..20_000)
                 .map(|_| {
                     let mut step = || {
-                        // Twelve uniform numbers make a Gaussian well enough.
+                        // The sum of twelve uniform variables approximates a Gaussian.
                         let gauss: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
                         rng.random::<f64>() - 0.5 + noise_px * gauss
                     };

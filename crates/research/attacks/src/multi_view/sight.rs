@@ -1,4 +1,5 @@
-//! Another frame's line of a keypoint, as the attacked frame sees it: a plane that the viewing ray meets, or holds.
+//! Planes through the lines of another frame, relative to the attacked frame: each viewing ray intersects such a
+//! plane, or lies in it.
 
 use crate::{Observation, PencilRow};
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
@@ -6,7 +7,7 @@ use veiloc_geometry::{Pinhole, Pixel};
 
 use crate::multi_view::frame::Frame;
 
-/// Another frame as the attacked one sees it: `x_other = rotation · x + translation` from camera to camera.
+/// Another frame relative to the attacked one: `x_other = rotation · x + translation` from camera to camera.
 pub(crate) struct Sight {
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -48,22 +49,22 @@ impl Sight {
 /// One candidate line of the keypoint in another frame.
 pub(crate) struct Plane<'a> {
     sight: &'a Sight,
-    /// `Kᵀ l` of the line of unit normal: the plane in that frame, pixels.
+    /// `Kᵀ l` with a line of unit normal: the plane in that frame, pixels.
     normal: Vector3<f64>,
     /// `normal · translation`.
     by_depth: f64,
-    /// Of a pencil: where it begins, and where on it the keypoint may be.
+    /// For a pencil: its origin, and the stretches that can hold the keypoint.
     row: Option<PencilRow>,
-    /// Probability that it is this line: one over their number.
+    /// Prior probability of this line: one over the number of candidates.
     share: f64,
-    /// The image's extent across the line, pixels.
+    /// Width of the image across the line, pixels.
     across: f64,
 }
 
-/// Pixels that a projection may lie outside the image.
+/// Tolerance of the image's border for projections, pixels.
 const MARGIN: f64 = 3.0;
 
-/// A plane and a viewing ray of the attacked frame: all that does not depend on depth.
+/// A plane and a viewing ray of the attacked frame: all terms that do not depend on depth.
 pub(crate) struct Crossing<'a, 'b> {
     plane: &'a Plane<'b>,
     /// `rotation · ray`.
@@ -72,20 +73,20 @@ pub(crate) struct Crossing<'a, 'b> {
     off: f64,
 }
 
-/// What a plane says of one depth along a ray.
+/// The residual of a plane at one depth along a ray.
 pub(crate) struct Said {
     /// Signed distance of the projection from the line, pixels; not finite behind the camera.
     pub(crate) distance: f64,
-    /// How it changes with the logarithm of depth, pixels.
+    /// Its derivative with respect to log depth, pixels.
     pub(crate) speed: f64,
-    /// Density of the sent line where the projection is right, over its density where the match is wrong, times
-    /// the noise and `√2π`, at distance zero: pixels. Zero where the frame could not have sent this line: behind
-    /// the camera, outside the image, behind the anchor, in another anchor's sectors.
+    /// Ratio of two densities of the sent line, for a right projection and for a wrong match, times the noise and
+    /// `√2π`, at distance zero: pixels. Zero if the frame could not have sent this line: behind the camera, outside
+    /// the image, behind the anchor, in another anchor's sectors.
     pub(crate) spread: f64,
 }
 
 impl<'b> Plane<'b> {
-    /// With the ray `(x, y, 1)` of the attacked camera.
+    /// The plane with the ray `(x, y, 1)` of the attacked camera.
     pub(crate) fn along(&self, ray: Vector3<f64>) -> Crossing<'_, 'b> {
         let seen = self.sight.rotation * ray;
         Crossing { plane: self, seen, off: self.normal.dot(&seen) }
@@ -93,11 +94,11 @@ impl<'b> Plane<'b> {
 }
 
 impl Crossing<'_, '_> {
-    /// At a depth in the attacked frame, given by its reciprocal; 0 is infinitely far.
+    /// The residual at a depth in the attacked frame, given by its reciprocal; 0 is infinity.
     ///
-    /// A line's density is taken over what is sent of it. Of a half-line that is an angle: noise of `σ` pixels at
-    /// distance `r` from the anchor spreads over `σ/r` radians, wrong matches over the half circle, so `spread` is
-    /// `π r`. Of other lines it is an offset, and wrong matches spread over the image.
+    /// The density of a line is that of its sent parameters. A half-line is sent as an angle: noise of `σ` pixels at
+    /// distance `r` from the anchor spreads over `σ/r` radians and wrong matches over the half circle, so `spread` is
+    /// `π r`. Other lines are sent as an offset, and wrong matches spread over the image.
     pub(crate) fn at(&self, reciprocal: f64) -> Said {
         let (plane, sight) = (self.plane, self.plane.sight);
         let seen = self.seen + sight.translation * reciprocal;

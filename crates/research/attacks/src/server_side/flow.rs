@@ -1,52 +1,53 @@
-//! The flow from a map image into the query, told by keypoints whose place in both is known.
+//! The flow from a map image to the query, estimated from keypoints with known positions in both.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::metrics::median;
 
-/// A keypoint of the map image, and where it lies in the query.
+/// A keypoint of the map image, and its position in the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FlowVector {
-    /// In the map image, scaled to the query's size, pixels.
+    /// Position in the map image, scaled to the query's size, pixels.
     pub(super) from: Vector2<f64>,
     /// Query position minus `from`, pixels.
     pub(super) moved: Vector2<f64>,
 }
 
-/// Where a place of the map image lies in the query.
+/// Predicted position in the query of a point of the map image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Warped {
     pub(super) pixel: Pixel,
-    /// How far off that may be, pixels, one standard deviation an axis.
+    /// Standard deviation of that position per axis, pixels.
     pub(super) sigma: f64,
 }
 
-/// A smooth flow through vectors of which some are wrong.
+/// A smooth flow estimated from vectors with outliers.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Flow {
     vectors: Vec<FlowVector>,
 }
 
-/// Vectors that are asked around a place.
+/// Number of neighbouring vectors in an estimate.
 const AROUND: usize = 12;
-/// A vector this many times farther from the median of those around it than these usually are is wrong.
+/// A vector is an outlier when its distance to the median of its neighbours exceeds this multiple of the usual
+/// distance.
 const OUTLIER: f64 = 3.0;
-/// A flow of fewer vectors says nothing.
+/// Minimum number of vectors of a flow.
 const FEWEST: usize = 8;
-/// Pixels within which a vector at hand is no nearer than another.
+/// Distances below this many pixels have equal weight.
 const REACH: f64 = 15.0;
-/// What the flow may change per pixel of distance from the nearest vector, beyond the fitted change.
+/// Change of the flow per pixel of distance from the nearest vector that the affine fit does not explain.
 const DRIFT: f64 = 0.1;
-/// Standard deviation of a keypoint found again, pixels.
+/// Standard deviation of a re-detected keypoint, pixels.
 const DETECTOR: f64 = 1.5;
 
 impl Flow {
-    /// Of these vectors without those that disagree with their neighbours; `None` when too few are left.
+    /// The flow of these vectors without outliers; `None` when too few are left.
     pub(super) fn new(vectors: Vec<FlowVector>) -> Option<Self> {
         let all = Self { vectors };
         let agrees = |v: &FlowVector| {
-            // Itself is among them and changes no median of a dozen.
+            // The vector itself is among them, but it does not change a median of twelve.
             let near = all.nearest(v.from);
             let middle = median_vector(near.iter().map(|v| v.moved));
             let spread = median(near.iter().map(|v| (v.moved - middle).norm()).collect());
@@ -56,8 +57,8 @@ impl Flow {
         (kept.len() >= FEWEST).then_some(Self { vectors: kept })
     }
 
-    /// Where a place of the map image lies in the query: an affine change of the vectors around, near ones first and
-    /// those that do not fit left out softly.
+    /// Position in the query of a point of the map image: a locally weighted affine fit with soft rejection of
+    /// outliers.
     pub(super) fn warp(&self, place: Pixel) -> Warped {
         let at = place.vector();
         let near = self.nearest(at);
@@ -78,7 +79,7 @@ impl Flow {
         Warped { pixel: Pixel::new(at.x + moved.x, at.y + moved.y), sigma }
     }
 
-    /// The vectors around a place, nearest first, equal distances in the order given.
+    /// The vectors around a point, nearest first; ties keep the given order.
     fn nearest(&self, at: Vector2<f64>) -> Vec<FlowVector> {
         let mut all: Vec<(f64, usize)> =
             self.vectors.iter().enumerate().map(|(i, v)| ((v.from - at).norm_squared(), i)).collect();
@@ -92,7 +93,7 @@ impl Flow {
     }
 }
 
-/// `moved ≈ M (1, x, y)` around a place, by weighted least squares.
+/// `moved ≈ M (1, x, y)` around a point, by weighted least squares.
 struct AffineFit {
     rows: [Vector3<f64>; 2],
 }
@@ -108,7 +109,7 @@ impl AffineFit {
             right[0] += *w * v.moved.x * row;
             right[1] += *w * v.moved.y * row;
         }
-        // A change of a tenth of a pixel per pixel is nothing unusual; vectors on one line must not break the fit.
+        // Changes of a tenth of a pixel per pixel are common; the ridge keeps the fit stable for collinear vectors.
         let ridge = weights.iter().sum::<f64>() * (DETECTOR / DRIFT).powi(2) / vectors.len().max(1) as f64;
         normal[(1, 1)] += ridge;
         normal[(2, 2)] += ridge;
@@ -136,7 +137,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// The image turned a little, grown a little and moved; the exact answer is the map itself.
+    /// The image rotated, scaled and moved slightly.
     fn true_flow(at: Vector2<f64>) -> Vector2<f64> {
         Vector2::new(12.0 + 0.05 * at.x - 0.03 * at.y, -7.0 + 0.03 * at.x + 0.05 * at.y)
     }

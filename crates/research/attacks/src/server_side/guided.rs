@@ -1,22 +1,22 @@
-//! Position transfer by a server that knows the pose: only what can lie on the half-line is compared.
+//! Position transfer by a server that knows the pose: descriptors are compared only near the half-line.
 //!
-//! [`crate::transfer()`] asks a whole map image for the most similar descriptor. A server that has localized the
-//! query knows where its inliers lie in the query *and* in its map images, hence how a map image flows into the
-//! query. Warped by that flow, the map image has only a handful of keypoints near a given half-line, and the most
-//! similar of a handful is right far more often than the most similar of thousands.
+//! [`crate::transfer()`] searches a whole map image for the most similar descriptor. A server that has localized the
+//! query knows the positions of its inliers in the query *and* in its map images, and therefore the flow from a map
+//! image to the query. After warping by this flow, only a few keypoints of the map image are near a given half-line,
+//! and the most similar of a few is right far more often than the most similar of thousands.
 //!
 //! For each hidden keypoint the candidates are the keypoints of several warped map images within a few standard
-//! deviations of its line. With `s` the logarithm of the descriptors' distance over the least among keypoints far from
-//! the line, distance `e` from the line and standard deviation `σ`, a candidate weighs
+//! deviations of its line. With `s` the logarithm of the descriptors' distance over the least distance among
+//! keypoints far from the line, distance `e` from the line and standard deviation `σ`, the weight of a candidate is
 //!
 //! ```text
-//! w = p(s | the same place) / p(s | another place) · exp(−e² / 2σ²)
+//! w = p(s | same point) / p(s | other point) · exp(−e² / 2σ²)
 //! ```
 //!
-//! where both densities are normal and learned from the query's own inliers, of which the server knows which
-//! candidate is right. All candidates may be wrong, so "none of them" has a weight too. Candidates of several
-//! images that land together add up; the heaviest place is the answer, and is **believed** when it outweighs
-//! everything else.
+//! where both densities are normal and estimated from the query's own inliers, for which the server knows the right
+//! candidate. All candidates may be wrong, so the hypothesis "no candidate" has a weight too. Weights of candidates
+//! from several images with nearly the same position are added; the answer is the position with the largest weight,
+//! and it is **accepted** when it outweighs all others together.
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
@@ -28,17 +28,17 @@ use crate::features::{Descriptors, KnownImage};
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
-/// How the guided transfer works.
+/// Options of the guided transfer.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GuidedOptions {
-    /// Map images that are asked, those with most mutual matches.
+    /// Number of map images that are used, those with the most mutual matches.
     pub images: usize,
-    /// Standard deviations from the line within which a warped keypoint is a candidate.
+    /// Largest distance of a candidate from the line, standard deviations.
     pub gate: f64,
-    /// Share of keypoints that are found again in one map image that shows their place, 0 to 1.
+    /// Repeatability: probability that a keypoint is re-detected in a map image that shows the same point.
     pub repeatability: f64,
-    /// Pixels within which candidates say the same.
+    /// Candidates within this distance support the same position, pixels.
     pub together_px: f64,
 }
 
@@ -48,12 +48,12 @@ impl Default for GuidedOptions {
     }
 }
 
-/// What the server says of one keypoint.
+/// Estimate of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guided {
-    /// Where it is, pixels; `None` without any candidate.
+    /// Its position, pixels; `None` without candidates.
     pub pixel: Option<Pixel>,
-    /// How sure the server is, 0 to 1; 1 for a known position.
+    /// Probability of the position, 0 to 1; 1 for a known position.
     pub belief: f64,
 }
 
@@ -66,12 +66,12 @@ impl Guided {
 
 /// Positions of hidden keypoints from map images, warped into the query by the flow of its known keypoints: `[N]`.
 ///
-/// `query`: one descriptor an observation. `size`: width and height of the query image, pixels. A map image in
-/// which too few known keypoints are found again says nothing; without any such image nothing is answered.
+/// `query`: one descriptor per observation. `size`: width and height of the query image, pixels. Map images with too
+/// few matches of known keypoints are ignored; if none remains, there are no answers.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when a map image has descriptors of another dimension,
-/// [`AttackError::FrameDescriptors`] when there is not one descriptor per observation.
+/// [`AttackError::Dimensions`] when the descriptors of a map image have another dimension,
+/// [`AttackError::FrameDescriptors`] when the numbers of descriptors and observations differ.
 pub fn guided_transfer(
     query: &Descriptors,
     observations: &[Observation],
@@ -89,7 +89,7 @@ pub fn guided_transfer(
     }
     let known = known(observations);
     let mut matched: Vec<Matched<'_>> = map.par_iter().map(|p| Matched::new(query, p)).collect();
-    // Stable: equal counts stay in the order of the map.
+    // A stable sort keeps the order of the map for equal counts.
     matched.sort_by_key(|m| std::cmp::Reverse(m.mutual.len()));
     matched.truncate(options.images);
     let views: Vec<MapView> =
@@ -119,13 +119,13 @@ fn one(
         for segment in segments.iter().filter(|s| !s.is_empty()) {
             view.near(i, segment, options.gate, similarities, &mut candidates);
         }
-        // One of the candidates is right with the probability of repetition, each as likely before it is looked at.
+        // One candidate is right with the probability of re-detection, and all are equally likely a priori.
         none += (candidates.len() - first) as f64 * (1.0 - options.repeatability) / options.repeatability;
     }
-    // "None of them" holds for all images together, where each image's candidates compete with its own.
+    // "No candidate" is counted once over all images, while the candidates of each image compete with each other.
     none /= views.len().max(1) as f64;
     let total = candidates.iter().map(|c| c.weight).sum::<f64>() + none;
-    // Hundreds of candidates weigh nothing; only few can lead.
+    // Of hundreds of candidates only a few have weight enough to lead.
     let heavy: Vec<&Candidate> = candidates.iter().filter(|c| c.weight >= LIGHT * total).collect();
     let together = |c: &&Candidate| {
         let group = heavy.iter().filter(|d| d.pixel.distance(&c.pixel) <= options.together_px);
@@ -140,7 +140,7 @@ fn one(
     Guided { pixel: Some(Pixel::new(u / weight, v / weight)), belief: weight / total }
 }
 
-/// Share of the whole weight below which a candidate leads nowhere.
+/// Candidates below this share of the total weight are skipped.
 const LIGHT: f64 = 1e-3;
-/// Belief above which an answer outweighs all others together.
+/// Probability above which an answer outweighs all others together.
 const BELIEVED: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! The paper's iterative server-side attack: what has been estimated counts as known from then on.
+//! The paper's iterative server-side attack: estimated positions are used as known ones in later steps.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::Vector2;
@@ -12,17 +12,16 @@ use crate::prior::KnownSegment;
 
 /// Recovers keypoints in the order of how many of their neighbours are known: `[N]` positions, pixels.
 ///
-/// Each step takes all keypoints with the largest number of known neighbours, puts each to the point of its line with
-/// the least sum of squared distances to these (Eq. 3 with the distance to points: the foot of the perpendicular from
-/// their mean), and adds them to the known ones. Neighbours that are lines do not count, as the paper "strictly
-/// filters outliers". Of two candidate lines the one of smaller sum is taken.
+/// Each step takes all keypoints with the largest number of known neighbours, moves each to the point of its line
+/// with the smallest sum of squared distances to them (Eq. 3 with the distance to points: the foot of the
+/// perpendicular from their mean), and adds them to the known ones. Neighbours that are lines are ignored, since the
+/// paper "strictly filters outliers". Of two candidate lines the one with the smaller sum is used.
 ///
-/// When no keypoint is left that has a known neighbour (or none was known to begin with), the rest is recovered from
-/// lines alone, as by [`closed_form`].
+/// Keypoints without known neighbours that remain at the end are recovered from lines alone, as by [`closed_form`].
 ///
 /// # Errors
-/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::NoNeighbours`]
-/// when no keypoint has any.
+/// [`AttackError::ListCount`] when the numbers of neighbour lists and observations differ,
+/// [`AttackError::NoNeighbours`] when no keypoint has any.
 pub fn iterative(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -31,7 +30,7 @@ pub fn iterative(
 ) -> Result<Vec<Pixel>, AttackError> {
     check(observations, neighbours)?;
     let mut at = known(observations);
-    // A list may name a keypoint twice, or itself; it counts once, or not.
+    // Repeated entries are counted once, and the keypoint itself is ignored.
     let lists: Vec<Vec<u32>> = (0..neighbours.len())
         .map(|i| {
             let mut list: Vec<u32> = neighbours.of(i).iter().copied().filter(|j| *j as usize != i).collect();
@@ -73,8 +72,7 @@ pub fn iterative(
     Ok(at.into_iter().flatten().collect())
 }
 
-/// The point of the observation's line with the least sum of squared distances to these points, of which there is one
-/// at least.
+/// The point of the observation's line with the smallest sum of squared distances to these points (at least one).
 fn nearest_to(
     observation: &Observation,
     points: impl Iterator<Item = Pixel>,
@@ -87,6 +85,6 @@ fn nearest_to(
         let foot = s.at(s.direction.dot(&(mean - s.origin.vector())));
         ((foot.vector() - mean).norm(), foot)
     });
-    // The sums differ by a constant from the squared distance to the mean.
+    // The sums differ from the squared distance to the mean by a constant.
     feet.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(Pixel::new(mean.x, mean.y), |f| f.1)
 }

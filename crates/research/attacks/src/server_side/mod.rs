@@ -1,11 +1,11 @@
-//! What a server that has found the pose recovers: it projects the map points of its inliers, and so knows some
-//! positions to begin with ([`crate::Observation::Known`]).
+//! Server-side attacks: a server that has found the pose projects the map points of its inliers, and so knows some
+//! positions ([`crate::Observation::Known`]).
 //!
 //! - [`server_side`]: the paper's attack (its supplement, "Baseline server-side attack");
-//! - [`iterative`]: the paper's iterative attack, which goes on from what it has just estimated;
+//! - [`iterative`]: the paper's iterative attack, which reuses estimated positions as known ones;
 //! - [`guided_transfer`](guided_transfer()): map images warped into the query by the flow of the inliers.
 //!
-//! [`crate::graph()`] takes known positions as well, and is the strongest of those that ask for neighbours.
+//! [`crate::graph()`] uses known positions as well, and is the strongest attack that needs neighbours.
 
 mod flow;
 mod guided;
@@ -20,27 +20,28 @@ use crate::geometry_recovery::{ClosedFormOptions, Recovered, closed_form};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 
-/// What becomes of neighbours that are lines where a neighbourhood also holds known positions.
+/// Use of neighbours that are lines when a neighbourhood also has known positions.
 ///
 /// "If the neighborhood contains projected inlier points, we used a point-to-point distance instead of point-to-line
 /// distance in Eq. (3)" (the paper's supplement) can be read either way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LineNeighbours {
-    /// They count beside the known ones: each neighbour by the distance it allows.
+    /// They are used beside the known ones: each neighbour contributes its own distance.
     #[default]
     Count,
-    /// They are left out: a known position says more than a line, and lines of one anchor say "the anchor".
+    /// They are ignored: a known position carries more information than a line, and lines of one anchor vote for the
+    /// anchor.
     LeftOut,
 }
 
 /// The paper's server-side attack: Eq. 3 with the distance to the point for neighbours whose position is known.
 ///
-/// A keypoint without a known neighbour is recovered from lines alone, as by [`closed_form`]; with none known the
-/// answers are those of the closed form, and a known keypoint answers its position.
+/// A keypoint without a known neighbour is recovered from lines alone, as by [`closed_form`]. The answer for a known
+/// keypoint is its position.
 ///
 /// # Errors
-/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::NoNeighbours`]
-/// when no keypoint has any.
+/// [`AttackError::ListCount`] when the numbers of neighbour lists and observations differ,
+/// [`AttackError::NoNeighbours`] when no keypoint has any.
 pub fn server_side(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -63,7 +64,7 @@ pub fn server_side(
     }
 }
 
-/// Where each keypoint is, as far as it is known.
+/// The known positions.
 fn known(observations: &[Observation]) -> Vec<Option<veiloc_geometry::Pixel>> {
     let position = |o: &Observation| match o {
         Observation::Known(pixel) => Some(*pixel),

@@ -1,4 +1,4 @@
-//! A map image warped into the query, and how similar descriptors of the same place are.
+//! A map image warped into the query, and the similarity of descriptors of the same point.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
@@ -7,20 +7,20 @@ use super::flow::{Flow, FlowVector, Warped};
 use crate::features::{Descriptors, KnownImage};
 use crate::prior::KnownSegment;
 
-/// A keypoint of a map image that may be the hidden one.
+/// A keypoint of a map image that may match the hidden one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
-    /// Its place in the query, on the hidden keypoint's line.
+    /// Its position in the query, projected on the hidden keypoint's line.
     pub(super) pixel: Pixel,
     pub(super) weight: f64,
 }
 
-/// A map image, and how similar its keypoints are to those of the query.
+/// A map image with the descriptor similarities between its keypoints and the query's.
 pub(super) struct Matched<'a> {
     image: &'a KnownImage,
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
-    /// Pairs of map and query keypoint that are each other's most similar, in the order of the query.
+    /// Mutual nearest neighbours of map and query keypoints, in the order of the query.
     pub(super) mutual: Vec<(usize, usize)>,
 }
 
@@ -32,17 +32,17 @@ impl<'a> Matched<'a> {
     }
 }
 
-/// A map image with its keypoints where they lie in the query.
+/// A map image with its keypoints warped into the query.
 pub(super) struct MapView {
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
     warped: Vec<Warped>,
-    /// Known keypoints and the map keypoints that are each other's most similar and land where they should.
+    /// Pairs of known keypoints and map keypoints that are mutual nearest neighbours and consistent with the flow.
     agreeing: Vec<(usize, usize)>,
 }
 
 impl MapView {
-    /// `None` where too few known keypoints are found again to tell the flow.
+    /// `None` when too few known keypoints match to estimate the flow.
     pub(super) fn new(
         matched: Matched,
         known: &[Option<Pixel>],
@@ -119,10 +119,12 @@ fn mutual(similarity: &DMatrix<f32>) -> Vec<(usize, usize)> {
     pairs.map(|(i, b)| (b.1, i)).collect()
 }
 
-/// How much nearer descriptors of one place in two images are than those of different places: two normal densities.
+/// Likelihood of descriptor distances: two normal densities, for the same point in two images and for different
+/// points.
 ///
-/// Distances differ much between keypoints (a corner among a hundred like it, a letter on a sign), so what counts is
-/// the logarithm of the distance over the least distance among map keypoints that cannot be the same place.
+/// Distances vary strongly between keypoints (a corner among a hundred similar ones, a letter on a sign), so the
+/// statistic is the logarithm of the distance over the least distance among map keypoints that cannot be the same
+/// point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Similarities {
     same: (f64, f64),
@@ -130,8 +132,8 @@ pub(super) struct Similarities {
 }
 
 impl Similarities {
-    /// From the known keypoints: a map keypoint that matches one and lands on it is of the same place; one that lands
-    /// farther away than twice the `gate` is of another.
+    /// Estimated from the known keypoints: a map keypoint that matches one and is warped onto it is the same point;
+    /// one that is warped farther away than twice the `gate` is another point.
     pub(super) fn learn(views: &[MapView], known: &[Option<Pixel>], gate: f64) -> Self {
         let (mut same, mut other) = (Moments::default(), Moments::default());
         for view in views {
@@ -152,8 +154,8 @@ impl Similarities {
         Self { same: same.normal(), other: other.normal() }
     }
 
-    /// How much likelier a logarithm is for one place than for two. It falls with the distance: where the tails of two
-    /// normal densities of unequal width would have it otherwise, it stays as it is.
+    /// Likelihood ratio of the same point against different points. It decreases with the distance; where the tails
+    /// of two normals with unequal widths would increase it again, it stays constant.
     fn likelihood_ratio(&self, log: f64) -> f64 {
         let x = log.min(self.other.0);
         let density =
@@ -177,7 +179,7 @@ impl Moments {
         self.squares += x * x;
     }
 
-    /// Mean and standard deviation, the latter never so small that one number decides.
+    /// Mean and standard deviation; the latter has a lower bound so that no single value decides.
     fn normal(&self) -> (f64, f64) {
         let mean = self.sum / self.count.max(1.0);
         (mean, (self.squares / self.count.max(1.0) - mean * mean).max(0.0).sqrt().max(0.05))

@@ -48,7 +48,7 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
         lift::random_lines(&truth, &mut rng),
         lift::coordinate_permutation(&truth, &mut rng),
         lift::dual_convergent(&truth, &pencils),
-        // Two lines in any direction: nothing in the sweep may lean on right angles.
+        // Two lines with arbitrary directions: the sweep must not rely on right angles.
         truth
             .iter()
             .map(|&p| {
@@ -75,7 +75,7 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
                 (answer - found).abs() < 1e-6 * (1.0 + found),
                 "scheme {s}, {i}: {answer} against {found}"
             );
-            // The whole line holds the segment; and around its answer nothing is better either.
+            // The whole line includes the segment, and its answer must be a local minimum as well.
             assert!(free[i].cost <= inside[i].cost * (1.0 + 1e-9) + 1e-9, "scheme {s}, {i}");
             assert!(sent[i].distance(free[i].pixel) < 1e-6 * (1.0 + free[i].pixel.distance(&truth[i])));
         }
@@ -111,7 +111,7 @@ fn one_anchor_answers_the_anchor() {
     for answer in attack(&sent, &NeighbourLists::nearest(&left, 20)) {
         assert!(answer.pixel.distance(&Pixel::new(320.0, 0.0)) < 1e-9 && answer.determined);
     }
-    // Twice the very same half-line: nothing is determined, and the anchor is said.
+    // Two equal half-lines: nothing is determined, and the answer is the anchor.
     let twice = [sent[0], sent[0]];
     let lists = NeighbourLists::from_lists(&[vec![1], vec![0]]).expect("valid");
     assert!(attack(&twice, &lists).iter().all(|a| !a.determined && a.pixel == Pixel::new(320.0, 0.0)));
@@ -162,13 +162,13 @@ fn the_papers_synthetic_scene() {
     let [(random, _, random_bits), (permuted, ..), (dcl, dcl_guess, dcl_bits)] = rows;
     assert!(random.median_px < 8.0 && random.mean_px < permuted.mean_px, "{random:?} {permuted:?}");
     assert!(permuted.mean_px < 0.3 * dcl.mean_px, "{permuted:?} {dcl:?}");
-    // Few keypoints come out, and yet guessing beats the attack by far.
+    // A few keypoints are recovered, but the prior-only baseline is far better than the attack.
     assert!(dcl.under_30px * 1500.0 < 30.0, "{dcl:?}");
     assert!((75.0..105.0).contains(&dcl_guess.mean_px), "{dcl_guess:?}");
     assert!(random_bits > 3.0 && dcl_bits < -1.0, "{random_bits} {dcl_bits}");
 }
 
-/// Distance to what an observation allows, ends included, by projection.
+/// Distance from the observation's line with its ends, by projection.
 fn distance_with_ends(observation: &Observation, extent: Extent, x: Pixel) -> f64 {
     let Some(mut s) = KnownSegment::hull(observation, SIZE.0, SIZE.1) else { return f64::NAN };
     if extent == Extent::HalfLine && s.anchor.is_some() {

@@ -1,4 +1,4 @@
-//! The graph attack on keypoints whose positions are known to the test.
+//! The graph attack on keypoints with known positions.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +12,7 @@ fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
     (0..n).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect()
 }
 
-/// Three crowds and few in between: densities differ by a factor of ten.
+/// Three clusters and few keypoints between them: densities differ by a factor of ten.
 fn crowds(n: usize, seed: u64) -> Vec<Pixel> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..n)
@@ -127,7 +127,7 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     assert_eq!(refused, Err(AttackError::BeginCount { observations: 300, positions: 299 }));
     let nothing = graph(&[], &NeighbourLists::nearest(&[], 3), 640, 480, &options, &mut rng).expect("empty");
     assert!(nothing.pixels.is_empty());
-    // Lines without a position, outside the image, alone, and their own neighbours.
+    // A line outside the image, a NaN line, rows without neighbours, and rows that list themselves.
     let odd = [
         Observation::Line(PixelLine::through(Pixel::new(f64::NAN, 0.0), 0.0)),
         Observation::Line(PixelLine::through(Pixel::new(0.0, -50.0), 0.0)),
@@ -157,13 +157,13 @@ fn positions_from_elsewhere_carry_the_layout_past_many_false_neighbours() {
     assert!(begun < 0.2 * alone && begun < 25.0, "{begun}, alone {alone}");
 }
 
-/// A detector that finds several orientations at one place sends a row of each. An attacker sees that their lines are
-/// equal and takes them for the one keypoint they are.
+/// A detector that finds several orientations at one position sends a row for each. The attack recognises their equal
+/// lines and merges the rows into one keypoint.
 #[test]
 fn rows_of_one_place_do_not_blind_the_attack() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let mut truth = crowds(700, 7);
-    // One to four more rows for a third of the places.
+    // One to four additional rows for a third of the positions.
     for i in (0..700).step_by(3) {
         truth.extend(std::iter::repeat_n(truth[i], rng.random_range(1..5)));
     }

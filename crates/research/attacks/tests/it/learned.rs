@@ -1,7 +1,7 @@
-//! Networks of attackers: what they are given and what is made of their answers, and files that are refused.
+//! Learned attacks: the networks' inputs and outputs, and files that are refused.
 //!
-//! The networks are those of `scripts/tiny_networks.py`, which says what each computes, and of `research/train/make_tiny.py`,
-//! with what PyTorch says they answer.
+//! The networks come from `scripts/tiny_networks.py`, which documents what each computes, and from
+//! `research/train/make_tiny.py`, with the outputs of PyTorch.
 
 use std::path::{Path, PathBuf};
 
@@ -22,13 +22,13 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned").join(name)
 }
 
-/// The script's numbers.
+/// The same numbers as in the script.
 fn made_up(count: usize, seed: u64, scale: f64) -> Vec<f32> {
     let number = |i: u64| ((i + seed * 7919) * 2_654_435_761 % (1 << 32)) as f64 / (1_u64 << 32) as f64 - 0.5;
     (0..count as u64).map(|i| (number(i) * scale) as f32).collect()
 }
 
-/// Keypoints whose descriptors say which of 4 x 3 fields they are in.
+/// Keypoints whose descriptors encode which of 4 x 3 fields they are in.
 fn image(seed: u64) -> KnownImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let keypoints: Vec<Pixel> =
@@ -60,7 +60,7 @@ fn positions_are_where_the_network_finds_them_likely() {
     let found = position_accuracy(&network, &images, AngleBits::default(), &mut rng)
         .expect("sent")
         .expect("keypoints");
-    // Of a line as long as the image a field leaves a third.
+    // On a line across the whole image a field leaves a third.
     assert!(found.information > 0.9 && found.bits > found.bits_untrained + 0.9, "{found:?}");
     assert!(found.errors.median_px < 0.5 * found.guess.median_px, "{found:?}");
     assert_eq!((found.keypoints, found.by_image.len()), (240, 2));
@@ -118,14 +118,14 @@ fn neighbours_are_those_of_near_embeddings() {
     assert!(matches!(network.predict(&short, 5), Err(AttackError::Dimensions { expected: 12, found: 5 })));
 }
 
-/// What the network of inversion gives where descriptors were placed, by its formula.
+/// The inversion network outputs a formula of the descriptors' cells.
 #[test]
 fn images_are_made_of_what_stands_in_cells() {
     let network = InversionNetwork::open(&data("inversion.toml")).expect("a network");
     assert!(network.judges_places() && network.features() == "sift");
     let grid = network.grid(SIZE);
     assert_eq!((grid.width, grid.height, network.side(), network.dimension()), (32, 24, 32, 128));
-    // Two keypoints in one cell, one in another, one beyond the image.
+    // Two keypoints in one cell, one in another, one outside the image.
     let places =
         [Pixel::new(5.0, 5.0), Pixel::new(9.9, 0.0), Pixel::new(300.0, 235.0), Pixel::new(320.0, 5.0)];
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -162,11 +162,11 @@ fn images_are_made_of_what_stands_in_cells() {
     }
     assert!(beliefs[3].is_nan(), "it stands nowhere");
 
-    // A view twice as wide and high: what lies beyond the image is there too.
+    // A view twice as wide and high also shows what lies outside the image.
     let wide = network.invert(&descriptors, SIZE, Known::Places(&places), 2).expect("made");
     assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
     assert!(wide.beliefs.expect("it judges places").iter().all(|belief| belief.is_finite()));
-    // Without a place, and without a descriptor: one colour.
+    // Without positions, and without descriptors: one colour.
     let none = Descriptors::new(&[], 128).expect("none");
     for (descriptors, known) in [(&descriptors, Known::Nothing), (&none, Known::Places(&[]))] {
         let made = network.invert(descriptors, SIZE, known, 1).expect("made");
@@ -195,7 +195,7 @@ fn what_networks_answer_is_checked() {
     }
 }
 
-/// Opens a description of these lines as a network of all three kinds; what the one that is meant says.
+/// Opens a description with these lines as each kind of network; returns the message of the intended kind.
 fn refused(folder: &Path, kind: &str, text: &str) -> String {
     let path = folder.join("described.toml");
     std::fs::write(&path, text).expect("written");
@@ -284,7 +284,7 @@ fn descriptions_that_are_wrong_are_refused_by_name_and_with_a_remedy() {
     assert!(binary.contains("described.png"), "{binary}");
 }
 
-/// Whatever is changed in a network's file: it is refused, or gives something.
+/// Any damage of a network file must lead to an error or to an output, never to a panic.
 #[test]
 fn damaged_networks_never_end_the_program() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -311,7 +311,7 @@ fn damaged_networks_never_end_the_program() {
     }
 }
 
-/// Networks of the shapes that are trained: the very numbers that PyTorch wrote down.
+/// Networks of the trained architectures: outputs equal those that PyTorch wrote.
 #[test]
 fn networks_of_pytorch_answer_here_what_they_answer_there() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/networks");

@@ -1,4 +1,4 @@
-//! Tests of `veiloc-attacks` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-attacks`; one executable, because linking dominates the build time.
 
 mod geometry_recovery;
 mod graph;

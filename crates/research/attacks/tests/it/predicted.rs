@@ -1,4 +1,4 @@
-//! Neighbours predicted from descriptors, and what a server transfers from its map.
+//! Neighbours predicted from descriptors, and transfer from a server's map.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use veiloc_geometry::{Pencils, Pixel};
 
 const DIMENSION: usize = 16;
 
-/// Keypoints whose descriptors vary with the place as a random smooth texture does, plus noise of its own.
+/// Keypoints whose descriptors vary with the position like a random smooth texture, plus independent noise.
 fn image(seed: u64, signal: f64) -> (Vec<Pixel>, Vec<u8>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let waves: Vec<[f64; 3]> = (0..DIMENSION)
@@ -63,7 +63,7 @@ fn a_smooth_texture_gives_neighbours_away_and_noise_does_not() {
 fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
     let (keypoints, bytes) = image(5, 1.0);
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    // The map saw the same things 12 px beside, in another order and with some noise.
+    // The map image shows the same points shifted by 12 px, in another order and with noise.
     let mut order: Vec<usize> = (0..keypoints.len()).collect();
     for i in (1..order.len()).rev() {
         order.swap(i, rng.random_range(0..=i));

@@ -1,4 +1,4 @@
-//! What a server that knows some positions makes of the others: against independent answers on made-up images.
+//! Attacks of a server that knows some positions, against independent computations on synthetic images.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +14,7 @@ fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
     (0..n).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect()
 }
 
-/// Half-lines, of which every `each`-th keypoint is known.
+/// Half-lines; every `each`-th keypoint has a known position.
 fn partly_known(truth: &[Pixel], each: usize) -> Vec<Observation> {
     let sent = lift::dual_convergent(truth, &Pencils::paper(640, 480));
     let known = |(i, (o, p)): (usize, (&Observation, &Pixel))| {
@@ -23,7 +23,7 @@ fn partly_known(truth: &[Pixel], each: usize) -> Vec<Observation> {
     sent.iter().zip(truth).enumerate().map(known).collect()
 }
 
-/// The least value of `f` on `[low, high]`, a parabola: by thirds, knowing nothing of it.
+/// Minimum of the convex function `f` on `[low, high]`, by ternary search.
 fn minimise(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     for _ in 0..200 {
         let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
@@ -69,7 +69,7 @@ fn the_papers_attack_is_the_least_squares_of_its_equation() {
 
 #[test]
 fn on_a_grid_the_iterative_attack_is_exact() {
-    // Each hidden keypoint in the middle of eight known ones: their mean is where it is.
+    // Each hidden keypoint is the centre of eight known ones, so their mean is its position.
     let truth: Vec<Pixel> = (0..300)
         .map(|i| Pixel::new(17.0 + f64::from(i % 20) * 30.0, 13.0 + f64::from(i / 20) * 30.0))
         .collect();
@@ -92,7 +92,7 @@ fn what_has_just_been_estimated_counts_as_known() {
     ];
     let lines = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let sent = [Observation::Known(truth[0]), Observation::Known(truth[1]), lines[2], lines[3]];
-    // The third knows both, the fourth one of them and the third.
+    // The third keypoint has two known neighbours; the fourth has one of them and the third.
     let lists = NeighbourLists::from_lists(&[vec![], vec![], vec![0, 1, 0, 2], vec![1, 2]]).expect("valid");
     let answers = iterative(&sent, &lists, 640, 480).expect("lists fit");
     let foot = |i: usize, a: Pixel, b: Pixel| {
@@ -127,7 +127,7 @@ fn all_known_none_known_and_no_neighbours() {
     assert_eq!(refused, Err(AttackError::ListCount { observations: 49, lists: 50 }));
 }
 
-/// With a third of the positions known the layout survives more false neighbours than it does without.
+/// With a third of the positions known the layout tolerates more false neighbours than without.
 #[test]
 fn known_positions_carry_the_graph_through_false_neighbours() {
     let truth = uniform(700, 5);
@@ -145,8 +145,8 @@ fn known_positions_carry_the_graph_through_false_neighbours() {
     assert!(with < 10.0 && with < 0.3 * without, "{with}, without {without}");
 }
 
-/// A query and a map image of one place, turned, grown and moved. Every other keypoint has a descriptor of its own,
-/// the others share theirs with `copies` keypoints all over the image.
+/// A query and a map image of one scene, rotated, scaled and moved. Every other keypoint has a unique descriptor;
+/// each of the others shares its descriptor with `copies` keypoints all over the image.
 fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownImage) {
     let truth = uniform(900, 8);
     let moved: Vec<Pixel> = truth

@@ -1,4 +1,4 @@
-//! From descriptors, and what is known of their places, to an image.
+//! Inversion networks: from descriptors, and information about their positions, to an image.
 //!
 //! ```text
 //! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image; the last channel says how full a cell is
@@ -6,9 +6,9 @@
 //! → visible [1, 1, H, W]               of some networks: how likely what stands in the cell stands rightly, 0 to 1
 //! ```
 //!
-//! Places may be those of the keypoints (the paper's upper bound), those an attack recovered, or lines as they were
-//! sent, each descriptor spread over its line by how likely the guess finds the keypoint there. Of a cell that holds
-//! descriptors with shares `sᵢ` the channels are `Σ sᵢ dᵢ / max(Σ sᵢ, 1)`, and the last is `ln(1 + Σ sᵢ)`.
+//! Positions are the true keypoints (the paper's upper bound), the answers of an attack, or the sent lines, where
+//! each descriptor is spread over its line by the prior-only likelihood of the keypoint. A cell with descriptors of
+//! shares `sᵢ` has the channels `Σ sᵢ dᵢ / max(Σ sᵢ, 1)`, and `ln(1 + Σ sᵢ)` as the last one.
 
 mod places;
 
@@ -21,12 +21,12 @@ use veiloc_geometry::Pixel;
 use super::description::{Described, Kind};
 use crate::{AttackError, Descriptors, Observation};
 
-/// Cells of the longer side.
+/// Allowed numbers of cells along the longer side.
 const SIDES: std::ops::RangeInclusive<usize> = 16..=2048;
-/// Most numbers of a grid: a gibibyte.
+/// Maximum number of values in a grid: one gibibyte.
 const MOST_NUMBERS: usize = 1 << 28;
 
-/// Sides of a grid, cells.
+/// Size of a grid, cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
     /// Columns.
@@ -36,7 +36,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Of about `side` cells on the longer side of an image of this size; both sides are multiples of `multiple`.
+    /// The grid with about `side` cells along the longer side for an image of this size; both sides are multiples of
+    /// `multiple`.
     fn of_image([width, height]: [u32; 2], side: usize, multiple: usize) -> Self {
         let scale = side as f64 / f64::from(width.max(height).max(1));
         let along = |pixels: u32| {
@@ -46,34 +47,34 @@ impl Grid {
         Self { width: along(width), height: along(height) }
     }
 
-    /// How many cells.
+    /// Number of cells.
     pub fn cells(self) -> usize {
         self.width * self.height
     }
 }
 
-/// What is known of the places of descriptors.
+/// What the attacker knows about the positions of descriptors.
 #[derive(Debug, Clone, Copy)]
 pub enum Known<'a> {
-    /// A place each, `[N]`, pixels; one that is not finite or lies beyond the image is left out.
+    /// One position per descriptor, `[N]`, pixels; positions that are not finite or outside the image are left out.
     Places(&'a [Pixel]),
-    /// What was sent, `[N]`.
+    /// The sent observations, `[N]`.
     Lines(&'a [Observation]),
-    /// Nothing: all stand in all cells, evenly.
+    /// No position: every descriptor is spread evenly over all cells.
     Nothing,
 }
 
-/// What a network makes of descriptors.
+/// Output of an inversion network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inverted {
-    /// A pixel for each cell.
+    /// One pixel per cell.
     pub image: ColourImage,
-    /// How likely each descriptor stands rightly where it was placed, `[N]`, 0 to 1; NaN for one beyond the image.
-    /// `None` of a network that judges no places, and where no places were given.
+    /// Probability that each descriptor was placed correctly, `[N]`, 0 to 1; NaN for a descriptor outside the image.
+    /// `None` for a network without this output, and if no positions were given.
     pub beliefs: Option<Vec<f32>>,
 }
 
-/// Makes an image of descriptors.
+/// Reconstructs an image from descriptors.
 #[derive(Debug)]
 pub struct InversionNetwork {
     network: Described,
@@ -82,10 +83,10 @@ pub struct InversionNetwork {
 }
 
 impl InversionNetwork {
-    /// Reads a network by its description, or by the ONNX file that has one beside it.
+    /// Reads a network from its description, or from the ONNX file beside it.
     ///
     /// # Errors
-    /// [`AttackError::Description`] and [`AttackError::Features`], which name the file.
+    /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         let (network, description) = Described::open(path, Kind::Inversion)?;
         let (side, multiple) = (description.side.unwrap_or(0), description.multiple.unwrap_or(0));
@@ -110,38 +111,39 @@ impl InversionNetwork {
         self.network.file()
     }
 
-    /// The kind of descriptors it learned from.
+    /// The descriptor kind of its training data.
     pub fn features(&self) -> &str {
         self.network.features()
     }
 
-    /// Their length.
+    /// The descriptor length.
     pub fn dimension(&self) -> usize {
         self.network.dimension()
     }
 
-    /// Cells of the longer side.
+    /// Cells along the longer side.
     pub fn side(&self) -> usize {
         self.side
     }
 
-    /// Whether it says how likely descriptors stand rightly.
+    /// Whether the network estimates which positions are correct.
     pub fn judges_places(&self) -> bool {
         self.network.gives("visible")
     }
 
-    /// The grid of an image of this size, pixels.
+    /// The grid for an image of this size, pixels.
     pub fn grid(&self, size: [u32; 2]) -> Grid {
         Grid::of_image(size, self.side, self.multiple)
     }
 
-    /// The image, on the grid of one of `size` pixels, of its descriptors and what is `known` of their places. `times`: of
-    /// the view, each side so many times the image's, the image in its middle; 1 for the image itself.
+    /// The image reconstructed from descriptors and what is `known` of their positions, on the grid of an image of
+    /// `size` pixels. `times`: each side of the view is this multiple of the image's side, with the image in the
+    /// centre; 1 for the image itself.
     ///
     /// # Errors
-    /// [`AttackError::Dimensions`] for descriptors of another length than those learned from,
-    /// [`AttackError::DescriptorCount`] where there is not one for each place, [`AttackError::Features`] when the network
-    /// cannot run.
+    /// [`AttackError::Dimensions`] for descriptors with another length than the network's,
+    /// [`AttackError::DescriptorCount`] when the numbers of descriptors and positions differ,
+    /// [`AttackError::Features`] when the network cannot run.
     pub fn invert(
         &self,
         descriptors: &Descriptors,
@@ -190,7 +192,7 @@ impl InversionNetwork {
     }
 }
 
-/// Descriptors in their cells, `[1, dimension + 1, H, W]`.
+/// Descriptors accumulated in their cells, `[1, dimension + 1, H, W]`.
 fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[places::Share]) -> Tensor {
     let (cells, dimension) = (grid.cells(), descriptors.dimension());
     let mut full = vec![0.0f32; cells];
@@ -212,7 +214,7 @@ fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[places::Share]) ->
     tensor(grid, data)
 }
 
-/// All descriptors in all cells, each with the same share: what is told by descriptors without any place.
+/// All descriptors in all cells with equal shares: the information of descriptors without positions.
 fn spread_over(grid: Grid, descriptors: &Descriptors) -> Tensor {
     let (cells, dimension) = (grid.cells(), descriptors.dimension());
     let full = descriptors.len() as f32 / cells as f32;
@@ -229,7 +231,7 @@ fn tensor(grid: Grid, data: Vec<f32>) -> Tensor {
     Tensor { shape: vec![1, data.len() / grid.cells(), grid.height, grid.width], data }
 }
 
-/// `[3, cells]` from 0 to 1, what is darker than black or brighter than white cut off.
+/// `[3, cells]`, clamped to 0 to 1.
 fn image_of(colours: &[f32], grid: Grid) -> ColourImage {
     let cells = grid.cells();
     let byte = |value: f32| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
@@ -255,7 +257,7 @@ mod tests {
     fn cells_hold_weighted_means_and_how_full_they_are() {
         let descriptors = Descriptors::new(&[3, 4, 0, 0, 8, 6], 2).expect("three of them");
         let grid = Grid { width: 2, height: 1 };
-        // The first and the last share a cell; of the middle one, all zeros, nothing but its share is seen.
+        // The first and the last share a cell; the middle one is all zeros, so only its share is visible.
         let shares = [(0, 0, 1.0), (2, 0, 0.5), (1, 1, 0.25)];
         let placed = placed_on(grid, &descriptors, &shares);
         assert_eq!(placed.shape, [1, 3, 1, 2]);

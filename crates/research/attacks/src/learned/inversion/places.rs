@@ -1,17 +1,17 @@
-//! From places in an image to cells of a grid: keypoints, answers of attacks, and lines as they were sent.
+//! From positions in an image to cells of a grid: keypoints, recovered positions and sent lines.
 
 use veiloc_geometry::Pixel;
 
 use super::Grid;
 use crate::{KnownSegment, Observation};
 
-/// Descriptor, cell, and how much of the descriptor lies there.
+/// Descriptor, cell, and the share of the descriptor in that cell.
 pub(super) type Share = (u32, u32, f32);
 
-/// Steps in which a line is followed.
+/// Number of samples along a line.
 const STEPS: usize = 64;
 
-/// The cell at a place of an image of this size; `None` beyond it, and for a place that is none.
+/// The cell at a position in an image of this size; `None` outside the image and for positions that are not finite.
 fn cell(place: Pixel, [width, height]: [u32; 2], grid: Grid) -> Option<u32> {
     let along = |at: f64, pixels: u32, cells: usize| {
         let at = at * cells as f64 / f64::from(pixels);
@@ -22,13 +22,14 @@ fn cell(place: Pixel, [width, height]: [u32; 2], grid: Grid) -> Option<u32> {
     Some((y * grid.width + x) as u32)
 }
 
-/// One place each.
+/// One position per descriptor.
 pub(super) fn at(places: &[Pixel], size: [u32; 2], grid: Grid) -> Vec<Share> {
     let share = |(i, place): (usize, &Pixel)| Some((i as u32, cell(*place, size, grid)?, 1.0));
     places.iter().enumerate().filter_map(share).collect()
 }
 
-/// Each spread over what was sent, by how likely the guess finds the keypoint there. What misses the image is left out.
+/// Each descriptor spread over its observation by the prior-only likelihood of the keypoint. The part outside the
+/// image is left out.
 pub(super) fn along(observations: &[Observation], size: [u32; 2], grid: Grid) -> Vec<Share> {
     let mut shares: Vec<Share> = Vec::new();
     for (i, observation) in observations.iter().enumerate() {
@@ -95,7 +96,7 @@ mod tests {
         let first: Vec<&Share> = shares.iter().filter(|s| s.0 == 0).collect();
         assert_eq!(first.len(), 64, "evenly along the row of cells");
         assert!(first.iter().all(|s| s.1 < 64 && (s.2 - 1.0 / 64.0).abs() < 1e-6));
-        // Of a pencil what is far from the anchor is likelier.
+        // In a pencil, positions far from the anchor are likelier.
         let far = |s: &&Share| (f64::from(s.1 / 64) - 12.0).abs() > 24.0;
         let own: Vec<&Share> = shares.iter().filter(|s| s.0 == 1).collect();
         assert!(own.iter().copied().filter(far).count() > 0, "it reaches across the image");

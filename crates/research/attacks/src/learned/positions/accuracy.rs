@@ -1,4 +1,5 @@
-//! What a network tells of images whose keypoints are known: in bits, and in pixels beside the guess.
+//! Accuracy of a position network on images with known keypoints: information in bits, and pixels beside the
+//! prior-only baseline.
 
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::Pixel;
@@ -10,34 +11,34 @@ use crate::{AttackError, ErrorSummary, KnownImage, Observation, bits_over_prior,
 use super::bins::Bins;
 use super::{PositionNetwork, recover};
 
-/// Bins in which information is measured.
+/// Number of bins in which information is measured.
 const BINS: usize = 64;
 
-/// What a network tells of some images.
+/// Accuracy of a position network on a set of images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PositionAccuracy {
-    /// Keypoints.
+    /// Number of keypoints.
     pub keypoints: usize,
-    /// Mean over keypoints of `log2` of how likely the network finds the bin in which the keypoint is, over how likely the
-    /// guess finds it: 0 for the guess.
+    /// Mean over keypoints of `log2(p / p₀)` for the bin that holds the keypoint: `p` is the network's probability,
+    /// `p₀` that of the prior-only baseline. 0 for the baseline.
     pub information: f64,
     /// Errors of [`Estimate::pixel`](super::Estimate::pixel), pixels.
     pub errors: ErrorSummary,
-    /// Errors of the guess.
+    /// Errors of the prior-only baseline, pixels.
     pub guess: ErrorSummary,
-    /// [`bits_over_prior`] of these errors.
+    /// [`bits_over_prior`] of [`Self::errors`].
     pub bits: f64,
-    /// The same of [`Estimate::mean`](super::Estimate::mean).
+    /// [`bits_over_prior`] of [`Estimate::mean`](super::Estimate::mean).
     pub bits_of_mean: f64,
-    /// The same of the places of least expected error of a network that has learned nothing: what asking for the median
-    /// instead of the mean is worth, which of several stretches is much.
+    /// [`bits_over_prior`] of the posterior median of an untrained network: the gain of the median over the mean
+    /// alone, which is large for rows with several stretches.
     pub bits_untrained: f64,
     /// [`Self::information`] of each image.
     pub by_image: Vec<f64>,
 }
 
-/// What a network tells of these images, each obfuscated under its scheme by this generator; `None` without a keypoint
-/// that lies in its image.
+/// Accuracy of a network on these images, each obfuscated under the network's scheme with this generator; `None` if
+/// no keypoint lies in its image.
 ///
 /// # Errors
 /// As [`recover()`](super::recover()), and [`AttackError::Seal`] when an image cannot be obfuscated.
@@ -97,7 +98,7 @@ pub fn position_accuracy(
     }))
 }
 
-/// Sum over the bins in which keypoints are of `log2` of their share over the guess's.
+/// Sum of `log2` of the share over the baseline's share, over the bins that hold keypoints.
 fn information(shares: &[f32], bins: &Bins, held: &[usize]) -> f64 {
     let of_bin = |bin: &usize| {
         let said = f64::from(shares[*bin]).max(f64::from(f32::MIN_POSITIVE)).ln();

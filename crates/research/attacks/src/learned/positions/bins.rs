@@ -1,8 +1,8 @@
-//! Where a keypoint may be, cut into bins: the exact guess of `crate::prior_only`, piece by piece.
+//! The possible positions of a keypoint, divided into bins with the exact probabilities of `crate::prior_only`.
 //!
-//! Each candidate of an observation (a stretch of a line of a pencil, one of two lines) is cut into bins in which the
-//! guess finds the keypoint equally likely; candidates have bins in proportion to their share, one at least. A bin
-//! stands for its expected place, so that the mean over all bins is the guess to the last bit.
+//! Each candidate of an observation (a stretch of a line of a pencil, or one of two lines) is divided into bins of
+//! equal prior probability; the number of bins of a candidate is proportional to its share, at least one. A bin is
+//! represented by its expected position, so the mean over all bins equals the prior-only baseline exactly.
 
 use crate::{KnownSegment, Observation};
 use veiloc_geometry::Pixel;
@@ -10,11 +10,11 @@ use veiloc_geometry::Pixel;
 /// The bins of all rows of an image.
 #[derive(Debug, Clone)]
 pub(super) struct Bins {
-    /// `[N + 1]`: row `i` has the bins `offsets[i]..offsets[i + 1]`, one at least.
+    /// `[N + 1]`: row `i` has the bins `offsets[i]..offsets[i + 1]`, at least one.
     offsets: Vec<usize>,
-    /// Where each bin is on average, pixels.
+    /// Mean position of each bin, pixels.
     pub(super) places: Vec<Pixel>,
-    /// Logarithm of how likely the guess finds each among those of its row.
+    /// Log prior probability of each bin within its row.
     pub(super) guess: Vec<f32>,
     pieces: Vec<Vec<Piece>>,
 }
@@ -28,7 +28,7 @@ struct Piece {
 }
 
 impl Bins {
-    /// About `count` bins a row; one alone where the line misses the image or the position is known.
+    /// About `count` bins per row; one bin if the line misses the image or the position is known.
     pub(super) fn of(observations: &[Observation], [width, height]: [u32; 2], count: usize) -> Self {
         let mut bins = Self { offsets: vec![0], places: Vec::new(), guess: Vec::new(), pieces: Vec::new() };
         for observation in observations {
@@ -58,7 +58,7 @@ impl Bins {
         Piece { segment, first, count }
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub(super) fn rows(&self) -> usize {
         self.offsets.len() - 1
     }
@@ -68,7 +68,7 @@ impl Bins {
         self.offsets[row]..self.offsets[row + 1]
     }
 
-    /// The bin of a row in which, or nearest to which, this place is; `None` where the row has one alone.
+    /// The bin of a row that holds, or is nearest to, this position; `None` if the row has one bin only.
     pub(super) fn holding(&self, row: usize, place: Pixel) -> Option<usize> {
         if self.of_row(row).len() < 2 {
             return None;
@@ -82,24 +82,24 @@ impl Bins {
         let piece = open.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let s = &piece.segment;
         let share = mass(s, along(piece)) / mass(s, s.far);
-        // Written so that NaN, of a candidate without extent, is its first bin.
+        // Written so that NaN, from a candidate of zero length, gives the first bin.
         let bin = if share > 0.0 { (share * piece.count as f64) as usize } else { 0 };
         Some(piece.first + bin.min(piece.count - 1))
     }
 }
 
-/// How much of a segment lies before `t`, up to one factor.
+/// Prior probability of the segment before `t`, up to one factor.
 fn mass(segment: &KnownSegment, t: f64) -> f64 {
     (t - segment.near) * segment.likelihood(f64::midpoint(segment.near, t))
 }
 
-/// Before which this share of a segment lies: the likelihood is linear, its integral a square.
+/// The `t` with this share of the prior probability before it: the likelihood is linear, its integral quadratic.
 fn quantile(segment: &KnownSegment, share: f64) -> f64 {
     let (first, growth) = (segment.likelihood(segment.near), segment.growth[1]);
     let wanted = share * mass(segment, segment.far);
     let root = (first * first + 2.0 * growth * wanted).max(0.0).sqrt();
     let t = segment.near + 2.0 * wanted / (first + root);
-    // Of a likelihood that is nothing everywhere: evenly.
+    // For a likelihood that is zero everywhere: uniform.
     let even = segment.near + share * (segment.far - segment.near);
     if t.is_finite() { t.clamp(segment.near, segment.far) } else { even }
 }
@@ -155,7 +155,7 @@ mod tests {
                 let best = all.map(nearest).fold(f64::MAX, f64::min);
                 far += usize::from(nearest(bin) > best + 12.0);
             }
-            // Between two bins of unequal length the nearer middle may be the other's.
+            // Between two bins of unequal length the nearer centre may be that of the other bin.
             assert!(far < 20, "{scheme}: {far}");
         }
     }
@@ -164,7 +164,7 @@ mod tests {
     fn bins_of_a_wedge_are_equally_full() {
         let pencils = Pencils::paper(640, 480);
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        // All on nearly one line, spread evenly over its wedge: the distance is the root of an even number.
+        // All on nearly one line, uniform over its wedge: the distance is the square root of a uniform number.
         let anchor = pencils.anchor_of(Pixel::new(100.0, 400.0));
         let row = Observation::anchored(&pencils, anchor, pencils.angle_of(anchor, Pixel::new(100.0, 400.0)));
         let bins = Bins::of(&[row], [640, 480], 10);
@@ -176,7 +176,7 @@ mod tests {
             full[bins.holding(0, segment.at(t)).expect("a line")] += 1;
         }
         assert!(full.iter().all(|n| (1800..2200).contains(n)), "{full:?}");
-        // A known position has one bin and nothing to learn.
+        // A known position has one bin, and there is nothing to predict.
         let known = lift::dual_convergent(&[], &pencils);
         assert_eq!(Bins::of(&known, [640, 480], 64).rows(), 0);
         let bins = Bins::of(&[Observation::Known(Pixel::new(3.0, 4.0))], [640, 480], 64);

@@ -1,8 +1,8 @@
-//! From all rows of one obfuscated image to where on its line each keypoint lies.
+//! Position networks: from all rows of one obfuscated image to the position of each keypoint on its line.
 //!
-//! A row is told by its descriptor and by where on its line the keypoint can be: places, each with the exact guess's
-//! share. What a network answers at these places is **added to the logarithms of the guess**. So a network that
-//! answers zeros says the guess to the last bit, under any scheme and layout, and what it says beyond that was learned.
+//! The input for a row is its descriptor and the bins of its line, each with its exact prior probability. The
+//! network's output for a bin is **added to the log prior**. So a network that outputs zeros gives exactly the
+//! prior-only baseline, under any scheme and layout; every difference from it was learned.
 //!
 //! ```text
 //! descriptors [1, N, dimension]
@@ -30,10 +30,10 @@ pub use recover::{Estimate, recover};
 
 use bins::Bins;
 
-/// The guess's logarithm where a row has no bin.
+/// Log prior of padding bins.
 const NO_BIN: f32 = -1e9;
 
-/// What a network is shown of a query.
+/// Input modality of a network: which part of a query it is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sees {
@@ -45,7 +45,7 @@ pub enum Sees {
     Line,
 }
 
-/// Says where on its line each keypoint lies.
+/// Predicts the position of each keypoint on its line.
 #[derive(Debug)]
 pub struct PositionNetwork {
     network: Described,
@@ -54,10 +54,10 @@ pub struct PositionNetwork {
 }
 
 impl PositionNetwork {
-    /// Reads a network by its description, or by the ONNX file that has one beside it.
+    /// Reads a network from its description, or from the ONNX file beside it.
     ///
     /// # Errors
-    /// [`AttackError::Description`] and [`AttackError::Features`], which name the file.
+    /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         let (network, description) = Described::open(path, Kind::Positions)?;
         let name = description.scheme.unwrap_or_default();
@@ -76,17 +76,17 @@ impl PositionNetwork {
         Ok(Self { network, scheme, sees })
     }
 
-    /// Under which scheme it learned; of other schemes it knows nothing.
+    /// The scheme of its training data; it cannot be used on other schemes.
     pub fn scheme(&self) -> Scheme {
         self.scheme
     }
 
-    /// What it is shown.
+    /// Its input modality.
     pub fn sees(&self) -> Sees {
         self.sees
     }
 
-    /// How likely each bin of each row is, `[bins]`.
+    /// Posterior probability of each bin of each row, `[bins]`.
     fn shares(
         &self,
         descriptors: &Descriptors,
@@ -126,7 +126,7 @@ impl PositionNetwork {
     }
 }
 
-/// Logarithms, up to a constant, to shares.
+/// Converts logits to probabilities.
 fn softmax(values: &mut [f32]) {
     let most = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     for x in values.iter_mut() {
@@ -138,7 +138,7 @@ fn softmax(values: &mut [f32]) {
     }
 }
 
-/// What was sent under this scheme, as far as it can be told from the rows.
+/// Whether the row can have been sent under this scheme.
 fn fits(scheme: Scheme, observation: &Observation) -> bool {
     match observation {
         Observation::Line(_) => scheme == Scheme::RandomLines,
@@ -154,13 +154,14 @@ mod tests {
 
     use super::*;
 
-    /// The network of `scripts/tiny_networks.py`: each bin by its distance from the middle of a field, and its guess.
+    /// The network of `scripts/tiny_networks.py`: the logits depend on each bin's distance from the centre of a
+    /// field.
     #[test]
     fn bins_have_the_guess_times_what_the_network_says_of_their_places() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned/positions.toml");
         let network = PositionNetwork::open(&path).expect("a network");
         let size = [320, 240];
-        // Rows of unlike numbers of bins: a line, one position, and two lines.
+        // Rows with different numbers of bins: a line, a known position, and two lines.
         let line = |u, v, angle| PixelLine::through(veiloc_geometry::Pixel::new(u, v), angle);
         let rows = [
             Observation::Line(line(30.0, 70.0, 0.3)),

@@ -1,4 +1,4 @@
-//! The attack: where the network puts each keypoint of an obfuscated image.
+//! The attack: posterior position of each keypoint of an obfuscated image.
 
 use crate::{AttackError, Descriptors, Observation};
 use rayon::prelude::*;
@@ -7,26 +7,27 @@ use veiloc_geometry::Pixel;
 use super::bins::Bins;
 use super::{PositionNetwork, fits};
 
-/// Bins of a row: finer than the networks learn with, so that places between them are told apart.
+/// Bins per row: finer than in training, so that positions between training bins are resolved.
 const BINS: usize = 160;
 
-/// Where a keypoint is said to be.
+/// Estimated position of a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The place along the candidates from which the keypoint is expected to be least far: of one line, the median.
+    /// The position with the smallest expected distance to the keypoint; on one line, the median.
     pub pixel: Pixel,
-    /// How far it is expected to be from there, pixels.
+    /// Expected distance between keypoint and `pixel`, pixels.
     pub expected_error: f64,
-    /// The expected place; of a network that has learned nothing, the guess.
+    /// The expected position; for an untrained network, the prior-only baseline.
     pub mean: Pixel,
 }
 
-/// Where the network puts each keypoint, `[N]`, from all that was sent of an image of `width` by `height` pixels.
+/// Recovers the position of each keypoint, `[N]`, from all that was sent of an image of `width` by `height` pixels.
 ///
 /// # Errors
-/// an [`AttackError`] when there is not one descriptor for each observation, or they are of another dimension than
-/// those learned from, [`AttackError::Scheme`] when a row was not sent under the network's scheme,
-/// [`AttackError::Features`] when the network cannot run.
+/// [`AttackError::DescriptorCount`] when the numbers of descriptors and observations differ,
+/// [`AttackError::Dimensions`] when the descriptors have another dimension than the network's,
+/// [`AttackError::Scheme`] when a row was not sent under the network's scheme, [`AttackError::Features`] when the
+/// network cannot run.
 pub fn recover(
     network: &PositionNetwork,
     observations: &[Observation],
@@ -53,7 +54,7 @@ pub fn recover(
     Ok(estimates(&bins, &network.shares(descriptors, &bins, size)?))
 }
 
-/// What a network that has learned nothing would say.
+/// The estimates of an untrained network.
 pub(super) fn of_guess(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
     let bins = Bins::of(observations, size, BINS);
     let shares: Vec<f32> = bins.guess.iter().map(|g| g.exp()).collect();
@@ -68,7 +69,7 @@ fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
     (0..bins.rows()).into_par_iter().map(estimate).collect()
 }
 
-/// Of places that are as likely as their shares say.
+/// Estimate from positions with these probabilities.
 fn best(places: &[Pixel], shares: &[f32]) -> Estimate {
     let (mut u, mut v, mut whole) = (0.0, 0.0, 0.0);
     for (place, share) in places.iter().zip(shares) {

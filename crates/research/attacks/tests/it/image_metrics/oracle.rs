@@ -1,4 +1,5 @@
-//! Against scikit-image (`scripts/oracle_judge.py`) on images made by formulas, and networks of `scripts/tiny_networks.py`.
+//! Comparison with scikit-image (`scripts/oracle_judge.py`) on synthetic images, and networks of
+//! `scripts/tiny_networks.py`.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/image_metrics").join(name)
 }
 
-/// The script's `drawn`.
+/// The same as `drawn` in the script.
 fn drawn(width: u32, height: u32, kind: u64) -> ColourImage {
     let pixel = |x: i64, y: i64, colour: i64| {
         let (a, b) = (x / 11, y / 13);
@@ -76,7 +77,7 @@ fn equal_images_are_equal_and_others_are_refused() {
 fn a_network_of_distances_is_given_both_images_from_0_to_1() {
     let distance = PerceptualDistance::open(&data("distance.onnx")).expect("a network");
     let (a, b) = (drawn(40, 30, 0), drawn(40, 30, 2));
-    // The network's is the mean squared difference.
+    // The network computes the mean squared difference.
     let square = |(x, y): (&u8, &u8)| (f64::from(x.abs_diff(*y)) / 255.0).powi(2);
     let expected = a.data().iter().zip(b.data()).map(square).sum::<f64>() / a.data().len() as f64;
     let found = distance.between(&a, &b).expect("one size");

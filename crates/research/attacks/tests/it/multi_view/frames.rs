@@ -1,4 +1,4 @@
-//! Several frames of made-up points: what lines fix, what they do not, and what is believed.
+//! Several frames of synthetic points: what lines determine, what they do not, and which answers are accepted.
 
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
@@ -23,7 +23,7 @@ struct Scene {
     pixels: Vec<Vec<Pixel>>,
     lines: Vec<Vec<Observation>>,
     descriptors: Vec<Descriptors>,
-    /// What the attacker knows of depth.
+    /// Depth limits that the attacker assumes.
     depths: [f64; 2],
 }
 
@@ -34,7 +34,8 @@ fn see(pose: &CameraFromWorld, x: &Point3<World>) -> Option<Pixel> {
 }
 
 impl Scene {
-    /// Points that all frames see. Cameras move by up to `moved` map units and turn by up to `turned` radians an axis.
+    /// Points that all frames see. Cameras translate by up to `moved` map units and rotate by up to `turned` radians
+    /// per axis.
     fn new(frames: usize, moved: f64, turned: f64, seed: u64) -> Self {
         Self::at_depths([2.0, 6.0], frames, moved, turned, seed)
     }
@@ -75,14 +76,14 @@ impl Scene {
         self.lines = self.pixels.iter().map(|p| lift::dual_convergent(p, &pencils)).collect();
     }
 
-    /// A frame as a device seals it: the detector's noise, dither, and angles rounded to cells.
+    /// A frame as a device seals it: the detector's noise, dither, and quantized angles.
     fn sealed(&self, frame: usize, noise: f64, seed: u64) -> Vec<Observation> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let pencils = Pencils::paper(640, 480);
         let cell = std::f64::consts::PI / f64::from(AngleBits::default().levels());
         let one = |p: &Pixel| {
             let mut step = || {
-                // Twelve uniform numbers make a Gaussian well enough.
+                // The sum of twelve uniform variables approximates a Gaussian.
                 let gauss: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
                 noise * gauss + rng.random::<f64>() - 0.5
             };
@@ -95,13 +96,13 @@ impl Scene {
         self.pixels[frame].iter().map(one).collect()
     }
 
-    /// The same with lines as they are sent.
+    /// The same scene with lines as a device sends them.
     fn sent(&self, seed: u64) -> Self {
         let lines = (0..self.poses.len()).map(|f| self.sealed(f, 0.3, seed + f as u64)).collect();
         Self { lines, ..self.clone() }
     }
 
-    /// Points of one surface: how deep follows from where.
+    /// Points on one surface: depth is a function of position.
     fn scatter_depth_by_place(&mut self, seed: u64) {
         let bend = |x: f64, y: f64| 3.5 + 1.5 * (4.0 * x).sin() * (3.0 * y).cos();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -118,7 +119,7 @@ impl Scene {
         *self = self.sent(seed + 1);
     }
 
-    /// Other points of that surface, as a map has them.
+    /// Other points of that surface, as map points.
     fn neighbours_in_the_map(&self, seed: u64) -> Vec<(Pixel, f64)> {
         let mut other = self.clone();
         other.scatter_depth_by_place(seed);
@@ -140,7 +141,7 @@ impl Scene {
         FramesOptions::with_depths(self.depths)
     }
 
-    /// What the first `n` frames tell about the first.
+    /// Estimates of the first frame from the first `n` frames.
     fn sighted(&self, n: usize) -> Vec<Sighted> {
         self.sighted_with(n, Vec::new())
     }
@@ -174,7 +175,7 @@ fn three_frames_fix_a_place_and_the_fourth_makes_it_believed() {
             found.iter().zip(&errors).filter(|(s, _)| s.is_believed()).map(|(_, e)| *e).collect();
         (ErrorSummary::of(&errors), believed)
     };
-    // Two, of cameras that move by a tenth of the depth: what is known of depth, and the turn, cut the line.
+    // Two frames of cameras that translate by a tenth of the depth: depth limits and rotation constrain the line.
     let (two, believed) = of(2);
     assert!(two.median_px < guess.median_px && two.median_px > 10.0, "{two:?} {guess:?}");
     assert!(believed.is_empty());
@@ -187,30 +188,31 @@ fn three_frames_fix_a_place_and_the_fourth_makes_it_believed() {
     assert!(six.under_5px > 0.9 && more.len() >= believed.len(), "{six:?}");
 }
 
-/// Both planes of a keypoint hold the one centre, and meet in its viewing ray: two frames are enough, at any depth.
-/// A depth at which the other plane is met, `−n·t / n·R b`, does not exist where `t = 0`: whoever looks for the answer
-/// among such depths finds the guess.
+/// Both planes of a keypoint contain the common centre and intersect in its viewing ray: two frames suffice, at any
+/// depth. The intersection depth `−n·t / n·R b` does not exist for `t = 0`: a search over such depths returns the
+/// prior-only baseline.
 #[test]
 fn a_camera_that_turns_on_the_spot_gives_keypoints_away_with_two_frames() {
     for (turned, most) in [(0.1, 6.0), (0.3, 2.0)] {
         let scene = Scene::new(2, 0.0, turned, 21);
         let guess = scene.guess();
         assert!(guess.median_px > 60.0, "{guess:?}");
-        // As sent: dither and rounded angles.
+        // As sent: dither and quantized angles.
         let sent = scene.sent(22);
         let found = sent.sighted(2);
         let errors = ErrorSummary::of(&sent.errors(&found));
         assert!(errors.median_px < most, "turned by {turned}: {errors:?}");
         assert!(found.iter().all(|s| !s.is_believed()), "one match may be wrong, and nothing would show it");
     }
-    // Points as far as can be: depth moves nothing, and nothing breaks.
+    // Points at a very large distance: depth has no effect, and the result stays finite.
     let mut scene = Scene::at_depths([1e5, 1e6], 2, 0.5, 0.3, 23);
     scene.depths = [0.5, 1e7];
     let errors = ErrorSummary::of(&scene.errors(&scene.sighted(2)));
     assert!(errors.median_px < 0.5, "{errors:?}");
 }
 
-/// Motion of a hundredth of the depth leaves little of depth in the answer; of a tenth it is depth that one must know.
+/// With a translation of a hundredth of the depth the answer hardly depends on depth; with a tenth the depth must be
+/// known.
 #[test]
 fn motion_hides_what_turning_tells_and_known_depth_finds_it_again() {
     let of = |moved: f64, depths: [f64; 2]| {
@@ -221,11 +223,11 @@ fn motion_hides_what_turning_tells_and_known_depth_finds_it_again() {
     let wide = [0.5, 20.0];
     let [spot, step, walk] = [0.0, 0.05, 0.5].map(|moved| of(moved, wide));
     assert!(spot < 0.5 * step && step < 0.7 * walk, "{spot} {step} {walk}");
-    // Limits of depth are obeyed: what lies between 2 and 6 is found better between 2 and 6.
+    // Depth limits are respected: points between 2 and 6 are located better with the limits 2 and 6.
     let narrow = of(0.5, [2.0, 6.0]);
     assert!(narrow < 0.85 * walk, "{narrow} {walk}");
 
-    // Map points beside the keypoints tell their depths.
+    // Map points near the keypoints reveal their depths.
     let mut scene = Scene::new(2, 0.5, 0.2, 33).sent(34);
     scene.scatter_depth_by_place(35);
     let without = ErrorSummary::of(&scene.errors(&scene.sighted(2)));
@@ -234,13 +236,13 @@ fn motion_hides_what_turning_tells_and_known_depth_finds_it_again() {
     assert!(with.median_px < 0.5 * without.median_px, "{with:?} {without:?}");
 }
 
-/// Planes of one anchor hold the anchor's direction, which is one and the same for cameras that do not turn: six
-/// frames then fix nothing, beyond what the limits of depth and image cut off.
+/// Planes of one anchor contain the anchor's direction, which is the same for cameras that do not rotate: six frames
+/// determine no more than the limits of depth and image do.
 #[test]
 fn cameras_that_walk_and_do_not_turn_fix_nothing() {
     let scene = Scene::new(6, 0.5, 0.0, 2).sent(3);
     let found = scene.sighted(6);
-    // A point that changes sides belongs to the other anchor, and is fixed.
+    // A point that changes sides belongs to the other anchor, and is determined.
     let stays = |i: usize| scene.pixels.iter().all(|p| (p[i].u < 320.0) == (scene.pixels[0][i].u < 320.0));
     let errors = scene.errors(&found);
     let (same, other): (Vec<usize>, Vec<usize>) = (0..200).partition(|i| stays(*i));
@@ -253,7 +255,8 @@ fn cameras_that_walk_and_do_not_turn_fix_nothing() {
     assert!(of(&same).median_px > 20.0, "{:?}", of(&same));
 }
 
-/// A resting camera fixes nothing by planes, and nothing is believed; the scatter of the angles tells the distance.
+/// Planes of a stationary camera determine nothing, and no answer is accepted; the scatter of the angles reveals the
+/// distance.
 #[test]
 fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
     let scene = Scene::new(2, 0.0, 0.0, 41);
@@ -264,7 +267,7 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
         let options = RestingOptions::of_one_image(cell).with_noise(noise);
         let found = resting_camera(&all[0], &shown(&all[1..]), (640, 480), &options).expect("they fit");
         let errors = scene.errors(&found);
-        // The posterior's own word for its error is right.
+        // The posterior's own estimate of its error is correct.
         let told: f64 = found.iter().map(|s| s.sigma_px.powi(2)).sum::<f64>();
         let made: f64 = errors.iter().map(|e| e * e).sum();
         assert!((0.6..1.6).contains(&(made / told)), "{seals} {noise}: {}", made / told);
@@ -278,7 +281,7 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
     let [two, eight] = [2, 8].map(|n| of(n, 0.4));
     assert!(two > 0.05 && eight > two + 0.3, "{two} {eight}");
 
-    // Planes, with the resting camera's frames at one pose.
+    // Planes, with all frames of the stationary camera at one pose.
     let mut rest = Scene::new(8, 0.0, 0.0, 41);
     for (f, lines) in rest.lines.iter_mut().enumerate() {
         *lines = scene.sealed(0, 0.4, 300 + f as u64);
@@ -288,7 +291,7 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
     assert!(wrong <= 4, "{wrong}");
 }
 
-/// Lines of other directions, and half-lines of two anchors, cross in the keypoint: no scatter is needed.
+/// Lines with different directions, and half-lines of two anchors, intersect in the keypoint: scatter is not needed.
 #[test]
 fn seals_of_crossing_lines_give_keypoints_away() {
     let scene = Scene::new(2, 0.0, 0.0, 51);
@@ -301,24 +304,25 @@ fn seals_of_crossing_lines_give_keypoints_away() {
     assert_eq!(refused, Err(AttackError::Rows { rows: 199, expected: 200 }));
     let alone = resting_camera(&seals[0], &[], (640, 480), &options);
     assert_eq!(alone, Err(AttackError::TooFewFrames { frames: 1 }));
-    // What no other frame shows has no answer, and takes nothing from the others.
+    // A keypoint without a match in another frame has no answer and does not affect the others.
     let mut partly = shown(&seals[1..]);
     partly[0][3] = None;
     let some = resting_camera(&seals[0], &partly, (640, 480), &options).expect("they fit");
     assert_eq!((some[3].pixel, some[4]), (None, found[4]));
 }
 
-/// Rows that the other frames show all of.
+/// Rows that all other frames show.
 fn shown(seals: &[Vec<Observation>]) -> Vec<Vec<Option<Observation>>> {
     seals.iter().map(|rows| rows.iter().copied().map(Some).collect()).collect()
 }
 
-/// Of a pool: the frame that turned on the spot before those that walked, and then one that adds to it.
+/// From a pool: the frame that only rotated is chosen before those that translated, then a frame that adds
+/// information.
 #[test]
 fn frames_are_chosen_by_turn_against_motion() {
     let spot = Scene::new(2, 0.0, 0.3, 61);
     let mut pool = Scene::new(6, 0.5, 0.0, 61);
-    // Frame 4 turned on the spot.
+    // Frame 4 only rotated.
     pool.poses[0] = spot.poses[0];
     pool.poses[4] = spot.poses[0].perturbed(&[0.1, -0.2, 0.2, 0.0, 0.0, 0.0]);
     let frames = pool.frames(6);
@@ -345,7 +349,7 @@ fn threads_do_not_matter_and_depths_are_checked() {
         assert_eq!(several_frames(&frames, &options), Err(AttackError::Depths), "{depths:?}");
         assert_eq!(most_telling(&frames[0], &frames[1..], 1, &options), Err(AttackError::Depths));
     }
-    // A depth that is known exactly is a number like others.
+    // Equal depth limits are valid.
     let mut exact = Scene::at_depths([3.0, 3.0 + 1e-9], 2, 0.3, 0.3, 73);
     exact.depths = [3.0, 3.0];
     let errors = ErrorSummary::of(&exact.errors(&exact.sighted(2)));
@@ -357,7 +361,7 @@ fn threads_do_not_matter_and_depths_are_checked() {
 #[test]
 fn wrong_matches_are_not_believed() {
     let mut scene = Scene::new(6, 0.5, 0.3, 3);
-    // The keypoints of the second half are those of other places, other ones in each frame.
+    // The keypoints of the second half belong to other points, different ones in each frame.
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     for lines in &mut scene.lines[1..] {
         lines[100..].shuffle(&mut rng);
@@ -367,7 +371,7 @@ fn wrong_matches_are_not_believed() {
     assert!(believed(&found[..100]) > 60, "{}", believed(&found[..100]));
     assert!(believed(&found[100..]) <= 5, "{}", believed(&found[100..]));
 
-    // Two of the five matches wrong, which ones differs: the other three outvote them.
+    // Two of the five matches are wrong, different ones per keypoint: the other three outvote them.
     let mut scene = Scene::new(6, 0.5, 0.3, 3);
     let untouched = scene.lines.clone();
     for i in 0..200 {

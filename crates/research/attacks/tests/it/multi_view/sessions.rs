@@ -1,7 +1,8 @@
-//! L10: frames of one session, sealed as a device seals them, against everything this room knows of several frames.
+//! L10: frames of one session, sealed as a device seals them, attacked with all methods for several frames.
 //!
-//! Points in space, a camera that turns, walks or rests before them, a detector that errs, a gyroscope that errs; the attacker
-//! holds the true poses and what was sent. Each promise stands beside the same frames sealed with the leak put back.
+//! Synthetic 3D points, a camera that rotates, translates or is stationary, detector noise, gyroscope noise; the
+//! attacker holds the true poses and the sent queries. Each bound is checked beside the same frames sealed without
+//! the protection.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,10 +18,10 @@ use veiloc_protocol::{Profile, SealedQuery};
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
 const LAYOUTS: [&str; 2] = ["dcl", STRIPES];
-/// What a detector errs by from frame to frame along each axis, pixels.
+/// Detector noise from frame to frame along each axis, pixels.
 const DETECTOR_PX: f64 = 0.3;
 
-/// The leak, and what closes it.
+/// Without the protection of world-fixed anchors, and with it.
 fn image_fixed() -> SessionOptions {
     SessionOptions::default().with_anchors(SessionAnchors::Image).with_most_starts(None)
 }
@@ -28,7 +29,7 @@ fn forgetful() -> SessionOptions {
     SessionOptions::default().with_step(0.0).with_memory(false)
 }
 
-/// How a camera goes before the points, and how well its device knows that.
+/// Motion of a camera before the points, and the error of its gyroscope.
 #[derive(Clone, Copy)]
 struct Walk {
     frames: usize,
@@ -55,7 +56,7 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// Seals frames of one walk; feature `i` of each is point `i`. All points are seen by all frames.
+/// Seals the frames of one trajectory; feature `i` of each is point `i`. All frames see all points.
 fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<Sealed> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let pinhole = camera().pinhole();
@@ -116,7 +117,7 @@ fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<S
         .collect()
 }
 
-/// Errors of answers and of the guess for real keypoints of the first frame; without an answer it is the guess.
+/// Bits over the prior-only baseline for real keypoints of the first frame; without an answer the baseline is used.
 fn bits(first: &Sealed, found: &[Option<Pixel>], rows: impl Fn(usize) -> bool) -> f64 {
     let guess = prior_only(&first.lines, 640, 480);
     let mut errors = (Vec::new(), Vec::new());
@@ -130,7 +131,7 @@ fn bits(first: &Sealed, found: &[Option<Pixel>], rows: impl Fn(usize) -> bool) -
     bits_over_prior(&errors.0, &errors.1, 640, 480)
 }
 
-/// What the planes of all frames tell of the first, in bits over the guess.
+/// Information about the first frame from the planes of all frames, bits over the baseline.
 fn told_by_planes(frames: &[&Sealed]) -> f64 {
     let camera = frames[0].query.camera();
     let views: Vec<Frame<'_>> = frames
@@ -147,7 +148,8 @@ fn told_by_planes(frames: &[&Sealed]) -> f64 {
     bits(frames[0], &found, |_| true)
 }
 
-/// What the scatter of a camera at rest tells, for an attacker who knows how codes are made without a session's memory.
+/// Information from the scatter of a stationary camera, for an attacker who knows how codes are made without a
+/// session's memory.
 fn told_by_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f64) -> f64 {
     // Rows of each feature in the first frame's order.
     let rows = |frame: &&Sealed| -> Vec<Option<Observation>> {
@@ -168,7 +170,7 @@ fn told_by_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f64)
 
 const TURNS: Walk = Walk { frames: 6, turned: 0.12, moved: 0.0, gyroscope_deg: 0.0 };
 
-/// What `n` frames tell, and what the first alone tells when it is said `n` times: what the attack makes of no news at all.
+/// Bits of `n` frames, and of the first frame repeated `n` times: what the attack gains without new information.
 fn against_one(frames: &[Sealed], told: impl Fn(&[&Sealed]) -> f64) -> [f64; 2] {
     let all: Vec<&Sealed> = frames.iter().collect();
     [told(&all), told(&vec![&frames[0]; frames.len()])]
@@ -178,8 +180,8 @@ fn against_one(frames: &[Sealed], told: impl Fn(&[&Sealed]) -> f64) -> [f64; 2] 
 fn l10_frames_of_a_session_do_not_add_up() {
     for scheme in LAYOUTS {
         let striped = scheme == STRIPES;
-        // The device of one that walks knows how it turned, but for its gyroscope's error; sectors say besides where a keypoint
-        // that moves against them is not, the more the finer they are.
+        // The device knows its rotation up to the gyroscope's error. Sectors also exclude positions of a keypoint
+        // that moves against them; finer sectors exclude more.
         for (walk, most) in [
             (TURNS, if striped { 0.5 } else { 0.15 }),
             (Walk { gyroscope_deg: 0.2, ..TURNS }, if striped { 0.5 } else { 0.15 }),
@@ -220,8 +222,8 @@ fn l10_a_camera_at_rest_repeats_itself() {
     }
 }
 
-/// Nothing that one frame joined to an anchor is joined to another by a later one, whatever the camera does: two such lines
-/// cross in the keypoint.
+/// No keypoint that a frame joins to one anchor is joined to another by a later frame, under any motion: two such
+/// lines would intersect in the keypoint.
 #[test]
 fn l10_no_keypoint_changes_its_anchor() {
     let crossing = |walk: Walk, options: SessionOptions| {
@@ -240,7 +242,7 @@ fn l10_no_keypoint_changes_its_anchor() {
         let walk = Walk { moved, gyroscope_deg: 0.2, ..TURNS };
         assert_eq!(crossing(walk, SessionOptions::default()), 0, "moved by {moved}");
     }
-    // A band alone holds what turns, and not what walks.
+    // The band alone protects under rotation, but not under translation.
     let without = SessionOptions::default().with_memory(false);
     assert!(crossing(Walk { moved: 0.3, ..TURNS }, without) > 50);
     assert_eq!(crossing(TURNS, without.with_band_deg(1.0)), 0);
