@@ -20,17 +20,17 @@ const SAMPLES: usize = 256;
 /// Histogram of keypoint positions in the image. Add the histograms of many images; subtract that of the attacked
 /// image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PlaceCounts {
+pub struct KeypointHistogram {
     cells: Vec<f64>,
 }
 
-impl Default for PlaceCounts {
+impl Default for KeypointHistogram {
     fn default() -> Self {
         Self { cells: vec![0.0; COLUMNS * ROWS] }
     }
 }
 
-impl PlaceCounts {
+impl KeypointHistogram {
     /// Histogram of one image's keypoints; keypoints outside the image are ignored.
     pub fn of(keypoints: &[Pixel], width: u32, height: u32) -> Self {
         let mut counts = Self::default();
@@ -122,8 +122,8 @@ impl Density {
 
     /// The expected position of each keypoint given its own observation and this density: as [`crate::prior_only`],
     /// which assumes a uniform density.
-    pub fn guess(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
-        let guess = |o: &Observation| {
+    pub fn expected_positions(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
+        let position = |o: &Observation| {
             mean(&KnownSegment::of(o, width, height), |segment| {
                 let (expected, weight) = self.expected(segment, width, height);
                 // A coin decides which of two lines was sent; the keypoint decides which stretch of one line.
@@ -131,7 +131,7 @@ impl Density {
                 (segment.at(expected), share.max(f64::MIN_POSITIVE))
             })
         };
-        observations.iter().map(guess).collect()
+        observations.iter().map(position).collect()
     }
 }
 
@@ -144,7 +144,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::Pencils;
 
-    fn crowd(n: usize, rng: &mut ChaCha8Rng) -> Vec<Pixel> {
+    fn clustered(n: usize, rng: &mut ChaCha8Rng) -> Vec<Pixel> {
         // Most keypoints in the lower third.
         (0..n)
             .map(|k| {
@@ -155,21 +155,21 @@ mod tests {
     }
 
     #[test]
-    fn a_learned_density_guesses_better_and_an_even_one_alike() {
+    fn learned_density_beats_uniform_prior_and_uniform_density_equals_it() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut counts = PlaceCounts::of(&crowd(4000, &mut rng), 640, 480);
-        let victim = crowd(1000, &mut rng);
-        let own = PlaceCounts::of(&victim, 640, 480);
+        let mut counts = KeypointHistogram::of(&clustered(4000, &mut rng), 640, 480);
+        let victim = clustered(1000, &mut rng);
+        let own = KeypointHistogram::of(&victim, 640, 480);
         let before = counts.clone();
         counts.add(&own);
         counts.subtract(&own);
         assert_eq!(counts, before);
         let sent = lift::dual_convergent(&victim, &Pencils::paper(640, 480));
-        let mean = |guess: Vec<Pixel>| errors_px(guess, &victim).iter().sum::<f64>() / 1000.0;
+        let mean = |positions: Vec<Pixel>| errors_px(positions, &victim).iter().sum::<f64>() / 1000.0;
         let (learned, even) =
-            (mean(counts.density().guess(&sent, 640, 480)), mean(prior_only(&sent, 640, 480)));
+            (mean(counts.density().expected_positions(&sent, 640, 480)), mean(prior_only(&sent, 640, 480)));
         assert!(learned < 0.75 * even, "{learned} {even}");
-        let nothing = PlaceCounts::default().density().guess(&sent, 640, 480);
+        let nothing = KeypointHistogram::default().density().expected_positions(&sent, 640, 480);
         for (a, b) in nothing.iter().zip(prior_only(&sent, 640, 480)) {
             assert!(a.distance(&b) < 1.0, "{a:?} {b:?}");
         }

@@ -57,7 +57,7 @@ pub enum AttackError {
     NoNeighbours,
     /// The numbers of initial positions and observations differ.
     #[error("{observations} observations need as many positions to begin with, {positions} were given")]
-    BeginCount {
+    InitialPositionCount {
         /// Number of observations.
         observations: usize,
         /// Number of positions.
@@ -149,7 +149,7 @@ pub enum AttackError {
 
 impl AttackError {
     /// An integer option outside its allowed range.
-    pub fn refuse(name: &'static str, value: usize, allowed: &'static str) -> Self {
+    pub fn invalid_option(name: &'static str, value: usize, allowed: &'static str) -> Self {
         Self::Option { name, value: value as f64, allowed }
     }
 }

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_offset_of_signed_numbers_is_no_part_of_the_vector() {
+    fn signed_encoding_offset_is_removed() {
         use veiloc_descriptor::{DescriptorKind, Encoding};
         let kind = DescriptorKind::new("own", 2, Encoding::Signed, 100).expect("a kind");
         let code = |x: f64| Encoding::Signed.byte(x);

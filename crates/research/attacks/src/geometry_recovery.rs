@@ -19,7 +19,7 @@
 //!
 //! # Variants
 //! An attacker who knows the scheme can improve on the paper's attack. [`ClosedFormOptions`] selects the
-//! improvements: half-lines or segments in place of infinite lines (more breakpoints, solved by the same sweep),
+//! improvements: half-lines or segments in place of infinite lines (more breakpoints, solved by the same minimizer),
 //! answers restricted to the image, neighbours of the other anchor only, and a filter for falsely predicted
 //! neighbours. A neighbour with a known position contributes its distance as a point (the paper's server-side
 //! attack).
@@ -31,10 +31,10 @@
 //!   anchor of a half-line, or the middle of the line's part in the image, with `determined: false`. With
 //!   [`ClosedFormOptions::other_anchor_only`] the answer is then the prior-only baseline.
 //! - Neighbours nearly parallel: the answer is far away and unstable, (the paper's mode 2), often outside the image,
-//!   unless [`Reach::Image`] restricts it to the image.
+//!   unless [`AnswerRegion::Image`] restricts it to the image.
 
-mod along;
 mod consensus;
+mod piecewise;
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
@@ -44,11 +44,11 @@ use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
-use along::{Pieces, Place, Quadratic};
+use piecewise::{NeighbourConstraint, PiecewiseQuadratic, Quadratic};
 
 /// Where the answer may lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Reach {
+pub enum AnswerRegion {
     /// Anywhere on the line, also outside the image and behind the anchor: the paper's attack.
     #[default]
     WholeLine,
@@ -59,7 +59,7 @@ pub enum Reach {
 
 /// Which part of a neighbour's line is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Extent {
+pub enum NeighbourExtent {
     /// The infinite line: the paper's attack.
     #[default]
     Line,
@@ -75,9 +75,9 @@ pub enum Extent {
 #[non_exhaustive]
 pub struct ClosedFormOptions {
     /// Where the answer may lie; the paper's default is the whole line.
-    pub reach: Reach,
+    pub reach: AnswerRegion,
     /// Which part of a neighbour's line is used; the paper's default is the whole line.
-    pub extent: Extent,
+    pub extent: NeighbourExtent,
     /// Ignore neighbours whose half-line starts at the keypoint's own anchor: each of them votes for the anchor,
     /// which an attacker knows to be wrong. Default: false.
     pub other_anchor_only: bool,
@@ -89,12 +89,22 @@ pub struct ClosedFormOptions {
 impl ClosedFormOptions {
     /// The attack whose answers stay in the image.
     pub const fn in_image() -> Self {
-        Self { reach: Reach::Image, extent: Extent::Line, other_anchor_only: false, consensus_px: None }
+        Self {
+            reach: AnswerRegion::Image,
+            extent: NeighbourExtent::Line,
+            other_anchor_only: false,
+            consensus_px: None,
+        }
     }
 
     /// Answers in the image, the lines' parts in the image, and neighbours of the other anchor only.
     pub const fn informed() -> Self {
-        Self { reach: Reach::Image, extent: Extent::Segment, other_anchor_only: true, consensus_px: None }
+        Self {
+            reach: AnswerRegion::Image,
+            extent: NeighbourExtent::Segment,
+            other_anchor_only: true,
+            consensus_px: None,
+        }
     }
 
     /// The same options, plus a filter for falsely predicted neighbours: those farther than `px` pixels from the
@@ -108,7 +118,7 @@ impl ClosedFormOptions {
 
 /// The recovered position of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recovered {
+pub struct RecoveredKeypoint {
     /// The position, pixels; possibly outside the image.
     pub pixel: Pixel,
     /// `f` at this position, squared pixels, summed over the neighbours that were used.
@@ -130,36 +140,38 @@ pub fn closed_form(
     width: u32,
     height: u32,
     options: &ClosedFormOptions,
-) -> Result<Vec<Recovered>, AttackError> {
+) -> Result<Vec<RecoveredKeypoint>, AttackError> {
     if observations.len() != neighbours.len() {
         return Err(AttackError::ListCount { observations: observations.len(), lists: neighbours.len() });
     }
-    let places: Vec<Place> =
-        observations.iter().map(|o| Place::of(o, options.extent, width, height)).collect();
+    let constraints: Vec<NeighbourConstraint> =
+        observations.iter().map(|o| NeighbourConstraint::of(o, options.extent, width, height)).collect();
     Ok((0..observations.len())
         .into_par_iter()
         .with_min_len(128)
-        .map_init(Sweep::default, |sweep, i| {
+        .map_init(Minimizer::default, |minimizer, i| {
             if let Observation::Known(pixel) = observations[i] {
-                return Recovered { pixel, cost: 0.0, determined: true };
+                return RecoveredKeypoint { pixel, cost: 0.0, determined: true };
             }
             let candidates = KnownSegment::of(&observations[i], width, height);
-            let solve = |segment: KnownSegment| sweep.solve(&segment, neighbours.of(i), &places, options);
-            let answers: Vec<Recovered> = candidates.into_iter().map(solve).collect();
+            let solve =
+                |segment: KnownSegment| minimizer.solve(&segment, neighbours.of(i), &constraints, options);
+            let answers: Vec<RecoveredKeypoint> = candidates.into_iter().map(solve).collect();
             best(&answers)
         })
         .collect())
 }
 
 /// The answer with the smallest cost; ties go to the first.
-fn best(answers: &[Recovered]) -> Recovered {
-    let nowhere = Recovered { pixel: Pixel::new(f64::NAN, f64::NAN), cost: f64::NAN, determined: false };
+fn best(answers: &[RecoveredKeypoint]) -> RecoveredKeypoint {
+    let nowhere =
+        RecoveredKeypoint { pixel: Pixel::new(f64::NAN, f64::NAN), cost: f64::NAN, determined: false };
     answers.iter().fold(nowhere, |best, a| if best.cost <= a.cost { best } else { *a })
 }
 
 /// Buffers of the minimisation, reused for all keypoints.
 #[derive(Default)]
-struct Sweep {
+struct Minimizer {
     /// End of each piece: the position, and the index in insertion order.
     breaks: Vec<(f64, u32)>,
     /// Change of the sum at each break, in insertion order; stored separately so that sorting moves little data.
@@ -169,25 +181,26 @@ struct Sweep {
 /// Squared sine below which two lines are treated as parallel: an angle of 1e-9 rad.
 const PARALLEL: f64 = 1e-18;
 
-impl Sweep {
+impl Minimizer {
     fn solve(
         &mut self,
         segment: &KnownSegment,
         list: &[u32],
-        places: &[Place],
+        constraints: &[NeighbourConstraint],
         options: &ClosedFormOptions,
-    ) -> Recovered {
+    ) -> RecoveredKeypoint {
         let limits = match options.reach {
-            Reach::WholeLine => (f64::NEG_INFINITY, f64::INFINITY),
-            Reach::Image if segment.is_empty() => (0.0, 0.0),
-            Reach::Image => (segment.near, segment.far),
+            AnswerRegion::WholeLine => (f64::NEG_INFINITY, f64::INFINITY),
+            AnswerRegion::Image if segment.is_empty() => (0.0, 0.0),
+            AnswerRegion::Image => (segment.near, segment.far),
         };
-        let counts = |j: &u32| !(options.other_anchor_only && places[*j as usize].shares_anchor(segment));
+        let counts =
+            |j: &u32| !(options.other_anchor_only && constraints[*j as usize].shares_anchor(segment));
         let filtered;
         let list = if options.other_anchor_only || options.consensus_px.is_some() {
             let counted: Vec<u32> = list.iter().copied().filter(counts).collect();
             filtered = match options.consensus_px {
-                Some(px) => consensus::agreeing(segment, &counted, places, px, limits),
+                Some(px) => consensus::agreeing(segment, &counted, constraints, px, limits),
                 None => counted,
             };
             &filtered[..]
@@ -199,7 +212,7 @@ impl Sweep {
         self.breaks.clear();
         self.gains.clear();
         for &j in list {
-            let pieces = Pieces::of(&places[j as usize], segment);
+            let pieces = PiecewiseQuadratic::of(&constraints[j as usize], segment);
             sum.add(&pieces.first, 1.0);
             let mut previous = pieces.first;
             for (t, piece) in pieces.then.into_iter().flatten() {
@@ -230,7 +243,7 @@ impl Sweep {
             low = t;
         }
         let (t, cost, determined) = best.unwrap_or((f64::NAN, f64::NAN, false));
-        Recovered { pixel: segment.at(t), cost, determined }
+        RecoveredKeypoint { pixel: segment.at(t), cost, determined }
     }
 }
 

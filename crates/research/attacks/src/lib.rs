@@ -58,10 +58,12 @@ mod server_side;
 mod tracks;
 mod transfer;
 
-pub use density::{Density, PlaceCounts};
+pub use density::{Density, KeypointHistogram};
 pub use error::AttackError;
 pub use features::{Descriptors, KnownImage};
-pub use geometry_recovery::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
+pub use geometry_recovery::{
+    AnswerRegion, ClosedFormOptions, NeighbourExtent, RecoveredKeypoint, closed_form,
+};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
@@ -69,6 +71,8 @@ pub use observation::{Observation, PencilRow};
 pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
 pub use ranking::likeliest_pairs;
-pub use server_side::{Guided, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side};
+pub use server_side::{
+    GuidedEstimate, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side,
+};
 pub use tracks::mutual_matches;
 pub use transfer::{Transfer, transfer};

@@ -56,7 +56,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     #[test]
-    fn every_keypoint_lies_on_what_is_sent_for_it() {
+    fn keypoints_lie_on_their_lines() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for n in [0, 1, 2, 101] {
             let points: Vec<Pixel> = (0..n)

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn summaries_and_bits_are_what_they_say() {
+    fn summary_and_bits_over_prior_match_hand_computation() {
         let s = ErrorSummary::of(&[4.0, 1.0, 40.0, 15.0]);
         assert_eq!((s.count, s.mean_px, s.median_px), (4, 15.0, 9.5));
         assert_eq!((s.under_5px, s.under_10px, s.under_30px), (0.5, 0.5, 0.75));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_keypoint_without_answer_counts_as_infinitely_wrong() {
+    fn missing_answer_has_infinite_error() {
         let e = errors_px([Pixel::new(f64::NAN, 0.0), Pixel::new(3.0, 4.0)], &[Pixel::new(0.0, 0.0); 2]);
         assert_eq!(e, [f64::INFINITY, 5.0]);
     }

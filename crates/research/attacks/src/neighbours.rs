@@ -181,8 +181,8 @@ impl Grid {
                 }
             });
             // Everything within `ring` cell widths of the own cell's border has been visited.
-            let seen = ring as f64 * self.cell;
-            if found.iter().filter(|f| f.0 <= seen * seen).count() >= k {
+            let covered = ring as f64 * self.cell;
+            if found.iter().filter(|f| f.0 <= covered * covered).count() >= k {
                 break;
             }
         }
@@ -211,7 +211,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    fn by_sorting_everything(keypoints: &[Pixel], i: usize, k: usize) -> Vec<u32> {
+    fn brute_force(keypoints: &[Pixel], i: usize, k: usize) -> Vec<u32> {
         let mut all: Vec<(f64, u32)> = keypoints
             .iter()
             .enumerate()
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_finds_what_sorting_finds() {
+    fn grid_search_equals_brute_force() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for case in 0..40 {
             let n = [1, 2, 5, 30, 300][case % 5];
@@ -242,13 +242,13 @@ mod tests {
                 .collect();
             let lists = NeighbourLists::nearest(&points, k);
             for i in 0..n {
-                assert_eq!(lists.of(i), by_sorting_everything(&points, i, k), "case {case}, keypoint {i}");
+                assert_eq!(lists.of(i), brute_force(&points, i, k), "case {case}, keypoint {i}");
             }
         }
     }
 
     #[test]
-    fn keypoints_without_position_are_nobodys_neighbours() {
+    fn non_finite_keypoints_have_no_neighbours() {
         let points = [Pixel::new(1.0, 1.0), Pixel::new(f64::NAN, 1.0), Pixel::new(3.0, 1.0)];
         let lists = NeighbourLists::nearest(&points, 5);
         assert_eq!((lists.of(0), lists.of(1), lists.of(2)), (&[2][..], &[][..], &[0][..]));
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_lists_are_refused() {
+    fn invalid_lists_are_refused() {
         assert!(matches!(NeighbourLists::new(vec![], vec![]), Err(AttackError::Offsets { .. })));
         assert!(matches!(NeighbourLists::new(vec![0, 2, 1], vec![0]), Err(AttackError::Offsets { .. })));
         let unknown = NeighbourLists::from_lists(&[vec![1], vec![2]]).expect_err("there is no third");

@@ -122,7 +122,7 @@ mod tests {
     use veiloc_protocol::AnchoredLine;
 
     #[test]
-    fn what_is_sent_is_read_as_it_is() {
+    fn sent_observations_are_read_unchanged() {
         let p = Pixel::new(100.0, 200.0);
         let pencils = Pencils::paper(640, 480);
         let anchor = pencils.anchor_of(p);

@@ -167,10 +167,10 @@ pub(crate) fn mean(candidates: &[KnownSegment], at: impl Fn(&KnownSegment) -> (P
 /// `width`, `height`: the image, pixels. For a line that misses the image the result is its point nearest to the
 /// centre; for a line of a pencil it is the anchor.
 pub fn prior_only(observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
-    let guess = |o: &Observation| {
+    let expected = |o: &Observation| {
         mean(&KnownSegment::of(o, width, height), |segment| (segment.at(segment.expected()), segment.share))
     };
-    observations.iter().map(guess).collect()
+    observations.iter().map(expected).collect()
 }
 
 #[cfg(test)]
@@ -182,7 +182,7 @@ mod tests {
 
     /// The mean of uniform keypoints whose observation is close to the given one, by Monte Carlo.
     #[test]
-    fn half_line_answers_the_mean_of_keypoints_in_a_thin_wedge() {
+    fn half_line_prior_equals_monte_carlo_mean() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for s in [1.0, 2.0] {
             let pencils = Pencils::of_image(
@@ -213,7 +213,7 @@ mod tests {
     /// Stripes with anchors outside the image and at infinity: the mean of random keypoints with nearly the same
     /// angle; each of them lies in one of the stretches.
     #[test]
-    fn stripes_answer_the_mean_of_keypoints_in_a_thin_wedge() {
+    fn stripes_prior_equals_monte_carlo_mean() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let sectors = Sectors { axis: 1.17, count: 24, shift: 0.3 };
         let mut several = 0;
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn many_stretches_are_joined_where_they_are_closest() {
+    fn stretches_are_joined_at_smallest_gaps() {
         let line = Pencils::paper(640, 480).along(Anchor::FIRST, 0.3).expect("in sight");
         let ends =
             [[0.0, 1.0], [5.0, 6.0], [6.5, 7.0], [9.0, 10.0], [20.0, 21.0], [30.0, 31.0], [40.0, 41.0]];
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn chords_and_permuted_positions() {
+    fn prior_of_chords_and_permuted_positions() {
         let line = Observation::Line(PixelLine::through(Pixel::new(100.0, 7.0), 0.0));
         let permuted = Observation::permuted(Pixel::new(100.0, 40.0));
         let outside = Observation::Line(PixelLine::through(Pixel::new(0.0, -50.0), 0.0));

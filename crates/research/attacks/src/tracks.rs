@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn matches_are_mutual_and_clear() {
+    fn matches_are_mutual_and_pass_ratio_test() {
         let of = |rows: &[[u8; 3]]| Descriptors::new(rows.as_flattened(), 3).expect("whole");
         let from = of(&[[255, 0, 0], [0, 255, 0], [250, 20, 0], [0, 0, 255]]);
         let to = of(&[[0, 255, 10], [255, 2, 0], [0, 60, 255], [0, 55, 255]]);

@@ -24,14 +24,14 @@ pub struct Transfer {
 }
 
 /// The best match of each query keypoint in one image, and which matches are mutual.
-struct Matches {
+struct ImageMatches {
     /// `[N]`: similarity and map keypoint.
     best: Vec<(f32, usize)>,
     /// `[N]`.
     mutual: Vec<bool>,
 }
 
-/// Matches a query's descriptors against map images and transfers positions and neighbours.
+/// ImageMatches a query's descriptors against map images and transfers positions and neighbours.
 ///
 /// Only the `images` images of `map` with the most mutual matches are used. `width`, `height`: the query image,
 /// pixels. For each keypoint the most similar mutual match of all these images is used, or, without mutual matches,
@@ -50,10 +50,10 @@ pub fn transfer(
     if let Some(bad) = map.iter().find(|p| p.descriptors().columns().nrows() != expected) {
         return Err(AttackError::Dimensions { expected, found: bad.descriptors().columns().nrows() });
     }
-    let mut matched: Vec<(&KnownImage, Matches)> = map
+    let mut matched: Vec<(&KnownImage, ImageMatches)> = map
         .par_iter()
         .filter(|p| !p.descriptors().is_empty())
-        .map(|p| (p, Matches::of(query, p.descriptors())))
+        .map(|p| (p, ImageMatches::of(query, p.descriptors())))
         .collect();
     // A stable sort keeps the order of the map for equal counts.
     matched.sort_by_key(|(_, m)| std::cmp::Reverse(m.mutual.iter().filter(|m| **m).count()));
@@ -63,7 +63,7 @@ pub fn transfer(
     let found: Vec<(Option<Pixel>, Vec<u32>)> = (0..query.len())
         .into_par_iter()
         .map(|i| {
-            let rank = |m: &Matches| (m.mutual[i], m.best[i].0);
+            let rank = |m: &ImageMatches| (m.mutual[i], m.best[i].0);
             let best = (0..matched.len()).reduce(|a, b| {
                 let (x, y) = (rank(&matched[a].1), rank(&matched[b].1));
                 if y.0.cmp(&x.0).then(y.1.total_cmp(&x.1)).is_gt() { b } else { a }
@@ -82,9 +82,9 @@ pub fn transfer(
 impl Transfer {
     /// The transferred positions projected on the segments; the prior-only baseline where there is no match.
     pub fn projected(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
-        let guess = prior_only(observations, width, height);
-        let answer = |((o, guess), position): ((&Observation, Pixel), &Option<Pixel>)| {
-            let Some(position) = position else { return guess };
+        let prior = prior_only(observations, width, height);
+        let answer = |((o, prior), position): ((&Observation, Pixel), &Option<Pixel>)| {
+            let Some(position) = position else { return prior };
             KnownSegment::of(o, width, height)
                 .iter()
                 .filter(|s| !s.is_empty())
@@ -93,13 +93,13 @@ impl Transfer {
                     s.at(t.clamp(s.near, s.far))
                 })
                 .min_by(|a, b| a.distance(position).total_cmp(&b.distance(position)))
-                .unwrap_or(guess)
+                .unwrap_or(prior)
         };
-        observations.iter().zip(guess).zip(&self.positions).map(answer).collect()
+        observations.iter().zip(prior).zip(&self.positions).map(answer).collect()
     }
 }
 
-impl Matches {
+impl ImageMatches {
     fn of(query: &Descriptors, map: &Descriptors) -> Self {
         // [map, query]: one column per query keypoint.
         let similarity = map.cosines(query);

@@ -4,7 +4,7 @@
 //! neighbours that agree, and keeps the largest consensus. A keypoint on a line has one unknown, so a sample is a
 //! single neighbour: all samples are tried, without randomness.
 
-use crate::geometry_recovery::along::{Pieces, Place, Quadratic};
+use crate::geometry_recovery::piecewise::{NeighbourConstraint, PiecewiseQuadratic, Quadratic};
 use crate::prior::KnownSegment;
 
 /// The neighbours on `list` that agree with the best of all single-neighbour hypotheses within `limit` pixels.
@@ -14,12 +14,13 @@ use crate::prior::KnownSegment;
 pub(super) fn agreeing(
     segment: &KnownSegment,
     list: &[u32],
-    places: &[Place],
+    constraints: &[NeighbourConstraint],
     limit: f64,
     (low, high): (f64, f64),
 ) -> Vec<u32> {
-    let pieces: Vec<Pieces> = list.iter().map(|&j| Pieces::of(&places[j as usize], segment)).collect();
-    let squared = |p: &Pieces, t: f64| {
+    let pieces: Vec<PiecewiseQuadratic> =
+        list.iter().map(|&j| PiecewiseQuadratic::of(&constraints[j as usize], segment)).collect();
+    let squared = |p: &PiecewiseQuadratic, t: f64| {
         p.then
             .iter()
             .flatten()
@@ -46,6 +47,6 @@ pub(super) fn agreeing(
     list.iter().zip(agree(best.1)).filter(|(_, a)| *a).map(|(j, _)| *j).collect()
 }
 
-fn all(pieces: &Pieces) -> impl Iterator<Item = &Quadratic> {
+fn all(pieces: &PiecewiseQuadratic) -> impl Iterator<Item = &Quadratic> {
     std::iter::once(&pieces.first).chain(pieces.then.iter().flatten().map(|p| &p.1))
 }

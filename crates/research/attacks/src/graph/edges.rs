@@ -21,14 +21,14 @@ pub(super) struct Edge {
 pub(super) struct Edges {
     of: Vec<Vec<Edge>>,
     /// Share of the listed neighbours that are rejected.
-    pub(super) doubted: f64,
+    pub(super) rejected: f64,
 }
 
 /// Largest probability of the count under chance for which an edge is accepted.
 const SURPRISE: f64 = 1e-3;
 
 impl Edges {
-    pub(super) fn believed(lists: &NeighbourLists) -> Self {
+    pub(super) fn accepted(lists: &NeighbourLists) -> Self {
         let n = lists.len();
         // Both directions: a false entry is rarely mutual, a true entry usually is.
         let mut ends: Vec<Vec<u32>> = vec![Vec::new(); n];
@@ -42,13 +42,13 @@ impl Edges {
             list.sort_unstable();
             list.dedup();
         }
-        let own: Vec<Vec<u32>> = (0..n).map(|i| closed(lists.of(i), i)).collect();
+        let own: Vec<Vec<u32>> = (0..n).map(|i| closed_neighbourhood(lists.of(i), i)).collect();
         let of = keep(&ends, &own, n);
         let listed: usize = (0..n).map(|i| lists.of(i).len()).sum();
-        let believed: usize = (0..n)
+        let accepted: usize = (0..n)
             .map(|i| lists.of(i).iter().filter(|j| of[i].binary_search_by_key(*j, |e| e.to).is_ok()).count())
             .sum();
-        Self { of, doubted: 1.0 - believed as f64 / listed.max(1) as f64 }
+        Self { of, rejected: 1.0 - accepted as f64 / listed.max(1) as f64 }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -67,7 +67,7 @@ impl Edges {
 }
 
 /// The list plus the keypoint itself, sorted.
-fn closed(list: &[u32], i: usize) -> Vec<u32> {
+fn closed_neighbourhood(list: &[u32], i: usize) -> Vec<u32> {
     let mut all: Vec<u32> = list.iter().copied().chain([i as u32]).collect();
     all.sort_unstable();
     all.dedup();
@@ -75,9 +75,9 @@ fn closed(list: &[u32], i: usize) -> Vec<u32> {
 }
 
 /// The edges whose ends share more neighbours than chance explains.
-fn keep(ends: &[Vec<u32>], closed: &[Vec<u32>], n: usize) -> Vec<Vec<Edge>> {
+fn keep(ends: &[Vec<u32>], closed_neighbourhood: &[Vec<u32>], n: usize) -> Vec<Vec<Edge>> {
     let edge = |i: usize, j: u32| {
-        let (a, b) = (&closed[i], &closed[j as usize]);
+        let (a, b) = (&closed_neighbourhood[i], &closed_neighbourhood[j as usize]);
         let common = common(a, b);
         // The edge itself puts each end into the other's list.
         let mutual =
@@ -125,7 +125,7 @@ mod tests {
     use veiloc_geometry::Pixel;
 
     #[test]
-    fn false_edges_go_and_true_ones_stay() {
+    fn false_edges_are_rejected_and_true_edges_kept() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let points: Vec<Pixel> = (0..1500)
             .map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)))
@@ -133,7 +133,7 @@ mod tests {
         let nearest = NeighbourLists::nearest(&points, 20);
         for (share, least) in [(0.0, 0.99), (0.2, 0.85), (0.5, 0.3)] {
             let lists = nearest.corrupted(share, &mut rng);
-            let edges = Edges::believed(&lists);
+            let edges = Edges::accepted(&lists);
             let (mut kept, mut long) = (0_usize, 0_usize);
             for i in 0..points.len() {
                 for e in edges.of(i) {
@@ -143,12 +143,12 @@ mod tests {
                 }
             }
             assert!(long * 500 < kept, "{share}: {long} of {kept}");
-            assert!(edges.doubted < 1.0 - least * (1.0 - share), "{share}: {} doubted", edges.doubted);
+            assert!(edges.rejected < 1.0 - least * (1.0 - share), "{share}: {} rejected", edges.rejected);
         }
     }
 
     #[test]
-    fn tails_are_poissons() {
+    fn poisson_tail_matches_reference() {
         assert_eq!(poisson_tail(0, 3.0), 1.0);
         assert!((poisson_tail(2, 0.5) - (1.0 - 1.5 * (-0.5f64).exp())).abs() < 1e-15);
     }

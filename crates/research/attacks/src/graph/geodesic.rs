@@ -9,20 +9,20 @@ use super::edges::Edges;
 
 /// A heap entry, ordered by distance.
 #[derive(PartialEq)]
-struct Open {
+struct HeapEntry {
     distance: f64,
     node: u32,
 }
 
-impl Eq for Open {}
+impl Eq for HeapEntry {}
 
-impl Ord for Open {
+impl Ord for HeapEntry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.distance.total_cmp(&other.distance).then(self.node.cmp(&other.node))
     }
 }
 
-impl PartialOrd for Open {
+impl PartialOrd for HeapEntry {
     fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
         Some(self.cmp(other))
     }
@@ -37,8 +37,8 @@ pub(super) fn from_landmarks(edges: &Edges, landmarks: &[usize], scale: &[f64]) 
 fn shortest(edges: &Edges, from: usize, scale: &[f64]) -> Vec<f64> {
     let mut distance = vec![f64::INFINITY; edges.len()];
     distance[from] = 0.0;
-    let mut open = BinaryHeap::from([Reverse(Open { distance: 0.0, node: from as u32 })]);
-    while let Some(Reverse(Open { distance: d, node })) = open.pop() {
+    let mut open = BinaryHeap::from([Reverse(HeapEntry { distance: 0.0, node: from as u32 })]);
+    while let Some(Reverse(HeapEntry { distance: d, node })) = open.pop() {
         let i = node as usize;
         if d > distance[i] {
             continue;
@@ -48,7 +48,7 @@ fn shortest(edges: &Edges, from: usize, scale: &[f64]) -> Vec<f64> {
             let way = d + e.length * f64::midpoint(scale[i], scale[j]);
             if way < distance[j] {
                 distance[j] = way;
-                open.push(Reverse(Open { distance: way, node: e.to }));
+                open.push(Reverse(HeapEntry { distance: way, node: e.to }));
             }
         }
     }

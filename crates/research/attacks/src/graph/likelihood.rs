@@ -22,14 +22,14 @@
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::Vector2;
 
+use super::line_constraint::{LineConstraint, pixels, positions};
 use super::newton::{self, PairCost};
-use super::rail::{Rail, pixels, positions};
 use crate::metrics::median;
 use crate::neighbours::NeighbourLists;
 
 /// The cost of layouts, with the parameters that are estimated beside the positions.
 pub(super) struct ListLikelihood<'a> {
-    rails: &'a [Rail],
+    constraints: &'a [LineConstraint],
     lists: &'a NeighbourLists,
     /// Sorted listed neighbours of each keypoint, for look-up.
     sorted: Vec<Vec<u32>>,
@@ -49,15 +49,15 @@ struct Candidate {
 }
 
 /// Lower bound of the share of false entries: it bounds the weight of a single false entry.
-const LEAST_FALSE: f64 = 0.01;
-const MOST_FALSE: f64 = 0.98;
+const MIN_FALSE_SHARE: f64 = 0.01;
+const MAX_FALSE_SHARE: f64 = 0.98;
 
 /// Pairs that are not listed are considered up to this multiple of the list's length, in keypoints.
-const LOOK_AROUND: f64 = 2.5;
+const SEARCH_RANGE: f64 = 2.5;
 
 impl<'a> ListLikelihood<'a> {
     pub(super) fn new(
-        rails: &'a [Rail],
+        constraints: &'a [LineConstraint],
         lists: &'a NeighbourLists,
         start_share: f64,
         known_share: Option<f64>,
@@ -70,8 +70,15 @@ impl<'a> ListLikelihood<'a> {
                 list
             })
             .collect();
-        let false_share = known_share.unwrap_or(start_share).clamp(LEAST_FALSE, MOST_FALSE);
-        Self { rails, lists, sorted, radii: Vec::new(), false_share, estimate_share: known_share.is_none() }
+        let false_share = known_share.unwrap_or(start_share).clamp(MIN_FALSE_SHARE, MAX_FALSE_SHARE);
+        Self {
+            constraints,
+            lists,
+            sorted,
+            radii: Vec::new(),
+            false_share,
+            estimate_share: known_share.is_none(),
+        }
     }
 
     /// Share of false entries estimated by the last sweep.
@@ -86,7 +93,7 @@ impl<'a> ListLikelihood<'a> {
         for sweep in 0..sweeps {
             let done = sweep as f64 / (sweeps.max(2) - 1) as f64;
             let width = wide * (narrow / wide).powf(done);
-            let x = positions(self.rails, t);
+            let x = positions(self.constraints, t);
             let candidates = self.candidates(t, &x);
             for _ in 0..3 {
                 self.fit_radii(&candidates, width);
@@ -96,7 +103,7 @@ impl<'a> ListLikelihood<'a> {
             if self.estimate_share {
                 self.estimate(&candidates, width);
             }
-            newton::step(self.rails, &x, &pairs, t, self.typical_radius());
+            newton::step(self.constraints, &x, &pairs, t, self.typical_radius());
         }
         cost
     }
@@ -105,7 +112,8 @@ impl<'a> ListLikelihood<'a> {
     /// list has entries, and the radius stays near that value.
     fn candidates(&mut self, t: &[f64], x: &[Vector2<f64>]) -> Vec<Candidate> {
         let longest = self.sorted.iter().map(Vec::len).max().unwrap_or(0);
-        let around = NeighbourLists::nearest(&pixels(self.rails, t), (longest as f64 * LOOK_AROUND) as usize);
+        let around =
+            NeighbourLists::nearest(&pixels(self.constraints, t), (longest as f64 * SEARCH_RANGE) as usize);
         let mut counted: Vec<f64> = (0..t.len())
             .map(|i| {
                 let near = around.of(i);
@@ -202,7 +210,7 @@ impl<'a> ListLikelihood<'a> {
         }
         if listed > 0.0 {
             let share: f64 = 1.0 - right / listed;
-            self.false_share = f64::midpoint(self.false_share, share).clamp(LEAST_FALSE, MOST_FALSE);
+            self.false_share = f64::midpoint(self.false_share, share).clamp(MIN_FALSE_SHARE, MAX_FALSE_SHARE);
         }
     }
 }

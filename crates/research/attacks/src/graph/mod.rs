@@ -16,12 +16,12 @@
 //! Known positions (a server that found the pose projects its map) are observations like others and stay fixed
 //! ([`Observation::Known`]).
 
+mod distinct_positions;
 mod edges;
 mod geodesic;
 mod likelihood;
+mod line_constraint;
 mod newton;
-mod places;
-mod rail;
 mod stress;
 
 use rand::Rng;
@@ -34,10 +34,10 @@ use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
+use distinct_positions::DistinctPositions;
 use edges::Edges;
 use likelihood::ListLikelihood;
-use places::Places;
-use rail::{Rail, pixels};
+use line_constraint::{LineConstraint, pixels};
 
 /// Options of the graph attack. The defaults were tuned on synthetic keypoints and transfer to images.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,19 +58,19 @@ pub struct GraphOptions {
     pub sweeps: usize,
     /// Maximum number of restarts of the likelihood sweeps with wide edges, as long as the cost decreases enough.
     /// They undo folds of the first layout where keypoints are dense.
-    pub rewarmings: usize,
+    pub restarts: usize,
     /// Share of false entries in the lists, 0 to 1, if known; `None`: estimated.
     pub false_share: Option<f64>,
     /// `[N]`: initial positions from another attack, pixels; projected on the segments they are one more start, and
     /// the likeliest layout is the answer.
-    pub begin: Option<Vec<Pixel>>,
+    pub initial_positions: Option<Vec<Pixel>>,
 }
 
 impl GraphOptions {
-    /// The same options with initial positions as one more start ([`Self::begin`]).
+    /// The same options with initial positions as one more start ([`Self::initial_positions`]).
     #[must_use]
-    pub fn beginning_at(self, pixels: Vec<Pixel>) -> Self {
-        Self { begin: Some(pixels), ..self }
+    pub fn with_initial_positions(self, pixels: Vec<Pixel>) -> Self {
+        Self { initial_positions: Some(pixels), ..self }
     }
 }
 
@@ -82,9 +82,9 @@ impl Default for GraphOptions {
             stress_rounds: 40,
             reweighings: 3,
             sweeps: 80,
-            rewarmings: 3,
+            restarts: 3,
             false_share: None,
-            begin: None,
+            initial_positions: None,
         }
     }
 }
@@ -105,16 +105,16 @@ pub struct GraphAnswer {
 const WIDE: f64 = 0.4;
 const NARROW: f64 = 0.03;
 /// Smallest relative decrease of the cost for which another restart is tried.
-const WORTH_WARMING: f64 = 0.002;
+const MIN_RESTART_GAIN: f64 = 0.002;
 
-/// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
+/// Recovers all keypoints same_position from their observations and the graph of their neighbours (module docs).
 ///
 /// `width`, `height`: the image, pixels. Order within a list does not matter. The answer depends on the generator's
 /// state, not on the number of threads.
 ///
 /// # Errors
 /// [`AttackError::ListCount`] when the numbers of neighbour lists and observations differ,
-/// [`AttackError::BeginCount`] when the numbers of initial positions and observations differ.
+/// [`AttackError::InitialPositionCount`] when the numbers of initial positions and observations differ.
 pub fn graph(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -123,21 +123,26 @@ pub fn graph(
     options: &GraphOptions,
     rng: &mut impl Rng,
 ) -> Result<GraphAnswer, AttackError> {
-    if let Some(begin) = options.begin.as_ref().filter(|b| b.len() != observations.len()) {
-        return Err(AttackError::BeginCount { observations: observations.len(), positions: begin.len() });
+    if let Some(initial_positions) =
+        options.initial_positions.as_ref().filter(|b| b.len() != observations.len())
+    {
+        return Err(AttackError::InitialPositionCount {
+            observations: observations.len(),
+            positions: initial_positions.len(),
+        });
     }
     if neighbours.len() != observations.len() {
         return Err(AttackError::ListCount { observations: observations.len(), lists: neighbours.len() });
     }
-    let places = Places::of(observations, neighbours);
-    if places.all_apart() {
+    let positions = DistinctPositions::of(observations, neighbours);
+    if positions.all_distinct() {
         return lay_out(observations, neighbours, width, height, options, rng);
     }
-    let begin = options.begin.as_ref().map(|b| places.first_of(b));
-    let options = GraphOptions { begin, ..options.clone() };
-    let (sent, lists) = (places.first_of(observations), places.lists(neighbours));
+    let initial_positions = options.initial_positions.as_ref().map(|b| positions.first_of(b));
+    let options = GraphOptions { initial_positions, ..options.clone() };
+    let (sent, lists) = (positions.first_of(observations), positions.lists(neighbours));
     let answer = lay_out(&sent, &lists, width, height, &options, rng)?;
-    Ok(GraphAnswer { pixels: places.to_rows(&answer.pixels), ..answer })
+    Ok(GraphAnswer { pixels: positions.to_rows(&answer.pixels), ..answer })
 }
 
 /// [`graph`] for rows with distinct positions.
@@ -149,74 +154,84 @@ fn lay_out(
     options: &GraphOptions,
     rng: &mut impl Rng,
 ) -> Result<GraphAnswer, AttackError> {
-    let edges = Edges::believed(neighbours);
+    let edges = Edges::accepted(neighbours);
     let candidates: Vec<Vec<KnownSegment>> =
         observations.iter().map(|o| KnownSegment::of(o, width, height)).collect();
     let crossed = closed_form(observations, &edges.lists(), width, height, &ClosedFormOptions::informed())?;
     let crossed: Vec<Pixel> = crossed.iter().map(|r| r.pixel).collect();
-    let rails: Vec<Rail> =
-        candidates.iter().zip(&crossed).map(|(c, near)| Rail::of(&nearest_candidate(c, *near))).collect();
+    let constraints: Vec<LineConstraint> = candidates
+        .iter()
+        .zip(&crossed)
+        .map(|(c, near)| LineConstraint::of(&nearest_candidate(c, *near)))
+        .collect();
 
-    let mut layouts = vec![by_stress(&rails, &edges, options, rng)];
+    let mut layouts = vec![by_stress(&constraints, &edges, options, rng)];
     if observations.iter().any(|o| matches!(o, Observation::Line(_) | Observation::EitherLine(_))) {
-        layouts.push(rails.iter().zip(&crossed).map(|(r, p)| r.nearest(p.vector())).collect());
+        layouts.push(constraints.iter().zip(&crossed).map(|(r, p)| r.nearest(p.vector())).collect());
     }
-    if let Some(begin) = &options.begin {
-        layouts.push(rails.iter().zip(begin).map(|(r, p)| r.nearest(p.vector())).collect());
+    if let Some(initial_positions) = &options.initial_positions {
+        layouts.push(constraints.iter().zip(initial_positions).map(|(r, p)| r.nearest(p.vector())).collect());
     }
     let mut best: Option<(GraphAnswer, Vec<f64>)> = None;
     let improve = |mut t: Vec<f64>, best: &mut Option<(GraphAnswer, Vec<f64>)>| {
-        let mut likelihood = ListLikelihood::new(&rails, neighbours, edges.doubted, options.false_share);
+        let mut likelihood =
+            ListLikelihood::new(&constraints, neighbours, edges.rejected, options.false_share);
         let cost = likelihood.improve(&mut t, options.sweeps, WIDE, NARROW);
         let gain = best.as_ref().map_or(f64::INFINITY, |b| b.0.cost - cost);
         if gain > 0.0 {
             let false_share = likelihood.false_share();
-            *best = Some((GraphAnswer { pixels: pixels(&rails, &t), false_share, cost }, t));
+            *best = Some((GraphAnswer { pixels: pixels(&constraints, &t), false_share, cost }, t));
         }
         gain / cost.abs()
     };
     for layout in layouts {
         improve(layout, &mut best);
     }
-    for _ in 0..options.rewarmings {
+    for _ in 0..options.restarts {
         let Some(t) = best.as_ref().map(|b| b.1.clone()) else { break };
-        if improve(t, &mut best) < WORTH_WARMING {
+        if improve(t, &mut best) < MIN_RESTART_GAIN {
             break;
         }
     }
-    Ok(best.map_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }, |b| b.0))
+    Ok(best
+        .map_or(GraphAnswer { pixels: crossed, false_share: edges.rejected, cost: f64::INFINITY }, |b| b.0))
 }
 
 /// The candidate segment nearest to a position.
 fn nearest_candidate(candidates: &[KnownSegment], near: Pixel) -> KnownSegment {
     let distance = |s: &KnownSegment| {
-        let rail = Rail::of(s);
-        (rail.at(rail.nearest(near.vector())) - near.vector()).norm()
+        let line_constraint = LineConstraint::of(s);
+        (line_constraint.at(line_constraint.nearest(near.vector())) - near.vector()).norm()
     };
     let nearest = candidates.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
     nearest.copied().unwrap_or_else(|| KnownSegment::of(&Observation::Known(near), 0, 0)[0])
 }
 
 /// The layout with the least stress among several starts, refined with edge lengths that follow its density.
-fn by_stress(rails: &[Rail], edges: &Edges, options: &GraphOptions, rng: &mut impl Rng) -> Vec<f64> {
-    let n = rails.len();
+fn by_stress(
+    constraints: &[LineConstraint],
+    edges: &Edges,
+    options: &GraphOptions,
+    rng: &mut impl Rng,
+) -> Vec<f64> {
+    let n = constraints.len();
     let landmarks = sample(rng, n, options.landmarks.min(n)).into_vec();
     let graph = geodesic::from_landmarks(edges, &landmarks, &vec![1.0; n]);
-    let mut best: (f64, Vec<f64>) = (f64::INFINITY, rails.iter().map(|r| r.guess).collect());
+    let mut best: (f64, Vec<f64>) = (f64::INFINITY, constraints.iter().map(|r| r.prior).collect());
     for start in 0..options.starts.max(1) {
-        let mut t: Vec<f64> = rails
+        let mut t: Vec<f64> = constraints
             .iter()
-            .map(|r| if start == 0 { r.guess } else { r.near + (r.far - r.near) * rng.random::<f64>() })
+            .map(|r| if start == 0 { r.prior } else { r.near + (r.far - r.near) * rng.random::<f64>() })
             .collect();
-        let stress = stress::minimise(rails, &landmarks, &graph, &mut t, options.stress_rounds);
+        let stress = stress::minimise(constraints, &landmarks, &graph, &mut t, options.stress_rounds);
         if stress < best.0 {
             best = (stress, t);
         }
     }
     for _ in 0..options.reweighings {
-        let graph = geodesic::from_landmarks(edges, &landmarks, &local_scale(rails, edges, &best.1));
+        let graph = geodesic::from_landmarks(edges, &landmarks, &local_scale(constraints, edges, &best.1));
         let mut t = best.1.clone();
-        let stress = stress::minimise(rails, &landmarks, &graph, &mut t, options.stress_rounds);
+        let stress = stress::minimise(constraints, &landmarks, &graph, &mut t, options.stress_rounds);
         if stress >= best.0 {
             break;
         }
@@ -227,8 +242,8 @@ fn by_stress(rails: &[Rail], edges: &Edges, options: &GraphOptions, rng: &mut im
 
 /// Mean distance to neighbours around each keypoint in a layout, relative to the overall mean: edges are short where
 /// keypoints are dense. Smoothed over accepted edges.
-fn local_scale(rails: &[Rail], edges: &Edges, t: &[f64]) -> Vec<f64> {
-    let at = pixels(rails, t);
+fn local_scale(constraints: &[LineConstraint], edges: &Edges, t: &[f64]) -> Vec<f64> {
+    let at = pixels(constraints, t);
     let near = NeighbourLists::nearest(&at, LOCAL_NEIGHBOURS);
     let mut scale: Vec<f64> =
         (0..at.len()).map(|i| near.of(i).last().map_or(1.0, |j| at[i].distance(&at[*j as usize]))).collect();

@@ -7,7 +7,7 @@
 
 use veiloc_geometry::nalgebra::Vector2;
 
-use super::rail::Rail;
+use super::line_constraint::LineConstraint;
 
 /// The cost of one pair at its current distance: slope `w` and curvature `h`.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,13 @@ const ITERATIONS: usize = 300;
 const TOLERANCE: f64 = 1e-2;
 
 /// Moves all keypoints by one step of at most `longest` pixels.
-pub(super) fn step(rails: &[Rail], x: &[Vector2<f64>], pairs: &[PairCost], t: &mut [f64], longest: f64) {
+pub(super) fn step(
+    constraints: &[LineConstraint],
+    x: &[Vector2<f64>],
+    pairs: &[PairCost],
+    t: &mut [f64],
+    longest: f64,
+) {
     let n = t.len();
     let mut gradient = vec![0.0; n];
     let mut diagonal = vec![0.0; n];
@@ -34,7 +40,7 @@ pub(super) fn step(rails: &[Rail], x: &[Vector2<f64>], pairs: &[PairCost], t: &m
         let away = x[j] - x[i];
         let distance = away.norm().max(1e-2);
         let u = away / distance;
-        let (di, dj) = (rails[i].direction, rails[j].direction);
+        let (di, dj) = (constraints[i].direction, constraints[j].direction);
         let (ai, aj) = (-u.dot(&di), u.dot(&dj));
         gradient[i] += ai * pair.slope;
         gradient[j] += aj * pair.slope;
@@ -52,8 +58,8 @@ pub(super) fn step(rails: &[Rail], x: &[Vector2<f64>], pairs: &[PairCost], t: &m
         *d += DAMPING * *d + 1e-6 * mean + f64::MIN_POSITIVE;
     }
     let moves = conjugate_gradients(&diagonal, &rest, &gradient);
-    for ((t, rail), step) in t.iter_mut().zip(rails).zip(moves) {
-        *t = rail.held(*t + (-step).max(-longest).min(longest));
+    for ((t, line_constraint), step) in t.iter_mut().zip(constraints).zip(moves) {
+        *t = line_constraint.clamp(*t + (-step).max(-longest).min(longest));
     }
 }
 
@@ -135,25 +141,25 @@ mod tests {
 
     /// Springs of length 10 between neighbours on a line: one step finds the layout with that spacing.
     #[test]
-    fn a_chain_of_springs_relaxes() {
-        let rail = |fixed: bool| Rail {
+    fn newton_step_solves_spring_chain() {
+        let line_constraint = |fixed: bool| LineConstraint {
             origin: Vector2::zeros(),
             direction: Vector2::new(if fixed { 0.0 } else { 1.0 }, 0.0),
             near: 0.0,
             far: 1000.0,
-            guess: 0.0,
+            prior: 0.0,
         };
-        let rails: Vec<Rail> = (0..60).map(|i| rail(i == 0)).collect();
+        let constraints: Vec<LineConstraint> = (0..60).map(|i| line_constraint(i == 0)).collect();
         let mut t: Vec<f64> = (0..60).map(|i| 11.0 * f64::from(i)).collect();
         for _ in 0..60 {
-            let x: Vec<_> = rails.iter().zip(&t).map(|(r, t)| r.at(*t)).collect();
+            let x: Vec<_> = constraints.iter().zip(&t).map(|(r, t)| r.at(*t)).collect();
             let pairs: Vec<PairCost> = (0..59u32)
                 .map(|i| {
                     let d = (x[i as usize + 1] - x[i as usize]).norm();
                     PairCost { i, j: i + 1, slope: d - 10.0, curvature: 1.0 }
                 })
                 .collect();
-            step(&rails, &x, &pairs, &mut t, 50.0);
+            step(&constraints, &x, &pairs, &mut t, 50.0);
         }
         for (i, t) in t.iter().enumerate().skip(1) {
             assert!((t - 10.0 * i as f64).abs() < 0.5, "{i}: {t}");

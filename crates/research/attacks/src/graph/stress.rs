@@ -13,11 +13,11 @@
 
 use veiloc_geometry::nalgebra::Vector2;
 
-use super::rail::{Rail, positions};
+use super::line_constraint::{LineConstraint, positions};
 
 /// Improves `t` by this many rounds; returns the mean stress per pair, relative to the squared distance.
 pub(super) fn minimise(
-    rails: &[Rail],
+    constraints: &[LineConstraint],
     landmarks: &[usize],
     graph: &[Vec<f64>],
     t: &mut [f64],
@@ -25,7 +25,7 @@ pub(super) fn minimise(
 ) -> f64 {
     let mut stress = f64::INFINITY;
     for _ in 0..rounds {
-        let x = positions(rails, t);
+        let x = positions(constraints, t);
         let scale = scale(&x, landmarks, graph);
         let mut target = vec![Vector2::<f64>::zeros(); t.len()];
         let mut weight = vec![0.0; t.len()];
@@ -45,9 +45,9 @@ pub(super) fn minimise(
             }
         }
         stress = sum / whole.max(f64::MIN_POSITIVE);
-        for (i, rail) in rails.iter().enumerate() {
+        for (i, line_constraint) in constraints.iter().enumerate() {
             if weight[i] > 0.0 {
-                t[i] = rail.nearest(target[i] / weight[i]);
+                t[i] = line_constraint.nearest(target[i] / weight[i]);
             }
         }
     }

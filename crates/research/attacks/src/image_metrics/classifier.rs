@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_features::ColourImage;
 use veiloc_features::learned::Tensor;
 
-use super::Judge;
+use super::MetricNetwork;
 use crate::AttackError;
 
 /// ImageNet's classes in the order of the networks' outputs: their WordNet synsets.
@@ -15,7 +15,7 @@ const CLASSES: usize = 1000;
 /// Side of the network's input, pixels.
 const SIDE: usize = 224;
 /// Relative size of the central crop, along the shorter side: EfficientNet's.
-const MIDDLE: f64 = 0.875;
+const CROP_SHARE: f64 = 0.875;
 /// Offset and divisor of a byte: EfficientNet-Lite's.
 const SHIFT: f32 = 127.0;
 const SCALE: f32 = 128.0;
@@ -26,7 +26,7 @@ const SCALE: f32 = 128.0;
 /// image [1, 3, 224, 224], red, green and blue, (byte − 127) / 128 → logits [1, 1000]
 /// ```
 #[derive(Debug)]
-pub struct Classifier(Judge);
+pub struct Classifier(MetricNetwork);
 
 impl Classifier {
     /// Reads the network, an ONNX file.
@@ -34,7 +34,7 @@ impl Classifier {
     /// # Errors
     /// [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
-        Judge::open(path, &["image"], "logits").map(Self)
+        MetricNetwork::open(path, &["image"], "logits").map(Self)
     }
 
     /// The five likeliest classes of the central crop of an image, likeliest first; ties are ordered by number.
@@ -42,9 +42,9 @@ impl Classifier {
     /// # Errors
     /// [`AttackError::Features`] when the network cannot run.
     pub fn classes(&self, image: &ColourImage) -> Result<Vec<usize>, AttackError> {
-        let data = middle(image).into_iter().map(|value| (value - SHIFT) / SCALE).collect();
+        let data = center_crop(image).into_iter().map(|value| (value - SHIFT) / SCALE).collect();
         let tensor = Tensor { shape: vec![1, 3, SIDE, SIDE], data };
-        let logits = self.0.ask(&[("image", &tensor)], "logits", CLASSES)?;
+        let logits = self.0.run(&[("image", &tensor)], "logits", CLASSES)?;
         let mut order: Vec<usize> = (0..CLASSES).collect();
         order.sort_by(|a, b| logits[*b].total_cmp(&logits[*a]).then(a.cmp(b)));
         order.truncate(5);
@@ -61,14 +61,14 @@ pub fn class_named(path: &Path) -> Option<usize> {
     of(path).or_else(|| of(path.parent()?))
 }
 
-/// The central square at the network's input size, `[3, SIDE, SIDE]` bytes: triangle filter whose width is one step,
-/// at least two pixels.
-fn middle(image: &ColourImage) -> Vec<f32> {
+/// The central square at the network's input size, `[3, SIDE, SIDE]` bytes: triangle_filter filter whose width is one
+/// step, at least two pixels.
+fn center_crop(image: &ColourImage) -> Vec<f32> {
     let [width, height] = [image.width(), image.height()].map(|side| side as usize);
-    let square = MIDDLE * width.min(height) as f64;
+    let square = CROP_SHARE * width.min(height) as f64;
     let weights = |side: usize| -> Vec<Vec<(usize, f32)>> {
         let first = (side as f64 - square) / 2.0;
-        (0..SIDE).map(|at| triangle(first, square / SIDE as f64, at, side)).collect()
+        (0..SIDE).map(|at| triangle_filter(first, square / SIDE as f64, at, side)).collect()
     };
     let (columns, rows) = (weights(width), weights(height));
     let mut out = Vec::with_capacity(3 * SIDE * SIDE);
@@ -87,7 +87,7 @@ fn middle(image: &ColourImage) -> Vec<f32> {
 }
 
 /// Pixels of a side with their weights, which sum to one, for one sample of a grid with this step.
-fn triangle(first: f64, step: f64, at: usize, side: usize) -> Vec<(usize, f32)> {
+fn triangle_filter(first: f64, step: f64, at: usize, side: usize) -> Vec<(usize, f32)> {
     let reach = step.max(1.0);
     let centre = first + (at as f64 + 0.5) * step;
     let weight = |pixel: usize| (1.0 - (pixel as f64 + 0.5 - centre).abs() / reach).max(0.0);
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn classes_are_named_by_files_and_folders() {
+    fn class_is_read_from_file_or_folder_name() {
         assert_eq!(SYNSETS.lines().count(), CLASSES);
         assert!(SYNSETS.lines().is_sorted());
         for (path, class) in [
@@ -123,14 +123,14 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_is_looked_at() {
+    fn center_crop_is_classified() {
         // A gray ramp that rises by one from column to column: it stays a ramp at any size.
         for [width, height] in [[512, 256], [64, 100], [224, 224], [1, 1]] {
             let pixels = (0..width * height).flat_map(|i| [(i % width / 4) as u8 * 2; 3]).collect();
             let image = ColourImage::new(width, height, pixels).expect("three bytes a pixel");
-            let samples = middle(&image);
+            let samples = center_crop(&image);
             assert_eq!(samples.len(), 3 * SIDE * SIDE);
-            let square = MIDDLE * f64::from(width.min(height));
+            let square = CROP_SHARE * f64::from(width.min(height));
             let expected = |x: usize| {
                 let at = (f64::from(width) - square) / 2.0 + (x as f64 + 0.5) / SIDE as f64 * square;
                 ((at - 2.0) / 2.0).max(0.0) as f32

@@ -31,26 +31,26 @@ pub use ssim::ssim;
 
 /// A network of an image metric.
 #[derive(Debug)]
-struct Judge {
+struct MetricNetwork {
     path: PathBuf,
     network: Network,
 }
 
-impl Judge {
+impl MetricNetwork {
     /// Reads a network that has exactly these inputs, and this output.
     fn open(path: &Path, inputs: &[&str], output: &str) -> Result<Self, AttackError> {
-        let judge = Self { path: path.to_owned(), network: Network::open(path, Engine::default())? };
-        let [count, _] = judge.network.ends();
-        let lacks = inputs.iter().any(|name| judge.network.input_named(name).is_none());
-        if count != inputs.len() || lacks || judge.network.outputs().iter().all(|own| own != output) {
+        let network = Self { path: path.to_owned(), network: Network::open(path, Engine::default())? };
+        let [count, _] = network.network.ends();
+        let lacks = inputs.iter().any(|name| network.network.input_named(name).is_none());
+        if count != inputs.len() || lacks || network.network.outputs().iter().all(|own| own != output) {
             let reason = format!("it does not have the inputs {inputs:?} and the output {output:?}");
-            return Err(judge.unusable(reason));
+            return Err(network.unusable(reason));
         }
-        Ok(judge)
+        Ok(network)
     }
 
     /// The values of its output: `expected` many, all finite.
-    fn ask(
+    fn run(
         &self,
         inputs: &[(&str, &Tensor)],
         output: &str,

@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_features::ColourImage;
 use veiloc_features::learned::Tensor;
 
-use super::Judge;
+use super::MetricNetwork;
 use super::size::one_size;
 use crate::AttackError;
 
@@ -18,7 +18,7 @@ use crate::AttackError;
 /// a, b [1, 3, H, W], red, green and blue, sRGB from 0 to 1 → distance, one number
 /// ```
 #[derive(Debug)]
-pub struct PerceptualDistance(Judge);
+pub struct PerceptualDistance(MetricNetwork);
 
 impl PerceptualDistance {
     /// Reads the network, an ONNX file.
@@ -26,7 +26,7 @@ impl PerceptualDistance {
     /// # Errors
     /// [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
-        Judge::open(path, &["a", "b"], "distance").map(Self)
+        MetricNetwork::open(path, &["a", "b"], "distance").map(Self)
     }
 
     /// The distance, 0 for equal images.
@@ -40,7 +40,7 @@ impl PerceptualDistance {
             let samples = |colour| image.data().iter().skip(colour).step_by(3).map(|v| f32::from(*v) / 255.0);
             Tensor { shape: vec![1, 3, height, width], data: (0..3).flat_map(samples).collect() }
         };
-        let distance = self.0.ask(&[("a", &tensor(a)), ("b", &tensor(b))], "distance", 1)?;
+        let distance = self.0.run(&[("a", &tensor(a)), ("b", &tensor(b))], "distance", 1)?;
         Ok(f64::from(distance[0]))
     }
 }

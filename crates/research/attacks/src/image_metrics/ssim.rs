@@ -1,7 +1,7 @@
 //! Structural similarity.
 //!
-//! Wang et al., *Image Quality Assessment: From Error Visibility to Structural Similarity*, IEEE Transactions on Image Processing
-//! 2004: a Gaussian window of 11 x 11 pixels, σ = 1.5.
+//! Wang et al., *Image Quality Assessment: From Error Visibility to Structural Similarity*, IEEE Transactions on
+//! Image Processing 2004: a Gaussian window of 11 x 11 pixels, σ = 1.5.
 //!
 //! ```text
 //! SSIM = (2 μa μb + C1) (2 σab + C2) / ((μa² + μb² + C1) (σa² + σb² + C2)),   C1 = (0.01 · 255)²,   C2 = (0.03 · 255)²

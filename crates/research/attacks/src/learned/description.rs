@@ -8,7 +8,7 @@ use serde::Deserialize;
 use veiloc_features::FeatureError;
 use veiloc_features::learned::{Engine, Network, Tensor};
 
-use super::positions::Sees;
+use super::positions::InputModality;
 use crate::{AttackError, Descriptors};
 
 /// The supported version.
@@ -21,13 +21,13 @@ const MOST_DIMENSION: usize = 8192;
 /// What a network predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Kind {
+pub(super) enum NetworkKind {
     Inversion,
     Positions,
     Neighbours,
 }
 
-impl Kind {
+impl NetworkKind {
     const fn name(self) -> &'static str {
         match self {
             Self::Inversion => "inversion",
@@ -40,21 +40,21 @@ impl Kind {
 /// All fields of a description; fields of another kind of network are refused.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Description {
+pub(super) struct NetworkDescription {
     #[serde(rename = "version")]
     _version: i64,
-    kind: Kind,
+    kind: NetworkKind,
     model: String,
     features: String,
     dimension: usize,
     pub(super) side: Option<usize>,
     pub(super) multiple: Option<usize>,
     pub(super) scheme: Option<String>,
-    pub(super) sees: Option<Sees>,
+    pub(super) sees: Option<InputModality>,
 }
 
-impl Description {
-    fn parse(text: &str, expected: Kind) -> Result<Self, String> {
+impl NetworkDescription {
+    fn parse(text: &str, expected: NetworkKind) -> Result<Self, String> {
         let table: toml::Table = toml::from_str(text).map_err(|error| error.to_string().trim().to_owned())?;
         match table.get("version").and_then(toml::Value::as_integer) {
             Some(VERSION) => {}
@@ -86,16 +86,16 @@ impl Description {
 }
 
 /// The kinds of networks by name, in the order of the fields.
-const OF_KINDS: [(&str, Kind); 4] = [
-    ("side", Kind::Inversion),
-    ("multiple", Kind::Inversion),
-    ("scheme", Kind::Positions),
-    ("sees", Kind::Positions),
+const OF_KINDS: [(&str, NetworkKind); 4] = [
+    ("side", NetworkKind::Inversion),
+    ("multiple", NetworkKind::Inversion),
+    ("scheme", NetworkKind::Positions),
+    ("sees", NetworkKind::Positions),
 ];
 
 /// A network with its description.
 #[derive(Debug)]
-pub(super) struct Described {
+pub(super) struct DescribedNetwork {
     file: PathBuf,
     model: PathBuf,
     network: Network,
@@ -106,14 +106,14 @@ pub(super) struct Described {
 /// Shape of an input or output; `None` for a dynamic side.
 pub(super) type Sides<'a> = &'a [Option<usize>];
 
-impl Described {
+impl DescribedNetwork {
     /// Reads a description, or the description beside an ONNX file, and the network that it names.
-    pub(super) fn open(path: &Path, kind: Kind) -> Result<(Self, Description), AttackError> {
+    pub(super) fn open(path: &Path, kind: NetworkKind) -> Result<(Self, NetworkDescription), AttackError> {
         let is_model = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx"));
         let file = if is_model { path.with_extension("toml") } else { path.to_owned() };
         let refused = |reason: String| AttackError::Description { path: file.clone(), reason };
-        let text = text_of(&file).map_err(refused)?;
-        let description = Description::parse(&text, kind).map_err(refused)?;
+        let text = read_description(&file).map_err(refused)?;
+        let description = NetworkDescription::parse(&text, kind).map_err(refused)?;
         let model = file.parent().unwrap_or(Path::new("")).join(&description.model);
         let network = Network::open(&model, Engine::default())?;
         let (features, dimension) = (description.features.clone(), description.dimension);
@@ -136,7 +136,7 @@ impl Described {
     }
 
     /// An error about the description, for checks that only one kind of network can make.
-    pub(super) fn misdescribed(&self, reason: String) -> AttackError {
+    pub(super) fn description_error(&self, reason: String) -> AttackError {
         AttackError::Description { path: self.file.clone(), reason }
     }
 
@@ -163,19 +163,19 @@ impl Described {
                 return refused("does not take");
             }
         }
-        match outputs.iter().find(|name| !self.gives(name)) {
+        match outputs.iter().find(|name| !self.has_output(name)) {
             Some(name) => Err(self.unusable(format!("it lacks the output {name:?}"))),
             None => Ok(()),
         }
     }
 
     /// Whether it has an output with this name.
-    pub(super) fn gives(&self, output: &str) -> bool {
+    pub(super) fn has_output(&self, output: &str) -> bool {
         self.network.outputs().iter().any(|own| own == output)
     }
 
     /// Refuses descriptors with another length than the network's.
-    pub(super) fn fits(&self, descriptors: &Descriptors) -> Result<(), AttackError> {
+    pub(super) fn check_dimension(&self, descriptors: &Descriptors) -> Result<(), AttackError> {
         let (expected, found) = (self.dimension, descriptors.dimension());
         if found == expected { Ok(()) } else { Err(AttackError::Dimensions { expected, found }) }
     }
@@ -207,7 +207,7 @@ impl Described {
 }
 
 /// The text of a description.
-fn text_of(file: &Path) -> Result<String, String> {
+fn read_description(file: &Path) -> Result<String, String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes));
     opened.map_err(|error| format!("it cannot be read: {error}"))?;

@@ -12,13 +12,13 @@ use std::path::Path;
 
 use veiloc_geometry::nalgebra::DMatrix;
 
-use super::description::{Described, Kind};
+use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
 use crate::{AttackError, Descriptors, NeighbourLists, likeliest_pairs};
 
 /// Predicts from descriptors alone which keypoints are neighbours.
 #[derive(Debug)]
-pub struct NeighbourNetwork(Described);
+pub struct NeighbourNetwork(DescribedNetwork);
 
 impl NeighbourNetwork {
     /// Reads a network from its description, or from the ONNX file beside it.
@@ -26,7 +26,7 @@ impl NeighbourNetwork {
     /// # Errors
     /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
-        let (network, _) = Described::open(path, Kind::Neighbours)?;
+        let (network, _) = DescribedNetwork::open(path, NetworkKind::Neighbours)?;
         network.check(&[("descriptors", &[Some(1), None, Some(network.dimension())])], &["embedding"])?;
         Ok(Self(network))
     }

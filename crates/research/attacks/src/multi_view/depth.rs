@@ -71,7 +71,7 @@ impl DepthPrior {
 impl DepthPrior {
     /// Median of the log depth at a position, and the variance of a Gaussian with the same entropy, which measures
     /// the information of a peaked density.
-    pub(crate) fn worth(&self, pixel: Pixel) -> [f64; 2] {
+    pub(crate) fn median_and_variance(&self, pixel: Pixel) -> [f64; 2] {
         let [low, high] = self.limits;
         let length = (high - low).max(1e-9);
         let Some(bins) = self.at(pixel) else { return [f64::midpoint(low, high), length * length / 12.0] };
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn densities_are_one_in_sum_and_follow_what_is_known_nearby() {
+    fn depth_densities_are_normalized_and_follow_known_points() {
         let known: Vec<(Pixel, f64)> =
             (0..20).map(|i| (Pixel::new(f64::from(i) * 5.0, 50.0), 2.0 + f64::from(i) * 1e-3)).collect();
         let prior = DepthPrior::new([0.5, 20.0], &known, 640, 480);

@@ -34,13 +34,13 @@ pub struct FramesOptions {
     pub known: Vec<(Pixel, f64)>,
     /// `[N]`: which keypoints of the attacked frame are attacked; the others get the answer of a keypoint without
     /// matches. `None`: all.
-    pub asked: Option<Vec<bool>>,
+    pub attacked: Option<Vec<bool>>,
 }
 
 impl FramesOptions {
     /// Options with these depth limits, from the server's map around the query, map units.
     pub const fn with_depths(depths: [f64; 2]) -> Self {
-        Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new(), asked: None }
+        Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new(), attacked: None }
     }
 
     /// Checks the depth limits.
@@ -52,20 +52,20 @@ impl FramesOptions {
 
     /// Restricts the attack to these keypoints of the attacked frame, `[N]`.
     #[must_use]
-    pub fn asking(self, asked: Vec<bool>) -> Self {
-        Self { asked: Some(asked), ..self }
+    pub fn for_keypoints(self, attacked: Vec<bool>) -> Self {
+        Self { attacked: Some(attacked), ..self }
     }
 
     /// Adds map points that the server sees in the attacked frame: keypoints near them probably have a similar depth.
     #[must_use]
-    pub fn beside(self, known: Vec<(Pixel, f64)>) -> Self {
+    pub fn with_known_points(self, known: Vec<(Pixel, f64)>) -> Self {
         Self { known, ..self }
     }
 }
 
 /// Estimate of one keypoint of the first frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighted {
+pub struct TriangulatedKeypoint {
     /// Its position, pixels; `None` without a match in another frame.
     pub pixel: Option<Pixel>,
     /// Number of other frames with a match.
@@ -80,13 +80,13 @@ pub struct Sighted {
     pub by_chance: f64,
 }
 
-impl Sighted {
+impl TriangulatedKeypoint {
     /// A keypoint with a known position.
-    pub(crate) const fn given(pixel: Pixel) -> Self {
+    pub(crate) const fn known(pixel: Pixel) -> Self {
         Self { pixel: Some(pixel), matched: 0, agreeing: 0, sigma_px: 0.0, within: 1.0, by_chance: 0.0 }
     }
 
-    pub(crate) const UNSEEN: Self = Self {
+    pub(crate) const NO_MATCH: Self = Self {
         pixel: None,
         matched: 0,
         agreeing: 0,
@@ -96,7 +96,7 @@ impl Sighted {
     };
 
     /// Whether chance cannot explain the agreement, and the posterior is concentrated within a few pixels.
-    pub fn is_believed(&self) -> bool {
+    pub fn is_accepted(&self) -> bool {
         self.by_chance < MOST_BY_CHANCE && self.within >= LEAST_WITHIN
     }
 }

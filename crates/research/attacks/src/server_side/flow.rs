@@ -16,7 +16,7 @@ pub(super) struct FlowVector {
 
 /// Predicted position in the query of a point of the map image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Warped {
+pub(super) struct WarpedPoint {
     pub(super) pixel: Pixel,
     /// Standard deviation of that position per axis, pixels.
     pub(super) sigma: f64,
@@ -59,8 +59,8 @@ impl Flow {
 
     /// Position in the query of a point of the map image: a locally weighted affine fit with soft rejection of
     /// outliers.
-    pub(super) fn warp(&self, place: Pixel) -> Warped {
-        let at = place.vector();
+    pub(super) fn warp(&self, point: Pixel) -> WarpedPoint {
+        let at = point.vector();
         let near = self.nearest(at);
         let nearness: Vec<f64> =
             near.iter().map(|v| 1.0 / ((v.from - at).norm_squared() + REACH * REACH)).collect();
@@ -76,7 +76,7 @@ impl Flow {
         }
         let gap = near.first().map_or(0.0, |v| (v.from - at).norm());
         let sigma = spread.hypot(DRIFT * gap);
-        Warped { pixel: Pixel::new(at.x + moved.x, at.y + moved.y), sigma }
+        WarpedPoint { pixel: Pixel::new(at.x + moved.x, at.y + moved.y), sigma }
     }
 
     /// The vectors around a point, nearest first; ties keep the given order.
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn an_affine_flow_is_found_among_wrong_vectors() {
+    fn affine_flow_is_robust_to_outliers() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut draw = || Vector2::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0));
         let vectors: Vec<FlowVector> = (0..300)
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn few_vectors_are_no_flow_and_coincident_ones_no_panic() {
+    fn too_few_vectors_give_no_flow_and_coincident_vectors_no_panic() {
         let one = FlowVector { from: Vector2::new(5.0, 5.0), moved: Vector2::new(1.0, 0.0) };
         assert_eq!(Flow::new(vec![one; FEWEST - 1]), None);
         let warped = Flow::new(vec![one; FEWEST]).expect("enough").warp(Pixel::new(300.0, 5.0));

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 
 use super::known;
-use super::warp::{Candidate, MapView, Matched, Similarities};
+use super::warp::{Candidate, DescriptorLikelihood, MapView, MatchedMapImage};
 use crate::error::AttackError;
 use crate::features::{Descriptors, KnownImage};
 use crate::observation::Observation;
@@ -50,17 +50,17 @@ impl Default for GuidedOptions {
 
 /// Estimate of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Guided {
+pub struct GuidedEstimate {
     /// Its position, pixels; `None` without candidates.
     pub pixel: Option<Pixel>,
     /// Probability of the position, 0 to 1; 1 for a known position.
-    pub belief: f64,
+    pub probability: f64,
 }
 
-impl Guided {
+impl GuidedEstimate {
     /// Whether the answer outweighs all others together.
-    pub fn is_believed(&self) -> bool {
-        self.belief > BELIEVED
+    pub fn is_accepted(&self) -> bool {
+        self.probability > ACCEPTED
     }
 }
 
@@ -78,7 +78,7 @@ pub fn guided_transfer(
     map: &[KnownImage],
     size: (u32, u32),
     options: &GuidedOptions,
-) -> Result<Vec<Guided>, AttackError> {
+) -> Result<Vec<GuidedEstimate>, AttackError> {
     if query.len() != observations.len() {
         let (observations, descriptors) = (observations.len(), query.len());
         return Err(AttackError::FrameDescriptors { frame: 0, observations, descriptors });
@@ -88,16 +88,17 @@ pub fn guided_transfer(
         return Err(AttackError::Dimensions { expected, found: bad.descriptors().columns().nrows() });
     }
     let known = known(observations);
-    let mut matched: Vec<Matched<'_>> = map.par_iter().map(|p| Matched::new(query, p)).collect();
+    let mut matched: Vec<MatchedMapImage<'_>> =
+        map.par_iter().map(|p| MatchedMapImage::new(query, p)).collect();
     // A stable sort keeps the order of the map for equal counts.
     matched.sort_by_key(|m| std::cmp::Reverse(m.mutual.len()));
     matched.truncate(options.images);
     let views: Vec<MapView> =
         matched.into_par_iter().filter_map(|m| MapView::new(m, &known, size, options.gate)).collect();
 
-    let similarities = Similarities::learn(&views, &known, options.gate);
+    let similarities = DescriptorLikelihood::learn(&views, &known, options.gate);
     let answer = |(i, o): (usize, &Observation)| match known[i] {
-        Some(pixel) => Guided { pixel: Some(pixel), belief: 1.0 },
+        Some(pixel) => GuidedEstimate { pixel: Some(pixel), probability: 1.0 },
         None => one(i, o, &views, &similarities, size, options),
     };
     Ok(observations.par_iter().enumerate().map(answer).collect())
@@ -107,10 +108,10 @@ fn one(
     i: usize,
     observation: &Observation,
     views: &[MapView],
-    similarities: &Similarities,
+    similarities: &DescriptorLikelihood,
     (width, height): (u32, u32),
     options: &GuidedOptions,
-) -> Guided {
+) -> GuidedEstimate {
     let segments = KnownSegment::of(observation, width, height);
     let mut candidates: Vec<Candidate> = Vec::new();
     let mut none = 0.0;
@@ -135,12 +136,12 @@ fn one(
     };
     let heaviest = heavy.iter().map(together).max_by(|a, b| a.0.total_cmp(&b.0));
     let Some((weight, u, v)) = heaviest.filter(|h| h.0 > 0.0) else {
-        return Guided { pixel: None, belief: 0.0 };
+        return GuidedEstimate { pixel: None, probability: 0.0 };
     };
-    Guided { pixel: Some(Pixel::new(u / weight, v / weight)), belief: weight / total }
+    GuidedEstimate { pixel: Some(Pixel::new(u / weight, v / weight)), probability: weight / total }
 }
 
 /// Candidates below this share of the total weight are skipped.
 const LIGHT: f64 = 1e-3;
 /// Probability above which an answer outweighs all others together.
-const BELIEVED: f64 = 0.5;
+const ACCEPTED: f64 = 0.5;

@@ -12,11 +12,11 @@ mod guided;
 mod iterative;
 mod warp;
 
-pub use guided::{Guided, GuidedOptions, guided_transfer};
+pub use guided::{GuidedEstimate, GuidedOptions, guided_transfer};
 pub use iterative::iterative;
 
 use crate::error::AttackError;
-use crate::geometry_recovery::{ClosedFormOptions, Recovered, closed_form};
+use crate::geometry_recovery::{ClosedFormOptions, RecoveredKeypoint, closed_form};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 
@@ -28,10 +28,10 @@ use crate::observation::Observation;
 pub enum LineNeighbours {
     /// They are used beside the known ones: each neighbour contributes its own distance.
     #[default]
-    Count,
+    Used,
     /// They are ignored: a known position carries more information than a line, and lines of one anchor vote for the
     /// anchor.
-    LeftOut,
+    Ignored,
 }
 
 /// The paper's server-side attack: Eq. 3 with the distance to the point for neighbours whose position is known.
@@ -48,13 +48,13 @@ pub fn server_side(
     width: u32,
     height: u32,
     lines: LineNeighbours,
-) -> Result<Vec<Recovered>, AttackError> {
+) -> Result<Vec<RecoveredKeypoint>, AttackError> {
     check(observations, neighbours)?;
     let known = known(observations);
     let options = ClosedFormOptions::default();
     match lines {
-        LineNeighbours::Count => closed_form(observations, neighbours, width, height, &options),
-        LineNeighbours::LeftOut => {
+        LineNeighbours::Used => closed_form(observations, neighbours, width, height, &options),
+        LineNeighbours::Ignored => {
             let meets: Vec<bool> = (0..neighbours.len())
                 .map(|i| neighbours.of(i).iter().any(|j| known[*j as usize].is_some()))
                 .collect();

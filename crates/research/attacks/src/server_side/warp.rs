@@ -3,7 +3,7 @@
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
 
-use super::flow::{Flow, FlowVector, Warped};
+use super::flow::{Flow, FlowVector, WarpedPoint};
 use crate::features::{Descriptors, KnownImage};
 use crate::prior::KnownSegment;
 
@@ -16,7 +16,7 @@ pub(super) struct Candidate {
 }
 
 /// A map image with the descriptor similarities between its keypoints and the query's.
-pub(super) struct Matched<'a> {
+pub(super) struct MatchedMapImage<'a> {
     image: &'a KnownImage,
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
@@ -24,7 +24,7 @@ pub(super) struct Matched<'a> {
     pub(super) mutual: Vec<(usize, usize)>,
 }
 
-impl<'a> Matched<'a> {
+impl<'a> MatchedMapImage<'a> {
     pub(super) fn new(query: &Descriptors, image: &'a KnownImage) -> Self {
         let similarity = image.descriptors().cosines(query);
         let mutual = mutual(&similarity);
@@ -36,7 +36,7 @@ impl<'a> Matched<'a> {
 pub(super) struct MapView {
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
-    warped: Vec<Warped>,
+    warped: Vec<WarpedPoint>,
     /// Pairs of known keypoints and map keypoints that are mutual nearest neighbours and consistent with the flow.
     agreeing: Vec<(usize, usize)>,
 }
@@ -44,20 +44,20 @@ pub(super) struct MapView {
 impl MapView {
     /// `None` when too few known keypoints match to estimate the flow.
     pub(super) fn new(
-        matched: Matched,
+        matched: MatchedMapImage,
         known: &[Option<Pixel>],
         (width, height): (u32, u32),
         gate: f64,
     ) -> Option<Self> {
-        let Matched { image, similarity, mutual } = matched;
+        let MatchedMapImage { image, similarity, mutual } = matched;
         let of_known = || mutual.iter().filter_map(|&(at, i)| known[i].map(|p| (at, i, p)));
         let vectors = of_known().map(|(at, _, p)| {
             let from = image.scaled(at, width, height).vector();
             FlowVector { from, moved: p.vector() - from }
         });
         let flow = Flow::new(vectors.collect())?;
-        let places = 0..image.keypoints().len();
-        let warped: Vec<Warped> = places.map(|at| flow.warp(image.scaled(at, width, height))).collect();
+        let indices = 0..image.keypoints().len();
+        let warped: Vec<WarpedPoint> = indices.map(|at| flow.warp(image.scaled(at, width, height))).collect();
         let agrees = |at: usize, p: Pixel| warped[at].pixel.distance(&p) <= gate * warped[at].sigma;
         let agreeing = of_known().filter(|(at, _, p)| agrees(*at, *p)).map(|(at, i, _)| (at, i)).collect();
         Some(Self { similarity, warped, agreeing })
@@ -69,27 +69,27 @@ impl MapView {
         i: usize,
         segment: &KnownSegment,
         gate: f64,
-        similarities: &Similarities,
+        similarities: &DescriptorLikelihood,
         into: &mut Vec<Candidate>,
     ) {
         let mut near = Vec::new();
-        let mut elsewhere = f64::INFINITY;
+        let mut least_other = f64::INFINITY;
         for (at, warped) in self.warped.iter().enumerate() {
-            let place = warped.pixel.vector();
-            let along = segment.direction.dot(&(place - segment.origin.vector()));
+            let position = warped.pixel.vector();
+            let along = segment.direction.dot(&(position - segment.origin.vector()));
             let pixel = segment.at(along.clamp(segment.near, segment.far));
             let off = pixel.distance(&warped.pixel) / warped.sigma;
             if off <= gate {
                 near.push((at, pixel, off));
             } else if off > 2.0 * gate {
-                elsewhere = elsewhere.min(self.distance(at, i));
+                least_other = least_other.min(self.distance(at, i));
             }
         }
-        if elsewhere.is_infinite() {
+        if least_other.is_infinite() {
             return; // nothing to compare with
         }
         for (at, pixel, off) in near {
-            let similar = similarities.likelihood_ratio((self.distance(at, i) / elsewhere).ln());
+            let similar = similarities.likelihood_ratio((self.distance(at, i) / least_other).ln());
             into.push(Candidate { pixel, weight: similar * (-0.5 * off * off).exp() });
         }
     }
@@ -126,29 +126,29 @@ fn mutual(similarity: &DMatrix<f32>) -> Vec<(usize, usize)> {
 /// statistic is the logarithm of the distance over the least distance among map keypoints that cannot be the same
 /// point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Similarities {
+pub(super) struct DescriptorLikelihood {
     same: (f64, f64),
     other: (f64, f64),
 }
 
-impl Similarities {
+impl DescriptorLikelihood {
     /// Estimated from the known keypoints: a map keypoint that matches one and is warped onto it is the same point;
     /// one that is warped farther away than twice the `gate` is another point.
     pub(super) fn learn(views: &[MapView], known: &[Option<Pixel>], gate: f64) -> Self {
         let (mut same, mut other) = (Moments::default(), Moments::default());
         for view in views {
-            let mut elsewhere = vec![f64::INFINITY; known.len()];
+            let mut least_other = vec![f64::INFINITY; known.len()];
             for (i, pixel) in known.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))) {
-                let far = |(_, w): &(usize, &Warped)| w.pixel.distance(&pixel) > 2.0 * gate * w.sigma;
+                let far = |(_, w): &(usize, &WarpedPoint)| w.pixel.distance(&pixel) > 2.0 * gate * w.sigma;
                 let others: Vec<f64> =
                     view.warped.iter().enumerate().filter(far).map(|(at, _)| view.distance(at, i)).collect();
-                elsewhere[i] = others.iter().copied().fold(f64::INFINITY, f64::min);
+                least_other[i] = others.iter().copied().fold(f64::INFINITY, f64::min);
                 for d in others {
-                    other.add((d / elsewhere[i]).ln());
+                    other.add((d / least_other[i]).ln());
                 }
             }
-            for &(at, i) in view.agreeing.iter().filter(|(_, i)| elsewhere[*i].is_finite()) {
-                same.add((view.distance(at, i) / elsewhere[i]).ln());
+            for &(at, i) in view.agreeing.iter().filter(|(_, i)| least_other[*i].is_finite()) {
+                same.add((view.distance(at, i) / least_other[i]).ln());
             }
         }
         Self { same: same.normal(), other: other.normal() }

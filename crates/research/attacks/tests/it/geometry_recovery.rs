@@ -3,7 +3,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, ErrorSummary, Extent, KnownSegment, NeighbourLists, Observation,
+    AttackError, ClosedFormOptions, ErrorSummary, KnownSegment, NeighbourExtent, NeighbourLists, Observation,
     bits_over_prior, closed_form, errors_px, lift, prior_only,
 };
 use veiloc_geometry::{Layout, Pencils, Pixel, PixelLine};
@@ -15,7 +15,7 @@ fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
     (0..n).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect()
 }
 
-fn attack(sent: &[Observation], lists: &NeighbourLists) -> Vec<veiloc_attacks::Recovered> {
+fn attack(sent: &[Observation], lists: &NeighbourLists) -> Vec<veiloc_attacks::RecoveredKeypoint> {
     closed_form(sent, lists, SIZE.0, SIZE.1, &ClosedFormOptions::default()).expect("lists fit")
 }
 
@@ -39,7 +39,7 @@ fn search(f: &dyn Fn(f64) -> f64, low: f64, high: f64) -> f64 {
 }
 
 #[test]
-fn no_point_of_the_segment_is_better_than_the_answer() {
+fn closed_form_equals_numeric_minimum() {
     let truth = uniform(300, 2);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let lists = NeighbourLists::nearest(&truth, 12);
@@ -83,7 +83,7 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
 }
 
 #[test]
-fn proposition_1_weighted_average_of_crossings() {
+fn proposition_1_answer_is_weighted_mean_of_intersections() {
     let truth = uniform(60, 4);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let sent = lift::random_lines(&truth, &mut rng);
@@ -104,7 +104,7 @@ fn proposition_1_weighted_average_of_crossings() {
 }
 
 #[test]
-fn one_anchor_answers_the_anchor() {
+fn neighbours_of_one_anchor_give_the_anchor() {
     let pencils = Pencils::paper(640, 480);
     let left: Vec<Pixel> = uniform(200, 6).into_iter().map(|p| Pixel::new(p.u / 2.2, p.v)).collect();
     let sent = lift::dual_convergent(&left, &pencils);
@@ -118,7 +118,7 @@ fn one_anchor_answers_the_anchor() {
 }
 
 #[test]
-fn parallel_or_missing_neighbours_leave_the_middle_of_the_chord() {
+fn parallel_or_missing_neighbours_give_chord_midpoint() {
     let at = |v: f64| Observation::Line(PixelLine::through(Pixel::new(5.0, v), 0.0));
     let lists = NeighbourLists::from_lists(&[vec![1], vec![0], vec![]]).expect("valid");
     for (answer, v) in attack(&[at(10.0), at(20.0), at(30.0)], &lists).iter().zip([10.0, 20.0, 30.0]) {
@@ -127,7 +127,7 @@ fn parallel_or_missing_neighbours_leave_the_middle_of_the_chord() {
 }
 
 #[test]
-fn bad_input_is_refused_or_answered_without_panic() {
+fn invalid_input_does_not_panic() {
     let lists = NeighbourLists::from_lists(&[vec![0]]).expect("valid");
     let refused = closed_form(&[], &lists, 640, 480, &ClosedFormOptions::default());
     assert_eq!(refused, Err(AttackError::ListCount { observations: 0, lists: 1 }));
@@ -144,7 +144,7 @@ fn bad_input_is_refused_or_answered_without_panic() {
 
 /// The paper's Fig. 4: 1500 evenly spread keypoints, 640 x 480, K = 20, neighbours known.
 #[test]
-fn the_papers_synthetic_scene() {
+fn synthetic_scene_of_the_paper() {
     let truth = uniform(1500, 4);
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let lists = NeighbourLists::nearest(&truth, 20);
@@ -155,9 +155,9 @@ fn the_papers_synthetic_scene() {
     ];
     let rows = schemes.map(|sent| {
         let attacked = errors_px(attack(&sent, &lists).iter().map(|a| a.pixel), &truth);
-        let guessed = errors_px(prior_only(&sent, 640, 480), &truth);
-        let bits = bits_over_prior(&attacked, &guessed, 640, 480);
-        (ErrorSummary::of(&attacked), ErrorSummary::of(&guessed), bits)
+        let prior = errors_px(prior_only(&sent, 640, 480), &truth);
+        let bits = bits_over_prior(&attacked, &prior, 640, 480);
+        (ErrorSummary::of(&attacked), ErrorSummary::of(&prior), bits)
     });
     let [(random, _, random_bits), (permuted, ..), (dcl, dcl_guess, dcl_bits)] = rows;
     assert!(random.median_px < 8.0 && random.mean_px < permuted.mean_px, "{random:?} {permuted:?}");
@@ -169,11 +169,11 @@ fn the_papers_synthetic_scene() {
 }
 
 /// Distance from the observation's line with its ends, by projection.
-fn distance_with_ends(observation: &Observation, extent: Extent, x: Pixel) -> f64 {
+fn distance_with_ends(observation: &Observation, extent: NeighbourExtent, x: Pixel) -> f64 {
     let Some(mut s) = KnownSegment::hull(observation, SIZE.0, SIZE.1) else { return f64::NAN };
-    if extent == Extent::HalfLine && s.anchor.is_some() {
+    if extent == NeighbourExtent::HalfLine && s.anchor.is_some() {
         (s.near, s.far) = (0.0, f64::INFINITY);
-    } else if extent != Extent::Segment {
+    } else if extent != NeighbourExtent::Segment {
         (s.near, s.far) = (f64::NEG_INFINITY, f64::INFINITY);
     }
     let along = s.direction.dot(&(x.vector() - s.origin.vector())).max(s.near).min(s.far);
@@ -181,7 +181,7 @@ fn distance_with_ends(observation: &Observation, extent: Extent, x: Pixel) -> f6
 }
 
 #[test]
-fn ends_of_neighbours_and_known_positions_count_exactly() {
+fn distances_to_segment_ends_and_known_positions_are_exact() {
     let truth = uniform(200, 12);
     let mut rng = ChaCha8Rng::seed_from_u64(13);
     let lists = NeighbourLists::nearest(&truth, 10);
@@ -197,7 +197,7 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
         )),
     ];
     for sent in &schemes {
-        for extent in [Extent::Line, Extent::HalfLine, Extent::Segment] {
+        for extent in [NeighbourExtent::Line, NeighbourExtent::HalfLine, NeighbourExtent::Segment] {
             let mut options = ClosedFormOptions::in_image();
             options.extent = extent;
             let answers = closed_form(sent, &lists, 640, 480, &options).expect("lists fit");
@@ -226,19 +226,19 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
 }
 
 #[test]
-fn without_the_own_anchor_the_answer_is_other_rays_or_the_guess() {
+fn other_anchor_only_uses_other_rays_or_prior() {
     let truth = uniform(600, 14);
     let pencils = Pencils::paper(640, 480);
     let sent = lift::dual_convergent(&truth, &pencils);
     let lists = NeighbourLists::nearest(&truth, 20);
     let answers = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::informed()).expect("lists fit");
-    let guess = prior_only(&sent, 640, 480);
+    let prior = prior_only(&sent, 640, 480);
     let mut alone = 0;
     for i in 0..truth.len() {
         let side = pencils.anchor_of(truth[i]);
         if lists.of(i).iter().all(|&j| pencils.anchor_of(truth[j as usize]) == side) {
             alone += 1;
-            assert!(!answers[i].determined && answers[i].pixel.distance(&guess[i]) < 1e-9);
+            assert!(!answers[i].determined && answers[i].pixel.distance(&prior[i]) < 1e-9);
         }
     }
     assert!(alone > 300, "{alone}");
@@ -248,7 +248,7 @@ fn without_the_own_anchor_the_answer_is_other_rays_or_the_guess() {
 }
 
 #[test]
-fn false_neighbours_are_outvoted() {
+fn consensus_rejects_false_neighbours() {
     let truth = uniform(1200, 15);
     let mut rng = ChaCha8Rng::seed_from_u64(16);
     let sent = lift::random_lines(&truth, &mut rng);

@@ -13,7 +13,7 @@ fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
 }
 
 /// Three clusters and few keypoints between them: densities differ by a factor of ten.
-fn crowds(n: usize, seed: u64) -> Vec<Pixel> {
+fn clusters(n: usize, seed: u64) -> Vec<Pixel> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..n)
         .map(|k| {
@@ -35,20 +35,20 @@ fn attacked(sent: &[Observation], lists: &NeighbourLists, truth: &[Pixel]) -> (E
 }
 
 #[test]
-fn half_lines_with_true_neighbours_hide_little() {
+fn graph_attack_recovers_half_lines_with_true_neighbours() {
     let pencils = Pencils::paper(640, 480);
-    for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (crowds(1500, 5), 6.0, 5.0)] {
+    for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (clusters(1500, 5), 6.0, 5.0)] {
         let sent = lift::dual_convergent(&truth, &pencils);
-        let guess = ErrorSummary::of(&errors_px(prior_only(&sent, 640, 480), &truth));
+        let prior = ErrorSummary::of(&errors_px(prior_only(&sent, 640, 480), &truth));
         let (found, false_share) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
-        assert!(guess.mean_px > 55.0, "{guess:?}");
+        assert!(prior.mean_px > 55.0, "{prior:?}");
         assert!(found.mean_px < mean && found.median_px < median, "{found:?}");
         assert!(false_share < 0.05, "{false_share}");
     }
 }
 
 #[test]
-fn a_fifth_of_false_neighbours_changes_little() {
+fn graph_attack_tolerates_20_percent_false_neighbours() {
     let truth = uniform(1000, 6);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.2, &mut rng);
@@ -68,18 +68,18 @@ fn a_fifth_of_false_neighbours_changes_little() {
 }
 
 #[test]
-fn neighbours_drawn_by_lot_teach_nothing() {
+fn random_neighbours_give_no_information() {
     let truth = uniform(600, 7);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(1.0, &mut rng);
     let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let (found, false_share) = attacked(&sent, &lists, &truth);
-    assert!(found.mean_px > 60.0, "an attack cannot know what nobody told it: {found:?}");
+    assert!(found.mean_px > 60.0, "random neighbours carry no information: {found:?}");
     assert!(false_share > 0.5, "{false_share}");
 }
 
 #[test]
-fn known_positions_stand_still_and_help() {
+fn known_positions_stay_fixed_and_reduce_errors() {
     let truth = uniform(400, 8);
     let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let known: Vec<Observation> = sent
@@ -106,7 +106,7 @@ fn known_positions_stand_still_and_help() {
 }
 
 #[test]
-fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
+fn equal_seeds_give_equal_answers_and_invalid_input_no_panic() {
     let truth = uniform(300, 9);
     let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let lists = NeighbourLists::nearest(&truth, 10);
@@ -122,9 +122,9 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     options.sweeps = 3;
     let refused = graph(&sent[1..], &lists, 640, 480, &options, &mut rng);
     assert_eq!(refused, Err(AttackError::ListCount { observations: 299, lists: 300 }));
-    let begun = options.clone().beginning_at(truth[1..].to_vec());
-    let refused = graph(&sent, &lists, 640, 480, &begun, &mut rng);
-    assert_eq!(refused, Err(AttackError::BeginCount { observations: 300, positions: 299 }));
+    let initialized = options.clone().with_initial_positions(truth[1..].to_vec());
+    let refused = graph(&sent, &lists, 640, 480, &initialized, &mut rng);
+    assert_eq!(refused, Err(AttackError::InitialPositionCount { observations: 300, positions: 299 }));
     let nothing = graph(&[], &NeighbourLists::nearest(&[], 3), 640, 480, &options, &mut rng).expect("empty");
     assert!(nothing.pixels.is_empty());
     // A line outside the image, a NaN line, rows without neighbours, and rows that list themselves.
@@ -140,29 +140,29 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
 }
 
 #[test]
-fn positions_from_elsewhere_carry_the_layout_past_many_false_neighbours() {
+fn initial_positions_help_with_many_false_neighbours() {
     let truth = uniform(600, 9);
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.5, &mut rng);
     let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let mut off = || rng.random_range(-20.0..20.0);
-    let begin: Vec<Pixel> = truth.iter().map(|p| Pixel::new(p.u + off(), p.v + off())).collect();
+    let initial: Vec<Pixel> = truth.iter().map(|p| Pixel::new(p.u + off(), p.v + off())).collect();
     let median = |options: &GraphOptions| {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let answer = graph(&sent, &lists, 640, 480, options, &mut rng).expect("lists fit");
         ErrorSummary::of(&errors_px(answer.pixels, &truth)).median_px
     };
     let alone = median(&GraphOptions::default());
-    let begun = median(&GraphOptions::default().beginning_at(begin));
-    assert!(begun < 0.2 * alone && begun < 25.0, "{begun}, alone {alone}");
+    let initialized = median(&GraphOptions::default().with_initial_positions(initial));
+    assert!(initialized < 0.2 * alone && initialized < 25.0, "{initialized}, alone {alone}");
 }
 
 /// A detector that finds several orientations at one position sends a row for each. The attack recognises their equal
 /// lines and merges the rows into one keypoint.
 #[test]
-fn rows_of_one_place_do_not_blind_the_attack() {
+fn rows_with_one_position_are_merged() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
-    let mut truth = crowds(700, 7);
+    let mut truth = clusters(700, 7);
     // One to four additional rows for a third of the positions.
     for i in (0..700).step_by(3) {
         truth.extend(std::iter::repeat_n(truth[i], rng.random_range(1..5)));

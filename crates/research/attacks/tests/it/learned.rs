@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::learned::inversion::{InversionNetwork, Known};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
-use veiloc_attacks::learned::positions::{PositionNetwork, Sees, position_accuracy, recover};
+use veiloc_attacks::learned::positions::{InputModality, PositionNetwork, position_accuracy, recover};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
 use veiloc_features::learned::{Engine, Network, Tensor};
 use veiloc_geometry::Pixel;
@@ -23,7 +23,7 @@ fn data(name: &str) -> PathBuf {
 }
 
 /// The same numbers as in the script.
-fn made_up(count: usize, seed: u64, scale: f64) -> Vec<f32> {
+fn synthetic_values(count: usize, seed: u64, scale: f64) -> Vec<f32> {
     let number = |i: u64| ((i + seed * 7919) * 2_654_435_761 % (1 << 32)) as f64 / (1_u64 << 32) as f64 - 0.5;
     (0..count as u64).map(|i| (number(i) * scale) as f32).collect()
 }
@@ -52,9 +52,12 @@ fn sent(image: &KnownImage, scheme: &Scheme) -> Vec<Observation> {
 }
 
 #[test]
-fn positions_are_where_the_network_finds_them_likely() {
+fn positions_follow_network_output() {
     let network = PositionNetwork::open(&data("positions.toml")).expect("a network");
-    assert_eq!((network.scheme().to_string().as_str(), network.sees()), ("dcl", Sees::Row));
+    assert_eq!(
+        (network.scheme().to_string().as_str(), network.input_modality()),
+        ("dcl", InputModality::Row)
+    );
     let images = [image(1), image(2)];
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let found = position_accuracy(&network, &images, AngleBits::default(), &mut rng)
@@ -62,27 +65,27 @@ fn positions_are_where_the_network_finds_them_likely() {
         .expect("keypoints");
     // On a line across the whole image a field leaves a third.
     assert!(found.information > 0.9 && found.bits > found.bits_untrained + 0.9, "{found:?}");
-    assert!(found.errors.median_px < 0.5 * found.guess.median_px, "{found:?}");
+    assert!(found.errors.median_px < 0.5 * found.prior.median_px, "{found:?}");
     assert_eq!((found.keypoints, found.by_image.len()), (240, 2));
 }
 
 #[test]
-fn a_network_that_has_learned_nothing_says_the_guess() {
+fn untrained_network_equals_prior() {
     let network = PositionNetwork::open(&data("untrained.onnx")).expect("the description is beside it");
     let image = image(3);
     let sent = sent(&image, &network.scheme());
     let found = recover(&network, &sent, image.descriptors(), 320, 240).expect("recovered");
-    let guess = prior_only(&sent, 320, 240);
-    assert!(found.iter().zip(&guess).all(|(own, guess)| own.mean.distance(guess) < 1e-3));
+    let prior = prior_only(&sent, 320, 240);
+    assert!(found.iter().zip(&prior).all(|(own, prior)| own.mean.distance(prior) < 1e-3));
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let told = position_accuracy(&network, &[image], AngleBits::default(), &mut rng)
+    let accuracy = position_accuracy(&network, &[image], AngleBits::default(), &mut rng)
         .expect("sent")
         .expect("keypoints");
-    assert!(told.information.abs() < 1e-6 && told.bits_of_mean.abs() < 1e-9, "{told:?}");
+    assert!(accuracy.information.abs() < 1e-6 && accuracy.bits_of_mean.abs() < 1e-9, "{accuracy:?}");
 }
 
 #[test]
-fn positions_of_other_schemes_and_descriptors_are_refused() {
+fn other_schemes_and_descriptors_are_refused() {
     let network = PositionNetwork::open(&data("positions.toml")).expect("a network");
     let image = image(1);
     let lines = sent(&image, &Scheme::RandomLines);
@@ -99,7 +102,7 @@ fn positions_of_other_schemes_and_descriptors_are_refused() {
 }
 
 #[test]
-fn neighbours_are_those_of_near_embeddings() {
+fn neighbours_have_similar_embeddings() {
     let network = NeighbourNetwork::open(&data("neighbours.toml")).expect("a network");
     let image = image(5);
     let lists = network.predict(image.descriptors(), 5).expect("predicted");
@@ -120,20 +123,20 @@ fn neighbours_are_those_of_near_embeddings() {
 
 /// The inversion network outputs a formula of the descriptors' cells.
 #[test]
-fn images_are_made_of_what_stands_in_cells() {
+fn inverted_image_depends_on_descriptors_in_cells() {
     let network = InversionNetwork::open(&data("inversion.toml")).expect("a network");
-    assert!(network.judges_places() && network.features() == "sift");
+    assert!(network.has_visibility() && network.features() == "sift");
     let grid = network.grid(SIZE);
     assert_eq!((grid.width, grid.height, network.side(), network.dimension()), (32, 24, 32, 128));
     // Two keypoints in one cell, one in another, one outside the image.
-    let places =
+    let positions =
         [Pixel::new(5.0, 5.0), Pixel::new(9.9, 0.0), Pixel::new(300.0, 235.0), Pixel::new(320.0, 5.0)];
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let bytes: Vec<u8> = (0..4 * 128).map(|_| rng.random_range(0..=255)).collect();
     let descriptors = Descriptors::new(&bytes, 128).expect("whole");
-    let made = network.invert(&descriptors, SIZE, Known::Places(&places), 1).expect("made");
+    let made = network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1).expect("made");
 
-    let kernel = made_up(3 * 129, 1, 0.5);
+    let kernel = synthetic_values(3 * 129, 1, 0.5);
     let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
     let unit: Vec<Vec<f64>> = bytes
         .chunks(128)
@@ -156,41 +159,46 @@ fn images_are_made_of_what_stands_in_cells() {
             assert!((found - expected).abs() < 0.51, "{cell:?} {colour}: {found} {expected}");
         }
     }
-    let beliefs = made.beliefs.expect("it judges places");
+    let beliefs = made.beliefs.expect("it judges positions");
     for (belief, count) in beliefs.iter().zip([2.0f64, 2.0, 1.0]) {
         assert!((f64::from(*belief) - sigmoid(count.ln_1p())).abs() < 1e-6);
     }
     assert!(beliefs[3].is_nan(), "it stands nowhere");
 
     // A view twice as wide and high also shows what lies outside the image.
-    let wide = network.invert(&descriptors, SIZE, Known::Places(&places), 2).expect("made");
+    let wide = network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 2).expect("made");
     assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
-    assert!(wide.beliefs.expect("it judges places").iter().all(|belief| belief.is_finite()));
+    assert!(wide.beliefs.expect("it judges positions").iter().all(|belief| belief.is_finite()));
     // Without positions, and without descriptors: one colour.
     let none = Descriptors::new(&[], 128).expect("none");
-    for (descriptors, known) in [(&descriptors, Known::Nothing), (&none, Known::Places(&[]))] {
+    for (descriptors, known) in
+        [(&descriptors, PositionKnowledge::None), (&none, PositionKnowledge::Positions(&[]))]
+    {
         let made = network.invert(descriptors, SIZE, known, 1).expect("made");
         assert!(made.image.data().chunks(3).all(|pixel| *pixel == made.image.data()[..3]));
     }
     let lines = sent(&image(1), &Scheme::default());
-    let refused = network.invert(&descriptors, SIZE, Known::Lines(&lines), 1).expect_err("more lines");
+    let refused =
+        network.invert(&descriptors, SIZE, PositionKnowledge::Lines(&lines), 1).expect_err("more lines");
     assert!(matches!(refused, AttackError::DescriptorCount { keypoints: 120, descriptors: 4 }), "{refused}");
-    let made = network.invert(&descriptors, SIZE, Known::Lines(&lines[..4]), 1).expect("made");
-    assert!(made.beliefs.is_none(), "a line is no place");
+    let made = network.invert(&descriptors, SIZE, PositionKnowledge::Lines(&lines[..4]), 1).expect("made");
+    assert!(made.beliefs.is_none(), "lines have no visibility");
 
     let plain = InversionNetwork::open(&data("plain.toml")).expect("a network");
-    let made = plain.invert(&descriptors, SIZE, Known::Places(&places), 1).expect("made");
-    assert!(!plain.judges_places() && made.beliefs.is_none());
+    let made = plain.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1).expect("made");
+    assert!(!plain.has_visibility() && made.beliefs.is_none());
 }
 
 #[test]
-fn what_networks_answer_is_checked() {
+fn invalid_network_outputs_are_refused() {
     let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
     for (name, says) in [("nan.toml", "numbers that are not finite"), ("half.toml", "other sides")] {
         let network = InversionNetwork::open(&data(name)).expect("it can be read");
-        let places = [Pixel::new(5.0, 5.0)];
-        let refused =
-            network.invert(&descriptors, SIZE, Known::Places(&places), 1).expect_err(name).to_string();
+        let positions = [Pixel::new(5.0, 5.0)];
+        let refused = network
+            .invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1)
+            .expect_err(name)
+            .to_string();
         assert!(refused.contains(says) && refused.contains(&name.replace("toml", "onnx")), "{refused}");
     }
 }
@@ -208,7 +216,7 @@ fn refused(folder: &Path, kind: &str, text: &str) -> String {
 }
 
 #[test]
-fn descriptions_that_are_wrong_are_refused_by_name_and_with_a_remedy() {
+fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     for name in ["inversion.onnx", "positions.onnx", "neighbours.onnx"] {
@@ -286,17 +294,21 @@ fn descriptions_that_are_wrong_are_refused_by_name_and_with_a_remedy() {
 
 /// Any damage of a network file must lead to an error or to an output, never to a panic.
 #[test]
-fn damaged_networks_never_end_the_program() {
+fn damaged_networks_do_not_panic() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let text = std::fs::read_to_string(data("inversion.toml")).expect("text");
     std::fs::write(folder.path().join("inversion.toml"), text).expect("written");
     let whole = std::fs::read(data("inversion.onnx")).expect("bytes");
     let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
-    let places = [Pixel::new(5.0, 5.0)];
+    let positions = [Pixel::new(5.0, 5.0)];
     let run = |bytes: &[u8]| {
         std::fs::write(folder.path().join("inversion.onnx"), bytes).expect("written");
         let network = InversionNetwork::open(&folder.path().join("inversion.toml"));
-        network.and_then(|network| network.invert(&descriptors, SIZE, Known::Places(&places), 1)).is_ok()
+        network
+            .and_then(|network| {
+                network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1)
+            })
+            .is_ok()
     };
     assert!(run(&whole));
     for end in (0..whole.len()).step_by(41) {
@@ -313,7 +325,7 @@ fn damaged_networks_never_end_the_program() {
 
 /// Networks of the trained architectures: outputs equal those that PyTorch wrote.
 #[test]
-fn networks_of_pytorch_answer_here_what_they_answer_there() {
+fn outputs_equal_pytorch() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/networks");
     let text = std::fs::read_to_string(folder.join("expected.json")).expect("text");
     let expected: serde_json::Value = serde_json::from_str(&text).expect("a document");
@@ -341,9 +353,14 @@ fn networks_of_pytorch_answer_here_what_they_answer_there() {
         }
         let description = folder.join(format!("{name}.toml"));
         match name.as_str() {
-            "inversion" => assert!(!InversionNetwork::open(&description).expect("a network").judges_places()),
-            "invsfm" => assert!(InversionNetwork::open(&description).expect("a network").judges_places()),
-            "positions" => assert_eq!(PositionNetwork::open(&description).expect("one").sees(), Sees::Set),
+            "inversion" => {
+                assert!(!InversionNetwork::open(&description).expect("a network").has_visibility())
+            }
+            "invsfm" => assert!(InversionNetwork::open(&description).expect("a network").has_visibility()),
+            "positions" => assert_eq!(
+                PositionNetwork::open(&description).expect("one").input_modality(),
+                InputModality::Set
+            ),
             "neighbours" => drop(NeighbourNetwork::open(&description).expect("a network")),
             other => panic!("{other} is not tested"),
         }

@@ -39,7 +39,7 @@ fn known((keypoints, bytes): (Vec<Pixel>, Vec<u8>)) -> KnownImage {
 }
 
 #[test]
-fn a_smooth_texture_gives_neighbours_away_and_noise_does_not() {
+fn neighbours_are_predicted_from_smooth_texture_and_not_from_noise() {
     let precision = |signal: f64| {
         let training: Vec<KnownImage> = (0..4).map(|s| known(image(s, signal))).collect();
         let predictor = NeighbourPredictor::fit(&training, 20).expect("something to learn");
@@ -60,7 +60,7 @@ fn a_smooth_texture_gives_neighbours_away_and_noise_does_not() {
 }
 
 #[test]
-fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
+fn map_image_of_the_same_scene_gives_positions_and_neighbours() {
     let (keypoints, bytes) = image(5, 1.0);
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     // The map image shows the same points shifted by 12 px, in another order and with noise.
@@ -68,19 +68,20 @@ fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
     for i in (1..order.len()).rev() {
         order.swap(i, rng.random_range(0..=i));
     }
-    let seen: Vec<Pixel> = order.iter().map(|&i| Pixel::new(keypoints[i].u + 12.0, keypoints[i].v)).collect();
+    let shifted: Vec<Pixel> =
+        order.iter().map(|&i| Pixel::new(keypoints[i].u + 12.0, keypoints[i].v)).collect();
     let noisy: Vec<u8> = order
         .iter()
         .flat_map(|&i| bytes[i * DIMENSION..(i + 1) * DIMENSION].to_vec())
         .map(|b| b.saturating_add(rng.random_range(0..4)))
         .collect();
-    let map = [known(image(6, 1.0)), known((seen, noisy))];
+    let map = [known(image(6, 1.0)), known((shifted, noisy))];
     let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let found = transfer(&query, &map, (640, 480), 1, 20).expect("the same dimension");
     let sent = lift::dual_convergent(&keypoints, &Pencils::paper(640, 480));
     let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &keypoints)).median_px;
-    let (attack, guess) = (median(found.projected(&sent, 640, 480)), median(prior_only(&sent, 640, 480)));
-    assert!(attack < 12.0 && guess > 50.0, "{attack}, guess {guess}");
+    let (attack, prior) = (median(found.projected(&sent, 640, 480)), median(prior_only(&sent, 640, 480)));
+    assert!(attack < 12.0 && prior > 50.0, "{attack}, prior {prior}");
     let precision = found.neighbours.precision(&NeighbourLists::nearest(&keypoints, 20));
     assert!(precision > 0.9, "{precision}");
 
@@ -90,25 +91,25 @@ fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
 }
 
 #[test]
-fn a_position_is_projected_on_the_nearer_of_two_lines_and_a_known_one_stays() {
+fn positions_are_projected_on_the_nearer_line_and_known_ones_kept() {
     let (keypoints, bytes) = image(5, 1.0);
     let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let map = [known((keypoints.clone(), bytes))];
     let found = transfer(&query, &map, (640, 480), 1, 5).expect("the same dimension");
     let either: Vec<Observation> =
         keypoints.iter().map(|p| Observation::permuted(Pixel::new(p.u, (p.v + 200.0) % 480.0))).collect();
-    let elsewhere: Vec<Observation> =
+    let permuted: Vec<Observation> =
         keypoints.iter().map(|p| Observation::Known(Pixel::new(p.v, p.u))).collect();
     for (p, answer) in keypoints.iter().zip(found.projected(&either, 640, 480)) {
         assert!(p.distance(&answer) < 1e-9, "{p:?} {answer:?}");
     }
-    for (p, answer) in keypoints.iter().zip(found.projected(&elsewhere, 640, 480)) {
+    for (p, answer) in keypoints.iter().zip(found.projected(&permuted, 640, 480)) {
         assert_eq!(answer, Pixel::new(p.v, p.u));
     }
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn mismatched_dimensions_are_refused() {
     assert!(matches!(Descriptors::new(&[1, 2, 3], 2), Err(AttackError::Descriptors { .. })));
     assert!(matches!(Descriptors::new(&[1], 0), Err(AttackError::Descriptors { .. })));
     let two = Descriptors::new(&[1, 2, 3, 4], 2).expect("two of dimension 2");

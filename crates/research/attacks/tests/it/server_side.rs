@@ -33,12 +33,12 @@ fn minimise(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 }
 
 #[test]
-fn the_papers_attack_is_the_least_squares_of_its_equation() {
+fn server_side_attack_equals_numeric_least_squares() {
     let truth = uniform(60, 1);
     let sent = partly_known(&truth, 6);
     let lists = NeighbourLists::nearest(&truth, 8);
     let known = |j: u32| matches!(sent[j as usize], Observation::Known(_));
-    for lines in [LineNeighbours::Count, LineNeighbours::LeftOut] {
+    for lines in [LineNeighbours::Used, LineNeighbours::Ignored] {
         let answers = server_side(&sent, &lists, 640, 480, lines).expect("lists fit");
         let mut compared = 0;
         for (i, o) in sent.iter().enumerate() {
@@ -47,7 +47,7 @@ fn the_papers_attack_is_the_least_squares_of_its_equation() {
                 continue;
             };
             let any = lists.of(i).iter().any(|j| known(*j));
-            let counts = |j: u32| lines == LineNeighbours::Count || !any || known(j);
+            let counts = |j: u32| lines == LineNeighbours::Used || !any || known(j);
             let at = |t: f64| row.line.at(t);
             let f = |t: f64| -> f64 {
                 lists
@@ -68,7 +68,7 @@ fn the_papers_attack_is_the_least_squares_of_its_equation() {
 }
 
 #[test]
-fn on_a_grid_the_iterative_attack_is_exact() {
+fn iterative_attack_is_exact_on_a_grid() {
     // Each hidden keypoint is the centre of eight known ones, so their mean is its position.
     let truth: Vec<Pixel> = (0..300)
         .map(|i| Pixel::new(17.0 + f64::from(i % 20) * 30.0, 13.0 + f64::from(i / 20) * 30.0))
@@ -83,7 +83,7 @@ fn on_a_grid_the_iterative_attack_is_exact() {
 }
 
 #[test]
-fn what_has_just_been_estimated_counts_as_known() {
+fn estimated_positions_count_as_known() {
     let truth = [
         Pixel::new(100.0, 100.0),
         Pixel::new(140.0, 90.0),
@@ -105,23 +105,23 @@ fn what_has_just_been_estimated_counts_as_known() {
 }
 
 #[test]
-fn all_known_none_known_and_no_neighbours() {
+fn limits_of_all_and_no_known_positions() {
     let truth = uniform(50, 3);
     let lists = NeighbourLists::nearest(&truth, 5);
     let all = partly_known(&truth, 1);
     assert_eq!(iterative(&all, &lists, 640, 480).as_ref(), Ok(&truth));
-    let found = server_side(&all, &lists, 640, 480, LineNeighbours::LeftOut).expect("lists fit");
+    let found = server_side(&all, &lists, 640, 480, LineNeighbours::Ignored).expect("lists fit");
     assert!(found.iter().zip(&truth).all(|(f, t)| f.pixel == *t));
 
     let none = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let plain = closed_form(&none, &lists, 640, 480, &ClosedFormOptions::default()).expect("lists fit");
-    assert_eq!(server_side(&none, &lists, 640, 480, LineNeighbours::LeftOut).as_ref(), Ok(&plain));
+    assert_eq!(server_side(&none, &lists, 640, 480, LineNeighbours::Ignored).as_ref(), Ok(&plain));
     let plain: Vec<Pixel> = plain.iter().map(|p| p.pixel).collect();
     assert_eq!(iterative(&none, &lists, 640, 480), Ok(plain));
 
     let no_lists = NeighbourLists::nearest(&truth, 0);
     assert_eq!(iterative(&none, &no_lists, 640, 480), Err(AttackError::NoNeighbours));
-    let refused = server_side(&none, &no_lists, 640, 480, LineNeighbours::Count);
+    let refused = server_side(&none, &no_lists, 640, 480, LineNeighbours::Used);
     assert_eq!(refused, Err(AttackError::NoNeighbours));
     let refused = iterative(&none[1..], &lists, 640, 480);
     assert_eq!(refused, Err(AttackError::ListCount { observations: 49, lists: 50 }));
@@ -129,7 +129,7 @@ fn all_known_none_known_and_no_neighbours() {
 
 /// With a third of the positions known the layout tolerates more false neighbours than without.
 #[test]
-fn known_positions_carry_the_graph_through_false_neighbours() {
+fn known_positions_help_graph_attack_with_false_neighbours() {
     let truth = uniform(700, 5);
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.6, &mut rng);
@@ -166,7 +166,7 @@ fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownImage) {
 }
 
 #[test]
-fn a_warped_map_tells_apart_what_looks_alike() {
+fn guided_transfer_separates_similar_descriptors() {
     let (truth, query, map) = alike(6);
     let sent = partly_known(&truth, 3);
     let map = [map];
@@ -176,29 +176,29 @@ fn a_warped_map_tells_apart_what_looks_alike() {
     let hidden: Vec<usize> = (0..900).filter(|i| i % 3 != 0).collect();
     let error = |p: Pixel, i: usize| p.distance(&truth[i]);
     let plain = ErrorSummary::of(&hidden.iter().map(|i| error(plain[*i], *i)).collect::<Vec<_>>());
-    let believed: Vec<usize> = hidden.iter().copied().filter(|i| guided[*i].is_believed()).collect();
-    let errors: Vec<f64> = believed.iter().map(|i| error(guided[*i].pixel.expect("believed"), *i)).collect();
+    let accepted: Vec<usize> = hidden.iter().copied().filter(|i| guided[*i].is_accepted()).collect();
+    let errors: Vec<f64> = accepted.iter().map(|i| error(guided[*i].pixel.expect("accepted"), *i)).collect();
     let sure = ErrorSummary::of(&errors);
     assert!(plain.under_10px < 0.6, "copies confuse the plain transfer: {plain:?}");
-    assert!(believed.len() > 250 && sure.under_10px > 0.9, "{} {sure:?}", believed.len());
+    assert!(accepted.len() > 250 && sure.under_10px > 0.9, "{} {sure:?}", accepted.len());
 }
 
 #[test]
-fn without_inliers_there_is_no_flow_and_nothing_is_answered() {
+fn guided_transfer_without_inliers_has_no_answers() {
     let (truth, query, map) = alike(1);
     let none = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let options = GuidedOptions::default();
-    let ask =
+    let attack =
         |sent: &[Observation], map: &[KnownImage]| guided_transfer(&query, sent, map, (640, 480), &options);
-    let answers = ask(&none, std::slice::from_ref(&map)).expect("they fit");
-    assert!(answers.iter().all(|a| a.pixel.is_none() && !a.is_believed()));
-    assert!(ask(&none, &[]).expect("no map").iter().all(|a| a.pixel.is_none()));
-    let known = ask(&partly_known(&truth, 1), std::slice::from_ref(&map)).expect("they fit");
-    assert!(known.iter().zip(&truth).all(|(a, t)| a.pixel == Some(*t) && a.is_believed()));
+    let answers = attack(&none, std::slice::from_ref(&map)).expect("they fit");
+    assert!(answers.iter().all(|a| a.pixel.is_none() && !a.is_accepted()));
+    assert!(attack(&none, &[]).expect("no map").iter().all(|a| a.pixel.is_none()));
+    let known = attack(&partly_known(&truth, 1), std::slice::from_ref(&map)).expect("they fit");
+    assert!(known.iter().zip(&truth).all(|(a, t)| a.pixel == Some(*t) && a.is_accepted()));
 
-    let refused = ask(&none[1..], std::slice::from_ref(&map));
+    let refused = attack(&none[1..], std::slice::from_ref(&map));
     assert_eq!(refused, Err(AttackError::FrameDescriptors { frame: 0, observations: 899, descriptors: 900 }));
     let two = Descriptors::new(&[1, 2], 2).expect("whole");
     let other = KnownImage::new(vec![Pixel::new(1.0, 1.0)], two, 640, 480).expect("one");
-    assert_eq!(ask(&none, &[other]), Err(AttackError::Dimensions { expected: 32, found: 2 }));
+    assert_eq!(attack(&none, &[other]), Err(AttackError::Dimensions { expected: 32, found: 2 }));
 }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use veiloc_attacks::{
-    ClosedFormOptions, GraphOptions, Guided, GuidedOptions, KnownImage, LineNeighbours, closed_form, graph,
+    ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, KnownImage, LineNeighbours, closed_form, graph,
     guided_transfer, iterative, server_side,
 };
 
@@ -123,21 +123,21 @@ pub const ATTACKS: [Attack; 17] = [
         words: "layout begun at positions of a map",
         holds: "other images of the place",
         needs: Needs { map_images: true, ..Needs::NEIGHBOURS },
-        run: |a, rng| laid_out(a, &GraphOptions::default().beginning_at(a.transferred()), rng),
+        run: |a, rng| laid_out(a, &GraphOptions::default().with_initial_positions(a.transferred()), rng),
     },
     Attack {
         name: "server-side",
         words: "the paper's server-side attack",
         holds: SERVER,
         needs: OF_SERVER,
-        run: |a, _| served(a, LineNeighbours::Count),
+        run: |a, _| served(a, LineNeighbours::Used),
     },
     Attack {
         name: "server-side-points",
         words: "server-side attack by points alone",
         holds: SERVER,
         needs: OF_SERVER,
-        run: |a, _| served(a, LineNeighbours::LeftOut),
+        run: |a, _| served(a, LineNeighbours::Ignored),
     },
     Attack {
         name: "iterative",
@@ -244,11 +244,11 @@ fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
     let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
     let plain = a.transferred();
     Ok(Answers {
-        believed: Some(found.iter().map(Guided::is_believed).collect()),
+        believed: Some(found.iter().map(GuidedEstimate::is_accepted).collect()),
         pixels: found
             .iter()
             .zip(plain)
-            .map(|(g, plain)| g.pixel.filter(|_| g.is_believed()).unwrap_or(plain))
+            .map(|(g, plain)| g.pixel.filter(|_| g.is_accepted()).unwrap_or(plain))
             .collect(),
     })
 }

@@ -4,7 +4,7 @@ use crate::EvalError;
 use crate::audit::outsider::TrainedPositions;
 use crate::audit::sightings::{FrameChoice, sighted};
 use crate::audit::view::View;
-use veiloc_attacks::multi_view::{RestingOptions, Sighted, resting_camera};
+use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
@@ -114,7 +114,7 @@ impl Attempt<'_> {
             return Ok(Answers { believed: Some(vec![false; guess.len()]), pixels: guess });
         };
         Ok(Answers {
-            believed: Some(found.iter().map(Sighted::is_believed).collect()),
+            believed: Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect()),
             pixels: found.iter().zip(guess).map(|(s, guess)| s.pixel.unwrap_or(guess)).collect(),
         })
     }

@@ -77,7 +77,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Sees only how far the work is.
+/// InputModality only how far the work is.
 pub(super) struct Progress<F>(pub(super) F);
 
 impl<F: FnMut(usize, usize)> AttackObserver for Progress<F> {

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::RestingOptions;
 use veiloc_attacks::{
-    Density, Descriptors, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior,
+    Density, Descriptors, KnownImage, NeighbourLists, Observation, KeypointHistogram, Transfer, bits_over_prior,
     errors_px,
 };
 use veiloc_protocol::{Observations, Scheme};
@@ -105,9 +105,9 @@ pub fn attack_groups(
     let mut precision = Precision::default();
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
     for (group_index, group) in groups.iter().enumerate() {
-        let counts: Vec<PlaceCounts> =
-            group.iter().map(|p| PlaceCounts::of(&p.keypoints, p.width, p.height)).collect();
-        let mut all = PlaceCounts::default();
+        let counts: Vec<KeypointHistogram> =
+            group.iter().map(|p| KeypointHistogram::of(&p.keypoints, p.width, p.height)).collect();
+        let mut all = KeypointHistogram::default();
         for counts in &counts {
             all.add(counts);
         }

@@ -1,6 +1,6 @@
 //! Several frames of one file, as a server that has localized them all puts them together.
 
-use veiloc_attacks::multi_view::{Frame, FramesOptions, Sighted, most_telling, several_frames};
+use veiloc_attacks::multi_view::{Frame, FramesOptions, TriangulatedKeypoint, select_frames, multi_view_attack};
 use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
 
 use super::view::View;
@@ -29,7 +29,7 @@ pub(super) fn sighted(
     own: usize,
     frames: usize,
     choice: FrameChoice,
-) -> Result<Option<Vec<Sighted>>, AttackError> {
+) -> Result<Option<Vec<TriangulatedKeypoint>>, AttackError> {
     let frame = |i: usize| {
         let pose = views[i].pose.as_ref()?;
         let observations = if i == own { &views[i].observations } else { &views[i].sent };
@@ -48,11 +48,11 @@ pub(super) fn sighted(
     let options = FramesOptions::with_depths(pose.depths).beside(pose.known.clone());
     let count = frames.saturating_sub(1);
     let chosen = match choice {
-        FrameChoice::Turn => most_telling(&first, &others, count, &options)?,
+        FrameChoice::Turn => select_frames(&first, &others, count, &options)?,
         FrameChoice::Nearest => nearest(&first, &others, count)?,
     };
     let all: Vec<Frame<'_>> = std::iter::once(first).chain(chosen.into_iter().map(|i| others[i])).collect();
-    several_frames(&all, &options).map(Some)
+    multi_view_attack(&all, &options).map(Some)
 }
 
 /// Those with most matches: the server goes by descriptors, as for its own map. Equal counts stay in their order.

@@ -42,7 +42,7 @@ pub struct NetworkRow {
     /// Cells of the longer side of an image.
     pub side: usize,
     /// Whether it says how likely descriptors stand rightly.
-    pub judges_places: bool,
+    pub has_visibility: bool,
 }
 
 impl From<&InversionNetwork> for NetworkRow {
@@ -52,7 +52,7 @@ impl From<&InversionNetwork> for NetworkRow {
             features: network.features().to_owned(),
             dimension: network.dimension(),
             side: network.side(),
-            judges_places: network.judges_places(),
+            has_visibility: network.has_visibility(),
         }
     }
 }

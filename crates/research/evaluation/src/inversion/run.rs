@@ -202,12 +202,12 @@ impl Job {
     ) -> Result<Inverted, EvalError> {
         let size = [image.width, image.height];
         let known = match &self.input {
-            Input::Places(answers) => Known::Places(&answers[at].places),
-            Input::Lines(answers) => Known::Lines(&answers[at].sent),
-            Input::Bag => Known::Nothing,
+            Input::Places(answers) => PositionKnowledge::Positions(&answers[at].places),
+            Input::Lines(answers) => PositionKnowledge::Lines(&answers[at].sent),
+            Input::Bag => PositionKnowledge::None,
             Input::Nothing => {
                 let none = Descriptors::new(&[], descriptors.dimension())?;
-                return Ok(network.invert(&none, size, Known::Places(&[]), times)?);
+                return Ok(network.invert(&none, size, PositionKnowledge::Positions(&[]), times)?);
             }
         };
         Ok(network.invert(descriptors, size, known, times)?)

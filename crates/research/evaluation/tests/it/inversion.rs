@@ -122,7 +122,7 @@ fn every_scheme_and_attack_has_its_rows() {
 
     assert!(document.summary.iter().all(|row| row.told_apart.is_none()) && !table.contains("told apart"));
 
-    assert!(document.classes.is_none() && !document.network.judges_places);
+    assert!(document.classes.is_none() && !document.network.has_visibility);
 
     // The same again to the last digit.
     let again = evaluate(&paths[3..5], &plain, Realistic::default(), &Judges::default()).expect("it runs").0;
@@ -137,7 +137,7 @@ fn a_network_that_judges_places_is_judged_by_what_it_believes() {
     let judging = network("learned/inversion.toml");
     let (document, _) =
         evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
-    assert!(document.network.judges_places && document.network.file.ends_with("inversion.toml"));
+    assert!(document.network.has_visibility && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
         // Keypoints as they are hold nothing wrong, graph may bring all back, and where no places are given none is judged.
         match (row.scheme.as_str(), row.attack) {

@@ -1,16 +1,16 @@
 //! Inversion networks: from descriptors, and information about their positions, to an image.
 //!
 //! ```text
-//! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image; the last channel says how full a cell is
+//! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image; last channel: occupancy
 //! → image [1, 3, H, W]                 red, green and blue of each cell, sRGB from 0 to 1
-//! → visible [1, 1, H, W]               of some networks: how likely what stands in the cell stands rightly, 0 to 1
+//! → visible [1, 1, H, W]               optional: probability that the descriptors of the cell are placed correctly
 //! ```
 //!
 //! Positions are the true keypoints (the paper's upper bound), the answers of an attack, or the sent lines, where
 //! each descriptor is spread over its line by the prior-only likelihood of the keypoint. A cell with descriptors of
 //! shares `sᵢ` has the channels `Σ sᵢ dᵢ / max(Σ sᵢ, 1)`, and `ln(1 + Σ sᵢ)` as the last one.
 
-mod places;
+mod cells;
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use veiloc_features::ColourImage;
 use veiloc_features::learned::Tensor;
 use veiloc_geometry::Pixel;
 
-use super::description::{Described, Kind};
+use super::description::{DescribedNetwork, NetworkKind};
 use crate::{AttackError, Descriptors, Observation};
 
 /// Allowed numbers of cells along the longer side.
@@ -55,18 +55,18 @@ impl Grid {
 
 /// What the attacker knows about the positions of descriptors.
 #[derive(Debug, Clone, Copy)]
-pub enum Known<'a> {
+pub enum PositionKnowledge<'a> {
     /// One position per descriptor, `[N]`, pixels; positions that are not finite or outside the image are left out.
-    Places(&'a [Pixel]),
+    Positions(&'a [Pixel]),
     /// The sent observations, `[N]`.
     Lines(&'a [Observation]),
     /// No position: every descriptor is spread evenly over all cells.
-    Nothing,
+    None,
 }
 
 /// Output of an inversion network.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Inverted {
+pub struct Reconstruction {
     /// One pixel per cell.
     pub image: ColourImage,
     /// Probability that each descriptor was placed correctly, `[N]`, 0 to 1; NaN for a descriptor outside the image.
@@ -77,7 +77,7 @@ pub struct Inverted {
 /// Reconstructs an image from descriptors.
 #[derive(Debug)]
 pub struct InversionNetwork {
-    network: Described,
+    network: DescribedNetwork,
     side: usize,
     multiple: usize,
 }
@@ -88,19 +88,23 @@ impl InversionNetwork {
     /// # Errors
     /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
-        let (network, description) = Described::open(path, Kind::Inversion)?;
+        let (network, description) = DescribedNetwork::open(path, NetworkKind::Inversion)?;
         let (side, multiple) = (description.side.unwrap_or(0), description.multiple.unwrap_or(0));
         if !SIDES.contains(&side) {
             let (least, most) = (SIDES.start(), SIDES.end());
-            return Err(network.misdescribed(format!("its side is {side}, and not from {least} to {most}")));
+            return Err(
+                network.description_error(format!("its side is {side}, and not from {least} to {most}"))
+            );
         }
         if multiple == 0 || !side.is_multiple_of(multiple) {
-            return Err(network.misdescribed(format!("its multiple, {multiple}, does not divide its side")));
+            return Err(
+                network.description_error(format!("its multiple, {multiple}, does not divide its side"))
+            );
         }
         let channels = network.dimension() + 1;
         if channels * side * side > MOST_NUMBERS {
             let reason = format!("a grid of side {side} would hold more than {MOST_NUMBERS} numbers");
-            return Err(network.misdescribed(reason));
+            return Err(network.description_error(reason));
         }
         network.check(&[("features", &[Some(1), Some(channels), None, None])], &["image"])?;
         Ok(Self { network, side, multiple })
@@ -127,8 +131,8 @@ impl InversionNetwork {
     }
 
     /// Whether the network estimates which positions are correct.
-    pub fn judges_places(&self) -> bool {
-        self.network.gives("visible")
+    pub fn has_visibility(&self) -> bool {
+        self.network.has_output("visible")
     }
 
     /// The grid for an image of this size, pixels.
@@ -148,22 +152,22 @@ impl InversionNetwork {
         &self,
         descriptors: &Descriptors,
         size: [u32; 2],
-        known: Known<'_>,
+        known: PositionKnowledge<'_>,
         times: u32,
-    ) -> Result<Inverted, AttackError> {
+    ) -> Result<Reconstruction, AttackError> {
         self.network.fits(descriptors)?;
         let one = self.grid(size);
         let grid = Grid { width: one.width * times as usize, height: one.height * times as usize };
         let view = size.map(|side| side * times);
         let margin = size.map(|side| f64::from(side) * 0.5 * f64::from(times - 1));
         let placed = match known {
-            Known::Places(at) => {
+            PositionKnowledge::Positions(at) => {
                 let moved: Vec<Pixel> =
                     at.iter().map(|p| Pixel::new(p.u + margin[0], p.v + margin[1])).collect();
-                Some((at.len(), places::at(&moved, view, grid)))
+                Some((at.len(), cells::at(&moved, view, grid)))
             }
-            Known::Lines(sent) => Some((sent.len(), places::along(sent, view, grid))),
-            Known::Nothing => None,
+            PositionKnowledge::Lines(sent) => Some((sent.len(), cells::along(sent, view, grid))),
+            PositionKnowledge::None => None,
         };
         let given = match &placed {
             Some((count, _)) if *count != descriptors.len() => {
@@ -176,7 +180,7 @@ impl InversionNetwork {
         let sides = |channels| [Some(1), Some(channels), Some(grid.height), Some(grid.width)];
         let (of_image, of_visible) = (sides(3), sides(1));
         let mut outputs: Vec<(&str, &[Option<usize>])> = vec![("image", &of_image)];
-        if self.judges_places() && matches!(known, Known::Places(_)) {
+        if self.has_visibility() && matches!(known, PositionKnowledge::Positions(_)) {
             outputs.push(("visible", &of_visible));
         }
         let mut results = self.network.run(&[("features", &given)], &outputs)?.into_iter();
@@ -188,12 +192,12 @@ impl InversionNetwork {
             }
             beliefs
         });
-        Ok(Inverted { image: image_of(&colours, grid), beliefs })
+        Ok(Reconstruction { image: image_of(&colours, grid), beliefs })
     }
 }
 
 /// Descriptors accumulated in their cells, `[1, dimension + 1, H, W]`.
-fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[places::Share]) -> Tensor {
+fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[cells::CellShare]) -> Tensor {
     let (cells, dimension) = (grid.cells(), descriptors.dimension());
     let mut full = vec![0.0f32; cells];
     for (_, cell, share) in shares {
@@ -245,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn grids_are_of_the_images_shape() {
+    fn grid_keeps_aspect_ratio() {
         let of = |size| Grid::of_image(size, 256, 16);
         assert_eq!(of([640, 480]), Grid { width: 256, height: 192 });
         assert_eq!(of([480, 640]), Grid { width: 192, height: 256 });
@@ -254,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_hold_weighted_means_and_how_full_they_are() {
+    fn cells_hold_weighted_means_and_occupancy() {
         let descriptors = Descriptors::new(&[3, 4, 0, 0, 8, 6], 2).expect("three of them");
         let grid = Grid { width: 2, height: 1 };
         // The first and the last share a cell; the middle one is all zeros, so only its share is visible.
@@ -275,7 +279,7 @@ mod tests {
             "{expected:?}"
         );
 
-        let everywhere: Vec<places::Share> =
+        let everywhere: Vec<cells::CellShare> =
             (0..3).flat_map(|i| (0..2).map(move |cell| (i, cell, 0.5))).collect();
         let spread = spread_over(grid, &descriptors);
         let same = placed_on(grid, &descriptors, &everywhere);

@@ -25,7 +25,7 @@ pub struct PositionAccuracy {
     /// Errors of [`Estimate::pixel`](super::Estimate::pixel), pixels.
     pub errors: ErrorSummary,
     /// Errors of the prior-only baseline, pixels.
-    pub guess: ErrorSummary,
+    pub prior: ErrorSummary,
     /// [`bits_over_prior`] of [`Self::errors`].
     pub bits: f64,
     /// [`bits_over_prior`] of [`Estimate::mean`](super::Estimate::mean).
@@ -48,8 +48,8 @@ pub fn position_accuracy(
     angle_bits: AngleBits,
     rng: &mut ChaCha8Rng,
 ) -> Result<Option<PositionAccuracy>, AttackError> {
-    let (mut errors, mut guesses) = (Vec::new(), Vec::new());
-    let (mut told, mut told_rows) = (0.0, 0);
+    let (mut errors, mut prior_errors) = (Vec::new(), Vec::new());
+    let (mut gain, mut gain_rows) = (0.0, 0);
     let (mut bits, mut of_mean, mut untrained, mut by_image) = (0.0, 0.0, 0.0, Vec::new());
     for image in images {
         let size @ [width, height] = image.size();
@@ -68,29 +68,29 @@ pub fn position_accuracy(
         let bins = Bins::of(&sent, size, BINS);
         let shares = network.shares(&descriptors, &bins, size)?;
         let held: Vec<usize> =
-            truth.iter().enumerate().filter_map(|(row, place)| bins.holding(row, *place)).collect();
+            truth.iter().enumerate().filter_map(|(row, place)| bins.bin_of(row, *place)).collect();
         let own = information(&shares, &bins, &held);
-        (told, told_rows) = (told + own, told_rows + held.len());
+        (gain, gain_rows) = (gain + own, gain_rows + held.len());
         by_image.push(own / (held.len() as f64).max(1.0));
 
         let found = recover(network, &sent, &descriptors, width, height)?;
         let error = errors_px(found.iter().map(|e| e.pixel), &truth);
         let mean = errors_px(found.iter().map(|e| e.mean), &truth);
-        let before = errors_px(recover::of_guess(&sent, size).iter().map(|e| e.pixel), &truth);
-        let guess = errors_px(prior_only(&sent, width, height), &truth);
+        let before = errors_px(recover::of_prior(&sent, size).iter().map(|e| e.pixel), &truth);
+        let prior = errors_px(prior_only(&sent, width, height), &truth);
         let rows = error.len() as f64;
-        bits += rows * bits_over_prior(&error, &guess, width, height);
-        untrained += rows * bits_over_prior(&before, &guess, width, height);
-        of_mean += rows * bits_over_prior(&mean, &guess, width, height);
+        bits += rows * bits_over_prior(&error, &prior, width, height);
+        untrained += rows * bits_over_prior(&before, &prior, width, height);
+        of_mean += rows * bits_over_prior(&mean, &prior, width, height);
         errors.extend(error);
-        guesses.extend(guess);
+        prior_errors.extend(prior);
     }
     let keypoints = errors.len();
     Ok((keypoints > 0).then(|| PositionAccuracy {
         keypoints,
-        information: if told_rows > 0 { told / told_rows as f64 } else { 0.0 },
+        information: if gain_rows > 0 { gain / gain_rows as f64 } else { 0.0 },
         errors: ErrorSummary::of(&errors),
-        guess: ErrorSummary::of(&guesses),
+        prior: ErrorSummary::of(&prior_errors),
         bits: bits / keypoints as f64,
         bits_of_mean: of_mean / keypoints as f64,
         bits_untrained: untrained / keypoints as f64,
@@ -101,8 +101,8 @@ pub fn position_accuracy(
 /// Sum of `log2` of the share over the baseline's share, over the bins that hold keypoints.
 fn information(shares: &[f32], bins: &Bins, held: &[usize]) -> f64 {
     let of_bin = |bin: &usize| {
-        let said = f64::from(shares[*bin]).max(f64::from(f32::MIN_POSITIVE)).ln();
-        (said - f64::from(bins.guess[*bin])) / std::f64::consts::LN_2
+        let log_posterior = f64::from(shares[*bin]).max(f64::from(f32::MIN_POSITIVE)).ln();
+        (log_posterior - f64::from(bins.log_prior[*bin])) / std::f64::consts::LN_2
     };
     held.iter().map(of_bin).sum()
 }

@@ -13,9 +13,9 @@ pub(super) struct Bins {
     /// `[N + 1]`: row `i` has the bins `offsets[i]..offsets[i + 1]`, at least one.
     offsets: Vec<usize>,
     /// Mean position of each bin, pixels.
-    pub(super) places: Vec<Pixel>,
+    pub(super) positions: Vec<Pixel>,
     /// Log prior probability of each bin within its row.
-    pub(super) guess: Vec<f32>,
+    pub(super) log_prior: Vec<f32>,
     pieces: Vec<Vec<Piece>>,
 }
 
@@ -30,19 +30,20 @@ struct Piece {
 impl Bins {
     /// About `count` bins per row; one bin if the line misses the image or the position is known.
     pub(super) fn of(observations: &[Observation], [width, height]: [u32; 2], count: usize) -> Self {
-        let mut bins = Self { offsets: vec![0], places: Vec::new(), guess: Vec::new(), pieces: Vec::new() };
+        let mut bins =
+            Self { offsets: vec![0], positions: Vec::new(), log_prior: Vec::new(), pieces: Vec::new() };
         for observation in observations {
             let candidates = KnownSegment::of(observation, width, height);
             let whole: f64 = candidates.iter().map(|s| s.share).sum();
             let pieces = candidates.into_iter().map(|segment| bins.cut(segment, whole, count)).collect();
             bins.pieces.push(pieces);
-            bins.offsets.push(bins.places.len());
+            bins.offsets.push(bins.positions.len());
         }
         bins
     }
 
     fn cut(&mut self, segment: KnownSegment, whole: f64, count: usize) -> Piece {
-        let first = self.places.len();
+        let first = self.positions.len();
         let share = segment.share / whole;
         let extended = !segment.is_empty() && segment.far > segment.near;
         let count = if extended { ((share * count as f64).round() as usize).max(1) } else { 1 };
@@ -51,8 +52,8 @@ impl Bins {
             let far =
                 if k + 1 == count { segment.far } else { quantile(&segment, (k + 1) as f64 / count as f64) };
             let part = KnownSegment { near, far, ..segment };
-            self.places.push(segment.at(if extended { part.expected() } else { segment.expected() }));
-            self.guess.push((share / count as f64).max(f64::MIN_POSITIVE).ln() as f32);
+            self.positions.push(segment.at(if extended { part.expected() } else { segment.expected() }));
+            self.log_prior.push((share / count as f64).max(f64::MIN_POSITIVE).ln() as f32);
             near = far;
         }
         Piece { segment, first, count }
@@ -69,16 +70,16 @@ impl Bins {
     }
 
     /// The bin of a row that holds, or is nearest to, this position; `None` if the row has one bin only.
-    pub(super) fn holding(&self, row: usize, place: Pixel) -> Option<usize> {
+    pub(super) fn bin_of(&self, row: usize, position: Pixel) -> Option<usize> {
         if self.of_row(row).len() < 2 {
             return None;
         }
         let along = |piece: &Piece| {
             let s = &piece.segment;
-            s.direction.dot(&(place.vector() - s.origin.vector())).clamp(s.near, s.far)
+            s.direction.dot(&(position.vector() - s.origin.vector())).clamp(s.near, s.far)
         };
         let open = self.pieces[row].iter().filter(|p| !p.segment.is_empty());
-        let distance = |p: &Piece| p.segment.at(along(p)).distance(&place);
+        let distance = |p: &Piece| p.segment.at(along(p)).distance(&position);
         let piece = open.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let s = &piece.segment;
         let share = mass(s, along(piece)) / mass(s, s.far);
@@ -120,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn their_mean_is_the_guess_and_the_keypoint_is_in_its_bin() {
+    fn bin_mean_equals_prior_and_bin_holds_keypoint() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let keypoints: Vec<Pixel> = (0..400)
             .map(|_| Pixel::new(rng.random_range(1.0..639.0), rng.random_range(1.0..479.0)))
@@ -136,22 +137,22 @@ mod tests {
             );
             let sent = Observation::of_sent(&sent.expect("inside"));
             let bins = Bins::of(&sent, [640, 480], 64);
-            let guess = prior_only(&sent, 640, 480);
+            let expected = prior_only(&sent, 640, 480);
             let mut far = 0;
             for (i, keypoint) in keypoints.iter().enumerate() {
                 let all = bins.of_row(i);
                 let (mut whole, mut mean) = (0.0, [0.0, 0.0]);
                 for b in all.clone() {
-                    let share = f64::from(bins.guess[b]).exp();
+                    let share = f64::from(bins.log_prior[b]).exp();
                     whole += share;
-                    mean[0] += share * bins.places[b].u;
-                    mean[1] += share * bins.places[b].v;
+                    mean[0] += share * bins.positions[b].u;
+                    mean[1] += share * bins.positions[b].v;
                 }
                 assert!((whole - 1.0).abs() < 1e-5, "{scheme}: {whole}");
                 let mean = Pixel::new(mean[0] / whole, mean[1] / whole);
-                assert!(mean.distance(&guess[i]) < 1e-3, "{scheme}: {mean:?} {:?}", guess[i]);
-                let bin = bins.holding(i, *keypoint).expect("a line");
-                let nearest = |b: usize| bins.places[b].distance(keypoint);
+                assert!(mean.distance(&expected[i]) < 1e-3, "{scheme}: {mean:?} {:?}", expected[i]);
+                let bin = bins.bin_of(i, *keypoint).expect("a line");
+                let nearest = |b: usize| bins.positions[b].distance(keypoint);
                 let best = all.map(nearest).fold(f64::MAX, f64::min);
                 far += usize::from(nearest(bin) > best + 12.0);
             }
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn bins_of_a_wedge_are_equally_full() {
+    fn wedge_bins_have_equal_probability() {
         let pencils = Pencils::paper(640, 480);
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         // All on nearly one line, uniform over its wedge: the distance is the square root of a uniform number.
@@ -173,14 +174,14 @@ mod tests {
         for _ in 0..20_000 {
             let (a, b) = (segment.near.powi(2), segment.far.powi(2));
             let t = (a + (b - a) * rng.random::<f64>()).sqrt();
-            full[bins.holding(0, segment.at(t)).expect("a line")] += 1;
+            full[bins.bin_of(0, segment.at(t)).expect("a line")] += 1;
         }
         assert!(full.iter().all(|n| (1800..2200).contains(n)), "{full:?}");
         // A known position has one bin, and there is nothing to predict.
         let known = lift::dual_convergent(&[], &pencils);
         assert_eq!(Bins::of(&known, [640, 480], 64).rows(), 0);
         let bins = Bins::of(&[Observation::Known(Pixel::new(3.0, 4.0))], [640, 480], 64);
-        assert_eq!((bins.places.len(), bins.holding(0, Pixel::new(3.0, 4.0))), (1, None));
-        assert_eq!(bins.places[0], Pixel::new(3.0, 4.0));
+        assert_eq!((bins.positions.len(), bins.bin_of(0, Pixel::new(3.0, 4.0))), (1, None));
+        assert_eq!(bins.positions[0], Pixel::new(3.0, 4.0));
     }
 }

@@ -7,7 +7,7 @@
 //! ```text
 //! descriptors [1, N, dimension]
 //! places      [1, N, B, 2]       (u − w/2) / max(w, h) + 1/2 and (v − h/2) / max(w, h) + 1/2 of each bin
-//! guess       [1, N, B]          log of the guess's share of the bin; where a row has fewer bins its last place again, −1e9
+//! guess       [1, N, B]          log prior of the bin; rows with fewer bins repeat the last position with −1e9
 //! → logits    [1, N, B]          log p(bin b of row i) = guess_i(b) + logits_i(b) + constant
 //! ```
 
@@ -21,7 +21,7 @@ use serde::Deserialize;
 use veiloc_features::learned::Tensor;
 use veiloc_protocol::Scheme;
 
-use super::description::{Described, Kind};
+use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
 use crate::{AttackError, Descriptors, Observation};
 
@@ -36,7 +36,7 @@ const NO_BIN: f32 = -1e9;
 /// Input modality of a network: which part of a query it is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Sees {
+pub enum InputModality {
     /// All rows: descriptors and lines.
     Set,
     /// Each row alone: its descriptor and its line.
@@ -48,9 +48,9 @@ pub enum Sees {
 /// Predicts the position of each keypoint on its line.
 #[derive(Debug)]
 pub struct PositionNetwork {
-    network: Described,
+    network: DescribedNetwork,
     scheme: Scheme,
-    sees: Sees,
+    sees: InputModality,
 }
 
 impl PositionNetwork {
@@ -59,14 +59,17 @@ impl PositionNetwork {
     /// # Errors
     /// [`AttackError::Description`] and [`AttackError::Features`], with the file's name.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
-        let (network, description) = Described::open(path, Kind::Positions)?;
+        let (network, description) = DescribedNetwork::open(path, NetworkKind::Positions)?;
         let name = description.scheme.unwrap_or_default();
-        let scheme: Scheme =
-            name.parse().map_err(|error| network.misdescribed(format!("its scheme is {name:?}: {error}")))?;
+        let scheme: Scheme = name
+            .parse()
+            .map_err(|error| network.description_error(format!("its scheme is {name:?}: {error}")))?;
         if !scheme.hides_positions() {
-            return Err(network.misdescribed(format!("under its scheme, {name}, positions are sent openly")));
+            return Err(
+                network.description_error(format!("under its scheme, {name}, positions are sent openly"))
+            );
         }
-        let sees = description.sees.unwrap_or(Sees::Set);
+        let sees = description.sees.unwrap_or(InputModality::Set);
         let inputs: [(&str, &[Option<usize>]); 3] = [
             ("descriptors", &[Some(1), None, Some(network.dimension())]),
             ("places", &[Some(1), None, None, Some(2)]),
@@ -82,7 +85,7 @@ impl PositionNetwork {
     }
 
     /// Its input modality.
-    pub fn sees(&self) -> Sees {
+    pub fn input_modality(&self) -> InputModality {
         self.sees
     }
 
@@ -106,17 +109,17 @@ impl PositionNetwork {
             let own = bins.of_row(row);
             for bin in 0..most {
                 let at = own.start + bin.min(own.len() - 1);
-                let place = bins.places[at];
+                let place = bins.positions[at];
                 let along = |at: f64, side: f64| ((at - side / 2.0) / longer + 0.5) as f32;
                 places.data.extend([along(place.u, width), along(place.v, height)]);
-                guess.data.push(if bin < own.len() { bins.guess[at] } else { NO_BIN });
+                guess.data.push(if bin < own.len() { bins.log_prior[at] } else { NO_BIN });
             }
         }
         let sides = [Some(1), Some(count), Some(most)];
         let descriptors = rows(descriptors);
         let given = [("descriptors", &descriptors), ("places", &places), ("guess", &guess)];
         let logits = self.network.run(&given, &[("logits", &sides)])?.remove(0);
-        let mut shares = bins.guess.clone();
+        let mut shares = bins.log_prior.clone();
         for (row, logits) in logits.data.chunks_exact(most).enumerate() {
             let own = &mut shares[bins.of_row(row)];
             own.iter_mut().zip(logits).for_each(|(share, logit)| *share += logit);
@@ -157,7 +160,7 @@ mod tests {
     /// The network of `scripts/tiny_networks.py`: the logits depend on each bin's distance from the centre of a
     /// field.
     #[test]
-    fn bins_have_the_guess_times_what_the_network_says_of_their_places() {
+    fn posterior_is_prior_times_network_output() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned/positions.toml");
         let network = PositionNetwork::open(&path).expect("a network");
         let size = [320, 240];
@@ -179,7 +182,7 @@ mod tests {
             let odds: Vec<f64> = own
                 .clone()
                 .map(|bin| {
-                    let (place, guess) = (bins.places[bin], f64::from(bins.guess[bin]).exp());
+                    let (place, guess) = (bins.positions[bin], f64::from(bins.log_prior[bin]).exp());
                     let square = (place.u - middle[0]).powi(2) + (place.v - middle[1]).powi(2);
                     guess * (-50.0 * square / 320.0 / 320.0 + guess).exp()
                 })

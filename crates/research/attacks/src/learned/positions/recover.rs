@@ -55,32 +55,32 @@ pub fn recover(
 }
 
 /// The estimates of an untrained network.
-pub(super) fn of_guess(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
+pub(super) fn of_prior(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
     let bins = Bins::of(observations, size, BINS);
-    let shares: Vec<f32> = bins.guess.iter().map(|g| g.exp()).collect();
+    let shares: Vec<f32> = bins.log_prior.iter().map(|g| g.exp()).collect();
     estimates(&bins, &shares)
 }
 
 fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
     let estimate = |row: usize| {
         let own = bins.of_row(row);
-        best(&bins.places[own.clone()], &shares[own])
+        best(&bins.positions[own.clone()], &shares[own])
     };
     (0..bins.rows()).into_par_iter().map(estimate).collect()
 }
 
 /// Estimate from positions with these probabilities.
-fn best(places: &[Pixel], shares: &[f32]) -> Estimate {
+fn best(positions: &[Pixel], shares: &[f32]) -> Estimate {
     let (mut u, mut v, mut whole) = (0.0, 0.0, 0.0);
-    for (place, share) in places.iter().zip(shares) {
+    for (position, share) in positions.iter().zip(shares) {
         let share = f64::from(*share);
-        (u, v, whole) = (u + share * place.u, v + share * place.v, whole + share);
+        (u, v, whole) = (u + share * position.u, v + share * position.v, whole + share);
     }
     let error = |from: &Pixel| {
-        let far = places.iter().zip(shares).map(|(p, share)| f64::from(*share) * p.distance(from));
+        let far = positions.iter().zip(shares).map(|(p, share)| f64::from(*share) * p.distance(from));
         far.sum::<f64>() / whole
     };
-    let errors = places.iter().map(|p| (error(p), *p));
+    let errors = positions.iter().map(|p| (error(p), *p));
     let (expected_error, pixel) =
         errors.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, Pixel::new(f64::NAN, f64::NAN)));
     Estimate { pixel, expected_error, mean: Pixel::new(u / whole, v / whole) }

@@ -31,7 +31,7 @@ fn drawn(width: u32, height: u32, kind: u64) -> ColourImage {
 }
 
 #[test]
-fn measures_are_those_of_the_oracle() {
+fn metrics_equal_scikit_image() {
     let rows: Vec<Value> =
         serde_json::from_str(include_str!("../../data/image_metrics/oracle.json")).expect("the script's");
     assert_eq!(rows.len(), 4);
@@ -59,7 +59,7 @@ fn measures_are_those_of_the_oracle() {
 }
 
 #[test]
-fn equal_images_are_equal_and_others_are_refused() {
+fn equal_images_have_zero_distance_and_other_sizes_are_refused() {
     let (a, wider) = (drawn(64, 48, 0), drawn(65, 48, 0));
     let distance = PerceptualDistance::open(&data("distance.onnx")).expect("a network");
     assert_eq!(psnr(&a, &a).expect("one size"), f64::INFINITY);
@@ -74,7 +74,7 @@ fn equal_images_are_equal_and_others_are_refused() {
 }
 
 #[test]
-fn a_network_of_distances_is_given_both_images_from_0_to_1() {
+fn perceptual_distance_inputs_are_scaled_to_unit_range() {
     let distance = PerceptualDistance::open(&data("distance.onnx")).expect("a network");
     let (a, b) = (drawn(40, 30, 0), drawn(40, 30, 2));
     // The network computes the mean squared difference.
@@ -85,7 +85,7 @@ fn a_network_of_distances_is_given_both_images_from_0_to_1() {
 }
 
 #[test]
-fn a_classifier_names_the_likeliest_classes() {
+fn classifier_returns_five_likeliest_classes() {
     let classifier = Classifier::open(&data("classifier.onnx")).expect("a network");
     let of = |colour: [u8; 3]| {
         let image = ColourImage::new(50, 40, colour.repeat(50 * 40)).expect("three bytes a pixel");
@@ -97,7 +97,7 @@ fn a_classifier_names_the_likeliest_classes() {
 }
 
 #[test]
-fn other_networks_do_not_judge() {
+fn networks_with_other_inputs_are_refused() {
     let swapped =
         PerceptualDistance::open(&data("classifier.onnx")).expect_err("another network").to_string();
     assert!(swapped.contains("classifier.onnx") && swapped.contains("\"distance\""), "{swapped}");

@@ -4,7 +4,8 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::{
-    Frame, FramesOptions, RestingOptions, Sighted, most_telling, resting_camera, several_frames,
+    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack, resting_camera,
+    select_frames,
 };
 use veiloc_attacks::{
     AttackError, Descriptors, ErrorSummary, Observation, bits_over_prior, lift, prior_only,
@@ -27,7 +28,7 @@ struct Scene {
     depths: [f64; 2],
 }
 
-fn see(pose: &CameraFromWorld, x: &Point3<World>) -> Option<Pixel> {
+fn project_point(pose: &CameraFromWorld, x: &Point3<World>) -> Option<Pixel> {
     PlanePoint::from_camera_point(&pose.transform(x))
         .map(|p| CAMERA.project(p))
         .filter(|p| CAMERA.contains(*p, -5.0))
@@ -54,7 +55,7 @@ impl Scene {
         while points.len() < 200 {
             let z = rng.random_range(depths[0]..depths[1]);
             let x = Point3::new(z * rng.random_range(-0.6..0.6), z * rng.random_range(-0.45..0.45), z);
-            if poses.iter().all(|pose| see(pose, &x).is_some()) {
+            if poses.iter().all(|pose| project_point(pose, &x).is_some()) {
                 points.push(x);
             }
         }
@@ -62,15 +63,15 @@ impl Scene {
         let descriptors = vec![Descriptors::new(&bytes, 16).expect("whole"); frames];
         let mut scene =
             Self { poses, points, pixels: Vec::new(), lines: Vec::new(), descriptors, depths: [0.5, 20.0] };
-        scene.look();
+        scene.project();
         scene
     }
 
     /// Pixels and exact lines of the points.
-    fn look(&mut self) {
+    fn project(&mut self) {
         let pencils = Pencils::paper(640, 480);
         let seen = |pose: &CameraFromWorld| {
-            self.points.iter().map(|x| see(pose, x).expect("all frames see it")).collect::<Vec<_>>()
+            self.points.iter().map(|x| project_point(pose, x).expect("all frames see it")).collect::<Vec<_>>()
         };
         self.pixels = self.poses.iter().map(seen).collect();
         self.lines = self.pixels.iter().map(|p| lift::dual_convergent(p, &pencils)).collect();
@@ -103,7 +104,7 @@ impl Scene {
     }
 
     /// Points on one surface: depth is a function of position.
-    fn scatter_depth_by_place(&mut self, seed: u64) {
+    fn set_depth_by_position(&mut self, seed: u64) {
         let bend = |x: f64, y: f64| 3.5 + 1.5 * (4.0 * x).sin() * (3.0 * y).cos();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         self.points.clear();
@@ -111,20 +112,24 @@ impl Scene {
             let (x, y) = (rng.random_range(-0.6..0.6), rng.random_range(-0.45..0.45));
             let z = bend(x, y);
             let point = Point3::new(x * z, y * z, z);
-            if self.poses.iter().all(|pose| see(pose, &point).is_some()) {
+            if self.poses.iter().all(|pose| project_point(pose, &point).is_some()) {
                 self.points.push(point);
             }
         }
-        self.look();
+        self.project();
         *self = self.sent(seed + 1);
     }
 
     /// Other points of that surface, as map points.
-    fn neighbours_in_the_map(&self, seed: u64) -> Vec<(Pixel, f64)> {
+    fn nearby_map_points(&self, seed: u64) -> Vec<(Pixel, f64)> {
         let mut other = self.clone();
-        other.scatter_depth_by_place(seed);
+        other.set_depth_by_position(seed);
         let pose = &self.poses[0];
-        other.points.iter().map(|x| (see(pose, x).expect("seen"), pose.transform(x).depth())).collect()
+        other
+            .points
+            .iter()
+            .map(|x| (project_point(pose, x).expect("projected"), pose.transform(x).depth()))
+            .collect()
     }
 
     fn frames(&self, n: usize) -> Vec<Frame<'_>> {
@@ -142,83 +147,83 @@ impl Scene {
     }
 
     /// Estimates of the first frame from the first `n` frames.
-    fn sighted(&self, n: usize) -> Vec<Sighted> {
-        self.sighted_with(n, Vec::new())
+    fn triangulated(&self, n: usize) -> Vec<TriangulatedKeypoint> {
+        self.triangulated_with(n, Vec::new())
     }
 
-    fn sighted_with(&self, n: usize, known: Vec<(Pixel, f64)>) -> Vec<Sighted> {
-        several_frames(&self.frames(n), &self.options().beside(known)).expect("they fit")
+    fn triangulated_with(&self, n: usize, known: Vec<(Pixel, f64)>) -> Vec<TriangulatedKeypoint> {
+        multi_view_attack(&self.frames(n), &self.options().with_known_points(known)).expect("they fit")
     }
 
-    fn guess_errors(&self) -> Vec<f64> {
-        let guess = prior_only(&self.lines[0], 640, 480);
-        guess.iter().zip(&self.pixels[0]).map(|(g, t)| g.distance(t)).collect()
+    fn prior_errors(&self) -> Vec<f64> {
+        let prior = prior_only(&self.lines[0], 640, 480);
+        prior.iter().zip(&self.pixels[0]).map(|(g, t)| g.distance(t)).collect()
     }
 
-    fn guess(&self) -> ErrorSummary {
-        ErrorSummary::of(&self.guess_errors())
+    fn prior(&self) -> ErrorSummary {
+        ErrorSummary::of(&self.prior_errors())
     }
 
-    fn errors(&self, found: &[Sighted]) -> Vec<f64> {
-        found.iter().zip(&self.pixels[0]).map(|(s, t)| s.pixel.expect("seen").distance(t)).collect()
+    fn errors(&self, found: &[TriangulatedKeypoint]) -> Vec<f64> {
+        found.iter().zip(&self.pixels[0]).map(|(s, t)| s.pixel.expect("projected").distance(t)).collect()
     }
 }
 
 #[test]
-fn three_frames_fix_a_place_and_the_fourth_makes_it_believed() {
+fn three_frames_determine_a_position_and_the_fourth_makes_it_accepted() {
     let scene = Scene::new(6, 0.5, 0.3, 1);
-    let guess = scene.guess();
+    let prior = scene.prior();
     let of = |n: usize| {
-        let found = scene.sighted(n);
+        let found = scene.triangulated(n);
         let errors = scene.errors(&found);
-        let believed: Vec<f64> =
-            found.iter().zip(&errors).filter(|(s, _)| s.is_believed()).map(|(_, e)| *e).collect();
-        (ErrorSummary::of(&errors), believed)
+        let accepted: Vec<f64> =
+            found.iter().zip(&errors).filter(|(s, _)| s.is_accepted()).map(|(_, e)| *e).collect();
+        (ErrorSummary::of(&errors), accepted)
     };
     // Two frames of cameras that translate by a tenth of the depth: depth limits and rotation constrain the line.
-    let (two, believed) = of(2);
-    assert!(two.median_px < guess.median_px && two.median_px > 10.0, "{two:?} {guess:?}");
-    assert!(believed.is_empty());
-    let (three, believed) = of(3);
-    assert!(three.median_px < 0.3 * two.median_px && believed.is_empty(), "{three:?} {two:?}");
-    let (four, believed) = of(4);
-    assert!(four.median_px < 0.01, "exact lines fix places exactly: {four:?}");
-    assert!(believed.len() > 100 && believed.iter().all(|e| *e < 1.0), "{}", believed.len());
+    let (two, accepted) = of(2);
+    assert!(two.median_px < prior.median_px && two.median_px > 10.0, "{two:?} {prior:?}");
+    assert!(accepted.is_empty());
+    let (three, accepted) = of(3);
+    assert!(three.median_px < 0.3 * two.median_px && accepted.is_empty(), "{three:?} {two:?}");
+    let (four, accepted) = of(4);
+    assert!(four.median_px < 0.01, "exact lines determine positions exactly: {four:?}");
+    assert!(accepted.len() > 100 && accepted.iter().all(|e| *e < 1.0), "{}", accepted.len());
     let (six, more) = of(6);
-    assert!(six.under_5px > 0.9 && more.len() >= believed.len(), "{six:?}");
+    assert!(six.under_5px > 0.9 && more.len() >= accepted.len(), "{six:?}");
 }
 
 /// Both planes of a keypoint contain the common centre and intersect in its viewing ray: two frames suffice, at any
 /// depth. The intersection depth `−n·t / n·R b` does not exist for `t = 0`: a search over such depths returns the
 /// prior-only baseline.
 #[test]
-fn a_camera_that_turns_on_the_spot_gives_keypoints_away_with_two_frames() {
+fn two_frames_of_pure_rotation_reveal_keypoints() {
     for (turned, most) in [(0.1, 6.0), (0.3, 2.0)] {
         let scene = Scene::new(2, 0.0, turned, 21);
-        let guess = scene.guess();
-        assert!(guess.median_px > 60.0, "{guess:?}");
+        let prior = scene.prior();
+        assert!(prior.median_px > 60.0, "{prior:?}");
         // As sent: dither and quantized angles.
         let sent = scene.sent(22);
-        let found = sent.sighted(2);
+        let found = sent.triangulated(2);
         let errors = ErrorSummary::of(&sent.errors(&found));
         assert!(errors.median_px < most, "turned by {turned}: {errors:?}");
-        assert!(found.iter().all(|s| !s.is_believed()), "one match may be wrong, and nothing would show it");
+        assert!(found.iter().all(|s| !s.is_accepted()), "one match may be wrong, and nothing would show it");
     }
     // Points at a very large distance: depth has no effect, and the result stays finite.
     let mut scene = Scene::at_depths([1e5, 1e6], 2, 0.5, 0.3, 23);
     scene.depths = [0.5, 1e7];
-    let errors = ErrorSummary::of(&scene.errors(&scene.sighted(2)));
+    let errors = ErrorSummary::of(&scene.errors(&scene.triangulated(2)));
     assert!(errors.median_px < 0.5, "{errors:?}");
 }
 
 /// With a translation of a hundredth of the depth the answer hardly depends on depth; with a tenth the depth must be
 /// known.
 #[test]
-fn motion_hides_what_turning_tells_and_known_depth_finds_it_again() {
+fn translation_needs_known_depth() {
     let of = |moved: f64, depths: [f64; 2]| {
         let mut scene = Scene::new(2, moved, 0.2, 31).sent(32);
         scene.depths = depths;
-        ErrorSummary::of(&scene.errors(&scene.sighted(2))).median_px
+        ErrorSummary::of(&scene.errors(&scene.triangulated(2))).median_px
     };
     let wide = [0.5, 20.0];
     let [spot, step, walk] = [0.0, 0.05, 0.5].map(|moved| of(moved, wide));
@@ -229,19 +234,19 @@ fn motion_hides_what_turning_tells_and_known_depth_finds_it_again() {
 
     // Map points near the keypoints reveal their depths.
     let mut scene = Scene::new(2, 0.5, 0.2, 33).sent(34);
-    scene.scatter_depth_by_place(35);
-    let without = ErrorSummary::of(&scene.errors(&scene.sighted(2)));
-    let known = scene.neighbours_in_the_map(36);
-    let with = ErrorSummary::of(&scene.errors(&scene.sighted_with(2, known)));
+    scene.set_depth_by_position(35);
+    let without = ErrorSummary::of(&scene.errors(&scene.triangulated(2)));
+    let known = scene.nearby_map_points(36);
+    let with = ErrorSummary::of(&scene.errors(&scene.triangulated_with(2, known)));
     assert!(with.median_px < 0.5 * without.median_px, "{with:?} {without:?}");
 }
 
 /// Planes of one anchor contain the anchor's direction, which is the same for cameras that do not rotate: six frames
 /// determine no more than the limits of depth and image do.
 #[test]
-fn cameras_that_walk_and_do_not_turn_fix_nothing() {
+fn pure_translation_determines_nothing() {
     let scene = Scene::new(6, 0.5, 0.0, 2).sent(3);
-    let found = scene.sighted(6);
+    let found = scene.triangulated(6);
     // A point that changes sides belongs to the other anchor, and is determined.
     let stays = |i: usize| scene.pixels.iter().all(|p| (p[i].u < 320.0) == (scene.pixels[0][i].u < 320.0));
     let errors = scene.errors(&found);
@@ -249,7 +254,7 @@ fn cameras_that_walk_and_do_not_turn_fix_nothing() {
     let of = |all: &[usize]| ErrorSummary::of(&all.iter().map(|i| errors[*i]).collect::<Vec<_>>());
     assert!(same.len() > 60, "{}", same.len());
     for i in &same {
-        assert!(!found[*i].is_believed(), "{:?}", found[*i]);
+        assert!(!found[*i].is_accepted(), "{:?}", found[*i]);
     }
     assert!(other.len() > 30 && of(&other).median_px < 0.1 * of(&same).median_px, "{:?}", of(&other));
     assert!(of(&same).median_px > 20.0, "{:?}", of(&same));
@@ -258,9 +263,9 @@ fn cameras_that_walk_and_do_not_turn_fix_nothing() {
 /// Planes of a stationary camera determine nothing, and no answer is accepted; the scatter of the angles reveals the
 /// distance.
 #[test]
-fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
+fn stationary_camera_is_not_accepted_but_scatter_reveals_distance() {
     let scene = Scene::new(2, 0.0, 0.0, 41);
-    let guess = scene.guess_errors();
+    let prior = scene.prior_errors();
     let cell = std::f64::consts::PI / f64::from(AngleBits::default().levels());
     let of = |seals: usize, noise: f64| {
         let all: Vec<Vec<Observation>> = (0..seals).map(|k| scene.sealed(0, noise, 100 + k as u64)).collect();
@@ -268,13 +273,13 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
         let found = resting_camera(&all[0], &shown(&all[1..]), (640, 480), &options).expect("they fit");
         let errors = scene.errors(&found);
         // The posterior's own estimate of its error is correct.
-        let told: f64 = found.iter().map(|s| s.sigma_px.powi(2)).sum::<f64>();
+        let expected: f64 = found.iter().map(|s| s.sigma_px.powi(2)).sum::<f64>();
         let made: f64 = errors.iter().map(|e| e * e).sum();
-        assert!((0.6..1.6).contains(&(made / told)), "{seals} {noise}: {}", made / told);
-        let believed: Vec<usize> = (0..200).filter(|i| found[*i].is_believed()).collect();
-        let wrong = believed.iter().filter(|i| errors[**i] > 10.0).count();
-        assert!(5 * wrong <= believed.len(), "{wrong} of {}", believed.len());
-        bits_over_prior(&errors, &guess, 640, 480)
+        assert!((0.6..1.6).contains(&(made / expected)), "{seals} {noise}: {}", made / expected);
+        let accepted: Vec<usize> = (0..200).filter(|i| found[*i].is_accepted()).collect();
+        let wrong = accepted.iter().filter(|i| errors[**i] > 10.0).count();
+        assert!(5 * wrong <= accepted.len(), "{wrong} of {}", accepted.len());
+        bits_over_prior(&errors, &prior, 640, 480)
     };
     let [two, eight, many] = [2, 8, 32].map(|n| of(n, 0.0));
     assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
@@ -286,14 +291,14 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
     for (f, lines) in rest.lines.iter_mut().enumerate() {
         *lines = scene.sealed(0, 0.4, 300 + f as u64);
     }
-    let found = rest.sighted(8);
-    let wrong = found.iter().zip(rest.errors(&found)).filter(|(s, e)| s.is_believed() && *e > 10.0).count();
+    let found = rest.triangulated(8);
+    let wrong = found.iter().zip(rest.errors(&found)).filter(|(s, e)| s.is_accepted() && *e > 10.0).count();
     assert!(wrong <= 4, "{wrong}");
 }
 
 /// Lines with different directions, and half-lines of two anchors, intersect in the keypoint: scatter is not needed.
 #[test]
-fn seals_of_crossing_lines_give_keypoints_away() {
+fn seals_with_intersecting_lines_reveal_keypoints() {
     let scene = Scene::new(2, 0.0, 0.0, 51);
     let mut rng = ChaCha8Rng::seed_from_u64(52);
     let seals = [0, 1].map(|_| lift::random_lines(&scene.pixels[0], &mut rng));
@@ -319,57 +324,57 @@ fn shown(seals: &[Vec<Observation>]) -> Vec<Vec<Option<Observation>>> {
 /// From a pool: the frame that only rotated is chosen before those that translated, then a frame that adds
 /// information.
 #[test]
-fn frames_are_chosen_by_turn_against_motion() {
+fn frames_are_selected_by_rotation_against_translation() {
     let spot = Scene::new(2, 0.0, 0.3, 61);
     let mut pool = Scene::new(6, 0.5, 0.0, 61);
     // Frame 4 only rotated.
     pool.poses[0] = spot.poses[0];
     pool.poses[4] = spot.poses[0].perturbed(&[0.1, -0.2, 0.2, 0.0, 0.0, 0.0]);
     let frames = pool.frames(6);
-    let chosen = most_telling(&frames[0], &frames[1..], 3, &pool.options()).expect("they fit");
+    let chosen = select_frames(&frames[0], &frames[1..], 3, &pool.options()).expect("they fit");
     assert_eq!(chosen.len(), 3);
     assert_eq!(chosen[0], 3, "index 3 of the others is frame 4: {chosen:?}");
-    let all = most_telling(&frames[0], &frames[1..], 9, &pool.options()).expect("they fit");
+    let all = select_frames(&frames[0], &frames[1..], 9, &pool.options()).expect("they fit");
     let mut sorted = all.clone();
     sorted.sort_unstable();
     assert_eq!((&all[..3], sorted), (&chosen[..], vec![0, 1, 2, 3, 4]));
 }
 
 #[test]
-fn threads_do_not_matter_and_depths_are_checked() {
+fn result_is_independent_of_threads_and_depths_are_checked() {
     let scene = Scene::new(3, 0.2, 0.2, 71).sent(72);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| scene.sighted(3))
+        pool.install(|| scene.triangulated(3))
     };
     assert_eq!(on(1), on(4));
     let frames = scene.frames(2);
     for depths in [[0.0, 1.0], [2.0, 1.0], [1.0, f64::INFINITY], [f64::NAN, 1.0]] {
         let options = FramesOptions::with_depths(depths);
-        assert_eq!(several_frames(&frames, &options), Err(AttackError::Depths), "{depths:?}");
-        assert_eq!(most_telling(&frames[0], &frames[1..], 1, &options), Err(AttackError::Depths));
+        assert_eq!(multi_view_attack(&frames, &options), Err(AttackError::Depths), "{depths:?}");
+        assert_eq!(select_frames(&frames[0], &frames[1..], 1, &options), Err(AttackError::Depths));
     }
     // Equal depth limits are valid.
     let mut exact = Scene::at_depths([3.0, 3.0 + 1e-9], 2, 0.3, 0.3, 73);
     exact.depths = [3.0, 3.0];
-    let errors = ErrorSummary::of(&exact.errors(&exact.sighted(2)));
+    let errors = ErrorSummary::of(&exact.errors(&exact.triangulated(2)));
     exact.depths = [0.5, 20.0];
-    let wide = ErrorSummary::of(&exact.errors(&exact.sighted(2)));
+    let wide = ErrorSummary::of(&exact.errors(&exact.triangulated(2)));
     assert!(errors.median_px < 0.2 * wide.median_px, "{errors:?} {wide:?}");
 }
 
 #[test]
-fn wrong_matches_are_not_believed() {
+fn wrong_matches_are_not_accepted() {
     let mut scene = Scene::new(6, 0.5, 0.3, 3);
     // The keypoints of the second half belong to other points, different ones in each frame.
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     for lines in &mut scene.lines[1..] {
         lines[100..].shuffle(&mut rng);
     }
-    let found = scene.sighted(6);
-    let believed = |s: &[Sighted]| s.iter().filter(|s| s.is_believed()).count();
-    assert!(believed(&found[..100]) > 60, "{}", believed(&found[..100]));
-    assert!(believed(&found[100..]) <= 5, "{}", believed(&found[100..]));
+    let found = scene.triangulated(6);
+    let accepted = |s: &[TriangulatedKeypoint]| s.iter().filter(|s| s.is_accepted()).count();
+    assert!(accepted(&found[..100]) > 60, "{}", accepted(&found[..100]));
+    assert!(accepted(&found[100..]) <= 5, "{}", accepted(&found[100..]));
 
     // Two of the five matches are wrong, different ones per keypoint: the other three outvote them.
     let mut scene = Scene::new(6, 0.5, 0.3, 3);
@@ -379,15 +384,15 @@ fn wrong_matches_are_not_believed() {
             scene.lines[f + 1][i] = untouched[f + 1][(i + 37) % 200];
         }
     }
-    let errors = scene.errors(&scene.sighted(6));
+    let errors = scene.errors(&scene.triangulated(6));
     assert!(ErrorSummary::of(&errors).median_px < 2.0, "{:?}", ErrorSummary::of(&errors));
 }
 
 #[test]
-fn known_ones_stay_unseen_ones_have_no_answer_and_bad_frames_are_refused() {
+fn known_keypoints_are_kept_unmatched_have_no_answer_and_invalid_frames_are_refused() {
     let mut scene = Scene::new(3, 0.5, 0.3, 5);
     scene.lines[0][7] = Observation::Known(Pixel::new(1.0, 2.0));
-    assert_eq!(scene.sighted(3)[7].pixel, Some(Pixel::new(1.0, 2.0)));
+    assert_eq!(scene.triangulated(3)[7].pixel, Some(Pixel::new(1.0, 2.0)));
     let options = FramesOptions::with_depths([0.5, 20.0]);
     let frame = |lines| Frame {
         camera: CAMERA,
@@ -397,16 +402,16 @@ fn known_ones_stay_unseen_ones_have_no_answer_and_bad_frames_are_refused() {
     };
     let nothing = Descriptors::new(&[], 16).expect("whole");
     let blind = Frame { observations: &[], descriptors: &nothing, ..frame(&scene.lines[0]) };
-    let found = several_frames(&[frame(&scene.lines[0]), blind], &options).expect("they fit");
+    let found = multi_view_attack(&[frame(&scene.lines[0]), blind], &options).expect("they fit");
     assert!(found.iter().enumerate().all(|(i, s)| s.pixel.is_some() == (i == 7)));
 
-    assert_eq!(several_frames(&[], &options), Err(AttackError::TooFewFrames { frames: 0 }));
-    let alone = several_frames(&[frame(&scene.lines[0])], &options);
+    assert_eq!(multi_view_attack(&[], &options), Err(AttackError::TooFewFrames { frames: 0 }));
+    let alone = multi_view_attack(&[frame(&scene.lines[0])], &options);
     assert_eq!(alone, Err(AttackError::TooFewFrames { frames: 1 }));
-    let short = several_frames(&[frame(&scene.lines[0]), frame(&scene.lines[1][1..])], &options);
+    let short = multi_view_attack(&[frame(&scene.lines[0]), frame(&scene.lines[1][1..])], &options);
     assert_eq!(short, Err(AttackError::FrameDescriptors { frame: 1, observations: 199, descriptors: 200 }));
     let two = Descriptors::new(&[1; 400], 2).expect("whole");
     let other = Frame { descriptors: &two, ..frame(&scene.lines[1]) };
-    let mixed = several_frames(&[frame(&scene.lines[0]), other], &options);
+    let mixed = multi_view_attack(&[frame(&scene.lines[0]), other], &options);
     assert_eq!(mixed, Err(AttackError::Dimensions { expected: 16, found: 2 }));
 }

@@ -6,7 +6,7 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::multi_view::{Frame, FramesOptions, RestingOptions, resting_camera, several_frames};
+use veiloc_attacks::multi_view::{Frame, FramesOptions, RestingOptions, multi_view_attack, resting_camera};
 use veiloc_attacks::{Descriptors, Observation, bits_over_prior, prior_only};
 use veiloc_descriptor::{DescriptorKind, Vocabulary};
 use veiloc_features::{Features, Keypoint};
@@ -25,13 +25,13 @@ const DETECTOR_PX: f64 = 0.3;
 fn image_fixed() -> SessionOptions {
     SessionOptions::default().with_anchors(SessionAnchors::Image).with_most_starts(None)
 }
-fn forgetful() -> SessionOptions {
+fn without_memory() -> SessionOptions {
     SessionOptions::default().with_step(0.0).with_memory(false)
 }
 
 /// Motion of a camera before the points, and the error of its gyroscope.
 #[derive(Clone, Copy)]
-struct Walk {
+struct Trajectory {
     frames: usize,
     /// Radians about each axis, metres along each.
     turned: f64,
@@ -57,14 +57,14 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// Seals the frames of one trajectory; feature `i` of each is point `i`. All frames see all points.
-fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<Sealed> {
+fn sealed(trajectory: Trajectory, scheme: &str, options: SessionOptions, seed: u64) -> Vec<Sealed> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let pinhole = camera().pinhole();
-    let poses: Vec<CameraFromWorld> = (0..walk.frames)
+    let poses: Vec<CameraFromWorld> = (0..trajectory.frames)
         .map(|k| {
             let mut step = |most: f64| if k == 0 { 0.0 } else { most * rng.random_range(-1.0..=1.0) };
-            let turn = [step(walk.turned), step(walk.turned), step(walk.turned)];
-            let go = [step(walk.moved), step(walk.moved), step(walk.moved)];
+            let turn = [step(trajectory.turned), step(trajectory.turned), step(trajectory.turned)];
+            let go = [step(trajectory.moved), step(trajectory.moved), step(trajectory.moved)];
             CameraFromWorld::identity().perturbed(&[turn[0], turn[1], turn[2], go[0], go[1], go[2]])
         })
         .collect();
@@ -104,7 +104,7 @@ fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<S
             };
             let keypoints = points.iter().map(keypoint).collect();
             let features = Features { keypoints, descriptors: descriptors.clone(), global: None };
-            let error = Vector3::from_fn(|_, _| walk.gyroscope_deg.to_radians() * normal(&mut rng));
+            let error = Vector3::from_fn(|_, _| trajectory.gyroscope_deg.to_radians() * normal(&mut rng));
             let felt = Rotation3::from_scaled_axis(error) * *pose.rotation();
             let held = Orientation::in_world(felt).expect("finite");
             let (query, truth) = session
@@ -119,12 +119,12 @@ fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<S
 
 /// Bits over the prior-only baseline for real keypoints of the first frame; without an answer the baseline is used.
 fn bits(first: &Sealed, found: &[Option<Pixel>], rows: impl Fn(usize) -> bool) -> f64 {
-    let guess = prior_only(&first.lines, 640, 480);
+    let prior = prior_only(&first.lines, 640, 480);
     let mut errors = (Vec::new(), Vec::new());
     for (i, truth) in first.truth.pixels.iter().enumerate() {
         if first.truth.source[i].is_some() && rows(i) {
-            errors.0.push(found[i].unwrap_or(guess[i]).distance(truth));
-            errors.1.push(guess[i].distance(truth));
+            errors.0.push(found[i].unwrap_or(prior[i]).distance(truth));
+            errors.1.push(prior[i].distance(truth));
         }
     }
     assert!(errors.0.len() > 150, "{}", errors.0.len());
@@ -132,7 +132,7 @@ fn bits(first: &Sealed, found: &[Option<Pixel>], rows: impl Fn(usize) -> bool) -
 }
 
 /// Information about the first frame from the planes of all frames, bits over the baseline.
-fn told_by_planes(frames: &[&Sealed]) -> f64 {
+fn bits_from_planes(frames: &[&Sealed]) -> f64 {
     let camera = frames[0].query.camera();
     let views: Vec<Frame<'_>> = frames
         .iter()
@@ -143,14 +143,14 @@ fn told_by_planes(frames: &[&Sealed]) -> f64 {
             descriptors: &f.descriptors,
         })
         .collect();
-    let found = several_frames(&views, &FramesOptions::with_depths([0.7, 20.0])).expect("they fit");
+    let found = multi_view_attack(&views, &FramesOptions::with_depths([0.7, 20.0])).expect("they fit");
     let found: Vec<Option<Pixel>> = found.iter().map(|s| s.pixel).collect();
     bits(frames[0], &found, |_| true)
 }
 
 /// Information from the scatter of a stationary camera, for an attacker who knows how codes are made without a
 /// session's memory.
-fn told_by_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f64) -> f64 {
+fn bits_from_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f64) -> f64 {
     // Rows of each feature in the first frame's order.
     let rows = |frame: &&Sealed| -> Vec<Option<Observation>> {
         let of = |i: usize| {
@@ -168,66 +168,67 @@ fn told_by_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f64)
     bits(frames[0], &found, |_| true)
 }
 
-const TURNS: Walk = Walk { frames: 6, turned: 0.12, moved: 0.0, gyroscope_deg: 0.0 };
+const TURNS: Trajectory = Trajectory { frames: 6, turned: 0.12, moved: 0.0, gyroscope_deg: 0.0 };
 
 /// Bits of `n` frames, and of the first frame repeated `n` times: what the attack gains without new information.
-fn against_one(frames: &[Sealed], told: impl Fn(&[&Sealed]) -> f64) -> [f64; 2] {
+fn compared_with_one_frame(frames: &[Sealed], bits_of: impl Fn(&[&Sealed]) -> f64) -> [f64; 2] {
     let all: Vec<&Sealed> = frames.iter().collect();
-    [told(&all), told(&vec![&frames[0]; frames.len()])]
+    [bits_of(&all), bits_of(&vec![&frames[0]; frames.len()])]
 }
 
 #[test]
-fn l10_frames_of_a_session_do_not_add_up() {
+fn l10_session_frames_give_no_joint_information() {
     for scheme in LAYOUTS {
         let striped = scheme == STRIPES;
         // The device knows its rotation up to the gyroscope's error. Sectors also exclude positions of a keypoint
         // that moves against them; finer sectors exclude more.
-        for (walk, most) in [
+        for (trajectory, most) in [
             (TURNS, if striped { 0.5 } else { 0.15 }),
-            (Walk { gyroscope_deg: 0.2, ..TURNS }, if striped { 0.5 } else { 0.15 }),
-            (Walk { moved: 0.02, gyroscope_deg: 0.2, ..TURNS }, if striped { 0.6 } else { 0.3 }),
-            (Walk { moved: 0.3, ..TURNS }, if striped { 1.6 } else { 0.6 }),
-            (Walk { moved: 0.3, gyroscope_deg: 0.2, ..TURNS }, if striped { 2.0 } else { 1.3 }),
+            (Trajectory { gyroscope_deg: 0.2, ..TURNS }, if striped { 0.5 } else { 0.15 }),
+            (Trajectory { moved: 0.02, gyroscope_deg: 0.2, ..TURNS }, if striped { 0.6 } else { 0.3 }),
+            (Trajectory { moved: 0.3, ..TURNS }, if striped { 1.6 } else { 0.6 }),
+            (Trajectory { moved: 0.3, gyroscope_deg: 0.2, ..TURNS }, if striped { 2.0 } else { 1.3 }),
         ] {
-            let told = |options| {
-                let frames = sealed(walk, scheme, options, 7);
-                told_by_planes(&frames.iter().collect::<Vec<_>>())
+            let bits_of = |options| {
+                let frames = sealed(trajectory, scheme, options, 7);
+                bits_from_planes(&frames.iter().collect::<Vec<_>>())
             };
-            let (session, apart) = (told(SessionOptions::default()), told(image_fixed()));
+            let (session, independent) = (bits_of(SessionOptions::default()), bits_of(image_fixed()));
             println!(
-                "{scheme}: moved {}, gyroscope {}: session {session:+.2}, apart {apart:+.2}",
-                walk.moved, walk.gyroscope_deg
+                "{scheme}: moved {}, gyroscope {}: session {session:+.2}, independent {independent:+.2}",
+                trajectory.moved, trajectory.gyroscope_deg
             );
-            assert!(session < most, "{scheme}: {session} bits by planes of a session");
-            assert!(apart > session + 3.0, "{scheme}: {apart} bits by planes of single frames");
+            assert!(session < most, "{scheme}: {session} bits from planes of a session");
+            assert!(independent > session + 3.0, "{scheme}: {independent} bits from planes of single frames");
         }
     }
 }
 
 #[test]
-fn l10_a_camera_at_rest_repeats_itself() {
+fn l10_stationary_camera_repeats_its_codes() {
     for scheme in LAYOUTS {
-        let rest = Walk { frames: 8, turned: 0.0, moved: 0.0, gyroscope_deg: 0.1 };
+        let rest = Trajectory { frames: 8, turned: 0.0, moved: 0.0, gyroscope_deg: 0.1 };
         let frames = sealed(rest, scheme, SessionOptions::default(), 8);
-        let [session, once] = against_one(&frames, |f| told_by_scatter(f, DETECTOR_PX, 0.0, 0.002));
-        let leak = sealed(Walk { gyroscope_deg: 0.0, ..rest }, scheme, forgetful(), 8);
+        let [session, once] =
+            compared_with_one_frame(&frames, |f| bits_from_scatter(f, DETECTOR_PX, 0.0, 0.002));
+        let leak = sealed(Trajectory { gyroscope_deg: 0.0, ..rest }, scheme, without_memory(), 8);
         let cell = std::f64::consts::PI / 4096.0;
-        let [scattered, _] = against_one(&leak, |f| told_by_scatter(f, DETECTOR_PX, 0.5, cell));
+        let [scattered, _] = compared_with_one_frame(&leak, |f| bits_from_scatter(f, DETECTOR_PX, 0.5, cell));
         println!("{scheme}: at rest: session {:+.2}, scattered {scattered:+.2}", session - once);
         assert!(
             session < once + 0.05,
-            "{scheme}: {session} bits by the scatter of a session, {once} by one frame"
+            "{scheme}: {session} bits from the scatter of a session, {once} from one frame"
         );
-        assert!(scattered > once + 0.8, "{scheme}: {scattered} bits by scatter");
+        assert!(scattered > once + 0.8, "{scheme}: {scattered} bits from scatter");
     }
 }
 
 /// No keypoint that a frame joins to one anchor is joined to another by a later frame, under any motion: two such
 /// lines would intersect in the keypoint.
 #[test]
-fn l10_no_keypoint_changes_its_anchor() {
-    let crossing = |walk: Walk, options: SessionOptions| {
-        let frames = sealed(walk, STRIPES, options, 9);
+fn l10_keypoints_keep_their_anchor() {
+    let crossing = |trajectory: Trajectory, options: SessionOptions| {
+        let frames = sealed(trajectory, STRIPES, options, 9);
         let mut anchors = std::collections::BTreeMap::new();
         let mut changed = 0;
         for frame in &frames {
@@ -239,11 +240,11 @@ fn l10_no_keypoint_changes_its_anchor() {
         changed
     };
     for moved in [0.0, 0.05, 0.3] {
-        let walk = Walk { moved, gyroscope_deg: 0.2, ..TURNS };
-        assert_eq!(crossing(walk, SessionOptions::default()), 0, "moved by {moved}");
+        let trajectory = Trajectory { moved, gyroscope_deg: 0.2, ..TURNS };
+        assert_eq!(crossing(trajectory, SessionOptions::default()), 0, "moved by {moved}");
     }
     // The band alone protects under rotation, but not under translation.
     let without = SessionOptions::default().with_memory(false);
-    assert!(crossing(Walk { moved: 0.3, ..TURNS }, without) > 50);
+    assert!(crossing(Trajectory { moved: 0.3, ..TURNS }, without) > 50);
     assert_eq!(crossing(TURNS, without.with_band_deg(1.0)), 0);
 }

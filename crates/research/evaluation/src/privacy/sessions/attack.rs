@@ -3,8 +3,8 @@
 use crate::EvalError;
 use rayon::prelude::*;
 use veiloc_attacks::multi_view::{
-    Frame, FramesOptions, RestingOptions, Sighted, most_telling_matched, resting_camera,
-    several_matched_frames,
+    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, select_frames_matched, resting_camera,
+    multi_view_attack_matched,
 };
 use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
 use veiloc_descriptor::{MatchOptions, match_descriptors};
@@ -134,7 +134,7 @@ impl<'a> Target<'a> {
         let (least, most) = depths().fold((f64::INFINITY, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
         let beside: Vec<(Pixel, f64)> = (0..posed.lines.len()).filter_map(told).collect();
         let options = FramesOptions::with_depths([NEARER * least, FARTHER * most]);
-        Self { posed, observations, options: options.beside(beside).asking(asked.clone()), asked }
+        Self { posed, observations, options: options.beside(beside).for_keypoints(asked.clone()), asked }
     }
 
     fn size(&self) -> (u32, u32) {
@@ -159,7 +159,7 @@ impl<'a> Target<'a> {
         let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
         let chosen: Vec<usize> = match motion {
             Motion::Turning | Motion::Visiting => {
-                most_telling_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
+                select_frames_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
             }
             Motion::Walking | Motion::Resting => (0..others.len()).collect(),
         };
@@ -175,7 +175,7 @@ impl<'a> Target<'a> {
                     Method::RestingCamera => Some(self.by_scatter(&chosen, codes)?),
                 };
                 let answer =
-                    |i: usize| found.as_ref().and_then(|f: &Vec<Sighted>| f[i].pixel).unwrap_or(guess[i]);
+                    |i: usize| found.as_ref().and_then(|f: &Vec<TriangulatedKeypoint>| f[i].pixel).unwrap_or(guess[i]);
                 let judged: Vec<(usize, Pixel)> = (0..self.asked.len())
                     .filter(|i| self.asked[*i])
                     .filter_map(|i| Some((i, self.posed.truth[i]?)))
@@ -190,14 +190,14 @@ impl<'a> Target<'a> {
             .collect()
     }
 
-    fn by_planes(&self, chosen: &[&Other<'_>]) -> Result<Vec<Sighted>, AttackError> {
+    fn by_planes(&self, chosen: &[&Other<'_>]) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
         let all: Vec<Frame<'_>> =
             std::iter::once(self.frame()).chain(chosen.iter().map(|o| o.posed.frame())).collect();
         let matches: Vec<&[Option<usize>]> = chosen.iter().map(|o| o.matches.as_slice()).collect();
-        several_matched_frames(&all, &matches, &self.options)
+        multi_view_attack_matched(&all, &matches, &self.options)
     }
 
-    fn by_scatter(&self, chosen: &[&Other<'_>], codes: &RestingOptions) -> Result<Vec<Sighted>, AttackError> {
+    fn by_scatter(&self, chosen: &[&Other<'_>], codes: &RestingOptions) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
         let of = |o: &&Other<'_>| o.matches.iter().map(|m| m.map(|j| o.posed.lines[j])).collect();
         let others: Vec<Vec<Option<Observation>>> = chosen.iter().map(of).collect();
         resting_camera(&self.observations, &others, self.size(), codes)

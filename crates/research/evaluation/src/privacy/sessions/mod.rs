@@ -4,7 +4,7 @@
 //! [`veiloc_obfuscation::Session`]; a server localizes each from its sealed bytes, and attacks some of them with others
 //! of the walk:
 //!
-//! - **turning**: with those frames of the whole walk that tell most about it ([`veiloc_attacks::multi_view::most_telling`]);
+//! - **turning**: with those frames of the whole walk that tell most about it ([`veiloc_attacks::multi_view::select_frames`]);
 //! - **walking**: with the frames before it;
 //! - **resting**: with frames of the same image and new noise of the sensor, a session of their own;
 //! - **visiting**: as turning, where every frame is a session of its own, as those of several users are.

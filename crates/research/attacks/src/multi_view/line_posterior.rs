@@ -5,8 +5,8 @@ use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 use veiloc_geometry::{Pinhole, Pixel};
 
 use crate::multi_view::depth::DepthPrior;
-use crate::multi_view::frame::{Frame, FramesOptions, NEAR_PX, Sighted};
-use crate::multi_view::sight::{Crossing, Plane, Said, Sight};
+use crate::multi_view::frame::{Frame, FramesOptions, NEAR_PX, TriangulatedKeypoint};
+use crate::multi_view::ray_plane::{Plane, PlaneResidual, RayPlane, RelativeFrame};
 
 /// Step of the sweep along the line, in standard deviations of the noise, and its bounds, pixels.
 const STEP: f64 = 0.6;
@@ -24,14 +24,14 @@ const ROUNDS: usize = 10;
 const LONGEST: f64 = 10.0;
 
 /// The attacked keypoint.
-pub(crate) struct Own {
+pub(crate) struct AttackedKeypoint {
     camera: Pinhole,
     segments: Vec<KnownSegment>,
 }
 
 /// A position on the keypoint's own line.
 #[derive(Clone, Copy)]
-struct Node {
+struct PosteriorNode {
     segment: KnownSegment,
     t: f64,
     /// Probability of this position and its part of the line, up to a common factor.
@@ -40,7 +40,7 @@ struct Node {
     log_depth: f64,
 }
 
-impl Own {
+impl AttackedKeypoint {
     pub(crate) fn new(first: &Frame<'_>, i: usize) -> Self {
         let camera = first.camera;
         Self { camera, segments: KnownSegment::of(&first.observations[i], camera.width, camera.height) }
@@ -51,22 +51,24 @@ impl Own {
         Vector3::new(p.x, p.y, 1.0)
     }
 
-    pub(crate) fn sighted(
+    pub(crate) fn triangulate(
         &self,
-        seen: &[(&Sight, &Observation)],
+        matched_frames: &[(&RelativeFrame, &Observation)],
         depths: &DepthPrior,
         options: &FramesOptions,
-    ) -> Sighted {
-        let frames: Vec<Vec<Plane<'_>>> = seen.iter().map(|(s, o)| s.planes(o)).collect();
+    ) -> TriangulatedKeypoint {
+        let frames: Vec<Vec<Plane<'_>>> = matched_frames.iter().map(|(s, o)| s.planes(o)).collect();
         let matched = frames.len();
-        let nodes: Vec<Node> =
+        let nodes: Vec<PosteriorNode> =
             self.segments.iter().flat_map(|s| self.sweep(s, &frames, depths, options)).collect();
         let total: f64 = nodes.iter().map(|n| n.weight).sum();
         let best = nodes.iter().copied().reduce(|a, b| if b.weight > a.weight { b } else { a });
-        let Some(best) = best.filter(|_| total > 0.0 && total.is_finite()) else { return Sighted::UNSEEN };
+        let Some(best) = best.filter(|_| total > 0.0 && total.is_finite()) else {
+            return TriangulatedKeypoint::NO_MATCH;
+        };
         let middle = self.median(&nodes, total);
         let near = |p: Pixel, within: f64| {
-            let inside = |n: &&Node| n.segment.at(n.t).distance(&p) <= within;
+            let inside = |n: &&PosteriorNode| n.segment.at(n.t).distance(&p) <= within;
             nodes.iter().filter(inside).map(|n| n.weight).sum::<f64>() / total
         };
         let (mut t, mut log_depth) = (best.t, best.log_depth);
@@ -78,7 +80,7 @@ impl Own {
         let variance = nodes.iter().map(|n| n.weight * n.segment.at(n.t).distance(&pixel).powi(2));
         let x = self.ray(best.segment.at(t));
         let agreeing = frames.iter().filter(|f| agrees(f, x, log_depth, options)).count();
-        Sighted {
+        TriangulatedKeypoint {
             pixel: Some(pixel),
             matched,
             agreeing,
@@ -89,7 +91,7 @@ impl Own {
     }
 
     /// The median of the posterior, which has the smallest expected error; for two segments the geometric median.
-    fn median(&self, nodes: &[Node], total: f64) -> Pixel {
+    fn median(&self, nodes: &[PosteriorNode], total: f64) -> Pixel {
         if self.segments.len() == 1 {
             let mut sum = 0.0;
             for n in nodes {
@@ -124,7 +126,7 @@ impl Own {
         frames: &[Vec<Plane<'_>>],
         depths: &DepthPrior,
         options: &FramesOptions,
-    ) -> Vec<Node> {
+    ) -> Vec<PosteriorNode> {
         if segment.is_empty() {
             return Vec::new();
         }
@@ -134,16 +136,16 @@ impl Own {
         let part = length / steps as f64;
         // Two candidate lines have equal prior probability, independent of their lengths.
         let share = part / length.max(1e-9);
-        let mut crossings: Vec<Crossing<'_, '_>> = Vec::with_capacity(frames.len());
+        let mut ray_planes: Vec<RayPlane<'_, '_>> = Vec::with_capacity(frames.len());
         let node = |step: usize| {
             let t = segment.near + part * (step as f64 + 0.5);
             let pixel = segment.at(t);
             let ray = self.ray(pixel);
-            crossings.clear();
-            crossings.extend(frames.iter().flatten().map(|p| p.along(ray)));
+            ray_planes.clear();
+            ray_planes.extend(frames.iter().flatten().map(|p| p.along(ray)));
             let prior = if segment.anchor.is_some() { part * segment.likelihood(t).max(1e-3) } else { share };
-            let (likelihood, log_depth) = over_depth(&crossings, frames, depths, pixel, options);
-            Node { segment: *segment, t, weight: prior * likelihood, log_depth }
+            let (likelihood, log_depth) = over_depth(&ray_planes, frames, depths, pixel, options);
+            PosteriorNode { segment: *segment, t, weight: prior * likelihood, log_depth }
         };
         (0..steps).map(node).collect()
     }
@@ -151,7 +153,7 @@ impl Own {
     /// Least squares over `t` and log depth on the frames that agree with the node.
     fn refined(
         &self,
-        start: &Node,
+        start: &PosteriorNode,
         frames: &[Vec<Plane<'_>>],
         depths: &DepthPrior,
         options: &FramesOptions,
@@ -162,15 +164,15 @@ impl Own {
             let (mut normal, mut gradient) = (Matrix2::zeros(), Vector2::zeros());
             for planes in frames {
                 let ray = |t: f64| self.ray(segment.at(t));
-                let Some((plane, said)) = nearest(planes, ray(t), s) else { continue };
-                if said.distance.abs() > AGREES * options.noise_px {
+                let Some((plane, residual)) = nearest(planes, ray(t), s) else { continue };
+                if residual.distance.abs() > AGREES * options.noise_px {
                     continue;
                 }
                 let at = |t: f64| plane.along(ray(t)).at((-s).exp()).distance;
-                let j = Vector2::new((at(t + 0.1) - at(t - 0.1)) / 0.2, said.speed);
+                let j = Vector2::new((at(t + 0.1) - at(t - 0.1)) / 0.2, residual.depth_derivative);
                 if j.iter().all(|x| x.is_finite()) {
                     normal += j * j.transpose();
-                    gradient += j * said.distance;
+                    gradient += j * residual.distance;
                 }
             }
             // Damping: a depth without effect on the projections stays as it is.
@@ -198,7 +200,7 @@ impl Own {
 /// Trapezoidal rule with steps that follow the planes: near a plane no projection moves by more than a fraction of
 /// the noise per step, and no step crosses a plane.
 fn over_depth(
-    crossings: &[Crossing<'_, '_>],
+    ray_planes: &[RayPlane<'_, '_>],
     frames: &[Vec<Plane<'_>>],
     depths: &DepthPrior,
     pixel: Pixel,
@@ -215,14 +217,14 @@ fn over_depth(
         let reciprocal = (-s).exp();
         let mut next = longest;
         let mut value = 1.0;
-        let mut all = crossings.iter();
+        let mut all = ray_planes.iter();
         for planes in frames {
             let mut right = 0.0;
             for crossing in all.by_ref().take(planes.len()) {
-                let Said { distance, speed, spread } = crossing.at(reciprocal);
+                let PlaneResidual { distance, depth_derivative, spread } = crossing.at(reciprocal);
                 let far = distance.abs();
-                if far.is_finite() && speed != 0.0 {
-                    next = next.min((far - BEYOND * sigma).max(FINE * sigma) / speed.abs());
+                if far.is_finite() && depth_derivative != 0.0 {
+                    next = next.min((far - BEYOND * sigma).max(FINE * sigma) / depth_derivative.abs());
                 }
                 if far < BEYOND * sigma {
                     right += spread * (-0.5 * (far / sigma).powi(2)).exp();
@@ -253,10 +255,10 @@ fn nearest<'a, 'b>(
     planes: &'a [Plane<'b>],
     ray: Vector3<f64>,
     log_depth: f64,
-) -> Option<(&'a Plane<'b>, Said)> {
-    let said =
+) -> Option<(&'a Plane<'b>, PlaneResidual)> {
+    let residual =
         planes.iter().map(|p| (p, p.along(ray).at((-log_depth).exp()))).filter(|(_, s)| s.spread > 0.0);
-    said.min_by(|a, b| a.1.distance.abs().total_cmp(&b.1.distance.abs()))
+    residual.min_by(|a, b| a.1.distance.abs().total_cmp(&b.1.distance.abs()))
 }
 
 fn agrees(planes: &[Plane<'_>], ray: Vector3<f64>, log_depth: f64, options: &FramesOptions) -> bool {

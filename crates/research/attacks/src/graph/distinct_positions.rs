@@ -17,48 +17,51 @@ const COMMON: f64 = 0.85;
 
 /// Groups of rows with the same position.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Places {
+pub(super) struct DistinctPositions {
     /// `[rows]`: the position index of each row.
     pub(super) of: Vec<u32>,
     /// `[positions]`: the first row of each position.
     pub(super) first: Vec<u32>,
 }
 
-impl Places {
+impl DistinctPositions {
     pub(super) fn of(observations: &[Observation], lists: &NeighbourLists) -> Self {
         let mut same_line: HashMap<[u64; 5], Vec<u32>> = HashMap::new();
-        let mut places = Self { of: Vec::with_capacity(observations.len()), first: Vec::new() };
+        let mut positions = Self { of: Vec::with_capacity(observations.len()), first: Vec::new() };
         for (i, observation) in observations.iter().enumerate() {
             let known = same_line.entry(bits(observation)).or_default();
-            let here = known.iter().copied().find(|&p| together(lists, i, places.first[p as usize] as usize));
-            let place = here.unwrap_or_else(|| {
-                let new = places.first.len() as u32;
-                places.first.push(i as u32);
+            let here = known
+                .iter()
+                .copied()
+                .find(|&p| same_position(lists, i, positions.first[p as usize] as usize));
+            let position = here.unwrap_or_else(|| {
+                let new = positions.first.len() as u32;
+                positions.first.push(i as u32);
                 known.push(new);
                 new
             });
-            places.of.push(place);
+            positions.of.push(position);
         }
-        places
+        positions
     }
 
     /// Whether all rows have different positions.
-    pub(super) fn all_apart(&self) -> bool {
+    pub(super) fn all_distinct(&self) -> bool {
         self.first.len() == self.of.len()
     }
 
     /// Neighbour lists of positions: the union of the lists of their rows, without the position itself.
     pub(super) fn lists(&self, lists: &NeighbourLists) -> NeighbourLists {
         let mut joined: Vec<Vec<u32>> = vec![Vec::new(); self.first.len()];
-        for (i, &place) in self.of.iter().enumerate() {
+        for (i, &position) in self.of.iter().enumerate() {
             let listed = lists.of(i).iter().map(|&j| self.of[j as usize]);
-            joined[place as usize].extend(listed.filter(|&p| p != place));
+            joined[position as usize].extend(listed.filter(|&p| p != position));
         }
         for list in &mut joined {
             list.sort_unstable();
             list.dedup();
         }
-        NeighbourLists::from_lists(&joined).expect("places are numbered from zero")
+        NeighbourLists::from_lists(&joined).expect("positions are numbered from zero")
     }
 
     /// The values of each position's first row.
@@ -67,8 +70,8 @@ impl Places {
     }
 
     /// The values of each position, copied to its rows.
-    pub(super) fn to_rows<T: Copy>(&self, places: &[T]) -> Vec<T> {
-        self.of.iter().map(|&p| places[p as usize]).collect()
+    pub(super) fn to_rows<T: Copy>(&self, positions: &[T]) -> Vec<T> {
+        self.of.iter().map(|&p| positions[p as usize]).collect()
     }
 }
 
@@ -100,7 +103,7 @@ fn bits(observation: &Observation) -> [u64; 5] {
     [extra, a[0], a[1], b[0], b[1]]
 }
 
-fn together(lists: &NeighbourLists, i: usize, j: usize) -> bool {
+fn same_position(lists: &NeighbourLists, i: usize, j: usize) -> bool {
     let on = |list: usize, entry: usize| entry == list || lists.of(list).contains(&(entry as u32));
     if !(on(i, j) && on(j, i)) {
         return false;
@@ -118,7 +121,7 @@ mod tests {
     use veiloc_geometry::{Pencils, Pixel};
 
     #[test]
-    fn rows_of_one_place_are_one_and_equal_lines_elsewhere_are_not() {
+    fn rows_with_one_position_are_merged_and_equal_lines_of_other_keypoints_are_not() {
         let pencils = Pencils::paper(640, 480);
         // Two corners of a strip of keypoints; 3 and 4 repeat 0; 20 lies on the line of 0, farther out.
         let mut pixels: Vec<Pixel> = (0..40).map(|i| Pixel::new(20.0 + 15.0 * f64::from(i), 100.0)).collect();
@@ -132,18 +135,21 @@ mod tests {
         let mut sent: Vec<Observation> = pixels.iter().map(|&p| line(p)).collect();
         sent[10] = sent[0];
         assert_eq!(pencils.anchor_of(pixels[10]), anchor);
-        let places = Places::of(&sent, &lists);
-        assert_eq!(places.first.len(), 38);
-        assert_eq!((places.of[3], places.of[4]), (places.of[0], places.of[0]));
-        assert_ne!(places.of[10], places.of[0], "an equal line with other neighbours is another place");
-        let joined = places.lists(&lists);
+        let positions = DistinctPositions::of(&sent, &lists);
+        assert_eq!(positions.first.len(), 38);
+        assert_eq!((positions.of[3], positions.of[4]), (positions.of[0], positions.of[0]));
+        assert_ne!(
+            positions.of[10], positions.of[0],
+            "an equal line with other neighbours is another position"
+        );
+        let joined = positions.lists(&lists);
         assert_eq!(joined.len(), 38);
         assert!((0..38).all(|p| !joined.of(p).contains(&(p as u32))));
         assert_eq!(
-            places.to_rows(&places.first),
+            positions.to_rows(&positions.first),
             (0..40).map(|i| if i == 3 || i == 4 { 0 } else { i }).collect::<Vec<u32>>()
         );
-        let apart = Places::of(&sent[..3], &NeighbourLists::nearest(&pixels[..3], 2));
-        assert!(apart.all_apart());
+        let apart = DistinctPositions::of(&sent[..3], &NeighbourLists::nearest(&pixels[..3], 2));
+        assert!(apart.all_distinct());
     }
 }

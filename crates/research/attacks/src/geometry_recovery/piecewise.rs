@@ -11,7 +11,7 @@
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, Pixel};
 
-use crate::geometry_recovery::Extent;
+use crate::geometry_recovery::NeighbourExtent;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
@@ -45,7 +45,7 @@ impl Quadratic {
 
 /// Constraint that a neighbour's observation puts on positions, prepared for repeated distance evaluations.
 #[derive(Clone, Copy)]
-pub(super) enum Place {
+pub(super) enum NeighbourConstraint {
     /// A line `(a, b, c)` with unit normal and, if it has ends, its segment.
     Line { line: [f64; 3], ends: Option<KnownSegment>, anchor: Option<Anchor> },
     /// One of two lines.
@@ -54,8 +54,8 @@ pub(super) enum Place {
     Point(Pixel),
 }
 
-impl Place {
-    pub(super) fn of(observation: &Observation, extent: Extent, width: u32, height: u32) -> Self {
+impl NeighbourConstraint {
+    pub(super) fn of(observation: &Observation, extent: NeighbourExtent, width: u32, height: u32) -> Self {
         let [first, second] = observation.lines().map(|l| l.map(|l| (*l.coefficients()).into()));
         match (*observation, first, second) {
             (Observation::Known(pixel), ..) => Self::Point(pixel),
@@ -67,16 +67,15 @@ impl Place {
                 };
                 // Several stretches of one line are merged into the stretch from the first to the last.
                 let known = KnownSegment::hull(&observation, width, height);
-                let ends = match extent {
-                    Extent::Line => None,
-                    Extent::HalfLine if anchor.is_none() => None,
-                    Extent::HalfLine => known.filter(|s| s.growth[0] == 0.0).map(|s| KnownSegment {
-                        near: 0.0,
-                        far: f64::INFINITY,
-                        ..s
-                    }),
-                    Extent::Segment => known.filter(|s| !s.is_empty()),
-                };
+                let ends =
+                    match extent {
+                        NeighbourExtent::Line => None,
+                        NeighbourExtent::HalfLine if anchor.is_none() => None,
+                        NeighbourExtent::HalfLine => known
+                            .filter(|s| s.growth[0] == 0.0)
+                            .map(|s| KnownSegment { near: 0.0, far: f64::INFINITY, ..s }),
+                        NeighbourExtent::Segment => known.filter(|s| !s.is_empty()),
+                    };
                 Self::Line { line: line.unwrap_or([f64::NAN; 3]), ends, anchor }
             }
         }
@@ -94,22 +93,22 @@ fn slope(l: [f64; 3], o: Pixel, v: Vector2<f64>) -> [f64; 2] {
 }
 
 /// The squared distance along a line: the first piece, and the start of each following piece.
-pub(super) struct Pieces {
+pub(super) struct PiecewiseQuadratic {
     pub(super) first: Quadratic,
     /// Ordered by `t`.
     pub(super) then: [Option<(f64, Quadratic)>; 2],
 }
 
-impl Pieces {
+impl PiecewiseQuadratic {
     /// The squared distance to `constraint` along the whole line of `segment`.
-    pub(super) fn of(place: &Place, segment: &KnownSegment) -> Self {
+    pub(super) fn of(constraint: &NeighbourConstraint, segment: &KnownSegment) -> Self {
         let (o, v) = (segment.origin, segment.direction);
-        match place {
-            Place::Point(p) => Self { first: to_point(*p, o, v), then: [None; 2] },
-            Place::Either([a, b]) => Self::of_either(slope(*a, o, v), slope(*b, o, v)),
-            Place::Line { line, ends, .. } => {
+        match constraint {
+            NeighbourConstraint::Point(p) => Self { first: to_point(*p, o, v), then: [None; 2] },
+            NeighbourConstraint::Either([a, b]) => Self::of_either(slope(*a, o, v), slope(*b, o, v)),
+            NeighbourConstraint::Line { line, ends, .. } => {
                 let mut along = slope(*line, o, v);
-                if place.shares_anchor(segment) && segment.growth[0] == 0.0 {
+                if constraint.shares_anchor(segment) && segment.growth[0] == 0.0 {
                     along[1] = 0.0; // the same anchor: it crosses there and nowhere else
                 }
                 let middle = Quadratic::of_line(along);

@@ -21,15 +21,15 @@ use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::multi_view::depth::DepthPrior;
 use crate::multi_view::frame::{Frame, FramesOptions};
-use crate::multi_view::sight::{Plane, Sight};
+use crate::multi_view::ray_plane::{Plane, RelativeFrame};
 
 /// One keypoint of the attacked frame: the prior variance of its position, and the information so far.
-struct Held {
+struct KeypointInformation {
     variance: f64,
     information: Matrix2<f64>,
 }
 
-impl Held {
+impl KeypointInformation {
     fn bits(&self, added: &Matrix2<f64>) -> f64 {
         let i = self.information + added;
         let about_t = i[(0, 0)] - i[(0, 1)] * i[(0, 1)] / i[(1, 1)];
@@ -43,7 +43,7 @@ impl Held {
 /// # Errors
 /// [`AttackError::Dimensions`] when descriptor lengths differ, [`AttackError::Depths`] when the depth limits are
 /// invalid.
-pub fn most_telling(
+pub fn select_frames(
     first: &Frame<'_>,
     others: &[Frame<'_>],
     count: usize,
@@ -53,7 +53,7 @@ pub fn most_telling(
         .par_iter()
         .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
         .collect::<Result<_, _>>()?;
-    most_telling_matched(
+    select_frames_matched(
         first,
         others,
         &matches.iter().map(Vec::as_slice).collect::<Vec<_>>(),
@@ -62,12 +62,12 @@ pub fn most_telling(
     )
 }
 
-/// The same with given matches, as for [`crate::multi_view::several_matched_frames`]: `[others, N]`.
+/// The same with given matches, as for [`crate::multi_view::multi_view_attack_matched`]: `[others, N]`.
 ///
 /// # Errors
 /// [`AttackError::Depths`] when the depth limits are invalid, [`AttackError::Rows`] when the number of matches is
 /// wrong.
-pub fn most_telling_matched(
+pub fn select_frames_matched(
     first: &Frame<'_>,
     others: &[Frame<'_>],
     matches: &[&[Option<usize>]],
@@ -83,31 +83,33 @@ pub fn most_telling_matched(
     let segments: Vec<Option<KnownSegment>> =
         first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
     // [N]: mean and variance of the log depth at the prior-only position.
-    let worth: Vec<[f64; 2]> =
-        segments.iter().map(|s| s.map_or([0.0, 1.0], |s| depths.worth(s.at(s.expected())))).collect();
-    let mut held: Vec<Held> = segments
+    let depth_priors: Vec<[f64; 2]> = segments
         .iter()
-        .zip(&worth)
-        .map(|(s, [_, variance])| Held {
+        .map(|s| s.map_or([0.0, 1.0], |s| depths.median_and_variance(s.at(s.expected()))))
+        .collect();
+    let mut held: Vec<KeypointInformation> = segments
+        .iter()
+        .zip(&depth_priors)
+        .map(|(s, [_, variance])| KeypointInformation {
             variance: s.map_or(0.0, |s| (s.far - s.near).powi(2) / 12.0),
             information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / variance.max(1e-12)),
         })
         .collect();
     // [others][N], zero without information.
-    let told: Vec<(f64, Vec<Matrix2<f64>>)> = others
+    let frame_information: Vec<(f64, Vec<Matrix2<f64>>)> = others
         .par_iter()
         .zip(matches)
         .map(|(other, matches)| {
-            let sight = Sight::new(first, other);
-            let right = share_of_right(first, other, &sight, matches, options);
+            let relative = RelativeFrame::new(first, other);
+            let right = right_match_share(first, other, &relative, matches, options);
             let one = |((segment, j), [depth, _]): ((&Option<KnownSegment>, &Option<usize>), &[f64; 2])| {
-                let seen = segment.zip(*j).map(|(s, j)| {
-                    information(first, &s, &sight, &other.observations[j], (-depth).exp())
+                let added = segment.zip(*j).map(|(s, j)| {
+                    information(first, &s, &relative, &other.observations[j], (-depth).exp())
                         / options.noise_px.powi(2)
                 });
-                seen.unwrap_or_else(Matrix2::zeros)
+                added.unwrap_or_else(Matrix2::zeros)
             };
-            (right, segments.iter().zip(*matches).zip(&worth).map(one).collect())
+            (right, segments.iter().zip(*matches).zip(&depth_priors).map(one).collect())
         })
         .collect();
     let mut left: Vec<usize> = (0..others.len()).collect();
@@ -115,14 +117,14 @@ pub fn most_telling_matched(
     while chosen.len() < count && !left.is_empty() {
         let nothing = Matrix2::zeros();
         let gain = |f: usize| {
-            let (right, information) = &told[f];
+            let (right, information) = &frame_information[f];
             let more = held.iter().zip(information).map(|(h, i)| h.bits(i) - h.bits(&nothing));
             right * more.sum::<f64>()
         };
         let gains: Vec<f64> = left.par_iter().map(|f| gain(*f)).collect();
         let best = (0..left.len()).fold(0, |best, k| if gains[k] > gains[best] { k } else { best });
         let f = left.remove(best);
-        let (right, information) = &told[f];
+        let (right, information) = &frame_information[f];
         held.iter_mut().zip(information).for_each(|(h, i)| h.information += i * *right);
         chosen.push(f);
     }
@@ -139,30 +141,30 @@ fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSe
 }
 
 /// Pseudo-count of matches of known keypoints, right with the probability in the options.
-const SUPPOSED: f64 = 10.0;
+const PSEUDO_COUNT: f64 = 10.0;
 /// Largest distance of a line from its map point, standard deviations.
-const THROUGH: f64 = 3.0;
+const MAX_DEVIATION: f64 = 3.0;
 
 /// The share of right matches, estimated from keypoints with known map points.
-fn share_of_right(
+fn right_match_share(
     first: &Frame<'_>,
     other: &Frame<'_>,
-    sight: &Sight,
+    relative: &RelativeFrame,
     matches: &[Option<usize>],
     options: &FramesOptions,
 ) -> f64 {
-    let (mut right, mut all) = (SUPPOSED * (1.0 - options.wrong), SUPPOSED);
+    let (mut right, mut all) = (PSEUDO_COUNT * (1.0 - options.wrong), PSEUDO_COUNT);
     for (own, j) in first.observations.iter().zip(matches) {
         let (Observation::Known(pixel), Some(j)) = (own, j) else { continue };
         let same = options.known.iter().find(|k| k.0.distance(pixel) < 1e-9);
         let Some((_, depth)) = same else { continue };
         let p = first.camera.unproject(*pixel);
         let through = |plane: &Plane<'_>| {
-            let said = plane.along(Vector3::new(p.x, p.y, 1.0)).at(depth.recip());
-            said.spread > 0.0 && said.distance.abs() <= THROUGH * options.noise_px
+            let residual = plane.along(Vector3::new(p.x, p.y, 1.0)).at(depth.recip());
+            residual.spread > 0.0 && residual.distance.abs() <= MAX_DEVIATION * options.noise_px
         };
         all += 1.0;
-        right += f64::from(u8::from(sight.planes(&other.observations[*j]).iter().any(through)));
+        right += f64::from(u8::from(relative.planes(&other.observations[*j]).iter().any(through)));
     }
     right / all
 }
@@ -172,7 +174,7 @@ fn share_of_right(
 fn information(
     first: &Frame<'_>,
     segment: &KnownSegment,
-    sight: &Sight,
+    relative: &RelativeFrame,
     observation: &Observation,
     reciprocal: f64,
 ) -> Matrix2<f64> {
@@ -182,11 +184,11 @@ fn information(
     };
     let t = segment.expected();
     let mut sum = Matrix2::zeros();
-    let planes = sight.planes(observation);
+    let planes = relative.planes(observation);
     for plane in &planes {
         let at = |t: f64| plane.along(ray(t)).at(reciprocal);
         let slope = (at(t + 0.5).distance - at(t - 0.5).distance) / 1.0;
-        let j = Vector2::new(slope, at(t).speed);
+        let j = Vector2::new(slope, at(t).depth_derivative);
         if j.iter().all(|x| x.is_finite()) {
             sum += j * j.transpose() / planes.len() as f64;
         }

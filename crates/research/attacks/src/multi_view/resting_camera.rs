@@ -14,7 +14,7 @@
 //!
 //! The model is exact for half-lines of one anchor. If the lines of a keypoint have different directions (random
 //! lines, a permuted position, a keypoint at the border of two anchors), they intersect in it, and the answer is the
-//! posterior of `several_frames` for cameras with one centre.
+//! posterior of `multi_view_attack` for cameras with one centre.
 
 use crate::{AttackError, Descriptors, KnownSegment, Observation, PencilRow};
 use rayon::prelude::*;
@@ -22,9 +22,9 @@ use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{CameraFromWorld, Pinhole};
 
 use crate::multi_view::depth::DepthPrior;
-use crate::multi_view::frame::{Frame, FramesOptions, NEAR_PX, Sighted};
-use crate::multi_view::place::Own;
-use crate::multi_view::sight::Sight;
+use crate::multi_view::frame::{Frame, FramesOptions, NEAR_PX, TriangulatedKeypoint};
+use crate::multi_view::line_posterior::AttackedKeypoint;
+use crate::multi_view::ray_plane::RelativeFrame;
 
 /// Model of the angle codes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,7 +74,7 @@ pub fn resting_camera(
     others: &[Vec<Option<Observation>>],
     (width, height): (u32, u32),
     options: &RestingOptions,
-) -> Result<Vec<Sighted>, AttackError> {
+) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
     if others.is_empty() {
         return Err(AttackError::TooFewFrames { frames: 1 });
     }
@@ -85,11 +85,11 @@ pub fn resting_camera(
         let rows: Vec<Observation> =
             std::iter::once(own[i]).chain(others.iter().filter_map(|o| o[i])).collect();
         if rows.len() < 2 {
-            return Sighted::UNSEEN;
+            return TriangulatedKeypoint::NO_MATCH;
         }
         match pencil(&rows) {
-            Some((row, angles)) => scattered(&row, &angles, width, height, options),
-            None => crossing(&rows, width, height, options),
+            Some((row, angles)) => by_scatter(&row, &angles, width, height, options),
+            None => by_intersection(&rows, width, height, options),
         }
     };
     Ok((0..own.len()).into_par_iter().map(answer).collect())
@@ -112,7 +112,7 @@ fn pencil(rows: &[Observation]) -> Option<(PencilRow, Vec<f64>)> {
 }
 
 /// Distribution of the keypoint's displacement across the line.
-struct Across {
+struct DisplacementDistribution {
     /// Half widths of the two uniform parts, pixels: the dither's square projected across the line.
     halves: [f64; 2],
     /// Standard deviation of the Gaussian part, pixels.
@@ -122,7 +122,7 @@ struct Across {
     reach: f64,
 }
 
-impl Across {
+impl DisplacementDistribution {
     fn new(direction: Vector2<f64>, options: &RestingOptions) -> Self {
         let mut halves = [direction.x.abs(), direction.y.abs()].map(|c| c * options.dither_px);
         halves.sort_unstable_by(f64::total_cmp);
@@ -185,14 +185,20 @@ impl Across {
 const TABLE: usize = 512;
 
 /// The posterior of the distance, from the scatter of the angles.
-fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: &RestingOptions) -> Sighted {
+fn by_scatter(
+    row: &PencilRow,
+    angles: &[f64],
+    width: u32,
+    height: u32,
+    options: &RestingOptions,
+) -> TriangulatedKeypoint {
     let segment = KnownSegment::hull(&Observation::Pencil(*row), width, height);
     let Some(segment) = segment.filter(|s| !s.is_empty() && row.begins().is_some()) else {
-        return Sighted::UNSEEN;
+        return TriangulatedKeypoint::NO_MATCH;
     };
     // Angles without rounding are very narrow cells, in which the density is constant.
     let half = (0.5 * options.cell).max(1e-7);
-    let across = Across::new(segment.direction, options);
+    let across = DisplacementDistribution::new(segment.direction, options);
     // Count equal codes once.
     let mut sorted = angles.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -227,7 +233,7 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
         .collect();
     let total: f64 = posterior.iter().map(|p| p.1).sum();
     if !(total > 0.0 && total.is_finite()) {
-        return Sighted::UNSEEN;
+        return TriangulatedKeypoint::NO_MATCH;
     }
     let mut sum = 0.0;
     let mut answer = posterior[DISTANCES - 1].0;
@@ -243,7 +249,7 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
         posterior.iter().filter(|p| (p.0 - answer).abs() <= NEAR_PX).map(|p| p.1).sum::<f64>() / total;
     let others = angles.len() - 1;
     // The row associations are given: agreement is no evidence for them, so chance agreements are not counted.
-    Sighted {
+    TriangulatedKeypoint {
         pixel: Some(segment.at(answer)),
         matched: others,
         agreeing: others,
@@ -254,9 +260,14 @@ fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: 
 }
 
 /// Lines with different directions: cameras with one centre, independent of depth.
-fn crossing(rows: &[Observation], width: u32, height: u32, options: &RestingOptions) -> Sighted {
+fn by_intersection(
+    rows: &[Observation],
+    width: u32,
+    height: u32,
+    options: &RestingOptions,
+) -> TriangulatedKeypoint {
     if let Observation::Known(pixel) = rows[0] {
-        return Sighted::given(pixel);
+        return TriangulatedKeypoint::known(pixel);
     }
     let side = f64::from(width.max(height));
     let camera = Pinhole {
@@ -265,21 +276,21 @@ fn crossing(rows: &[Observation], width: u32, height: u32, options: &RestingOpti
         focal: [side; 2],
         principal: [0.5 * f64::from(width), 0.5 * f64::from(height)],
     };
-    let Ok(descriptors) = Descriptors::new(&[], 1) else { return Sighted::UNSEEN };
+    let Ok(descriptors) = Descriptors::new(&[], 1) else { return TriangulatedKeypoint::NO_MATCH };
     let frame = Frame {
         camera,
         cam_from_world: CameraFromWorld::identity(),
         observations: rows,
         descriptors: &descriptors,
     };
-    let sight = Sight::new(&frame, &frame);
-    let others: Vec<(&Sight, &Observation)> =
-        rows[1..].iter().filter(|o| !matches!(o, Observation::Known(_))).map(|o| (&sight, o)).collect();
+    let relative = RelativeFrame::new(&frame, &frame);
+    let others: Vec<(&RelativeFrame, &Observation)> =
+        rows[1..].iter().filter(|o| !matches!(o, Observation::Known(_))).map(|o| (&relative, o)).collect();
     let depths = DepthPrior::new([1.0, 2.0], &[], width, height);
     // Two dithers, two detectors, and the rounding of the sent values.
     let noise_px = (2.0 * (options.dither_px.powi(2) / 3.0 + options.noise_px.powi(2)) + 0.02).sqrt();
     let frames = FramesOptions { noise_px, wrong: options.wrong, ..FramesOptions::with_depths([1.0, 2.0]) };
-    Own::new(&frame, 0).sighted(&others, &depths, &frames)
+    AttackedKeypoint::new(&frame, 0).triangulate(&others, &depths, &frames)
 }
 
 #[cfg(test)]
@@ -289,12 +300,12 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     #[test]
-    fn the_distribution_across_is_that_of_drawn_dithers() {
+    fn displacement_distribution_matches_samples() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for (angle, noise_px) in [(0.0, 0.0), (0.3, 0.0), (0.785_f64, 0.0), (1.2, 0.4)] {
             let options = RestingOptions::of_one_image(1e-3).with_noise(noise_px);
             let direction = Vector2::new(angle.cos(), angle.sin());
-            let across = Across::new(direction, &options);
+            let across = DisplacementDistribution::new(direction, &options);
             let mut drawn: Vec<f64> = (0..20_000)
                 .map(|_| {
                     let mut step = || {

@@ -8,13 +8,13 @@ use veiloc_geometry::{Pinhole, Pixel};
 use crate::multi_view::frame::Frame;
 
 /// Another frame relative to the attacked one: `x_other = rotation · x + translation` from camera to camera.
-pub(crate) struct Sight {
+pub(crate) struct RelativeFrame {
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
     camera: Pinhole,
 }
 
-impl Sight {
+impl RelativeFrame {
     pub(crate) fn new(first: &Frame<'_>, other: &Frame<'_>) -> Self {
         let relative = other.cam_from_world.compose(&first.cam_from_world.inverse());
         Self {
@@ -40,7 +40,7 @@ impl Sight {
                 c.principal[0] * line.x + c.principal[1] * line.y + line.z,
             );
             let across = line.x.abs() * f64::from(c.width) + line.y.abs() * f64::from(c.height);
-            Plane { sight: self, normal, by_depth: normal.dot(&self.translation), row, share, across }
+            Plane { relative: self, normal, by_depth: normal.dot(&self.translation), row, share, across }
         };
         lines.iter().map(|line| plane(line.coefficients())).collect()
     }
@@ -48,7 +48,7 @@ impl Sight {
 
 /// One candidate line of the keypoint in another frame.
 pub(crate) struct Plane<'a> {
-    sight: &'a Sight,
+    relative: &'a RelativeFrame,
     /// `Kᵀ l` with a line of unit normal: the plane in that frame, pixels.
     normal: Vector3<f64>,
     /// `normal · translation`.
@@ -65,20 +65,20 @@ pub(crate) struct Plane<'a> {
 const MARGIN: f64 = 3.0;
 
 /// A plane and a viewing ray of the attacked frame: all terms that do not depend on depth.
-pub(crate) struct Crossing<'a, 'b> {
+pub(crate) struct RayPlane<'a, 'b> {
     plane: &'a Plane<'b>,
     /// `rotation · ray`.
-    seen: Vector3<f64>,
-    /// `normal · seen`.
+    in_other: Vector3<f64>,
+    /// `normal · in_other`.
     off: f64,
 }
 
 /// The residual of a plane at one depth along a ray.
-pub(crate) struct Said {
+pub(crate) struct PlaneResidual {
     /// Signed distance of the projection from the line, pixels; not finite behind the camera.
     pub(crate) distance: f64,
     /// Its derivative with respect to log depth, pixels.
-    pub(crate) speed: f64,
+    pub(crate) depth_derivative: f64,
     /// Ratio of two densities of the sent line, for a right projection and for a wrong match, times the noise and
     /// `√2π`, at distance zero: pixels. Zero if the frame could not have sent this line: behind the camera, outside
     /// the image, behind the anchor, in another anchor's sectors.
@@ -87,31 +87,31 @@ pub(crate) struct Said {
 
 impl<'b> Plane<'b> {
     /// The plane with the ray `(x, y, 1)` of the attacked camera.
-    pub(crate) fn along(&self, ray: Vector3<f64>) -> Crossing<'_, 'b> {
-        let seen = self.sight.rotation * ray;
-        Crossing { plane: self, seen, off: self.normal.dot(&seen) }
+    pub(crate) fn along(&self, ray: Vector3<f64>) -> RayPlane<'_, 'b> {
+        let in_other = self.relative.rotation * ray;
+        RayPlane { plane: self, in_other, off: self.normal.dot(&in_other) }
     }
 }
 
-impl Crossing<'_, '_> {
+impl RayPlane<'_, '_> {
     /// The residual at a depth in the attacked frame, given by its reciprocal; 0 is infinity.
     ///
     /// The density of a line is that of its sent parameters. A half-line is sent as an angle: noise of `σ` pixels at
     /// distance `r` from the anchor spreads over `σ/r` radians and wrong matches over the half circle, so `spread` is
     /// `π r`. Other lines are sent as an offset, and wrong matches spread over the image.
-    pub(crate) fn at(&self, reciprocal: f64) -> Said {
-        let (plane, sight) = (self.plane, self.plane.sight);
-        let seen = self.seen + sight.translation * reciprocal;
-        if seen.z <= 1e-9 {
-            return Said { distance: f64::INFINITY, speed: 0.0, spread: 0.0 };
+    pub(crate) fn at(&self, reciprocal: f64) -> PlaneResidual {
+        let (plane, relative) = (self.plane, self.plane.relative);
+        let in_other = self.in_other + relative.translation * reciprocal;
+        if in_other.z <= 1e-9 {
+            return PlaneResidual { distance: f64::INFINITY, depth_derivative: 0.0, spread: 0.0 };
         }
-        let distance = (self.off + reciprocal * plane.by_depth) / seen.z;
-        let slope = plane.by_depth * self.seen.z - self.off * sight.translation.z;
-        let speed = -reciprocal * slope / (seen.z * seen.z);
-        let c = &sight.camera;
+        let distance = (self.off + reciprocal * plane.by_depth) / in_other.z;
+        let slope = plane.by_depth * self.in_other.z - self.off * relative.translation.z;
+        let depth_derivative = -reciprocal * slope / (in_other.z * in_other.z);
+        let c = &relative.camera;
         let at = Pixel::new(
-            c.focal[0] * seen.x / seen.z + c.principal[0],
-            c.focal[1] * seen.y / seen.z + c.principal[1],
+            c.focal[0] * in_other.x / in_other.z + c.principal[0],
+            c.focal[1] * in_other.y / in_other.z + c.principal[1],
         );
         let spread = match &plane.row {
             _ if !c.contains(at, MARGIN) => 0.0,
@@ -122,6 +122,6 @@ impl Crossing<'_, '_> {
             },
             None => plane.share * plane.across,
         };
-        Said { distance, speed, spread }
+        PlaneResidual { distance, depth_derivative, spread }
     }
 }
