@@ -5,7 +5,9 @@
 #[non_exhaustive]
 pub enum AttackError {
     /// The number of neighbour lists differs from the number of observations.
-    #[error("{observations} observations need as many neighbour lists, {lists} were given")]
+    #[error(
+        "{lists} neighbour lists were given for {observations} observations; give one list per observation"
+    )]
     ListCount {
         /// Number of observations.
         observations: usize,
@@ -29,7 +31,7 @@ pub enum AttackError {
         entries: usize,
     },
     /// The number of bytes is not a multiple of the descriptor's length.
-    #[error("{bytes} bytes are no whole number of descriptors of dimension {dimension}")]
+    #[error("{bytes} bytes is not a multiple of the descriptor length, {dimension}")]
     Descriptors {
         /// Number of bytes.
         bytes: usize,
@@ -37,7 +39,9 @@ pub enum AttackError {
         dimension: usize,
     },
     /// The numbers of descriptors and keypoints differ.
-    #[error("{keypoints} keypoints need as many descriptors, {descriptors} were given")]
+    #[error(
+        "{descriptors} descriptors were given for {keypoints} keypoints; give one descriptor per keypoint"
+    )]
     DescriptorCount {
         /// Number of keypoints.
         keypoints: usize,
@@ -45,7 +49,7 @@ pub enum AttackError {
         descriptors: usize,
     },
     /// Descriptors that are compared have different dimensions.
-    #[error("descriptors of dimension {expected} are expected, these have {found}")]
+    #[error("descriptors have dimension {found}, but dimension {expected} is required")]
     Dimensions {
         /// The dimension expected.
         expected: usize,
@@ -53,10 +57,12 @@ pub enum AttackError {
         found: usize,
     },
     /// No keypoint has a neighbour, and the attack needs neighbours.
-    #[error("no keypoint has any neighbour; ask for one at least")]
+    #[error("no keypoint has a neighbour; give at least one neighbour per keypoint")]
     NoNeighbours,
     /// The numbers of initial positions and observations differ.
-    #[error("{observations} observations need as many positions to begin with, {positions} were given")]
+    #[error(
+        "{positions} initial positions were given for {observations} observations; give one per observation"
+    )]
     InitialPositionCount {
         /// Number of observations.
         observations: usize,
@@ -64,7 +70,9 @@ pub enum AttackError {
         positions: usize,
     },
     /// In one frame the numbers of descriptors and observations differ.
-    #[error("frame {frame}: {observations} observations need as many descriptors, {descriptors} were given")]
+    #[error(
+        "frame {frame}: {descriptors} descriptors were given for {observations} observations; give one per observation"
+    )]
     FrameDescriptors {
         /// Which frame, the attacked one being 0.
         frame: usize,
@@ -74,13 +82,13 @@ pub enum AttackError {
         descriptors: usize,
     },
     /// Fewer than two frames were given to an attack on several frames.
-    #[error("several frames are two at least, {frames} were given")]
+    #[error("an attack on several frames needs at least two, {frames} were given")]
     TooFewFrames {
         /// Number of frames.
         frames: usize,
     },
     /// Several seals of one image have different numbers of rows.
-    #[error("{rows} rows, where the first seal has {expected}")]
+    #[error("{rows} rows were given, but the first seal has {expected}; give one entry per row")]
     Rows {
         /// Number of rows.
         rows: usize,
@@ -88,7 +96,7 @@ pub enum AttackError {
         expected: usize,
     },
     /// The depth limits are not an interval of positive, finite numbers.
-    #[error("depths must be positive, finite and in order")]
+    #[error("depth limits must be positive, finite and in increasing order")]
     Depths,
     /// The training images hold no two keypoints that are neighbours.
     #[error("the training images hold no pair of neighbours")]
@@ -102,7 +110,7 @@ pub enum AttackError {
         expected: String,
     },
     /// Two images have different sizes.
-    #[error("images of {}x{} and {}x{} pixels cannot be compared; make them equally large", sizes[0][0], sizes[0][1], sizes[1][0], sizes[1][1])]
+    #[error("images of {}x{} and {}x{} pixels cannot be compared; resize them to one size", sizes[0][0], sizes[0][1], sizes[1][0], sizes[1][1])]
     Sizes {
         /// Width and height of each.
         sizes: [[u32; 2]; 2],
@@ -116,7 +124,7 @@ pub enum AttackError {
         least: usize,
     },
     /// An option, or a number in a file, is outside its allowed range.
-    #[error("{name} is {value}, allowed is {allowed}")]
+    #[error("{name} is {value}; allowed: {allowed}")]
     Option {
         /// Name of the option.
         name: &'static str,
@@ -127,7 +135,7 @@ pub enum AttackError {
     },
     /// The file does not describe an attacker's network, or describes a network of another kind.
     #[error(
-        "{}: this does not describe the network that is needed: {reason}; give the .toml that research/train writes \
+        "{}: the file does not describe the required network: {reason}; give the .toml that research/train writes \
          beside the .onnx",
         path.display()
     )]

@@ -43,7 +43,7 @@ impl MetricNetwork {
         let [count, _] = network.network.ends();
         let lacks = inputs.iter().any(|name| network.network.input_named(name).is_none());
         if count != inputs.len() || lacks || network.network.outputs().iter().all(|own| own != output) {
-            let reason = format!("it does not have the inputs {inputs:?} and the output {output:?}");
+            let reason = format!("it must have the inputs {inputs:?} and the output {output:?}");
             return Err(network.unusable(reason));
         }
         Ok(network)

@@ -58,27 +58,40 @@ impl NetworkDescription {
         let table: toml::Table = toml::from_str(text).map_err(|error| error.to_string().trim().to_owned())?;
         match table.get("version").and_then(toml::Value::as_integer) {
             Some(VERSION) => {}
-            Some(other) => return Err(format!("it is of version {other}, and {VERSION} is read here")),
-            None => return Err("it does not say its version".to_owned()),
+            Some(other) => {
+                return Err(format!("it has version {other}, but only version {VERSION} is supported"));
+            }
+            None => return Err("it has no `version`".to_owned()),
         }
         let read: Self = table.try_into().map_err(|error| error.to_string().trim().to_owned())?;
         if read.kind != expected {
             let (found, expected) = (read.kind.name(), expected.name());
-            return Err(format!("it is of a network of kind {found:?}, and one of {expected:?} is needed"));
+            return Err(format!(
+                "it describes a network of kind {found:?}, but kind {expected:?} is required"
+            ));
         }
         let plain = Path::new(&read.model).file_name().is_some_and(|own| own == read.model.as_str());
         if !plain {
-            return Err(format!("its model is {:?}, and not the name of a file beside it", read.model));
+            return Err(format!(
+                "its model is {:?}; it must be the name of a file in the same folder",
+                read.model
+            ));
         }
         if !(1..=MOST_DIMENSION).contains(&read.dimension) {
-            return Err(format!("its dimension is {}, and not from 1 to {MOST_DIMENSION}", read.dimension));
+            return Err(format!(
+                "its dimension is {}; it must be from 1 to {MOST_DIMENSION}",
+                read.dimension
+            ));
         }
         let given =
             [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.sees.is_some()];
         for ((name, of), given) in OF_KINDS.into_iter().zip(given) {
             if given != (of == expected) {
-                let what = if given { "says" } else { "does not say" };
-                return Err(format!("it {what} `{name}`, which descriptions of kind {:?} do", of.name()));
+                let what = if given { "has" } else { "lacks" };
+                return Err(format!(
+                    "it {what} `{name}`, a field of descriptions of kind {:?} only",
+                    of.name()
+                ));
             }
         }
         Ok(read)
@@ -148,19 +161,19 @@ impl DescribedNetwork {
     pub(super) fn check(&self, inputs: &[(&str, Sides<'_>)], outputs: &[&str]) -> Result<(), AttackError> {
         let [count, _] = self.network.ends();
         if count != inputs.len() {
-            return Err(self.unusable(format!("it has {count} inputs, and {} are given", inputs.len())));
+            return Err(self.unusable(format!("it has {count} inputs, but {} are required", inputs.len())));
         }
         for (name, expected) in inputs {
             let refused = |what: &str| {
                 let sides = expected.iter().map(|side| side.map_or("any".to_owned(), |s| s.to_string()));
                 let sides = sides.collect::<Vec<_>>().join(", ");
-                Err(self.unusable(format!("it {what} the input {name:?} of sides [{sides}]")))
+                Err(self.unusable(format!("it {what} the input {name:?} with shape [{sides}]")))
             };
             let Some(own) = self.network.input_named(name) else { return refused("lacks") };
             // A dynamic side accepts any number.
             let fits = |(own, expected): (&Option<usize>, &Option<usize>)| own.is_none() || own == expected;
             if own.len() != expected.len() || !own.iter().zip(*expected).all(fits) {
-                return refused("does not take");
+                return refused("does not accept");
             }
         }
         match outputs.iter().find(|name| !self.has_output(name)) {
@@ -196,10 +209,10 @@ impl DescribedNetwork {
                 |(own, expected): (&usize, &Option<usize>)| expected.is_none_or(|expected| *own == expected);
             if result.shape.len() != expected.len() || !result.shape.iter().zip(*expected).all(fits) {
                 let shape = &result.shape;
-                return Err(self.unusable(format!("its output {name:?} is of other sides, {shape:?}")));
+                return Err(self.unusable(format!("its output {name:?} has the wrong shape, {shape:?}")));
             }
             if result.data.iter().any(|x| !x.is_finite()) {
-                return Err(self.unusable(format!("its output {name:?} has numbers that are not finite")));
+                return Err(self.unusable(format!("its output {name:?} has values that are not finite")));
             }
         }
         Ok(results)
@@ -214,5 +227,5 @@ fn read_description(file: &Path) -> Result<String, String> {
     if bytes.len() as u64 > MOST_BYTES {
         return Err(format!("it has more than {MOST_BYTES} bytes"));
     }
-    String::from_utf8(bytes).map_err(|_| "it is no text".to_owned())
+    String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text".to_owned())
 }

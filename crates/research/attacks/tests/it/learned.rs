@@ -192,7 +192,7 @@ fn inverted_image_depends_on_descriptors_in_cells() {
 #[test]
 fn invalid_network_outputs_are_refused() {
     let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
-    for (name, says) in [("nan.toml", "numbers that are not finite"), ("half.toml", "other sides")] {
+    for (name, says) in [("nan.toml", "values that are not finite"), ("half.toml", "wrong shape")] {
         let network = InversionNetwork::open(&data(name)).expect("it can be read");
         let positions = [Pixel::new(5.0, 5.0)];
         let refused = network
@@ -231,46 +231,46 @@ fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
         "version = 1\nkind = \"neighbours\"\nmodel = \"neighbours.onnx\"\nfeatures = \"a\"\ndimension = 12\n";
     let cases: &[(&str, &str, &str, &str, &str)] = &[
         ("inversion", inversion, "version = 1", "version = 2", "version 2"),
-        ("inversion", inversion, "version = 1", "", "does not say its version"),
-        ("inversion", inversion, "version = 1", "version = \"1\"", "does not say its version"),
+        ("inversion", inversion, "version = 1", "", "has no `version`"),
+        ("inversion", inversion, "version = 1", "version = \"1\"", "has no `version`"),
         ("inversion", inversion, "version = 1", "version = = 1", "described.toml"),
         ("inversion", inversion, "dimension = 128", "dimension = 0", "dimension is 0"),
         ("inversion", inversion, "dimension = 128", "dimension = 9999999999", "from 1 to 8192"),
         ("inversion", inversion, "dimension = 128", "dimension = -4", "described.toml"),
-        ("inversion", inversion, "dimension = 128", "dimension = 64", "does not take the input \"features\""),
-        ("inversion", inversion, "side = 32", "side = 4000000000", "its side is 4000000000"),
-        ("inversion", inversion, "side = 32", "", "does not say `side`"),
-        ("inversion", inversion, "dimension = 128\nside = 32", "dimension = 8192\nside = 2048", "numbers"),
-        ("inversion", inversion, "multiple = 4", "multiple = 0", "does not divide"),
-        ("inversion", inversion, "multiple = 4", "multiple = 5", "does not divide"),
-        ("inversion", inversion, "multiple = 4", "multiple = 4\nscheme = \"dcl\"", "it says `scheme`"),
-        ("inversion", inversion, "multiple = 4", "multiple = 4\nwidth = 3", "width"),
         (
             "inversion",
             inversion,
-            "\"inversion.onnx\"",
-            "\"../inversion.onnx\"",
-            "the name of a file beside it",
+            "dimension = 128",
+            "dimension = 64",
+            "does not accept the input \"features\"",
         ),
-        ("inversion", inversion, "\"inversion.onnx\"", "\"/dev/zero\"", "the name of a file beside it"),
+        ("inversion", inversion, "side = 32", "side = 4000000000", "its side is 4000000000"),
+        ("inversion", inversion, "side = 32", "", "lacks `side`"),
+        ("inversion", inversion, "dimension = 128\nside = 32", "dimension = 8192\nside = 2048", "values"),
+        ("inversion", inversion, "multiple = 4", "multiple = 0", "must divide"),
+        ("inversion", inversion, "multiple = 4", "multiple = 5", "must divide"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\nscheme = \"dcl\"", "it has `scheme`"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\nwidth = 3", "width"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"../inversion.onnx\"", "a file in the same folder"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"/dev/zero\"", "a file in the same folder"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"gone.onnx\"", "gone.onnx"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"broken.onnx\"", "broken.onnx"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"positions.onnx\"", "positions.onnx"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"neighbours.onnx\"", "lacks the input \"features\""),
-        ("positions", inversion, "", "", "kind \"inversion\", and one of \"positions\""),
+        ("positions", inversion, "", "", "kind \"inversion\", but kind \"positions\""),
         ("inversion", inversion, "\"inversion\"", "\"images\"", "images"),
         ("positions", positions, "\"dcl\"", "\"squares\"", "squares"),
-        ("positions", positions, "\"dcl\"", "\"points\"", "sent openly"),
+        ("positions", positions, "\"dcl\"", "\"points\"", "openly"),
         ("positions", positions, "\"set\"", "\"all\"", "all"),
-        ("positions", positions, "sees = \"set\"", "", "does not say `sees`"),
+        ("positions", positions, "sees = \"set\"", "", "lacks `sees`"),
         (
             "positions",
             positions,
             "\"positions.onnx\"",
             "\"inversion.onnx\"",
-            "it has 1 inputs, and 3 are given",
+            "it has 1 inputs, but 3 are required",
         ),
-        ("neighbours", neighbours, "dimension = 12", "dimension = 12\nside = 32", "it says `side`"),
+        ("neighbours", neighbours, "dimension = 12", "dimension = 12\nside = 32", "it has `side`"),
         (
             "neighbours",
             neighbours,

@@ -93,17 +93,15 @@ impl InversionNetwork {
         if !SIDES.contains(&side) {
             let (least, most) = (SIDES.start(), SIDES.end());
             return Err(
-                network.description_error(format!("its side is {side}, and not from {least} to {most}"))
+                network.description_error(format!("its side is {side}; it must be from {least} to {most}"))
             );
         }
         if multiple == 0 || !side.is_multiple_of(multiple) {
-            return Err(
-                network.description_error(format!("its multiple, {multiple}, does not divide its side"))
-            );
+            return Err(network.description_error(format!("its multiple, {multiple}, must divide its side")));
         }
         let channels = network.dimension() + 1;
         if channels * side * side > MOST_NUMBERS {
-            let reason = format!("a grid of side {side} would hold more than {MOST_NUMBERS} numbers");
+            let reason = format!("a grid of side {side} exceeds {MOST_NUMBERS} values");
             return Err(network.description_error(reason));
         }
         network.check(&[("features", &[Some(1), Some(channels), None, None])], &["image"])?;

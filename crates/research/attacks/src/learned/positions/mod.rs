@@ -65,9 +65,9 @@ impl PositionNetwork {
             .parse()
             .map_err(|error| network.description_error(format!("its scheme is {name:?}: {error}")))?;
         if !scheme.hides_positions() {
-            return Err(
-                network.description_error(format!("under its scheme, {name}, positions are sent openly"))
-            );
+            return Err(network.description_error(format!(
+                "its scheme, {name}, sends positions openly, so there is nothing to predict"
+            )));
         }
         let sees = description.sees.unwrap_or(InputModality::Set);
         let inputs: [(&str, &[Option<usize>]); 3] = [

@@ -46,7 +46,7 @@ pub fn recover(
     if let Some(row) = observations.iter().position(|o| !fits(network.scheme, o)) {
         return Err(AttackError::Scheme {
             found: format!("row {row} was not sent under {}", network.scheme),
-            expected: "the network learned nothing else".to_owned(),
+            expected: "the network was trained for this scheme only".to_owned(),
         });
     }
     let size = [width, height];
