@@ -1,4 +1,4 @@
-//! What can go wrong in an evaluation or an audit, and whose fault it is.
+//! Errors of evaluations and audits, by their cause.
 
 use std::path::PathBuf;
 
@@ -6,22 +6,22 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvalError {
-    // What was asked for.
-    /// What was asked for makes no sense together.
+    // Options.
+    /// The options contradict each other or are incomplete.
     #[error("{0}")]
     Options(String),
 
-    // What was given.
-    /// A data set is not whole.
+    // Input data.
+    /// A data set is incomplete or inconsistent.
     #[error("{0}")]
     DataSet(String),
-    /// An image that is attacked by a server has no matches.
+    /// An image attacked by a server has no matches.
     #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
     NoMatches {
         /// The image.
         image: String,
     },
-    /// Matches of an image are of an image of another size.
+    /// The matches of an image belong to an image of another size.
     #[error(
         "{image}: its matches are of {} x {} pixels, its keypoints of {} x {}",
         size[0], size[1], expected[0], expected[1]
@@ -34,7 +34,7 @@ pub enum EvalError {
         /// Width and height in the file of keypoints, pixels.
         expected: [u32; 2],
     },
-    /// A match is of a keypoint that the image does not have.
+    /// A match refers to a keypoint that the image does not have.
     #[error("{image}: a match is of a keypoint at ({u}, {v}), and the image has none there")]
     NoSuchKeypoint {
         /// The image.
@@ -44,14 +44,14 @@ pub enum EvalError {
         /// Row of the keypoint, pixels.
         v: f64,
     },
-    /// The server could not localize any image, so it knows nothing beside what was sent.
+    /// The server could not localize any image, so it knows only the sent queries.
     #[error(
         "{scheme}: no trustworthy pose was found for any of {images} images, so the server knows no position"
     )]
     NoPose {
         /// Obfuscation scheme.
         scheme: String,
-        /// How many images were tried.
+        /// Number of images.
         images: usize,
     },
     /// An image could not be sealed.
@@ -59,26 +59,26 @@ pub enum EvalError {
     Seal {
         /// The image.
         name: String,
-        /// Why.
+        /// The cause.
         source: veiloc_obfuscation::SealError,
     },
-    /// Nothing can be extracted from an image, or it cannot be obfuscated under the scheme.
+    /// Nothing can be extracted from an image, or the scheme cannot obfuscate it.
     #[error(transparent)]
     Obfuscate(#[from] veiloc_obfuscation::SealError),
-    /// Not JSON, cut short, or of another form.
+    /// Invalid or truncated JSON, or an unknown structure.
     #[error("this is no document of an evaluation: {0}")]
     Document(String),
-    /// A document of another command than tables are made of.
+    /// A document of a command without tables.
     #[error(
         "this is a document of {0:?}; tables are made of those of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
     )]
     NoTables(String),
-    /// A document of another command than those that are compared.
+    /// A document of a command without comparisons.
     #[error(
         "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
     )]
     NotCompared(String),
-    /// A document of a version that is not known here.
+    /// A document of an unsupported version.
     #[error("this document is of version {0}, and 1 is known here")]
     Version(u64),
     /// No query of a document has a known pose.
@@ -86,7 +86,7 @@ pub enum EvalError {
         "no query of this document has a known pose, so that there is nothing to judge; send the file of results to who judges it"
     )]
     NoTruth,
-    /// The same query twice in one row of a document, so that nobody knows which is meant.
+    /// A query appears twice in one row of a document.
     #[error("{row}: the query {name:?} is there twice with seed {seed}")]
     Twice {
         /// The row.
@@ -96,7 +96,7 @@ pub enum EvalError {
         /// Its seed.
         seed: u64,
     },
-    /// No row of both documents has the name that was asked for, or none has the same.
+    /// The requested row is missing, or the documents have no row in common.
     #[error("no rows to compare: the first has {first}; the second has {second}")]
     NoRows {
         /// Rows of the first.
@@ -104,7 +104,7 @@ pub enum EvalError {
         /// Rows of the second.
         second: String,
     },
-    /// Rows without a query in common.
+    /// Rows without a common query.
     #[error("{row}: no query is in both")]
     NoQueries {
         /// The row.
@@ -115,20 +115,20 @@ pub enum EvalError {
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: std::io::Error,
     },
     /// A contact sheet cannot be written.
     #[error("the contact sheet cannot be written: {0}; show fewer images")]
     Sheet(String),
 
-    // What crates below refused.
+    // Errors of lower crates.
     /// A file of problems or keypoints could not be read.
     #[error(transparent)]
     Dataset(#[from] veiloc_datasets::DatasetError),
-    /// An image cannot be read, its features not be extracted, or the detector cannot run.
+    /// An image cannot be read, features cannot be extracted, or the detector cannot run.
     #[error(transparent)]
     Features(#[from] veiloc_features::FeatureError),
     /// The map could not be built or tested.
@@ -137,7 +137,7 @@ pub enum EvalError {
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
-    /// An attack could not run, a network could not be read or run, or an image could not be judged.
+    /// An attack or a network cannot run, or an image metric cannot be computed.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
 }

@@ -1,14 +1,15 @@
-//! How well it localizes: places with known poses, and negative queries.
+//! Evaluation of localization: scenes with known poses, and negative queries.
 //!
-//! - [`evaluate_scene`]: the whole road, from images to poses, on a place with known poses ([`Negatives`]: and on queries
-//!   of another place).
-//! - [`drawn_queries`]: what a report draws of single queries and no document holds.
-//! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
-//! - [`negatives`]: images of elsewhere, which must not be found in a map.
-//! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
-//! - [`make_problems`]: problems for the pose engine alone, which `veiloc_evaluation::pose` measures.
+//! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with [`Negatives`]:
+//!   also on queries of another scene).
+//! - [`drawn_queries`]: data for a report's drawings of single queries that no document holds.
+//! - [`stress`]: the same scene with queries that are dark, blurred, occluded or small, with few keypoints, or a
+//!   sparse map.
+//! - [`negatives`]: out-of-map images, which must not be localized.
+//! - [`evaluate_rig`]: the same for sequences of images with simulated odometry.
+//! - [`make_problems`]: problems for the pose engine alone, which `veiloc_evaluation::pose` evaluates.
 //!
-//! What is counted, the JSON documents and the tables for people are in `veiloc_evaluation::results`.
+//! Metrics, JSON documents and text tables are in `veiloc_evaluation::results`.
 #![forbid(unsafe_code)]
 
 pub mod audit;

@@ -1,7 +1,7 @@
-//! `problems.jsonl` from a place with known poses: the matches that localization would see, with the truth beside them.
+//! `problems.jsonl` from a scene with known poses: the matches of localization, together with the ground truth.
 //!
-//! What the pose stage is compared and fitted on. The map is built and opened as a server would, keypoints travel as
-//! the scheme `points` sends them, matching is that of localization.
+//! The pose stage is compared and calibrated on them. The map is built and opened as on a server, keypoints are sent
+//! under the scheme `points`, and matching is that of localization.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,10 +24,10 @@ use veiloc_protocol::{Observations, Scheme, SealedQuery};
 use crate::error::EvalError;
 use crate::road::{PlaceMap, PosedQuery, equipped, extracted, posed_queries};
 
-/// Where the problems come from.
+/// Source of the problems.
 #[derive(Debug, Clone)]
 pub struct ProblemSource<'a> {
-    /// Cameras and poses of the place's images.
+    /// Cameras and poses of the scene's images.
     pub posed: &'a PosedImages,
     /// Folder of the images.
     pub images: &'a Path,
@@ -39,31 +39,31 @@ pub struct ProblemSource<'a> {
     pub build: &'a BuildOptions,
     /// Retrieval and matching.
     pub localize: &'a LocalizeOptions,
-    /// Masks by the names of images: what they hide is not sent. An image without one is whole.
+    /// Masks by image name: masked keypoints are not sent. An image without a mask is used completely.
     pub masks: &'a BTreeMap<String, PathBuf>,
     /// Seed of the keypoints' dither.
     pub seed: u64,
 }
 
-/// One query as a problem, and everything it sent.
+/// One query as a problem, and all of its sent keypoints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MadeProblem {
     /// Its line of `problems.jsonl`.
     pub line: String,
-    /// All its keypoints with descriptors, strongest first, matched or not, at the very positions of the problem. Decoys,
-    /// which only a query below the smallest size class has, come last.
+    /// All its keypoints with descriptors, strongest first, matched or not, at exactly the positions of the problem.
+    /// Decoys, which only a query below the smallest size class has, come last.
     pub keypoints: KeypointImage,
 }
 
-/// Where the mask of each image is expected to be: in a folder, by the image's name; none without a folder.
+/// Path of each image's mask: in a folder, by the image's name; empty without a folder.
 pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, PathBuf> {
     let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_in(folder, Path::new(n)))).collect();
     folder.map(of).unwrap_or_default()
 }
 
-/// One problem a query, in the order of the list.
+/// One problem per query, in the order of the list.
 ///
-/// Pixels are those of the query's canonical camera, to 1/65536 of the image as the scheme `points` sends them.
+/// Pixels belong to the query's canonical camera, quantized to 1/65536 of the image as under the scheme `points`.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
@@ -104,14 +104,14 @@ fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result
     })
 }
 
-/// What was sent, strongest first.
+/// The sent keypoints, strongest first.
 fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f32]) -> KeypointImage {
     let strength = |row: &usize| truth.source[*row].map_or(f32::NEG_INFINITY, |feature| strengths[feature]);
     let mut order: Vec<usize> = (0..truth.source.len()).collect();
     order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
     let pixels = match sealed.observations() {
         Observations::Points(pixels) => pixels,
-        // Not what `made` seals: there would be no positions to tell.
+        // `made` does not use these schemes: they have no positions.
         Observations::Lines(_) | Observations::EitherLine(_) | Observations::Anchored { .. } => Vec::new(),
     };
     let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());

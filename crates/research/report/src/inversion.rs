@@ -134,7 +134,7 @@ fn attack_words(attack: &str, by: Option<&str>) -> String {
 }
 
 fn network_words(of: &NetworkRow) -> String {
-    let judges = if of.has_visibility { " It also says how likely each position is right." } else { "" };
+    let judges = if of.judges_places { " It also says how likely each position is right." } else { "" };
     format!(
         "{}: trained on {} descriptors of {} numbers; images of {} pixels on the longer side.{judges}",
         of.file, of.features, of.dimension, of.side
@@ -285,7 +285,7 @@ mod tests {
             features: "sift".into(),
             dimension: 128,
             side: 48,
-            has_visibility: false,
+            judges_places: false,
         };
         let document = EvaluationDocument {
             version: 1,

@@ -1,4 +1,4 @@
-//! The table of attacks: name, words, what each needs, and how it runs. One row an attack.
+//! The table of attacks: name, description, requirements and entry function; one row per attack.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,47 +13,47 @@ use veiloc_attacks::{
 use crate::EvalError;
 use crate::audit::attempt::{Answers, Attempt};
 
-/// An attack that recovers positions of keypoints. Those of this crate are in [`ATTACKS`]; another is a value of this type
-/// that a caller puts beside them in [`crate::audit::AttackEvaluation::attacks`].
+/// An attack that recovers keypoint positions. The attacks of this crate are in [`ATTACKS`]; a caller adds its own
+/// attack as another value of this type in [`crate::audit::AttackEvaluation::attacks`].
 #[derive(Clone, Copy)]
 pub struct Attack {
-    /// Name in tables, documents and on the command line; attacks of one name are one attack.
+    /// Name in tables, documents and on the command line; attacks are equal if their names are.
     pub name: &'static str,
-    /// What it is called in sentences.
+    /// Name in sentences.
     pub words: &'static str,
-    /// What the attacker must hold beside the sealed query, in words; empty for nothing. Neighbours are told apart by
+    /// What the attacker must hold beside the sealed query, in words; empty for nothing. Neighbours are described by
     /// [`Needs::neighbours`].
     pub holds: &'static str,
-    /// The same for the program.
+    /// The same requirements as flags.
     pub needs: Needs,
-    /// Runs it. The generator is seeded by image and scheme.
+    /// Runs the attack. The generator is seeded by image and scheme.
     pub run: fn(&Attempt<'_>, &mut ChaCha8Rng) -> Result<Answers, EvalError>,
 }
 
-/// What an attack needs beside what was sent.
+/// Requirements of an attack beside the sent query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Needs {
-    /// Who is a neighbour of whom.
+    /// Neighbour lists.
     pub neighbours: bool,
-    /// Neighbours that a predictor names, those of the own anchor from among rows of near angles only; nothing to run on
-    /// a scheme without anchors.
+    /// Predicted neighbours; those with the same anchor are restricted to rows with similar angles. The attack is
+    /// skipped for schemes without anchors.
     pub near_angles: bool,
-    /// Keypoints of other images of the place.
+    /// Keypoints of other images of the scene.
     pub other_images: bool,
-    /// Map images with descriptors, whose positions are taken over.
+    /// Map images with descriptors, from which positions are transferred.
     pub map_images: bool,
     /// A server that has localized the query.
     pub pose: bool,
-    /// A network of positions that was trained on other images.
+    /// A position network that was trained on other images.
     pub trained: bool,
-    /// Several frames of one place.
+    /// Several frames of one scene.
     pub frames: bool,
-    /// Several seals of one image, or frames of a camera at rest.
+    /// Several seals of one image, or frames of a stationary camera.
     pub seals: bool,
 }
 
 impl Needs {
-    /// Nothing: the sealed query alone.
+    /// No requirements: the sealed query alone.
     pub const NOTHING: Self = Self {
         neighbours: false,
         near_angles: false,
@@ -64,10 +64,10 @@ impl Needs {
         frames: false,
         seals: false,
     };
-    /// Neighbours and nothing else.
+    /// Neighbour lists only.
     pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
 
-    /// Whether keypoints of one image will do, without descriptors, other images or a server.
+    /// Whether keypoints of one image suffice, without descriptors, other images or a server.
     pub const fn one_image(self) -> bool {
         !(self.other_images || self.map_images || self.pose || self.trained || self.frames || self.seals)
     }
@@ -163,11 +163,11 @@ pub const ATTACKS: [Attack; 17] = [
     Attack::RESTING_CAMERA,
 ];
 
-/// Pixels within which neighbours agree, in shares of the image's width: 20 px of 640.
+/// Distance within which neighbours agree, relative to the image's width: 20 px of 640.
 const CONSENSUS: f64 = 20.0 / 640.0;
 
 impl Attack {
-    /// The guess that uses no neighbours, keypoints taken to be spread evenly: the zero line of every table.
+    /// The prior-only baseline, with uniform keypoints: the zero line of every table.
     pub const PRIOR: Self = Self {
         name: "prior",
         words: "prior-only baseline, from the single line",
@@ -194,7 +194,7 @@ impl Attack {
         run: |a, _| closed(a, &ClosedFormOptions::informed()),
     };
 
-    /// Positions taken over from the map images that match best, projected on the lines.
+    /// Positions transferred from the best matching map images and projected on the lines.
     pub const TRANSFER: Self = Self {
         name: "transfer",
         words: "positions taken over from a map",
@@ -212,7 +212,7 @@ impl Attack {
         run: |a, _| a.by_scatter(),
     };
 
-    /// The layout of the whole graph of neighbours.
+    /// The layout of the whole neighbour graph.
     pub const GRAPH: Self = Self {
         name: "graph",
         words: "layout of the neighbour graph",
@@ -236,7 +236,7 @@ fn laid_out(a: &Attempt<'_>, options: &GraphOptions, rng: &mut ChaCha8Rng) -> Re
     Ok(graph(a.observations, a.neighbours, a.size.0, a.size.1, options, rng)?.pixels.into())
 }
 
-/// Positions from warped map images where the server believes them, and of the plain transfer elsewhere.
+/// Positions from warped map images where the attack accepts them, and positions of the plain transfer otherwise.
 fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
     let own = a.images[a.own].descriptors();
     let others = a.images.iter().enumerate().filter(|(i, _)| *i != a.own);
@@ -253,7 +253,7 @@ fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
     })
 }
 
-/// By name.
+/// Compares names.
 impl PartialEq for Attack {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
@@ -262,7 +262,7 @@ impl PartialEq for Attack {
 
 impl Eq for Attack {}
 
-/// The guess.
+/// The prior-only baseline.
 impl Default for Attack {
     fn default() -> Self {
         Self::PRIOR
@@ -315,7 +315,7 @@ mod tests {
             assert!(
                 ATTACKS[..i].iter().all(|other| other.name != attack.name && other.words != attack.words)
             );
-            // Words and flags say the same.
+            // Description and flags must agree.
             let needs = attack.needs;
             let holds = needs.other_images
                 || needs.map_images

@@ -1,4 +1,4 @@
-//! One attack on one image: what the attacker holds, and what they answer.
+//! One attack on one image: the attacker's inputs and answers.
 
 use crate::EvalError;
 use crate::audit::outsider::TrainedPositions;
@@ -9,50 +9,53 @@ use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observati
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
-/// What an attacker holds of one image. `[N]`: one entry a keypoint, in the order of the rows.
+/// Inputs of an attack on one image. `[N]`: one entry per keypoint, in the order of the rows.
 #[derive(Clone, Copy)]
 pub struct Attempt<'a> {
-    /// `[N]`, what was sent, as the attacker reads it; positions where a server knows them.
+    /// `[N]`, the sent observations as the attacker reads them; positions that a server knows are
+    /// [`Observation::Known`].
     pub observations: &'a [Observation],
-    /// Whom the attacker was told, or predicted, to be near whom.
+    /// Neighbour lists, from an oracle or predicted.
     pub neighbours: &'a NeighbourLists,
     /// Width and height of the image, pixels.
     pub size: (u32, u32),
-    /// Where keypoints lie in the other images of the place.
+    /// Density of keypoints in the other images of the scene.
     pub density: &'a Density,
-    /// What map images tell; `None` unless the attack's [`Needs`](crate::audit::Needs) say so.
+    /// Positions and neighbours from map images; `None` unless the attack's [`Needs`](crate::audit::Needs) require
+    /// them.
     pub transferred: Option<&'a Transfer>,
-    /// All images of the place with descriptors; empty unless the attack's needs say so.
+    /// All images of the scene with descriptors; empty unless the attack's needs require them.
     pub images: &'a [KnownImage],
-    /// Which of [`Self::images`] is attacked. Its positions are the truth: an attack must not read them.
+    /// Index of the attacked image in [`Self::images`]. Its positions are the ground truth: an attack must not read
+    /// them.
     pub own: usize,
-    /// How many frames are put together, where the attack needs several.
+    /// Number of frames, if the attack needs several.
     pub frames: Option<usize>,
-    /// Which frames those are.
+    /// How these frames are chosen.
     pub choice: FrameChoice,
-    /// The image sealed again, or frames of a camera at rest, each `[N]` in the order of the rows, where the attack
+    /// More seals of the image, or frames of a stationary camera, each `[N]` in the order of the rows, if the attack
     /// needs them: one fewer than [`Self::frames`].
     pub seals: &'a [Vec<Observation>],
-    /// What is known of the codes of such seals.
+    /// Model of the angle codes of these seals.
     pub codes: RestingOptions,
-    /// Descriptors of the image, where the attack needs them.
+    /// Descriptors of the image, if the attack needs them.
     pub descriptors: Option<&'a Descriptors>,
-    /// What an outsider has trained.
+    /// The outsider's trained networks.
     pub trained: &'a TrainedPositions,
     /// Obfuscation scheme.
     pub scheme: Scheme,
     /// Name of the image, for messages.
     pub(crate) name: &'a str,
-    /// The images of the place as a server sees them that has localized them.
+    /// The images of the scene as a server sees them that has localized them.
     pub(crate) views: &'a [View],
 }
 
-/// Positions `[N]`, and which of them the attack believes, where it says so.
+/// Positions `[N]`, and which of them the attack accepts, if it rates its answers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answers {
-    /// Where the attack puts the keypoints, pixels; not finite where it has no answer.
+    /// Recovered keypoints, pixels; not finite without an answer.
     pub pixels: Vec<Pixel>,
-    /// Which answers it believes.
+    /// Which answers the attack accepts.
     pub believed: Option<Vec<bool>>,
 }
 
@@ -63,19 +66,19 @@ impl From<Vec<Pixel>> for Answers {
 }
 
 impl Attempt<'_> {
-    /// The guess from the single line.
+    /// The prior-only baseline.
     pub fn guess(&self) -> Vec<Pixel> {
         prior_only(self.observations, self.size.0, self.size.1)
     }
 
-    /// Positions taken over from map images; the guess where there are none.
+    /// Positions transferred from map images; the prior-only baseline where there are none.
     pub fn transferred(&self) -> Vec<Pixel> {
         let (width, height) = self.size;
         let positions = self.transferred.map(|t| t.projected(self.observations, width, height));
         positions.unwrap_or_else(|| self.guess())
     }
 
-    /// Where the trained network puts the keypoints; the guess where there is none for the scheme.
+    /// Positions from the trained network; the prior-only baseline if there is no network for the scheme.
     pub(crate) fn by_training(&self) -> Result<Answers, EvalError> {
         let found = match self.descriptors {
             Some(descriptors) => {
@@ -86,7 +89,7 @@ impl Attempt<'_> {
         Ok(found.unwrap_or_else(|| self.guess()).into())
     }
 
-    /// What the scatter of several seals' angles tells; the guess where it tells nothing.
+    /// Positions from the scatter of several seals' angles; the prior-only baseline where it has no answer.
     pub(crate) fn by_scatter(&self) -> Result<Answers, EvalError> {
         let others: Vec<Vec<Option<Observation>>> =
             self.seals.iter().map(|seal| seal.iter().copied().map(Some).collect()).collect();
@@ -99,7 +102,7 @@ impl Attempt<'_> {
             .into())
     }
 
-    /// What several frames tell about the image; the guess where they tell nothing.
+    /// Positions from several frames; the prior-only baseline where there is no answer.
     pub(crate) fn by_frames(&self) -> Result<Answers, EvalError> {
         let frames = self.frames.unwrap_or(0);
         if self.views.len() < frames {

@@ -1,4 +1,4 @@
-//! What the attacks found: the stable JSON document, and the table for people.
+//! Results of the attacks: the stable JSON document and the text table.
 
 use serde::Serialize;
 
@@ -16,20 +16,20 @@ pub struct AttackDocument {
     pub command: &'static str,
     /// What was attacked.
     pub data: Vec<String>,
-    /// Who told the neighbours: `oracle`, `predicted`, `network` or `transferred`.
+    /// Source of the neighbour lists: `oracle`, `predicted`, `network` or `transferred`.
     pub neighbours: Neighbours,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
     /// Share of predicted neighbours that are among the true `k` nearest; absent for an oracle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
-    /// What the same share is when neighbours are drawn at random.
+    /// The same share for random neighbours.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chance: Option<f64>,
-    /// What the server knew that attacked, one entry per scheme; absent when no server did.
+    /// What the attacking server knew, one entry per scheme; absent without a server.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub server: Vec<ServerSummary>,
-    /// Which frames attacks of several put together: `turn`, those that tell most, or `nearest`; absent when none did.
+    /// How attacks on several frames chose them: `turn` (most informative) or `nearest`; absent without such attacks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<FrameChoice>,
     /// Seed of every random choice.
@@ -38,14 +38,14 @@ pub struct AttackDocument {
     pub attacks: Vec<AttackSummary>,
 }
 
-/// What a server knew that has localized the queries of one scheme.
+/// What the server knew after localizing the queries of one scheme.
 #[derive(Debug, Clone, Serialize)]
 pub struct ServerSummary {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Images.
+    /// Number of images.
     pub images: usize,
-    /// Images for which a pose was found that the server trusts; for the others it knows nothing.
+    /// Images with a pose that the server trusts; for the others it knows nothing.
     pub posed: usize,
     /// Share of all keypoints whose position the server has from its map, 0 to 1.
     pub known: f64,
@@ -68,10 +68,11 @@ pub struct AttackSummary {
     pub attack: Attack,
     /// Percent of the neighbours that were replaced by keypoints drawn at random.
     pub corrupt: f64,
-    /// Frames of one place, or seals of one image, that the attack had, the attacked one included; absent for attacks on one image.
+    /// Frames of one scene, or seals of one image, that the attack used, including the attacked one; absent for
+    /// attacks on one image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
-    /// Images.
+    /// Number of images.
     pub images: usize,
     /// Mean error of a keypoint, pixels.
     pub mean_px: f64,
@@ -83,18 +84,18 @@ pub struct AttackSummary {
     pub under_10px: f64,
     /// The same under 30 px.
     pub under_30px: f64,
-    /// What the attack tells beyond the guess, bits a keypoint.
+    /// Information gain over the prior-only baseline, bits per keypoint.
     pub bits_over_prior: f64,
-    /// Where the attack says which of its answers it believes: the share of those, 0 to 1.
+    /// Share of the answers that the attack accepts, 0 to 1; absent if it does not rate its answers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub believed: Option<f64>,
-    /// Median error of believed answers, pixels.
+    /// Median error of accepted answers, pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub believed_median_px: Option<f64>,
-    /// Share of believed answers with an error under 10 px, 0 to 1.
+    /// Share of accepted answers with an error under 10 px, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub believed_under_10px: Option<f64>,
-    /// Milliseconds an image, median, without the search for neighbours.
+    /// Milliseconds per image, median, without the search for neighbours.
     pub ms: f64,
 }
 
@@ -113,7 +114,7 @@ impl AttackDocument {
     }
 }
 
-/// The attacks as a table for people: those that need no oracle first, the others below with the guess once more.
+/// The attacks as a text table: those without an oracle first, then the others, with the baseline repeated.
 pub fn attacks_table(document: &AttackDocument) -> String {
     let tables = if document.has_both() {
         let oracle = |a: &AttackSummary| document.uses_oracle(a.attack);
@@ -156,7 +157,7 @@ fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
     table.render()
 }
 
-/// What the server knew, in sentences.
+/// The server's knowledge, in sentences.
 fn of_server(document: &AttackDocument) -> String {
     let one = |s: &ServerSummary| {
         format!(
@@ -174,7 +175,7 @@ fn of_server(document: &AttackDocument) -> String {
     document.server.iter().map(one).collect()
 }
 
-/// What the attacks believe that say so.
+/// Accepted answers of the attacks that rate them.
 fn believed(document: &AttackDocument) -> String {
     let one = |a: &AttackSummary| {
         let (share, median, under) = (a.believed?, a.believed_median_px?, a.believed_under_10px?);

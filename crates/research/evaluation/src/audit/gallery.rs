@@ -1,4 +1,4 @@
-//! The positions that a report draws, collected while the attacks run.
+//! Positions for a report's drawings, collected while the attacks run.
 
 use image::RgbImage;
 use veiloc_attacks::{NeighbourLists, Observation};
@@ -7,20 +7,20 @@ use veiloc_protocol::{Observations, Scheme};
 
 use crate::audit::{Attack, AttackObserver, AttackTrial};
 
-/// Errors of single keypoints of all images, and the positions of the keypoints of the first images.
+/// Errors of all keypoints, and the recovered positions of the first images.
 #[derive(Debug, Clone, Default)]
 pub struct Gallery {
-    /// Images whose positions are kept, at most.
+    /// Maximum number of images with positions.
     pub most_shown: usize,
     /// Errors of each row of the document, in its order.
     pub errors: Vec<RowErrors>,
-    /// The images whose positions are kept.
+    /// The images with positions.
     pub shown: Vec<ShownImage>,
-    /// Keypoints of all images.
+    /// Number of keypoints of all images.
     pub keypoints: usize,
-    /// Group and index in it of the image being attacked.
+    /// Group and index of the current image.
     at: Option<(usize, usize)>,
-    /// True neighbours in it.
+    /// Its true neighbours.
     near: Option<NeighbourLists>,
     last: Option<(Scheme, Attack, f64)>,
     first: Option<(Scheme, Attack, f64)>,
@@ -41,7 +41,7 @@ pub struct RowErrors {
     pub bending: Vec<f64>,
 }
 
-/// One image, and what the attacks recovered of it.
+/// One image with its recovered positions.
 #[derive(Debug, Clone)]
 pub struct ShownImage {
     /// Group in the document's `data`, and index in the group.
@@ -52,9 +52,9 @@ pub struct ShownImage {
     pub size: (u32, u32),
     /// `[N]`, its keypoints, pixels.
     pub truth: Vec<Pixel>,
-    /// One entry a scheme.
+    /// One entry per scheme.
     pub schemes: Vec<ShownScheme>,
-    /// The image itself, of this size; `None` where it is not shown.
+    /// The image itself, with this size; `None` if it is not shown.
     pub photograph: Option<RgbImage>,
 }
 
@@ -63,9 +63,10 @@ pub struct ShownImage {
 pub struct ShownScheme {
     /// Obfuscation scheme.
     pub scheme: Scheme,
-    /// What was sent.
+    /// The sent observations.
     pub sent: Observations,
-    /// Standard deviation of where each line crosses those of its neighbours, pixels along the line.
+    /// Standard deviation of the positions at which each line intersects its neighbours' lines, pixels along the
+    /// line.
     pub crossings: Vec<f64>,
     /// Attacks at the first share of replaced neighbours.
     pub attacks: Vec<ShownAttack>,
@@ -76,14 +77,14 @@ pub struct ShownScheme {
 pub struct ShownAttack {
     /// Attack.
     pub attack: Attack,
-    /// `[N]`, where it puts the keypoints, pixels.
+    /// `[N]`, recovered keypoints, pixels.
     pub answers: Vec<Pixel>,
     /// `[N]`, pixels.
     pub errors: Vec<f64>,
 }
 
 impl Gallery {
-    /// Keeps the positions of the first images.
+    /// Collects the positions of the first images.
     pub fn keeping(most_shown: usize) -> Self {
         Self { most_shown, ..Self::default() }
     }
@@ -131,7 +132,7 @@ impl Gallery {
 
 impl AttackObserver for Gallery {
     fn saw(&mut self, trial: &AttackTrial<'_>) {
-        // Rows come in the same order for every image: the first row again is the next image.
+        // Rows come in the same order for every image: when the first row repeats, the next image begins.
         let row = (trial.scheme, trial.attack, trial.corrupt);
         if self.last.is_none() || self.first == Some(row) {
             self.begin(trial);
@@ -154,14 +155,15 @@ impl AttackObserver for Gallery {
     }
 }
 
-/// Neighbours whose offsets are compared.
+/// Number of neighbours whose offsets are compared.
 const ARRANGED: usize = 8;
 
-/// Relative error of the offsets to neighbouring keypoints: the median, over the true neighbours of a keypoint, of the error
-/// of the offset over its length. 0 where all are moved together, 1 where all coincide; infinite without an answer or
-/// neighbours.
+/// Relative error of the offsets to neighbouring keypoints: the median, over the true neighbours of a keypoint, of
+/// the error of the offset divided by its length. 0 for a common translation, 1 if all positions coincide; infinite
+/// without an answer or neighbours.
 ///
-/// An error in pixels does not show that a layout is right but shifted or bent, from which an image can still be drawn.
+/// An error in pixels does not show whether a layout is correct up to translation or bending; such a layout suffices
+/// to reconstruct an image.
 fn bending(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64> {
     let of = |i: usize| {
         let mut off: Vec<f64> = near
@@ -183,9 +185,9 @@ fn bending(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64
 }
 
 /// The paper's Fig. 4 (d): for each line `i` the standard deviation, over its neighbours `j`, of the position `t_ij`
-/// along it at which the two lines cross, pixels. Parallel neighbours do not count; `NaN` where none is left.
+/// along it at which the two lines intersect, pixels. Parallel neighbours are ignored; `NaN` if none is left.
 ///
-/// Of two candidate lines the first is taken for both.
+/// For two candidate lines the first one is used.
 fn crossing_spread(observations: &[Observation], neighbours: &NeighbourLists) -> Vec<f64> {
     let line = |i: usize| observations.get(i).and_then(|o| o.lines()[0]);
     let spread = |i: usize| {
@@ -235,13 +237,13 @@ mod tests {
         let sent = [ray(100.0, 200.0), ray(120.0, 220.0), ray(90.0, 260.0), ray(330.0, 240.0)];
         let lists = NeighbourLists::from_lists(&[vec![1, 2], vec![1], vec![0, 3], vec![]]).expect("lists");
         let spread = crossing_spread(&sent, &lists);
-        // The last two cross at the anchor (320, 0) and at (340.98859, -23.72624).
+        // The last two intersect at the anchor (320, 0) and at (340.98859, -23.72624).
         assert!(spread[0] < 1e-6 && (spread[2] - 15.838681).abs() < 1e-5, "{spread:?}");
         assert!(
             spread[1].is_nan() && spread[3].is_nan(),
             "itself is parallel, nobody is nothing: {spread:?}"
         );
-        // By hand: a horizontal line, crossed at u = 0 and u = 10.
+        // Computed by hand: a horizontal line, intersected at u = 0 and u = 10.
         let level = |u: f64, angle: f64| Observation::Line(PixelLine::through(Pixel::new(u, 5.0), angle));
         let sent = [level(3.0, 0.0), level(0.0, 1.0), level(10.0, 2.0)];
         let lists = NeighbourLists::from_lists(&[vec![1, 2], vec![], vec![]]).expect("lists");

@@ -1,16 +1,17 @@
-//! Who may be near whom, by the angles that rows tell.
+//! Restriction of predicted neighbours by the angles of rows.
 //!
-//! A row of Dual Convergent Lines tells the angle of its line, and near keypoints of one anchor have near angles. An
-//! outsider who predicts neighbours takes those of the own anchor from among these (the **gate**) only.
+//! A row of Dual Convergent Lines carries the angle of its line, and near keypoints of one anchor have similar
+//! angles. An outsider who predicts neighbours restricts those with the same anchor to rows with similar angles (the
+//! **gate**).
 
 use veiloc_attacks::{AttackError, NeighbourLists, Observation};
 use veiloc_geometry::Anchor;
 
-/// Share of an image's rows that pass the gate: those of the own anchor whose angles are nearest. On RedKitchen half of the
-/// true neighbours of that anchor pass.
+/// Share of an image's rows that pass the gate: rows with the same anchor and the most similar angles. On RedKitchen
+/// half of the true neighbours with that anchor pass.
 const GATE: f64 = 0.05;
 
-/// For each row, `[N]`, the rows that pass its gate, in no order; nothing for a row without an anchor.
+/// For each row, `[N]`, the rows that pass its gate, unsorted; empty for a row without an anchor.
 pub(crate) fn gate(rows: &[Observation]) -> Result<NeighbourLists, AttackError> {
     let angles = angles(rows);
     let pass = (GATE * angles.len() as f64).ceil() as usize;
@@ -32,8 +33,9 @@ pub(crate) fn gate(rows: &[Observation]) -> Result<NeighbourLists, AttackError> 
     NeighbourLists::from_lists(&lists)
 }
 
-/// The `k` likeliest of each list, `[N]`, likeliest first, half of them from among the rows that pass the gate and half of
-/// another anchor, about whose distance angles say nothing. A row without an anchor keeps its likeliest.
+/// The `k` likeliest entries of each list, `[N]`, likeliest first: half from the rows that pass the gate, half from
+/// other anchors, for which angles carry no information about distance. A row without an anchor keeps its likeliest
+/// entries.
 pub(crate) fn narrowed(
     ranked: &NeighbourLists,
     rows: &[Observation],
@@ -115,7 +117,7 @@ mod tests {
             let of = |j: u32| angles[j as usize].expect("an anchor");
             let (own, other): (Vec<u32>, Vec<u32>) = found.of(i).iter().partition(|j| of(**j).0 == anchor);
             assert_eq!((own.len(), other.len()), (5, 5), "row {i}");
-            // 5 % of 400 rows pass: none that is named has an angle beyond the twentieth.
+            // 5 % of 400 rows pass: no predicted neighbour ranks beyond the twentieth angle.
             let mut turns: Vec<f64> = (0..400)
                 .filter(|j| *j != i && of(*j as u32).0 == anchor)
                 .map(|j| turn(of(j as u32).1, angle))
@@ -123,7 +125,7 @@ mod tests {
             turns.sort_by(f64::total_cmp);
             assert!(own.iter().all(|j| turn(of(*j).1, angle) <= turns[19]));
         }
-        // A random line has no anchor: its likeliest stay.
+        // A random line has no anchor: its likeliest neighbours are kept.
         let plain = narrowed(&ranked, &sent(Scheme::RandomLines), 10).expect("lists of these rows");
         assert_eq!(plain.of(7), &ranked.of(7)[..10]);
     }

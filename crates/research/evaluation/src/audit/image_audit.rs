@@ -1,4 +1,5 @@
-//! The audit: the attacks on images and on the paper's synthetic scene, their document, and what a report draws of them.
+//! The audit: attacks on images and on the paper's synthetic scene, with their document and the data for a report's
+//! drawings.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -15,15 +16,15 @@ use crate::audit::{
 };
 use crate::results::metrics::median;
 
-/// What an audit attacks, and how it reports.
+/// Inputs and options of an audit.
 #[derive(Debug, Clone)]
 pub struct AuditOptions {
-    /// Schemes, attacks and what the attacker knows. Its `files` are attacked after [`Self::groups`]; `synthetic` is the
-    /// number of keypoints of the paper's synthetic scene, 0 for none.
+    /// Schemes, attacks and the attacker's knowledge. Its `files` are attacked after [`Self::groups`]; `synthetic` is
+    /// the number of keypoints of the paper's synthetic scene, 0 for none.
     pub evaluation: AttackEvaluation,
-    /// Images; may be none, for the synthetic scene alone.
+    /// Images; may be empty, for the synthetic scene alone.
     pub groups: Vec<ImageGroup>,
-    /// Images that are drawn, from the first.
+    /// Number of images that are drawn, from the first.
     pub shown: usize,
     /// The command that repeats the run, for the report.
     pub command: String,
@@ -44,42 +45,42 @@ pub struct AuditDocument {
     pub synthetic: Option<AuditPart>,
 }
 
-/// The attacks on inputs or scene, as `veiloc attack` has them, and what only the audit measures.
+/// The attacks of `veiloc attack`, with figures that only the audit computes.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct AuditPart {
     /// The document of `veiloc attack`.
     #[serde(flatten)]
     pub attacks: AttackDocument,
-    /// Keypoints of all images.
+    /// Number of keypoints of all images.
     pub keypoints: usize,
-    /// The strongest attacks, one entry a scheme.
+    /// The strongest attacks, one entry per scheme.
     pub strongest: Vec<StrongestAttacks>,
-    /// One entry for each of the document's attacks, in its order: the relative error of the offsets between neighbouring
-    /// keypoints. The median, over keypoints and over 8 true neighbours of each, of the error of the offset to the neighbour
-    /// over its length: 0 when all are moved together, 1 when all coincide.
+    /// One entry for each of the document's attacks, in its order: the relative error of the offsets between
+    /// neighbouring keypoints. The median, over keypoints and 8 true neighbours of each, of the error of the offset
+    /// divided by its length: 0 for a common translation, 1 if all positions coincide.
     pub bending: Vec<f64>,
 }
 
-/// What an audit found.
+/// Results of an audit.
 #[derive(Debug, Clone)]
 pub struct Audit {
     /// All figures.
     pub document: AuditDocument,
-    /// What a report draws of the inputs; `None` without inputs.
+    /// Data for drawings of the inputs; `None` without inputs.
     pub inputs: Option<Gallery>,
-    /// The same of the synthetic scene; `None` when it was left out.
+    /// Data for drawings of the synthetic scene; `None` when it was left out.
     pub synthetic: Option<Gallery>,
-    /// How long it took.
+    /// Duration, seconds.
     pub seconds: f64,
 }
 
 /// Attacks inputs and synthetic scene.
 ///
-/// `file_of(group, index)` names the file behind the keypoints of a group's image, or `None` when there is none or
-/// it shall not be shown; it is asked for the drawn images only.
+/// `file_of(group, index)` returns the image file of the keypoints, or `None` when there is none or it must not be
+/// shown; it is called for the drawn images only.
 ///
-/// On the synthetic scene, which has no descriptors and no other images, neighbours are the oracle's and attacks that
-/// need more are left out.
+/// The synthetic scene has no descriptors and no other images: its neighbours come from the oracle, and attacks that
+/// need more are skipped.
 ///
 /// # Errors
 /// [`EvalError`] as [`attack_groups`], or when an image cannot be read; [`EvalError::Options`] when there is
@@ -157,15 +158,15 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
     }
 }
 
-/// By what share the shape of an image may differ from that of its keypoints: sides are rounded when it is made smaller.
+/// Tolerance between the aspect ratios of an image and its keypoints: sides are rounded when an image is resized.
 const SHAPE: f64 = 0.02;
 
-/// An image in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
+/// A colour image with the size of its keypoints. Its metadata is not read, so its orientation is ignored.
 fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError> {
     let fault = |e| EvalError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     let image = image::open(path).map_err(fault)?.into_rgb8();
     let (across, down) = image.dimensions();
-    // Keypoints may be of the image made smaller, but not of one of another shape.
+    // Keypoints may belong to a resized version of the image, but not to another aspect ratio.
     let scale = f64::from(width) / f64::from(across);
     if (scale * f64::from(down) - f64::from(height)).abs() > SHAPE * f64::from(height) {
         return Err(EvalError::DataSet(format!(
@@ -178,7 +179,7 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError>
     Ok(if fits { image } else { resize(&image, width, height, FilterType::Triangle) })
 }
 
-/// Collects what is drawn, and reports progress.
+/// Collects data for drawings, and reports progress.
 struct Watched<'a> {
     gallery: Gallery,
     stage: Stage<'a>,

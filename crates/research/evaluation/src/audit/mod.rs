@@ -1,9 +1,10 @@
 //! What sealed queries leak: attacks on every scheme, each beside the prior-only baseline.
 //!
-//! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
-//! - [`run_audit`] does so for an audit: with the strongest attack on each scheme, and the positions that a report draws.
+//! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on keypoint files; [`AttackDocument`] holds the
+//!   results.
+//! - [`run_audit`] adds the strongest attack on each scheme, and the positions that a report draws.
 //!
-//! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
+//! This module knows the ground truth and must not run on devices or servers.
 #![forbid(unsafe_code)]
 
 mod attacks;

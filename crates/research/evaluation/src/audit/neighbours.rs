@@ -1,4 +1,4 @@
-//! Who tells the attacker which keypoints are neighbours: an oracle, a predictor, or a map.
+//! Source of the attacker's neighbour lists: an oracle, a predictor, or a map.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -12,28 +12,28 @@ use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
 
 use crate::EvalError;
 
-/// Who tells the attacker which keypoints are neighbours.
+/// Source of the attacker's neighbour lists.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NeighbourSource {
     /// An oracle that knows the positions: the worst case.
     Oracle,
-    /// A statistic of which descriptors occur side by side, learned from the images of these files. Images named
-    /// as one that is attacked are left out.
+    /// A statistic of the co-occurrence of descriptors, learned from the images of these files. Images with the name
+    /// of an attacked image are left out.
     Predicted {
         /// Files of keypoints with descriptors.
         train: Vec<PathBuf>,
     },
     /// A trained network ([`veiloc_attacks::learned::neighbours`]).
     Network {
-        /// The file of its description.
+        /// Its description file.
         model: PathBuf,
     },
-    /// The other images of the same file, taken for the map of a server: keypoints whose matches are near each
-    /// other there.
+    /// The other images of the same file, used like a server's map: keypoints are neighbours if their matches there
+    /// are near each other.
     Transferred,
 }
 
-/// A [`NeighbourSource`] without its files, as documents name it.
+/// A [`NeighbourSource`] without its files, for documents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Neighbours {
@@ -59,11 +59,11 @@ impl fmt::Display for Neighbours {
     }
 }
 
-/// Map images whose positions and neighbours are taken over, those with most mutual matches.
+/// Map images from which positions and neighbours are transferred: those with the most mutual matches.
 const MAP_IMAGES: usize = 5;
 
 impl NeighbourSource {
-    /// Which of the sources it is.
+    /// The kind of source.
     pub const fn kind(&self) -> Neighbours {
         match self {
             Self::Oracle => Neighbours::Oracle,
@@ -73,7 +73,7 @@ impl NeighbourSource {
         }
     }
 
-    /// The predictor, where there is one, learned without the images that are `attacked`.
+    /// The predictor, if the source has one, learned without the `attacked` images.
     pub(super) fn learn(
         &self,
         attacked: &[&KeypointImage],
@@ -96,7 +96,7 @@ impl NeighbourSource {
     }
 }
 
-/// What tells neighbours from descriptors alone.
+/// Predicts neighbours from descriptors alone.
 pub(super) enum Predictor {
     /// Canonical correlations.
     Statistic(NeighbourPredictor),
@@ -114,13 +114,13 @@ impl Predictor {
     }
 }
 
-/// An image with everything that is known of it.
+/// An image with its keypoints and descriptors.
 pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
     let descriptors = descriptors(image)?;
     Ok(KnownImage::new(image.keypoints.clone(), descriptors, image.width, image.height)?)
 }
 
-/// What the others of a file, `[images]`, tell about one of them as a server's map would.
+/// Transfer from the other images of a file, `[images]`, to one of them, like from a server's map.
 pub(super) fn from_others(
     known: &[KnownImage],
     own: usize,
@@ -142,7 +142,7 @@ pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalErro
     Ok(Descriptors::new(bytes, *dimension)?)
 }
 
-/// Shares of right neighbours, weighted by entries.
+/// Precision of neighbour lists, weighted by entries.
 #[derive(Debug, Default)]
 pub(super) struct Precision {
     right: f64,
@@ -163,7 +163,7 @@ impl Precision {
         self.random += true_entries as f64 / n / (n - 1.0).max(1.0) * entries as f64;
     }
 
-    /// Precision, and what drawing at random would have; `None` without entries.
+    /// Precision, and the precision of random neighbours; `None` without entries.
     pub(super) fn shares(&self) -> Option<(f64, f64)> {
         (self.entries > 0.0).then(|| (self.right / self.entries, self.random / self.entries))
     }

@@ -1,6 +1,6 @@
-//! Looking over the shoulder of an evaluation: what was sent, answered and wrong, image by image.
+//! Observer of an evaluation: sent observations, answers and errors, image by image.
 //!
-//! The document sums up; whoever draws images needs the single keypoints and takes them from here.
+//! The document holds summaries; a report that draws images needs the single keypoints and gets them from here.
 
 use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
@@ -9,21 +9,21 @@ use veiloc_protocol::{Observations, Scheme};
 use super::attacks::Attack;
 use veiloc_datasets::problem_files::KeypointImage;
 
-/// Images that belong together: the others of a group teach the learned prior and are the map of `transfer`.
+/// Images of one group: for each image, the others train the learned prior and are the map of `transfer`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageGroup {
-    /// What the document calls them.
+    /// Name in the document.
     pub name: String,
     /// The images.
     pub images: Vec<KeypointImage>,
 }
 
-/// One attack on one image under one scheme. Slices are `[N]`, one entry a keypoint, in the image's order.
+/// One attack on one image under one scheme. Slices are `[N]`, one entry per keypoint, in the image's order.
 #[derive(Debug, Clone, Copy)]
 pub struct AttackTrial<'a> {
     /// Index of the image's group in the document's `data`.
     pub group: usize,
-    /// The image; its keypoints are the truth.
+    /// The image; its keypoints are the ground truth.
     pub image: &'a KeypointImage,
     /// The scheme.
     pub scheme: Scheme,
@@ -31,30 +31,30 @@ pub struct AttackTrial<'a> {
     pub attack: Attack,
     /// Percent of the neighbours that were replaced at random.
     pub corrupt: f64,
-    /// What was sent, angles quantized.
+    /// The sent observations, with quantized angles.
     pub sent: &'a Observations,
     /// The same as an attacker reads it.
     pub observations: &'a [Observation],
-    /// The neighbours the attack was told, after replacement; also given where the attack does not ask for them.
+    /// The neighbour lists given to the attack, after replacement; also set if the attack does not use them.
     pub neighbours: &'a NeighbourLists,
-    /// Where the attack puts the keypoints, pixels; may lie outside the image or not be finite.
+    /// Recovered keypoints, pixels; may lie outside the image or not be finite.
     pub answers: &'a [Pixel],
-    /// Distance of answer from truth, pixels; infinite where there is no answer.
+    /// Distance of answer and truth, pixels; infinite without an answer.
     pub errors: &'a [f64],
 }
 
-/// One who looks on as an evaluation runs. Calls come in the order of the work: group, image, row of the document.
+/// Receives events of a running evaluation. Calls come in the order of the work: group, image, row of the document.
 pub trait AttackObserver {
-    /// So many of all attacks on single images are done.
+    /// Number of finished attacks on single images, of all.
     fn advance(&mut self, _done: usize, _total: usize) {}
-    /// An attack on an image is over.
+    /// An attack on an image has finished.
     fn saw(&mut self, _trial: &AttackTrial<'_>) {}
 }
 
-/// Nobody looks on.
+/// Ignores all events.
 impl AttackObserver for () {}
 
-/// One stage of a long job, as an observer is told of it: it begins with the first attack that is over.
+/// One stage of a long job as progress reports: it starts with the first finished attack.
 pub struct Stage<'a> {
     progress: &'a dyn veiloc_features::Progress,
     name: &'a str,
@@ -62,12 +62,12 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// A stage of this name; nothing is told of it yet.
+    /// A stage with this name; nothing is reported yet.
     pub fn new(progress: &'a dyn veiloc_features::Progress, name: &'a str) -> Self {
         Self { progress, name, begun: false }
     }
 
-    /// One attack more is over, of so many: what [`AttackObserver::advance`] is told.
+    /// Reports one more finished attack out of `total`, for [`AttackObserver::advance`].
     pub fn advance(&mut self, total: usize) {
         if !self.begun {
             self.progress.start(self.name, total);
@@ -77,7 +77,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// InputModality only how far the work is.
+/// Reports progress only.
 pub(super) struct Progress<F>(pub(super) F);
 
 impl<F: FnMut(usize, usize)> AttackObserver for Progress<F> {
@@ -117,7 +117,7 @@ mod tests {
             {
                 assert!((answer.distance(truth) - error).abs() < 1e-9);
             }
-            // What was sent holds the keypoint: to within the dither and the quantized angle.
+            // The sent line passes through the keypoint up to the dither and the quantized angle.
             for (sent, truth) in trial.observations.iter().zip(&trial.image.keypoints) {
                 assert!(sent.distance(*truth) < 2.0, "{}", sent.distance(*truth));
             }
@@ -152,7 +152,7 @@ mod tests {
         let mut seen = Recorder::default();
         let document = attack_groups(&evaluation, groups, &mut seen).expect("it runs");
         assert_eq!(document.data, ["memory", "synthetic 200"]);
-        // Two images, two schemes; the guess, and the closed form at two shares of false neighbours.
+        // Two images, two schemes; the baseline, and the closed form at two shares of false neighbours.
         assert_eq!(seen.steps, (1..=12).map(|done| (done, 12)).collect::<Vec<_>>());
         assert_eq!(seen.trials.len(), 12);
         assert_eq!((seen.trials[0].0, seen.trials[6].0), (0, 1));
@@ -165,7 +165,7 @@ mod tests {
         }
         assert!((document.attacks[5].bits_over_prior - seen.bits).abs() < 1e-9, "{document:?}");
 
-        // An evaluation without an observer says the same.
+        // An evaluation without an observer gives the same document.
         let alone = evaluate_attacks(&evaluation, |_, _| {}).expect("it runs");
         assert_eq!(alone.data, ["synthetic 200"]);
         assert!(alone.attacks.iter().zip(&document.attacks).all(|(a, b)| a.images == 1 && b.images == 2));

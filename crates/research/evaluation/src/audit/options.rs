@@ -1,4 +1,4 @@
-//! What is attacked, and what the attacker knows.
+//! Options: what is attacked, and the attacker's knowledge.
 
 use std::path::PathBuf;
 
@@ -8,45 +8,47 @@ use crate::audit::attacks::Attack;
 use crate::audit::neighbours::NeighbourSource;
 use crate::audit::sightings::FrameChoice;
 
-/// What to attack, and how.
+/// Options of an evaluation of attacks.
 #[derive(Debug, Clone)]
 pub struct AttackEvaluation {
-    /// Files of keypoints; empty for [`Self::synthetic`] alone.
+    /// Keypoint files; empty to attack [`Self::synthetic`] alone.
     pub files: Vec<PathBuf>,
-    /// Evenly spread keypoints of an additional image, 0 for none.
+    /// Number of uniform keypoints of an additional synthetic image, 0 for none.
     pub synthetic: usize,
-    /// Images of each file that are attacked, from the first; all of them teach the learned prior.
+    /// Number of images of each file that are attacked, from the first; all of them train the learned prior.
     pub images: Option<usize>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Attacks, in the order of the table. The guess is always there, first.
+    /// Attacks, in the order of the table. The prior-only baseline is always added as the first.
     pub attacks: Vec<Attack>,
-    /// Who tells the neighbours.
+    /// Source of the neighbour lists.
     pub neighbours: NeighbourSource,
-    /// Descriptions of networks of positions, one a scheme at most. Where a scheme has none, the attack
-    /// `trained-positions` is left out.
+    /// Descriptions of position networks, at most one per scheme. The attack `trained-positions` is skipped for
+    /// schemes without a network.
     pub positions: Vec<PathBuf>,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
-    /// Percent of the neighbours that are replaced by keypoints drawn at random; the neighbour attacks run once each.
+    /// Percent of the neighbours that are replaced by random keypoints; attacks that use neighbours run once for each
+    /// value.
     pub corrupt: Vec<f64>,
-    /// What a server knows that has localized the images; `None` for an attacker who has only what was sent.
+    /// What a server knows after localizing the images; `None` for an attacker with the sent queries only.
     pub server: Option<ServerKnowledge>,
-    /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
+    /// Numbers of frames of a file for attacks on several frames, including the attacked one; the attacks run once
+    /// for each value.
     pub frames: Vec<usize>,
-    /// Which frames of the file those are.
+    /// How these frames are chosen.
     pub choice: FrameChoice,
-    /// How much a detector errs from frame to frame of a camera at rest, standard deviation along each axis, pixels; 0
-    /// for seals of one image.
+    /// Detector noise from frame to frame of a stationary camera, standard deviation along each axis, pixels; 0 for
+    /// seals of one image.
     pub resting_noise_px: f64,
-    /// Bits of a line's angle, as a device sends them.
+    /// Bits of a line's angle, as a device sends it.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
     pub seed: u64,
 }
 
-/// The paper's attack as the paper runs it: every scheme, twenty true neighbours a keypoint. What is attacked is still to
-/// be said.
+/// The paper's attack as in the paper: every scheme, twenty true neighbours per keypoint. The files must still be
+/// set.
 impl Default for AttackEvaluation {
     fn default() -> Self {
         Self {
@@ -69,26 +71,26 @@ impl Default for AttackEvaluation {
     }
 }
 
-/// On which keypoints errors are measured.
+/// Keypoints on which errors are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Measured {
-    /// Those whose position the server does not know from its map.
+    /// Keypoints whose positions the server does not know from its map.
     #[default]
     Hidden,
-    /// All, the known ones with the positions the server has for them.
+    /// All keypoints; for known ones the server's position is the answer.
     All,
-    /// Those whose position the server knows from its map, and is not told: what lines tell of them.
+    /// Keypoints that the map knows, with their positions withheld from the attack: measures what the lines reveal.
     Matched,
 }
 
-/// What the server brings.
+/// The server's knowledge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServerKnowledge {
     /// Matches with the map, one problem for each attacked image by its name.
     pub problems: Vec<PathBuf>,
-    /// Share of the keypoints, 0 to 1, in a compact region that the map does not have, as a person in the image;
-    /// errors are then measured on that region.
+    /// Share of the keypoints, 0 to 1, in a compact region that is missing from the map, such as a person; errors are
+    /// then measured on that region.
     pub private: Option<f64>,
-    /// Where errors are measured, unless in a private region.
+    /// Where errors are measured, without a private region.
     pub measured: Measured,
 }

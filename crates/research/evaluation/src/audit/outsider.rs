@@ -1,4 +1,4 @@
-//! Networks of positions that attack, one for each scheme that has one.
+//! Learned position attacks: one network per scheme.
 
 use std::path::PathBuf;
 
@@ -9,17 +9,17 @@ use veiloc_protocol::Scheme;
 
 use crate::EvalError;
 
-/// Networks of positions that an outsider has trained.
+/// Position networks trained by an outsider.
 #[derive(Debug, Default)]
 pub struct TrainedPositions {
     networks: Vec<PositionNetwork>,
 }
 
 impl TrainedPositions {
-    /// By the files of their descriptions.
+    /// Reads the networks from their description files.
     ///
     /// # Errors
-    /// [`EvalError`] when a file describes no such network, or there are two of one scheme.
+    /// [`EvalError`] when a file does not describe a position network, or two networks have the same scheme.
     pub fn read(files: &[PathBuf]) -> Result<Self, EvalError> {
         let mut networks: Vec<PositionNetwork> = Vec::new();
         for file in files {
@@ -33,12 +33,12 @@ impl TrainedPositions {
         Ok(Self { networks })
     }
 
-    /// Whether there is one for this scheme.
+    /// Whether there is a network for this scheme.
     pub fn knows(&self, scheme: Scheme) -> bool {
         self.networks.iter().any(|n| n.scheme() == scheme)
     }
 
-    /// Where the network of this scheme puts each keypoint, `[N]`; `None` where there is none.
+    /// Positions from the network of this scheme, `[N]`; `None` if there is none.
     pub(crate) fn recover(
         &self,
         scheme: Scheme,

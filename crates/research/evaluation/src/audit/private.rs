@@ -1,16 +1,15 @@
-//! A region whose keypoints the map does not have, as the keypoints of a person who stands in the image.
+//! A private region: keypoints that the map does not have, such as those of a person in the image.
 //!
-//! What is private is not scattered among what the map knows: it is one compact thing, and its middle is far from
-//! every known position. Errors on keypoints that happened to stay unmatched say little about it.
+//! A private object is not scattered among the map's keypoints: it is a compact region, and its centre is far from
+//! every known position. Errors on keypoints that remained unmatched by chance do not represent it.
 
 use rand::Rng;
 use veiloc_geometry::Pixel;
 
-/// Height over width of the region: of a person seen from head to hip.
+/// Height over width of the region: that of a person from head to hip.
 const UPRIGHT: f64 = 2.5;
 
-/// Which keypoints lie in an upright ellipse around one of them, drawn at random, that holds this share of all, rounded
-/// up: `[N]`.
+/// Keypoints in an upright ellipse around a random keypoint that holds this share of all, rounded up: `[N]`.
 pub fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> {
     let mut inside = vec![false; keypoints.len()];
     if keypoints.is_empty() {
@@ -45,7 +44,7 @@ mod tests {
             let inside = person(&grid, share, &mut rng);
             let members: Vec<Pixel> = grid.iter().zip(&inside).filter(|m| *m.1).map(|m| *m.0).collect();
             assert_eq!(members.len(), (share * 4800.0_f64).ceil() as usize);
-            // Compact: whoever lies between two members, on a row, is one.
+            // Compact: every keypoint between two members of a row is a member.
             for row in 0..60 {
                 let members: Vec<usize> = (0..80).filter(|c| inside[row * 80 + c]).collect();
                 let ends = members.first().zip(members.last());

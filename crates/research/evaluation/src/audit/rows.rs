@@ -1,4 +1,4 @@
-//! The rows of the table: what is run, and what is kept of it.
+//! Rows of the table: what runs, and its accumulated results.
 
 use veiloc_attacks::ErrorSummary;
 use veiloc_protocol::Scheme;
@@ -11,21 +11,21 @@ use crate::EvalError;
 use crate::audit::outsider::TrainedPositions;
 use crate::results::metrics::median;
 
-/// One row being filled.
+/// A row while the attacks run.
 pub(super) struct Row {
     pub(super) scheme: Scheme,
     pub(super) attack: Attack,
     pub(super) corrupt: f64,
     pub(super) frames: Option<usize>,
     pub(super) errors: Vec<f64>,
-    /// Errors of the answers that the attack believes, where it says so.
+    /// Errors of accepted answers, if the attack rates them.
     pub(super) believed: Option<Vec<f64>>,
     /// Bits times keypoints, summed over images.
     pub(super) bits: f64,
     pub(super) ms: Vec<f64>,
 }
 
-/// Refuses what makes no sense together.
+/// Refuses contradictory options.
 pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
     let refuse = |why: String| Err(EvalError::Options(why));
     if evaluation.k == 0 && evaluation.attacks.iter().any(|a| a.needs.neighbours) {
@@ -61,7 +61,7 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
         }
         let by_map = evaluation.attacks.iter().any(|a| a.needs.map_images);
         if by_map || evaluation.neighbours == NeighbourSource::Transferred {
-            // The region is of the place itself, and the other images show it: no person would be there.
+            // The private region belongs to the scene itself and is visible in the other images, unlike a person.
             return refuse(
                 "what is private is in no map image, so nothing can be transferred to it".to_owned(),
             );
@@ -70,7 +70,7 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
     Ok(())
 }
 
-/// Rows of the table, scheme by scheme, the guess first.
+/// Rows of the table, scheme by scheme, the baseline first.
 pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) -> Vec<Row> {
     let mut rows = Vec::new();
     for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {

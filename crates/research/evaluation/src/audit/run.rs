@@ -29,7 +29,7 @@ use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_im
 
 use crate::EvalError;
 
-/// What an image sends under one scheme, and how far off the guess from it is.
+/// The sent observations of an image under one scheme, and the errors of its baseline.
 struct Sent {
     scheme: Scheme,
     observed: Observations,
@@ -37,27 +37,27 @@ struct Sent {
     guess_errors: Vec<f64>,
 }
 
-/// What the attacker holds of one image beside what was sent.
+/// The attacker's knowledge about one image, beside the sent observations.
 struct Held<'a> {
     density: Density,
     neighbours: NeighbourLists,
-    /// All rows by how likely they are neighbours, where an attack narrows them.
+    /// Predicted neighbours of each row in order of likelihood, if an attack restricts them.
     ranked: Option<NeighbourLists>,
     transferred: Option<Transfer>,
     descriptors: Option<Descriptors>,
     trained: &'a TrainedPositions,
-    /// Which of the file's images it is.
+    /// Index of the image in the file.
     own: usize,
-    /// The file's images with descriptors, where an attack reads them.
+    /// Images of the file with descriptors, if an attack reads them.
     images: &'a [KnownImage],
-    /// By scheme, the file's images as the server sees them, where there is one.
+    /// Views of the file's images by scheme, if there is a server.
     views: &'a BTreeMap<String, Vec<View>>,
 }
 
-/// Attacks everything; `advance` is called with the work done and all of it.
+/// Runs all attacks; `advance` is called with the finished and the total work.
 ///
 /// # Errors
-/// [`EvalError`] when a file cannot be read, holds nothing, or has a keypoint that no scheme can send.
+/// [`EvalError`] when a file cannot be read, is empty, or has a keypoint that no scheme can send.
 pub fn evaluate_attacks(
     evaluation: &AttackEvaluation,
     advance: impl FnMut(usize, usize),
@@ -65,7 +65,7 @@ pub fn evaluate_attacks(
     attack_groups(evaluation, Vec::new(), &mut Progress(advance))
 }
 
-/// Attacks everything, `groups` beside the files of the evaluation, under the eyes of an observer.
+/// Runs all attacks on `groups` and on the files of the evaluation, and reports to an observer.
 ///
 /// Groups come first in the document's `data`, then the files, then the synthetic image.
 ///
@@ -185,7 +185,7 @@ pub fn attack_groups(
     })
 }
 
-/// These images as the server sees them, by scheme.
+/// Views of these images by scheme.
 fn seen(
     evaluation: &AttackEvaluation,
     server: &Server<'_>,
@@ -199,7 +199,7 @@ fn seen(
     Ok(views)
 }
 
-/// What whoever reads several seals knows of their codes.
+/// The attacker's model of the angle codes of several seals.
 fn codes(evaluation: &AttackEvaluation) -> RestingOptions {
     let cell = std::f64::consts::PI / f64::from(evaluation.angle_bits.levels());
     RestingOptions::of_one_image(cell).with_noise(evaluation.resting_noise_px)
@@ -216,7 +216,7 @@ fn attack_image(
     let mut sent: Option<Sent> = None;
     for row in rows {
         let name = row.scheme.to_string();
-        // The seed names image and scheme: no choice of other schemes or attacks changes anything.
+        // The seed depends on image and scheme only, so other schemes or attacks do not change the result.
         let rng =
             |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, &name, what]));
         let view = held.views.get(&name).map(|views| &views[held.own]);

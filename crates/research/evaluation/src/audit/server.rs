@@ -1,8 +1,8 @@
-//! What a server knows that has localized the query: its pose, and the keypoints that matched the map.
+//! The knowledge of a server that has localized the query: its pose, and the keypoints that matched the map.
 //!
-//! The pose is what the server itself finds from the very lines that are attacked, not the true one; the matches are
-//! those of `problems.jsonl`, for the same images. Inliers of a pose that the server trusts become known
-//! positions: the projections of their map points under it, wrong ones included.
+//! The pose is the server's own estimate from the attacked lines, not the true pose; the matches are those of
+//! `problems.jsonl` for the same images. Inliers of a trusted pose become known positions: the projections of their
+//! map points under this pose, including wrong inliers.
 
 use std::collections::BTreeMap;
 
@@ -25,13 +25,13 @@ use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_datasets::problem_files::seed_for;
 use veiloc_datasets::problem_files::{Problem, read_problems};
 
-/// The problems by the names of their images.
+/// Problems by image name.
 pub(super) struct Server<'a> {
     knowledge: &'a ServerKnowledge,
     problems: BTreeMap<String, Problem>,
 }
 
-/// Shares by which nearer and farther depths than those of the inliers are allowed.
+/// Factors by which the depth limits extend the depths of the inliers.
 const NEARER: f64 = 0.5;
 const FARTHER: f64 = 2.0;
 
@@ -45,7 +45,7 @@ impl<'a> Server<'a> {
         Ok(Self { knowledge, problems })
     }
 
-    /// What the server makes of one image. That no pose is found is a result, not an error.
+    /// The server's view of one image. A missing pose is a result, not an error.
     pub(super) fn view(
         &self,
         evaluation: &AttackEvaluation,
@@ -74,7 +74,7 @@ impl<'a> Server<'a> {
         let lines = Observation::of_sent(&observed);
         let mut observations = lines.clone();
         let mut pose = None;
-        // A pose that the server itself does not trust tells it nothing.
+        // A pose that the server does not trust gives it no knowledge.
         let found = estimate_pose(&input, &PoseOptions::default(), &mut rng("pose")).ok();
         if let Some(found) = found.filter(|f| f.confidence.is_trusted()) {
             let prior = matched.prior();
@@ -93,7 +93,7 @@ impl<'a> Server<'a> {
                     *entry = (weight, at);
                 }
             }
-            // Rows that share a place share a line, and the server sees that they do.
+            // Rows with equal positions have equal lines, and the server can see that.
             for rows in &rows {
                 if let Some((_, at)) = best.get(&rows[0]) {
                     for &row in rows {
@@ -122,7 +122,7 @@ impl<'a> Server<'a> {
             (None, Measured::All) => vec![true; observations.len()],
             (None, Measured::Matched) => {
                 observations.clone_from(&lines);
-                // A known point would tell of its own keypoint.
+                // A known point would reveal the depth of its own keypoint.
                 if let Some(pose) = &mut pose {
                     pose.known.clear();
                 }
@@ -133,8 +133,7 @@ impl<'a> Server<'a> {
     }
 }
 
-/// What is sent of an image: the seed names image and scheme, so that no choice of other schemes or attacks changes
-/// it.
+/// Seals an image. The seed depends on image and scheme only, so other schemes or attacks do not change the result.
 pub(super) fn send(
     evaluation: &AttackEvaluation,
     image: &KeypointImage,
@@ -147,7 +146,7 @@ pub(super) fn send(
         .map_err(|source| EvalError::Seal { name: image.name.clone(), source })
 }
 
-/// What another seal of the image tells, or a frame of the same camera at rest: as many rows, in the same order.
+/// Another seal of the image, or another frame of a stationary camera: the same rows in the same order.
 pub(super) fn send_again(
     evaluation: &AttackEvaluation,
     image: &KeypointImage,
@@ -158,7 +157,7 @@ pub(super) fn send_again(
     let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), &again]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (width, height) = (image.width, image.height);
-    // A keypoint that the noise would carry out of the image stays in it.
+    // A keypoint that the noise moves out of the image is clamped to it.
     let inside = |x: f64, side: u32| x.clamp(1e-3, f64::from(side) - 1e-3);
     let seen: Vec<Pixel> = image
         .keypoints
@@ -173,12 +172,13 @@ pub(super) fn send_again(
     Ok(Observation::of_sent(&sent))
 }
 
-/// Keypoints of the two files that are nearer than this in both coordinates are one, pixels.
+/// Keypoints of the two files whose coordinates differ by less than this are the same, pixels.
 const SAME_PX: f64 = 0.005;
 
-/// For each match the image's keypoints at its place (SIFT finds several orientations at one), one at least.
+/// For each match the image's keypoints at its position (SIFT finds several orientations at one position), at least
+/// one.
 fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, EvalError> {
-    // Cells twice as wide as the tolerance: a keypoint and its like lie in the same or in adjacent cells.
+    // Cells twice as wide as the tolerance: equal keypoints lie in the same or in adjacent cells.
     let cell = |p: &Pixel| [p.u, p.v].map(|x| (x / (2.0 * SAME_PX)).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
     for (i, p) in image.keypoints.iter().enumerate() {
@@ -204,7 +204,7 @@ fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, 
     Ok(problem.keypoint_of_match.iter().map(|k| of_keypoint[*k].clone()).collect())
 }
 
-/// The problem with these matches alone, their keypoints being rows of the image.
+/// The problem restricted to these matches, with the image's rows as keypoints.
 fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
     fn pick<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
         kept.iter().map(|m| all[*m]).collect()
@@ -225,7 +225,7 @@ fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
     }
 }
 
-/// What the server knew under one scheme, summed over images.
+/// The server's knowledge under one scheme, accumulated over images.
 #[derive(Default)]
 pub(super) struct Tally {
     images: usize,

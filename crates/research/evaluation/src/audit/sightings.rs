@@ -1,26 +1,26 @@
-//! Several frames of one file, as a server that has localized them all puts them together.
+//! Attack on several frames of one file by a server that has localized all of them.
 
 use veiloc_attacks::multi_view::{Frame, FramesOptions, TriangulatedKeypoint, select_frames, multi_view_attack};
 use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
 
 use super::view::View;
 
-/// Which frames of a place an attack of several puts together.
+/// How an attack on several frames chooses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FrameChoice {
-    /// Those whose lines tell most about the attacked frame's positions: turned much, moved little.
+    /// Frames that carry the most information about the attacked frame: large rotation, small translation.
     #[default]
     Turn,
-    /// Those with most matches.
+    /// Frames with the most matches.
     Nearest,
 }
 
-/// Ratio of descriptor distances below which a match counts when frames are chosen by matches.
+/// Ratio test for the matches by which frames are chosen.
 const RATIO: f64 = 0.9;
 
-/// What `frames` frames, image `own` and others of the choice, tell about the keypoints of `own`, all with their poses
-/// as the server found them: `[N]`; `None` when it, or every other, has none.
+/// Recovers the keypoints of image `own` from `frames` frames, including itself, with the poses that the server
+/// found: `[N]`; `None` when `own`, or every other frame, has no pose.
 ///
 /// `views`, `images`: `[images]` of the file.
 pub(super) fn sighted(
@@ -55,7 +55,7 @@ pub(super) fn sighted(
     multi_view_attack(&all, &options).map(Some)
 }
 
-/// Those with most matches: the server goes by descriptors, as for its own map. Equal counts stay in their order.
+/// Frames with the most descriptor matches, as for the server's own map. Ties keep their order.
 fn nearest(first: &Frame<'_>, others: &[Frame<'_>], count: usize) -> Result<Vec<usize>, AttackError> {
     let mut counted: Vec<(usize, usize)> = Vec::with_capacity(others.len());
     for (i, other) in others.iter().enumerate() {

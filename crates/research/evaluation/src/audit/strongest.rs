@@ -6,22 +6,22 @@ use super::attacks::Attack;
 use super::document::{AttackDocument, AttackSummary};
 use crate::results::text_table::{TextTable, percent};
 
-/// The strongest attacks on one scheme: those that tell most bits beyond the prior-only baseline, at the smallest share of
-/// replaced neighbours.
+/// The strongest attacks on one scheme: those with the largest gain over the prior-only baseline, at the smallest
+/// share of replaced neighbours.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct StrongestAttacks {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Of the attacks that need no oracle; absent when none was run.
+    /// Among the attacks without an oracle; absent when none was run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub without_oracle: Option<Attack>,
-    /// Of the attacks to which an oracle gives the true neighbours; absent when none was run.
+    /// Among the attacks with true neighbours from an oracle; absent when none was run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub with_oracle: Option<Attack>,
 }
 
 impl AttackDocument {
-    /// The strongest attacks, one entry a scheme, in the order of the document.
+    /// The strongest attacks, one entry per scheme, in the order of the document.
     pub fn strongest(&self) -> Vec<StrongestAttacks> {
         let baselines = self.attacks.iter().filter(|row| row.attack == Attack::PRIOR);
         let of = |scheme: &str, oracle: bool| {
@@ -37,7 +37,8 @@ impl AttackDocument {
         baselines.map(entry).collect()
     }
 
-    /// The row of an attack on a scheme at the smallest share of replaced neighbours; of several, the one that tells most.
+    /// The row of an attack on a scheme at the smallest share of replaced neighbours; of several rows, the one with
+    /// the largest gain.
     pub fn row(&self, scheme: &str, attack: Attack) -> Option<&AttackSummary> {
         strongest(self.least_replaced().filter(|row| row.scheme == scheme && row.attack == attack))
     }
@@ -62,7 +63,7 @@ fn strongest<'a>(rows: impl Iterator<Item = &'a AttackSummary>) -> Option<&'a At
     rows.max_by(|a, b| bits(a).total_cmp(&bits(b)))
 }
 
-/// The strongest attacks as a table for people, beside the prior-only baseline.
+/// The strongest attacks as a text table, beside the prior-only baseline.
 pub fn strongest_table(document: &AttackDocument) -> String {
     let mut table = TextTable::new(["scheme", "attacker", "attack", "median", "< 10 px", "bits"], 3);
     for StrongestAttacks { scheme, without_oracle, with_oracle } in document.strongest() {
@@ -130,7 +131,7 @@ mod tests {
         assert_eq!(document.row("dcl", Attack::CLOSED_FORM).map(|row| row.corrupt), Some(10.0));
         let text = strongest_table(&document);
         assert!(text.contains("without an oracle") && text.contains("+2.00"), "{text}");
-        // Predicted neighbours come from no oracle.
+        // Predicted neighbours do not come from an oracle.
         document.neighbours = Neighbours::Predicted;
         assert_eq!(found(&document), [Some("graph"), None]);
         document.attacks.truncate(1);

@@ -1,4 +1,4 @@
-//! One image as a server sees it that has localized it.
+//! One image as a server sees it after localizing it.
 
 use veiloc_attacks::Observation;
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
@@ -6,17 +6,17 @@ use veiloc_protocol::Observations;
 
 /// One image as the server sees it under one scheme.
 pub(crate) struct View {
-    /// What was sent.
+    /// The sent observations.
     pub(crate) observed: Observations,
-    /// `[N]`: the same as an attacker reads it, nothing else.
+    /// `[N]`: the same as an attacker reads them, nothing else.
     pub(crate) sent: Vec<Observation>,
-    /// `[N]`: the same with the positions of the inliers, as far as the attack is told them.
+    /// `[N]`: the same, with the positions of inliers that are given to the attack.
     pub(crate) observations: Vec<Observation>,
-    /// `[N]`: the positions of the inliers, whether the attack is told them or not.
+    /// `[N]`: the positions of the inliers, whether or not they are given to the attack.
     pub(crate) known: Vec<Option<Pixel>>,
-    /// `[N]`: whether the errors of a keypoint count.
+    /// `[N]`: whether the error of a keypoint is measured.
     pub(crate) measured: Vec<bool>,
-    /// The camera and its pose, where one was found, and what the map tells of depth.
+    /// The camera with its pose and depths, if a pose was found.
     pub(crate) pose: Option<Posed>,
 }
 
@@ -26,6 +26,6 @@ pub(crate) struct Posed {
     pub(crate) cam_from_world: CameraFromWorld,
     /// Least and greatest depth of the scene, map units.
     pub(crate) depths: [f64; 2],
-    /// Where the server sees points of its map, pixels, and how deep they lie, map units.
+    /// Map points that the server sees: position in pixels, depth in map units.
     pub(crate) known: Vec<(Pixel, f64)>,
 }

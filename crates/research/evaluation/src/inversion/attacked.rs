@@ -1,4 +1,4 @@
-//! Where attacks put the keypoints.
+//! Recovered keypoint positions from the attacks.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,48 +14,48 @@ use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
-/// What attackers have who are told nothing of the image.
+/// Resources of attackers without an oracle.
 #[derive(Debug, Clone, Default)]
 pub struct Realistic {
-    /// Files of keypoints of elsewhere: a statistic of which descriptors occur side by side is learned from them.
+    /// Keypoint files of other scenes: training data of the statistic of descriptor co-occurrence.
     pub elsewhere: Vec<PathBuf>,
-    /// Descriptions of networks of positions, one a scheme at most.
+    /// Descriptions of position networks, at most one per scheme.
     pub positions: Vec<PathBuf>,
-    /// Images of the place with keypoints, as a server has them of its map.
+    /// Images of the scene with keypoints, as a server has them in its map.
     pub map: Vec<KeypointImage>,
 }
 
-/// Attacks with true neighbours; the guess is always there.
+/// Attacks with true neighbours from the oracle; the prior-only baseline is always added.
 const TOLD: [&str; 2] = ["closed-form", "graph"];
-/// What the statistic, the network and the map are used for.
+/// Attacks that use the statistic, the network and the map.
 const BY_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
 const BY_NETWORK: [&str; 1] = ["trained-positions"];
 const BY_MAP: [&str; 1] = ["transfer"];
 
-/// What an attack made of each image under a scheme.
+/// Results of an attack on each image under one scheme.
 #[derive(Debug, Clone)]
 pub(super) struct Attacked {
     pub(super) scheme: Scheme,
     /// `guess`, `closed-form`, `graph` or `realistic`.
     pub(super) attack: &'static str,
-    /// Which of the realistic attacks was the best.
+    /// Name of the best realistic attack.
     pub(super) by: Option<String>,
     /// By image.
     pub(super) images: Vec<Answer>,
 }
 
-/// Of one image, `[N]` each.
+/// Results for one image, `[N]` each.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Answer {
-    /// Where the attack puts the keypoints.
+    /// Recovered keypoints.
     pub(super) places: Vec<Pixel>,
-    /// What was sent.
+    /// The sent observations.
     pub(super) sent: Vec<Observation>,
-    /// How far off the places are, pixels.
+    /// Their errors, pixels.
     pub(super) errors: Vec<f64>,
 }
 
-/// Writes down every answer, and tells how far the work is.
+/// Records every answer and reports progress.
 struct Book<'a> {
     answers: BTreeMap<(String, &'static str), Vec<Answer>>,
     progress: &'a dyn Progress,
@@ -75,8 +75,8 @@ impl AttackObserver for Book<'_> {
     }
 }
 
-/// Attacks these images under all schemes that hide positions. By scheme: the guess, the attacks with true neighbours, the
-/// best of the realistic ones.
+/// Attacks these images under all schemes that hide positions. By scheme: the prior-only baseline, the attacks with
+/// true neighbours, the best realistic attack.
 pub(super) fn attack(
     images: &[KeypointImage],
     schemes: &[Scheme],

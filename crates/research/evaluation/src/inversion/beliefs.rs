@@ -1,10 +1,11 @@
-//! Whether a network that judges places judges them well, on the places that attacks give.
+//! ROC AUC of a network's visibility output, on the positions that attacks give.
 
-/// An error below a cell is none that a network could see, one of two cells is what it learned to see.
+/// Thresholds of correct and wrong positions: an error below one cell is invisible to the network, and the network
+/// was trained to detect an error of two cells.
 const RIGHT_CELLS: f64 = 1.0;
 const WRONG_CELLS: f64 = 2.0;
 
-/// What was believed of keypoints, by whether they were put where they belong.
+/// Visibility of correctly and of wrongly placed keypoints.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Beliefs {
     right: Vec<f32>,
@@ -12,8 +13,9 @@ pub(super) struct Beliefs {
 }
 
 impl Beliefs {
-    /// Adds keypoints of an image: what is believed of each, NaN for one that was not placed, and how far off it is, pixels.
-    /// `cell`: side of a cell, pixels. Those of which it cannot be said whether they are right are left out.
+    /// Adds keypoints of an image: `beliefs` is the visibility of each, NaN if it was not placed, `errors` its
+    /// position error, pixels. `cell`: side of a cell, pixels. Keypoints with an error between both thresholds are
+    /// left out.
     pub(super) fn add(&mut self, beliefs: &[f32], errors: &[f64], cell: f64) {
         for (belief, error) in beliefs.iter().zip(errors).filter(|(belief, _)| belief.is_finite()) {
             if *error <= RIGHT_CELLS * cell {
@@ -24,7 +26,7 @@ impl Beliefs {
         }
     }
 
-    /// How often a right one is believed more than a wrong one; equal beliefs count half.
+    /// ROC AUC: probability that a correct keypoint has a larger visibility than a wrong one; ties count half.
     pub(super) fn told_apart(&self) -> Option<f64> {
         if self.right.is_empty() || self.wrong.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! What an evaluation found: the stable JSON document, and the table for people.
+//! Results of an evaluation: the stable JSON document and the text table.
 
 use crate::results::text_table::TextTable;
 use serde::Serialize;
@@ -16,13 +16,13 @@ pub struct EvaluationDocument {
     pub command: &'static str,
     /// Images.
     pub images: usize,
-    /// Neighbours a keypoint that attacks are told.
+    /// Neighbours per keypoint that attacks are given.
     pub k: usize,
     /// Seed of obfuscation and attacks.
     pub seed: u64,
     /// The network.
     pub network: NetworkRow,
-    /// How images are classified as they are; `null` without a classifier.
+    /// Classification of the originals; `null` without a classifier.
     pub classes: Option<ClassesRow>,
     /// Means over images.
     pub summary: Vec<SummaryRow>,
@@ -35,14 +35,14 @@ pub struct EvaluationDocument {
 pub struct NetworkRow {
     /// The file of its description.
     pub file: String,
-    /// Kind of the descriptors it learned from.
+    /// Descriptor kind of its training data.
     pub features: String,
-    /// Their length.
+    /// Descriptor length.
     pub dimension: usize,
-    /// Cells of the longer side of an image.
+    /// Cells along the longer side of an image.
     pub side: usize,
-    /// Whether it says how likely descriptors stand rightly.
-    pub has_visibility: bool,
+    /// Whether the network estimates which positions are correct.
+    pub judges_places: bool,
 }
 
 impl From<&InversionNetwork> for NetworkRow {
@@ -52,21 +52,21 @@ impl From<&InversionNetwork> for NetworkRow {
             features: network.features().to_owned(),
             dimension: network.dimension(),
             side: network.side(),
-            has_visibility: network.has_visibility(),
+            judges_places: network.has_visibility(),
         }
     }
 }
 
-/// How a classifier does on the originals, on the network's grid.
+/// Results of the classifier on the originals, on the network's grid.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct ClassesRow {
-    /// Images whose class their file's or folder's name tells, as an ImageNet synset.
+    /// Images whose class is given by the name of their file or folder, as an ImageNet synset.
     pub named: usize,
     /// Of those, how many originals the classifier gets right.
     pub named_top_1: usize,
-    /// Of how many originals the right one is among the five likeliest.
+    /// Of those, how many originals have the right class among the five likeliest.
     pub named_top_5: usize,
-    /// Images whose class is the classifier's own answer on the original: what is counted is whether it stays.
+    /// Images without a given class: the classifier's answer on the original counts as the class.
     pub answered: usize,
 }
 
@@ -93,15 +93,15 @@ impl ClassesRow {
     }
 }
 
-/// An image made of another's descriptors, and how alike it is.
+/// An image reconstructed from an image's descriptors, and its similarity to that image.
 #[derive(Debug, Clone, Serialize)]
 pub struct RebuiltRow {
     /// The image.
     pub image: String,
-    /// Scheme it was sent under; `bag` for descriptors alone, `nothing` for no descriptor at all.
+    /// The scheme under which it was sent; `bag` for descriptors alone, `nothing` for no descriptors.
     pub scheme: String,
-    /// `none` where nothing need be recovered, `guess`, `closed-form` and `graph` with true neighbours, `realistic`, or
-    /// `lines` where each descriptor is spread over its line.
+    /// `none` if nothing has to be recovered, `guess` for the prior-only baseline, `closed-form` and `graph` with
+    /// true neighbours, `realistic`, or `lines` if each descriptor is spread over its line.
     pub attack: &'static str,
     /// Peak signal-to-noise ratio, decibels.
     pub psnr: f64,
@@ -109,15 +109,15 @@ pub struct RebuiltRow {
     pub ssim: f64,
     /// ST-LPIPS; `null` without its network.
     pub st_lpips: Option<f64>,
-    /// Whether the image's class is the likeliest to a classifier; `null` without one.
+    /// Whether the image's class is the classifier's first answer; `null` without a classifier.
     pub top_1: Option<bool>,
     /// Whether it is among the five likeliest.
     pub top_5: Option<bool>,
     /// Objects found in the original; `null` without a detector.
     pub objects: Option<usize>,
-    /// Of those, found again.
+    /// Number of those that are found in the reconstruction.
     pub objects_found: Option<usize>,
-    /// Mean error of the positions that the network was given, pixels; `null` where it was given none.
+    /// Mean error of the positions given to the network, pixels; `null` if it was given none.
     pub mean_px: Option<f64>,
 }
 
@@ -128,7 +128,7 @@ pub struct SummaryRow {
     pub scheme: String,
     /// As in [`RebuiltRow`].
     pub attack: &'static str,
-    /// Which realistic attack was the best.
+    /// Name of the best realistic attack.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<String>,
     /// Mean error of the positions, over images, pixels.
@@ -141,20 +141,21 @@ pub struct SummaryRow {
     pub ssim: f64,
     /// Mean of the rows.
     pub st_lpips: Option<f64>,
-    /// Of how many images the class is the likeliest.
+    /// Number of images whose class is the likeliest.
     pub top_1: Option<usize>,
-    /// Of how many it is among the five likeliest.
+    /// Number of images whose class is among the five likeliest.
     pub top_5: Option<usize>,
     /// Sum of the rows.
     pub objects: Option<usize>,
     /// Sum of the rows.
     pub objects_found: Option<usize>,
-    /// How often the network believes a keypoint that was put where it belongs more than one that was not, 0.5 by chance; `null`
-    /// where it judges no places, or all are right or wrong.
+    /// ROC AUC of the network's visibility output: probability that a correctly placed keypoint has a larger value
+    /// than a wrong one, 0.5 by chance; `null` if the network has no such output, or all keypoints are right or
+    /// wrong.
     pub told_apart: Option<f64>,
 }
 
-/// What was put through a network: its name in rows, and errors of positions by image, `[images][N]`.
+/// One input of the network: its name in rows, and position errors by image, `[images][N]`.
 pub(super) struct Column {
     pub(super) scheme: String,
     pub(super) attack: &'static str,
@@ -215,7 +216,7 @@ impl Column {
     }
 }
 
-/// The means as a table for people.
+/// The means as a text table.
 pub fn evaluation_table(document: &EvaluationDocument) -> String {
     let head = [
         "scheme",
@@ -230,7 +231,7 @@ pub fn evaluation_table(document: &EvaluationDocument) -> String {
         "top-5",
         "told apart",
     ];
-    // Only where a network judges places.
+    // Only if a network estimates visibility.
     let columns = head.len() - usize::from(document.summary.iter().all(|row| row.told_apart.is_none()));
     let mut table = TextTable::new(head.into_iter().take(columns), 2);
     let count = |value: Option<usize>| value.map_or("-".to_owned(), |v| v.to_string());

@@ -1,4 +1,4 @@
-//! How alike an image is to the one it was made of, and what is still found and recognised in it.
+//! Image metrics: similarity of a reconstruction to its original, and objects and classes that are still recognised.
 
 use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance, psnr, ssim};
 use veiloc_features::ColourImage;
@@ -6,39 +6,39 @@ use veiloc_features::detector::{Detection, Detector};
 
 use crate::EvalError;
 
-/// Boxes of one class that overlap by at least this are of one object.
+/// Boxes of one class that overlap at least this much belong to one object.
 const SAME: f32 = 0.5;
 
-/// Who judges; PSNR and SSIM need nothing.
+/// Networks of the image metrics; PSNR and SSIM need none.
 #[derive(Debug, Default)]
 pub struct Judges {
     /// ST-LPIPS.
     pub perceptual: Option<PerceptualDistance>,
-    /// What images show.
+    /// ImageNet classifier.
     pub classifier: Option<Classifier>,
-    /// The detector, and the least score that counts.
+    /// The detector, and the smallest accepted score.
     pub detector: Option<(Detector, f32)>,
 }
 
-/// What they say; `None` where the judge is not there.
+/// Values of the metrics; `None` without the network.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scores {
     /// Peak signal-to-noise ratio, decibels.
     pub psnr: f64,
-    /// Structural similarity, to 1.
+    /// Structural similarity, at most 1.
     pub ssim: f64,
-    /// ST-LPIPS, from 0.
+    /// ST-LPIPS, at least 0.
     pub st_lpips: Option<f64>,
-    /// Whether the class of the image is the likeliest, and whether it is among the five likeliest.
+    /// Whether the image's class is the likeliest, and whether it is among the five likeliest.
     pub recognised: Option<[bool; 2]>,
     /// Objects in the original, on the same grid.
     pub objects: Option<usize>,
-    /// Of those, how many are found again: same class, same place.
+    /// Number of those that are detected again: same class, same position.
     pub objects_found: Option<usize>,
 }
 
 impl Judges {
-    /// What is found in an image; nothing without a detector.
+    /// Detected objects; empty without a detector.
     pub(super) fn objects(&self, image: &ColourImage) -> Result<Vec<Detection>, EvalError> {
         match &self.detector {
             Some((detector, least)) => Ok(detector.detect(image, *least)?),
@@ -46,8 +46,8 @@ impl Judges {
         }
     }
 
-    /// What is found in an original on the grid, and its class: the one that its file is named by, or the classifier's own
-    /// answer.
+    /// An original on the grid, with its detected objects and its class: that of its file name, or else the
+    /// classifier's answer.
     pub(super) fn look(&self, image: ColourImage, named: Option<usize>) -> Result<Original, EvalError> {
         let objects = self.objects(&image)?;
         let mut class = None;
@@ -62,7 +62,7 @@ impl Judges {
         Ok(Original { image, objects, class })
     }
 
-    /// Judges an image beside its original on the same grid.
+    /// Compares an image with its original on the same grid.
     pub(super) fn judge(
         &self,
         original: &Original,
@@ -84,12 +84,12 @@ impl Judges {
     }
 }
 
-/// An original on the grid, and what is in it.
+/// An original on the grid, with its contents.
 #[derive(Debug, Clone)]
 pub(super) struct Original {
     pub(super) image: ColourImage,
     pub(super) objects: Vec<Detection>,
-    /// Where a classifier is given.
+    /// Set if there is a classifier.
     pub(super) class: Option<Class>,
 }
 
@@ -97,9 +97,9 @@ pub(super) struct Original {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Class {
     number: usize,
-    /// Whether its file is named by it.
+    /// Whether the class comes from the file name.
     pub(super) is_named: bool,
-    /// Whether the classifier recognises the original itself, first and among five.
+    /// Whether the classifier recognises the original itself: first, and among five.
     pub(super) recognised: [bool; 2],
 }
 
@@ -108,7 +108,7 @@ fn recognised(class: usize, likeliest: &[usize]) -> [bool; 2] {
     [likeliest.first() == Some(&class), likeliest.contains(&class)]
 }
 
-/// How many objects are among those seen; each of those counts once.
+/// Number of objects that are among the detected ones; each detection counts once.
 fn found(objects: &[Detection], seen: &[Detection]) -> usize {
     let mut left: Vec<&Detection> = seen.iter().collect();
     let mut count = 0;

@@ -1,14 +1,15 @@
-//! Images from descriptors: what whoever has keypoints, or only what was sent, can make of a query. The paper's Table 1 and more:
-//! image → keypoints → scheme → attack → network → image → how alike it is to the first.
+//! Images from descriptors: what an attacker can reconstruct from a query with keypoints, or from the sent query
+//! alone. The paper's Table 1 and more: image → keypoints → scheme → attack → network → image → similarity to the
+//! original.
 //!
-//! What is put through the network, beside what the paper puts there (keypoints themselves, and the closed form with true
-//! neighbours):
-//! - the graph attack with true neighbours, and the best attack of those who are told nothing ([`Realistic`]);
-//! - the guess from the single line, and the line itself, each descriptor spread over it;
-//! - descriptors in a bag, and nothing at all: what the network answers that was given no descriptor. A score says something
-//!   about leaks only beside that of nothing.
+//! The inputs of the network are those of the paper (true keypoints, and the closed form with true neighbours) and:
+//! - the graph attack with true neighbours, and the best attack without an oracle ([`Realistic`]);
+//! - the prior-only baseline, and the line itself, with each descriptor spread over it;
+//! - descriptors without positions, and no descriptors at all: the network's output without input. A score shows a
+//!   leak only by comparison with this output.
 //!
-//! The network is trained in PyTorch (`research/train`) on images of places that are not judged: `docs/results/privacy.md`.
+//! The network is trained in PyTorch (`research/train`) on images of scenes that are not evaluated:
+//! `docs/inversion.md`.
 
 mod attacked;
 mod beliefs;

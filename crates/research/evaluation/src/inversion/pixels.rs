@@ -3,7 +3,7 @@
 use veiloc_attacks::learned::inversion::Grid;
 use veiloc_features::ColourImage;
 
-/// The image on a grid, each cell the mean of the pixels it covers, parts of pixels by their area.
+/// The image on a grid: each cell is the mean of the pixels it covers, weighted by area.
 pub(super) fn on_grid(image: &ColourImage, grid: Grid) -> ColourImage {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let columns = covered(width, grid.width);
@@ -31,7 +31,7 @@ pub(super) fn on_grid(image: &ColourImage, grid: Grid) -> ColourImage {
         .expect("three bytes for each cell of a grid that has some")
 }
 
-/// Which pixels each cell covers, and by what share of the cell.
+/// The pixels that each cell covers, with their shares of the cell.
 fn covered(pixels: usize, cells: usize) -> Vec<Vec<(usize, f32)>> {
     let size = pixels as f64 / cells as f64;
     let of = |cell: usize| {

@@ -1,4 +1,4 @@
-//! Runs it all.
+//! Runs the evaluation.
 
 use std::path::PathBuf;
 
@@ -18,52 +18,52 @@ use super::sheet::{Sheet, Tile};
 use crate::EvalError;
 use crate::audit::descriptors;
 
-/// How much larger the wide view is than the image.
+/// Side of the wide view, relative to the image.
 const WIDE: u32 = 2;
-/// What is beyond the image in the wide view of the original.
+/// Gray value outside the image in the wide view of the original.
 const BEYOND: u8 = 128;
 
-/// What to evaluate.
+/// Inputs and options.
 pub struct InversionEvaluation<'a> {
-    /// Files of images that no network learned from.
+    /// Image files that no network was trained on.
     pub images: Vec<PathBuf>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// What makes images of descriptors.
+    /// The inversion network.
     pub network: &'a InversionNetwork,
-    /// What makes the features, of the kind that the network learned from.
+    /// The extractor, of the kind that the network was trained on.
     pub extractor: &'a dyn Extractor,
-    /// How many keypoints, and how large an image.
+    /// Maximum number of keypoints and maximum image size.
     pub limits: ExtractionLimits,
-    /// What attackers have who are told nothing.
+    /// Resources of attackers without an oracle.
     pub realistic: Realistic,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
     /// Seed of obfuscation and attacks.
     pub seed: u64,
-    /// Images on the contact sheets, from the first.
+    /// Number of images on the contact sheets, from the first.
     pub shown: usize,
 }
 
-/// Something that is put through the network.
+/// One input of the network.
 struct Job {
     column: Column,
     input: Input,
 }
 
 enum Input {
-    /// Places, by image.
+    /// Positions, by image.
     Places(Vec<Answer>),
-    /// What was sent, by image.
+    /// The sent observations, by image.
     Lines(Vec<Answer>),
     Bag,
     Nothing,
 }
 
-/// Evaluates; also the contact sheets, of the images and of the wide view.
+/// Runs the evaluation; also returns the contact sheets of the images and of the wide view.
 ///
 /// # Errors
-/// [`EvalError`] when a file is no image, an attack cannot run, or the network learned from other features.
+/// [`EvalError`] when a file is not an image, an attack cannot run, or the network was trained on other features.
 pub fn evaluate_inversion(
     evaluation: &InversionEvaluation<'_>,
     judges: &Judges,
@@ -191,7 +191,7 @@ impl Job {
         Self { column, input }
     }
 
-    /// What the network makes of an image, in a view so many times as wide and high.
+    /// The network's output for an image; `times`: side of the view relative to the image.
     fn image(
         &self,
         network: &InversionNetwork,
@@ -214,7 +214,7 @@ impl Job {
     }
 }
 
-/// The original in the middle of the wide view.
+/// The original in the centre of the wide view.
 fn amid(image: &ColourImage, grid: Grid) -> ColourImage {
     let times = WIDE as usize;
     let (width, height) = (times * grid.width, times * grid.height);

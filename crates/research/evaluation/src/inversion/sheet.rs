@@ -1,4 +1,4 @@
-//! Contact sheets: images in rows, what was made of them in columns, boxes around detected objects.
+//! Contact sheets: originals in rows, reconstructions in columns, boxes around detected objects.
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -9,32 +9,32 @@ use crate::EvalError;
 
 /// Pixels between tiles.
 const GAP: usize = 4;
-/// Grid cells are drawn as so many pixels, so that boxes are thin beside them.
+/// Pixels per grid cell, which keeps the boxes thin.
 const TIMES: usize = 2;
 const WHITE: [u8; 3] = [255; 3];
-/// Distinct in print and for the colour-blind (Okabe and Ito).
+/// Distinct in print and for colour-blind readers (Okabe and Ito).
 const BOX: [u8; 3] = [230, 159, 0];
 
-/// An image with what a detector finds in it.
+/// An image with its detected objects.
 #[derive(Debug, Clone)]
 pub struct Tile {
     /// The image.
     pub image: ColourImage,
-    /// Boxes in its pixels.
+    /// Boxes, in its pixels.
     pub boxes: Vec<Detection>,
 }
 
 /// Tiles in rows and columns.
 #[derive(Debug, Clone, Default)]
 pub struct Sheet {
-    /// What the columns are.
+    /// Titles of the columns.
     pub columns: Vec<String>,
     /// `[rows][columns]`.
     pub rows: Vec<Vec<Tile>>,
 }
 
 impl Sheet {
-    /// As one image; `None` for a sheet without tiles.
+    /// The sheet as one image; `None` without tiles.
     pub fn image(&self) -> Option<ColourImage> {
         let side = |of: fn(&ColourImage) -> u32| {
             let sides = self.rows.iter().flatten().map(|tile| of(&tile.image) as usize);
@@ -59,10 +59,10 @@ impl Sheet {
 }
 
 impl Sheet {
-    /// As the bytes of a PNG file; `None` for a sheet without tiles.
+    /// The sheet as a PNG file; `None` without tiles.
     ///
     /// # Errors
-    /// [`EvalError::Sheet`] for a sheet larger than such a file can be.
+    /// [`EvalError::Sheet`] for a sheet that exceeds the format's limits.
     pub fn png(&self) -> Result<Option<Vec<u8>>, EvalError> {
         let Some(image) = self.image() else { return Ok(None) };
         let mut bytes = Vec::new();
@@ -75,7 +75,7 @@ impl Sheet {
 }
 
 impl Tile {
-    /// The image with its boxes, each cell of the grid as two by two pixels.
+    /// The image with its boxes, two by two pixels per grid cell.
     pub fn drawn(&self) -> ColourImage {
         let [width, height] = [self.image.width(), self.image.height()].map(|side| TIMES * side as usize);
         let mut data = vec![0; 3 * width * height];

@@ -1,4 +1,4 @@
-//! Which camera took an image, and where that is known from.
+//! The camera of an image, and its source.
 
 use std::path::Path;
 
@@ -7,23 +7,23 @@ use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::KnownCamera;
 
-/// Where a camera comes from.
+/// Source of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraSource {
-    /// It was given, and counts as calibrated.
+    /// The camera was given, and is treated as calibrated.
     Given,
-    /// The image's EXIF tells its focal length.
+    /// The image's EXIF metadata has its focal length.
     Exif,
-    /// Nothing is known, and the queries say so: no distortion, and a focal length of 1.2 times the longer side.
+    /// The camera is unknown, and the queries say so: no distortion, and a focal length of 1.2 times the longer side.
     Guess,
 }
 
 impl CameraSource {
-    /// All of them.
+    /// All sources.
     pub const ALL: [Self; 3] = [Self::Given, Self::Exif, Self::Guess];
 
-    /// As documents call it.
+    /// Name in documents.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Given => "given",
@@ -33,7 +33,7 @@ impl CameraSource {
     }
 }
 
-/// The camera of an image: the one that is given, or what its EXIF tells, or a guess.
+/// The camera of an image: the given one, that of its EXIF metadata, or an assumed one.
 pub(super) fn camera_of(
     given: Option<&Intrinsics>,
     image: &Path,

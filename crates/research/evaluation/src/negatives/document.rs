@@ -1,4 +1,4 @@
-//! What `veiloc eval negatives` found: rows and queries of its JSON document.
+//! Results of `veiloc eval negatives`: rows and queries of its JSON document.
 
 use std::collections::BTreeMap;
 
@@ -12,14 +12,14 @@ use crate::results::metrics::finite;
 use crate::results::state::as_text;
 use crate::road::Answer;
 
-/// What came of images of elsewhere.
+/// Results of out-of-map images.
 #[derive(Debug, Default, Serialize)]
 pub struct Negatives {
     /// One entry per scheme.
     pub rows: Vec<NegativeRow>,
     /// One entry per image and scheme.
     pub queries: Vec<Negative>,
-    /// Images that could not be read or are not of their camera's size: name, and why. They count nowhere.
+    /// Images that could not be read or have another size than their camera: name and cause. They are not counted.
     #[serde(skip)]
     pub unread: Vec<(String, SealError)>,
 }
@@ -29,20 +29,20 @@ pub struct Negatives {
 pub struct NegativeRow {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// How many queries of elsewhere: the sum of the three below.
+    /// Number of negative queries: the sum of the three below.
     pub negatives: usize,
-    /// How many got a pose that the estimator trusts: each is a false positive.
+    /// Queries with a pose that the estimator trusts: each is a false positive.
     pub trusted: usize,
-    /// How many got a pose that the estimator doubts.
+    /// Queries with a pose that the estimator doubts.
     pub doubtful: usize,
-    /// How many got no pose.
+    /// Queries without a pose.
     pub not_found: usize,
-    /// Those of [`Self::not_found`] that could not even be sealed: too few keypoints.
+    /// Those of [`Self::not_found`] that could not be sealed: too few keypoints.
     pub unusable: usize,
-    /// How many queries have their camera from where: `given`, `guess`.
+    /// Number of queries by camera source: `given`, `exif`, `guess`.
     pub cameras: BTreeMap<&'static str, usize>,
-    /// Log evidence that so many percent of the queries do not exceed, by the percentage; those without a pose are below
-    /// all others, and null where the quantile falls on them.
+    /// Quantiles of the log evidence, by percentage; queries without a pose are below all others, and the value is
+    /// null if the quantile falls on them.
     pub log_evidence: BTreeMap<String, Option<f64>>,
 }
 
@@ -53,24 +53,24 @@ pub struct Negative {
     pub name: String,
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Where its camera is known from.
+    /// Source of its camera.
     pub camera: CameraSource,
-    /// What the estimator says the pose is worth, which is wrong in any case.
+    /// State of the pose according to the estimator; the pose is wrong in any case.
     #[serde(serialize_with = "as_text")]
     pub state: State,
-    /// Whether it could be sealed at all.
+    /// Whether it could be sealed.
     pub sealed: bool,
-    /// Natural logarithm of the evidence against chance; absent where no pose was tried.
+    /// Natural logarithm of the evidence against chance; absent if no pose was estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_evidence: Option<f64>,
-    /// Where the pose puts the camera, map units; absent without a pose.
+    /// Camera centre of the pose, map units; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub center: Option<[f64; 3]>,
     /// Rows of the query that agree with the pose; 0 without a pose.
     pub inliers: usize,
     /// Rows of the query that were matched; 0 without a pose.
     pub matches: usize,
-    /// What speaks against the pose, for people; empty without a pose.
+    /// Reasons to doubt the pose, in words; empty without a pose.
     pub doubts: Vec<String>,
     /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -78,7 +78,7 @@ pub struct Negative {
 }
 
 impl Negative {
-    /// A query with its answer.
+    /// The result of a localized query.
     pub(super) fn answered(name: &str, scheme: Scheme, camera: CameraSource, answer: &Answer) -> Self {
         let found = answer.found.as_ref().ok();
         Self {
@@ -96,7 +96,7 @@ impl Negative {
         }
     }
 
-    /// An image that could not be sealed.
+    /// The result of an image that could not be sealed.
     pub(super) fn unusable(name: &str, scheme: Scheme, camera: CameraSource, error: &SealError) -> Self {
         Self {
             name: name.to_owned(),

@@ -1,8 +1,8 @@
-//! `veiloc eval negatives`: images of elsewhere, sealed for a map and asked for their place in it.
+//! `veiloc eval negatives`: out-of-map images, sealed for a map and localized in it.
 //!
-//! Every pose they get is wrong, and one that is trusted is a false positive. Each image is extracted once, sealed under
-//! each scheme and localized as a server would. Nothing but its pixels is needed: a camera that is not known is guessed,
-//! which makes the pose no worse, as there is no right one.
+//! Every pose they get is wrong, and a trusted pose is a false positive. Each image is extracted once, sealed under
+//! each scheme and localized as on a server. Only its pixels are needed: an unknown camera is assumed, which cannot
+//! make the pose worse, since no pose is right.
 
 mod camera;
 mod document;
@@ -27,10 +27,10 @@ pub use camera::CameraSource;
 pub use document::{Negative, NegativeRow, Negatives};
 pub use table::table;
 
-/// What to ask, and how.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 pub struct NegativesEvaluation {
-    /// Images of elsewhere.
+    /// Out-of-map images.
     pub images: Vec<NegativeImage>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
@@ -38,10 +38,10 @@ pub struct NegativesEvaluation {
     pub localize: LocalizeOptions,
     /// Seed of sealing.
     pub seed: u64,
-    /// What makes the features that the map asks for, as a device has it.
+    /// Extractors for the features of the map, as on a device.
     pub extractors: Extractors,
-    /// What makes the global descriptors of images, where the map's are made of them. Who evaluates owns the images, and so
-    /// consents.
+    /// Extractor of global image descriptors, if the map uses them. The evaluator owns the images, so consent is
+    /// implied.
     pub global: Option<SharedGlobal>,
 }
 
@@ -51,24 +51,24 @@ impl NegativesEvaluation {
     }
 }
 
-/// An image of elsewhere.
+/// An out-of-map image.
 #[derive(Debug, Clone)]
 pub struct NegativeImage {
-    /// What to call it.
+    /// Name in the results.
     pub name: String,
     /// Its file.
     pub path: PathBuf,
-    /// Its camera, if that is known; otherwise what EXIF tells, or a guess ([`CameraSource`]).
+    /// Its camera, if known; otherwise that of its EXIF metadata, or an assumed one ([`CameraSource`]).
     pub camera: Option<Intrinsics>,
 }
 
-/// What came of the images, in their order, and of each scheme; equal whatever the number of threads.
+/// Results of the images, in their order, and of each scheme; independent of the number of threads.
 ///
-/// An image that cannot be read, or is not of its camera's size, is told in [`Negatives::unread`] and counts nowhere. One
-/// with too few keypoints to be sealed is a query that finds nothing.
+/// An image that cannot be read, or has another size than its camera, is listed in [`Negatives::unread`] and not
+/// counted. An image with too few keypoints to be sealed counts as a query without a pose.
 ///
 /// # Errors
-/// [`EvalError`] when the map holds nothing to localize in, or nothing is asked.
+/// [`EvalError`] when the map is empty, or there are no queries.
 pub fn evaluate_negatives(
     map: &MapFile,
     evaluation: &NegativesEvaluation,
@@ -98,7 +98,7 @@ pub fn evaluate_negatives(
             Err(error) => unread.push((image.name.clone(), error)),
         }
     }
-    // Of each image stand its answers side by side, a scheme each.
+    // The answers to one image are adjacent, one per scheme.
     let count = evaluation.schemes.len();
     let of_scheme = |at: usize| queries.iter().skip(at).step_by(count).collect::<Vec<_>>();
     let schemes = evaluation.schemes.iter().enumerate();
@@ -106,7 +106,7 @@ pub fn evaluate_negatives(
     Ok(Negatives { rows, queries, unread })
 }
 
-/// The answers to one image, a scheme each.
+/// The answers to one image, one per scheme.
 fn answers(
     map: &MapFile,
     image: &NegativeImage,

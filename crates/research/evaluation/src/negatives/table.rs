@@ -1,4 +1,4 @@
-//! The table of negatives for people, and below it by name those that were trusted.
+//! The text table of negatives, followed by the names of the trusted ones.
 
 use std::fmt::Write as _;
 
@@ -7,10 +7,10 @@ use veiloc_pose::State;
 use super::document::{NegativeRow, Negatives};
 use crate::results::text_table::TextTable;
 
-/// Trusted negatives that are named; all are in the document.
+/// Maximum number of trusted negatives that are listed; the document has all.
 const NAMED: usize = 20;
 
-/// The rows as a table, then the worst by name; empty where nothing could be asked.
+/// The rows as a table, followed by the worst negatives; empty without queries.
 pub fn table(negatives: &Negatives) -> String {
     if negatives.rows.is_empty() {
         return String::new();

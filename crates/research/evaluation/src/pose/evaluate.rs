@@ -1,8 +1,8 @@
-//! `veiloc eval pose`: the pose stage alone, on matches that are already there.
+//! `veiloc eval pose`: the pose stage alone, on given matches.
 //!
-//! Each query's keypoints are obfuscated on reading, each keypoint once however many matches it has, so that all
-//! schemes see the very same matches and only what the server is told about positions differs. Under one seed, every
-//! way of estimating sees the very same lines.
+//! The keypoints of each query are obfuscated when they are read, each keypoint once for all its matches. So all
+//! schemes have the same matches, and only the positions given to the server differ. With one seed, all estimators
+//! get the same lines.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -28,7 +28,7 @@ use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
 use veiloc_protocol::{AngleBits, Observations, Scheme};
 
-/// What to evaluate.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct PoseEvaluation {
@@ -36,36 +36,36 @@ pub struct PoseEvaluation {
     pub files: Vec<PathBuf>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Named ways of estimating, in the order of the table; empty to take [`Self::scores`], [`Self::use_prior`] and the
-    /// solver of [`Self::pose`].
+    /// Recipes, in the order of the table; if empty, [`Self::scores`], [`Self::use_prior`] and the solver of
+    /// [`Self::pose`] are used.
     pub recipes: Vec<Recipe>,
     /// Scores, in the order of the table; empty for the default.
     pub scores: Vec<ScoreKind>,
-    /// How many hypotheses, in the order of the table; not empty.
+    /// Numbers of hypotheses, in the order of the table; not empty.
     pub hypotheses: Vec<Hypotheses>,
-    /// What the estimator is told about gravity, in the order of the table; not empty.
+    /// Sources of gravity, in the order of the table; not empty.
     pub gravity: Vec<GravitySource>,
-    /// A match is truly right, for [`Recipe::Floor`], when its map point projects this near to the keypoint under the
-    /// true pose, pixels. 4, the paper's inlier threshold for images of this size, by default.
+    /// For [`Recipe::Floor`], a match is true when its map point projects within this distance of the keypoint under
+    /// the true pose, pixels. Default: 4, the paper's inlier threshold for images of this size.
     pub oracle_radius_px: f64,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
-    /// Robust estimation; what the lists above name is replaced by each of them.
+    /// Robust estimation; options with a list above are replaced by the elements of the list.
     pub pose: PoseOptions,
     /// Bits of a line's angle.
     pub angle_bits: AngleBits,
-    /// Whether matches are weighted by what their ratio, votes and track length say.
+    /// Whether matches are weighted by descriptor ratio, votes and track length.
     pub use_prior: bool,
     /// First seed of obfuscation and sampling.
     pub seed: u64,
-    /// How many seeds, each one more than the one before; at least one.
+    /// Number of seeds, consecutive; at least one.
     pub seeds: u64,
-    /// Queries estimated at the same time. More than one makes the times of a query longer, not shorter.
+    /// Queries that are estimated in parallel. More than one increases the times of a query.
     pub threads: usize,
 }
 
 impl PoseEvaluation {
-    /// The default engine on these files under these schemes, once.
+    /// The default engine on these files under these schemes, with one seed.
     pub fn new(files: Vec<PathBuf>, schemes: Vec<Scheme>) -> Self {
         Self {
             files,
@@ -86,10 +86,10 @@ impl PoseEvaluation {
     }
 }
 
-/// A problem with what is known only of its whole file.
+/// A problem, with properties of its whole file.
 struct Query {
     problem: Problem,
-    /// Down in the file's world, see [`gravity::mean_down`].
+    /// Down direction in the file's world, see [`gravity::mean_down`].
     down: Vector3<f64>,
 }
 
@@ -99,7 +99,7 @@ struct Row {
     score: ScoreKind,
     options: PoseOptions,
     gravity: GravitySource,
-    /// What is started from the truth instead of searched for.
+    /// What starts from the true pose instead of a search.
     from_truth: Option<FromTruth>,
     variant: Variant,
 }
@@ -107,8 +107,8 @@ struct Row {
 /// Runs every row on every problem under every seed.
 ///
 /// # Errors
-/// [`EvalError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
-/// an error.
+/// [`EvalError`] when a file cannot be read or the options select nothing. A problem without a solution is a result,
+/// not an error.
 pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
     let mut queries = Vec::new();
     for file in &evaluation.files {
@@ -165,7 +165,7 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
     })
 }
 
-/// All rows: schemes, each with all ways of estimating, each with all hypotheses, each with all of gravity.
+/// All rows: schemes × recipes × hypotheses × gravity.
 fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
     let mut rows = Vec::new();
     for &scheme in &evaluation.schemes {
@@ -173,7 +173,7 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
         for &recipe in &evaluation.recipes {
             ways.push((Some(recipe), recipe.apply(&evaluation.pose), recipe.uses_prior()));
         }
-        // The floor alone is an addition to whatever the single options say.
+        // The floor is an additional row if no other recipe is given.
         if evaluation.recipes.iter().all(|r| *r == Recipe::Floor) {
             let scores = scores_or_default(&evaluation.scores).into_iter();
             let plain = scores.map(|score| {
@@ -199,7 +199,7 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
                         gravity: (told && searches).then(|| gravity.to_string()),
                     };
                     rows.push(Row { scheme, score, options, gravity, from_truth, variant });
-                    // Where nothing is searched for one row says it all.
+                    // Without a search all numbers of hypotheses give the same row.
                     if !searches {
                         break;
                     }
@@ -224,7 +224,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         }
         result
     };
-    // The same lines for all rows of a scheme, in any order: the seed names query and scheme, not the position.
+    // The same lines for all rows of a scheme: the seed depends on query and scheme, not on the position in the file.
     let names = [problem.name.as_str(), &row.scheme.to_string()];
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &names));
     let (width, height) = (problem.camera.width, problem.camera.height);
@@ -232,7 +232,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         obfuscate_points(&problem.keypoints, width, height, &row.scheme, evaluation.angle_bits, &mut rng);
     let observations = match obfuscated {
         Ok(observations) => observations,
-        // A keypoint so far outside the image that no line code reaches it: the query cannot be sent.
+        // The keypoint is too far outside the image for any line code, so the query cannot be sent.
         Err(error) => return blank().because(&error),
     };
     let (mut pose_problem, _) = pose_problem(problem, &observations, row.variant.prior);
@@ -264,7 +264,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
             result = result.found(&estimate.cam_from_world, truth);
             result.inliers = estimate.inlier_count;
             result.hypotheses = estimate.hypotheses;
-            // Who knows the truth need not be asked for trust.
+            // Trust is meaningless for an estimate that starts from the truth.
             result.trusted = row.from_truth.is_none().then(|| estimate.confidence.is_trusted());
             result.state = row.from_truth.is_none().then(|| estimate.confidence.state());
             let covariance = &estimate.covariance;
@@ -278,7 +278,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
     result
 }
 
-/// The estimator's input, and the match each of its correspondences was made of.
+/// The estimator's input, and the match behind each of its correspondences.
 pub fn pose_problem(
     problem: &Problem,
     observations: &Observations,

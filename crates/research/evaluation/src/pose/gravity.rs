@@ -1,4 +1,4 @@
-//! Which way is down: from the file, or from the true poses, turned by an angle that an accelerometer might be wrong by.
+//! Direction of gravity: from the file, or from the true poses with a simulated accelerometer error.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,18 +9,18 @@ use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_pose::Gravity;
 use veiloc_synthetic::problems::normal;
 
-/// Where the direction of gravity comes from.
+/// Source of the direction of gravity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GravitySource {
-    /// What each problem brings, if it brings one.
+    /// The direction in the problem file, if there is one.
     File,
-    /// Nothing is told to the estimator.
+    /// The estimator gets no gravity.
     Ignored,
-    /// The true direction, turned by this many degrees towards a random side.
+    /// The true direction, rotated by this many degrees about a random axis.
     TrueTurned(f64),
 }
 
-/// A text that names no source of gravity.
+/// A text that is not a source of gravity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no gravity; write file, none, or the degrees from 0 to 180 by which it is to be wrong")]
 pub struct GravityError(String);
@@ -52,16 +52,17 @@ impl fmt::Display for GravitySource {
 
 /// Down in the world of images held upright: the mean of the cameras' own down axes (`+y`).
 ///
-/// It need not be the true vertical: what the estimator is told is the same direction in both frames, and any one will do.
+/// It need not be the true vertical: the estimator gets the same direction in both frames, and any direction is
+/// sufficient.
 pub fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector3<f64> {
     let sum: Vector3<f64> = poses.map(|pose| pose.rotation().inverse() * Vector3::y()).sum();
     sum.try_normalize(1e-9).unwrap_or(-Vector3::z())
 }
 
-/// What even an exact accelerometer is said to err by, degrees.
+/// Smallest stated error of an accelerometer, degrees.
 const LEAST_SD_DEG: f64 = 0.5;
 
-/// Down as the camera at this true pose would feel it with an accelerometer that is wrong by `degrees`.
+/// The down direction measured at this true pose by an accelerometer with an error of `degrees`.
 pub(crate) fn felt<R: Rng>(
     truth: &CameraFromWorld,
     down_in_world: Vector3<f64>,
@@ -69,7 +70,7 @@ pub(crate) fn felt<R: Rng>(
     rng: &mut R,
 ) -> Gravity {
     let exact = truth.rotation() * down_in_world;
-    // The part of a random direction that is square to gravity: an axis to turn about, all sides alike.
+    // The component of a random vector orthogonal to gravity: a rotation axis, uniform over all directions.
     let random = Vector3::from_fn(|_, _| normal(rng));
     let axis = Unit::try_new(exact.cross(&random), 1e-9).unwrap_or_else(|| {
         let (smallest, _) = exact.map(f64::abs).argmin();

@@ -1,10 +1,10 @@
-//! The pose engine alone, measured: on matches that are already there, and against what no estimator can beat.
+//! Evaluation of the pose engine alone: on given matches, and against lower limits.
 //!
-//! - [`evaluate_poses`]: on problems that others made, by any [`Recipe`]; with [`Recipe::Floor`] from the truth.
-//! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
-//! - [`pose_problem`]: a problem of a file, obfuscated, as the engine takes it.
+//! - [`evaluate_poses`]: on given problems, by any [`Recipe`]; with [`Recipe::Floor`] from the truth.
+//! - [`crb`]: errors relative to the Cramér–Rao bound, on synthetic scenes.
+//! - [`pose_problem`]: a problem of a file, obfuscated, as input of the engine.
 //!
-//! Its parts that other evaluations share: [`truly_right`], [`mean_down`], [`scores_or_default`].
+//! Shared with other evaluations: [`truly_right`], [`mean_down`], [`scores_or_default`].
 #![forbid(unsafe_code)]
 
 pub mod crb;

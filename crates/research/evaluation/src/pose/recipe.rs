@@ -1,11 +1,11 @@
-//! Named ways of estimating a pose, so that a table can compare them on the same matches.
+//! Recipes: named configurations of the pose estimator, compared on the same matches.
 
 use std::fmt;
 use std::str::FromStr;
 
 use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
 
-/// A way of estimating a pose.
+/// A configuration of the pose estimator.
 ///
 /// | name | score | dcl's minimal solver | prior of the matches |
 /// |---|---|---|---|
@@ -24,11 +24,11 @@ pub enum Recipe {
     Paper,
     /// The likelihood in place of MSAC.
     Likelihood,
-    /// The likelihood, with what ratio, votes and track length say about each match.
+    /// The likelihood, with a prior from ratio, votes and track length of each match.
     LikelihoodPrior,
     /// The same, with the radial vote for dcl.
     Vote,
-    /// The engine as it is shipped.
+    /// The shipped engine.
     Default,
     /// The shipped engine's optimum from the true pose, over all matches.
     Optimum,
@@ -36,12 +36,12 @@ pub enum Recipe {
     Floor,
 }
 
-/// What starts from the true pose instead of searching.
+/// What starts from the true pose instead of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FromTruth {
-    /// The engine's own objective, over all matches.
+    /// Optimization of the engine's own objective, over all matches.
     Optimum,
-    /// Least squares on the truly right matches.
+    /// Least squares on the true matches.
     Floor,
 }
 
@@ -77,12 +77,12 @@ impl Recipe {
         }
     }
 
-    /// Whether matches are weighed by what speaks for them.
+    /// Whether matches are weighted by their prior.
     pub(crate) const fn uses_prior(self) -> bool {
         matches!(self, Self::LikelihoodPrior | Self::Vote | Self::Default | Self::Optimum)
     }
 
-    /// What it starts from the truth, if it does.
+    /// What it starts from the true pose, if anything.
     pub(crate) const fn start_at_truth(self) -> Option<FromTruth> {
         match self {
             Self::Optimum => Some(FromTruth::Optimum),
@@ -91,7 +91,7 @@ impl Recipe {
         }
     }
 
-    /// The estimator's options under this recipe; thresholds and noise stay as they are.
+    /// The estimator's options under this recipe; thresholds and noise are unchanged.
     pub(crate) fn apply(self, options: &PoseOptions) -> PoseOptions {
         let mut options = options.clone();
         (options.score, options.anchored_solver) = match self {

@@ -1,11 +1,11 @@
-//! Which scores an evaluation runs when it is told none.
+//! Default scores of an evaluation.
 
 use veiloc_pose::ScoreKind;
 
-/// The score an estimator compares by that is told none.
+/// The estimator's default score.
 pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;
 
-/// The scores a scheme is run with: those asked for, or the default.
+/// The given scores, or the default.
 pub fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
     if asked.is_empty() { vec![DEFAULT_SCORE] } else { asked.to_vec() }
 }

@@ -1,11 +1,11 @@
-//! What a scheme costs and what it leaks: the same images localized and attacked, side by side.
+//! Cost and leakage of schemes: the same images localized and attacked.
 //!
-//! - [`sessions`]: what several frames of one place give away, by what their anchors are tied to.
-//! - [`adversaries`]: what each adversary gets from the queries of every scheme.
-//! - [`layouts`]: layouts of dcl: how exact poses are beside those of points, and what each adversary gains.
+//! - [`sessions`]: leakage of several frames of one scene, by the reference frame of their anchors.
+//! - [`adversaries`]: gain of each adversary from the queries of every scheme.
+//! - [`layouts`]: layouts of dcl: pose errors relative to points, and the gain of each adversary.
 //!
-//! It measures with the attacks of `attacks` and the road of `eval`, and has neither of its own. Nothing here is for
-//! devices or servers: it knows the truth, to judge attacks and poses by.
+//! This module uses the attacks of `attacks` and the pipeline of `evaluation`. It knows the ground truth and must not
+//! run on devices or servers.
 #![forbid(unsafe_code)]
 
 pub mod adversaries;

@@ -1,6 +1,6 @@
-//! Which of many images are attacked.
+//! Selection of the attacked images.
 
-/// So many of `0..n`, spread evenly; all for `None`, or where there are fewer.
+/// `count` indices of `0..n`, spread evenly; all for `None`, or if there are fewer.
 pub(crate) fn spread(n: usize, count: Option<usize>) -> Vec<usize> {
     let count = count.unwrap_or(n).min(n);
     (0..count).map(|i| i * n / count).collect()

@@ -1,9 +1,9 @@
-//! The chi-squared distribution: how often a normalized squared error of so many dimensions stays below a value.
+//! The chi-squared distribution of normalized squared errors.
 
 use statrs::function::gamma::gamma_lr;
 
-/// Probability that a chi-squared variable with this many degrees of freedom is at most `x`: the regularized lower incomplete
-/// gamma function `P(k/2, x/2)`. 0 for `x ≤ 0`; NaN for NaN.
+/// Probability that a chi-squared variable with this many degrees of freedom is at most `x`: the regularized lower
+/// incomplete gamma function `P(k/2, x/2)`. 0 for `x ≤ 0`; NaN for NaN.
 pub fn cumulative(degrees: u32, x: f64) -> f64 {
     match x {
         _ if x.is_nan() => f64::NAN,
@@ -36,7 +36,7 @@ mod tests {
         }
     }
 
-    /// Quantiles as printed in tables of the distribution.
+    /// Quantiles from printed tables of the distribution.
     #[test]
     fn tabled_quantiles_are_met() {
         for (degrees, x, p) in [

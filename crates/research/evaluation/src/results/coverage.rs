@@ -1,4 +1,4 @@
-//! How well a covariance covers the truth: errors in units of what it allows, and the share of them within its regions.
+//! Coverage of covariances: normalized errors, and the share of truths within their confidence regions.
 
 use std::collections::BTreeMap;
 
@@ -7,23 +7,23 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vec
 
 use crate::results::chi_squared;
 
-/// The regions that are looked at: what they should hold, percent.
+/// Nominal probabilities of the evaluated regions, percent.
 pub const REGIONS: [u32; 3] = [50, 90, 99];
 
-/// Squared errors of a pose in units of its covariance; infinite where the covariance is none, or there is no pose.
+/// Squared errors of a pose normalized by its covariance; infinite if the covariance is invalid, or without a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalizedError {
-    /// Of the whole pose: chi-squared with six degrees of freedom if the covariance is right.
+    /// Error of the whole pose: chi-squared with six degrees of freedom if the covariance is right.
     pub pose: f64,
-    /// Of the camera centre: three degrees of freedom.
+    /// Error of the camera centre: three degrees of freedom.
     pub center: f64,
 }
 
 impl NormalizedError {
-    /// Of a query without a pose.
+    /// Value of a query without a pose.
     pub const NOT_LOCALIZED: Self = Self { pose: f64::INFINITY, center: f64::INFINITY };
 
-    /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
+    /// Normalized error of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
     pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
         Self {
             pose: normalized_error(estimate, covariance, truth),
@@ -31,18 +31,19 @@ impl NormalizedError {
         }
     }
 
-    /// The smallest region of the pose's covariance that holds the true pose: its probability, 0 to 1.
+    /// Probability of the smallest confidence region of the pose that contains the true pose, 0 to 1.
     pub fn pose_region(&self) -> f64 {
         chi_squared::cumulative(6, self.pose)
     }
 
-    /// The same of the camera centre.
+    /// The same for the camera centre.
     pub fn center_region(&self) -> f64 {
         chi_squared::cumulative(3, self.center)
     }
 }
 
-/// Of truths that lie in regions of these probabilities, the share within each of [`REGIONS`], by its percentage.
+/// Share of truths within each of [`REGIONS`], by its percentage, given the probability of each truth's smallest
+/// region.
 pub fn shares(regions: &[f64]) -> BTreeMap<String, f64> {
     REGIONS
         .iter()
@@ -53,13 +54,13 @@ pub fn shares(regions: &[f64]) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// `dᵀ C⁻¹ d` of the truth from the estimate, six degrees of freedom; infinite when the covariance is no covariance.
+/// `dᵀ C⁻¹ d` of the truth from the estimate, six degrees of freedom; infinite for an invalid covariance.
 fn normalized_error(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> f64 {
     let step = Vector6::from(estimate.step_to(truth));
     normalized(&Matrix6::from_fn(|i, j| covariance[i][j]), &step)
 }
 
-/// The same of the camera centre alone, three degrees of freedom, from its covariance in the world frame.
+/// The same for the camera centre alone, three degrees of freedom, from its covariance in the world frame.
 fn normalized_center_error(
     estimate: &CameraFromWorld,
     covariance: &[[f64; 3]; 3],
@@ -70,7 +71,7 @@ fn normalized_center_error(
 }
 
 fn normalized<const N: usize>(covariance: &SMatrix<f64, N, N>, step: &SVector<f64, N>) -> f64 {
-    // C = L Lᵀ by hand: nalgebra's factorization wants bounds that a generic N does not have.
+    // C = L Lᵀ by hand: nalgebra's factorization requires bounds that a generic N does not have.
     let mut l = SMatrix::<f64, N, N>::zeros();
     let mut squared = 0.0;
     let mut whitened = SVector::<f64, N>::zeros();
@@ -117,7 +118,7 @@ mod tests {
         }
     }
 
-    /// Poses drawn from the very covariance they come with are covered as often as it says.
+    /// Poses sampled from their covariance have the nominal coverage.
     #[test]
     fn right_covariances_cover_as_often_as_they_say() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);

@@ -1,31 +1,32 @@
-//! What an evaluation on a data set of several places found: the document of `veiloc eval 7scenes`, `cambridge` and `aachen`.
+//! Results on a data set of several scenes: the document of `veiloc eval 7scenes`, `cambridge` and `aachen`.
 
 use serde::{Deserialize, Serialize};
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// The document. Its `schemes` and `queries` are those of [`Evaluation`](crate::results::Evaluation), each with its place.
+/// The document. Its `schemes` and `queries` are those of [`Evaluation`](crate::results::Evaluation), each with its
+/// scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct DataSetEvaluation {
     /// Version of this document; a field is never removed or given another meaning under the same number.
     pub version: u32,
-    /// The command, as `eval 7scenes`.
+    /// The command, for example `eval 7scenes`.
     pub command: &'static str,
-    /// Names of the places.
+    /// Names of the scenes.
     pub data: Vec<String>,
-    /// What it was run with, and on what.
+    /// Program and machine of the run.
     pub run: RunFacts,
     /// Seed of every random choice.
     pub seed: u64,
-    /// The places, in the order they were evaluated in.
+    /// The scenes, in the order of evaluation.
     pub places: Vec<PlaceFacts>,
-    /// One entry a place, condition and row of the table.
+    /// One entry per scene, condition and row of the table.
     pub schemes: Vec<PlaceSummary>,
-    /// One entry a place, row and query.
+    /// One entry per scene, row and query.
     pub queries: Vec<PlaceQuery>,
 }
 
-/// What an evaluation was run with, and on what.
+/// Program and machine of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunFacts {
     /// Version of this program.
@@ -34,33 +35,33 @@ pub struct RunFacts {
     pub command_line: Vec<String>,
     /// Operating system and architecture.
     pub system: String,
-    /// Cores that a program may use.
+    /// Number of cores available to the program.
     pub cores: usize,
-    /// Queries that were localized at the same time.
+    /// Queries that were localized in parallel.
     pub jobs: usize,
 }
 
-/// A place of a data set.
+/// A scene of a data set.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PlaceFacts {
     /// Its name.
     pub name: String,
-    /// Whether it is the published place, whole, so that figures of others are of the same images.
+    /// Whether it is the complete published scene, so that published figures refer to the same images.
     pub is_official: bool,
-    /// Queries.
+    /// Number of queries.
     pub queries: usize,
-    /// What was left out or decided while reading, a sentence each.
+    /// What was left out or assumed while reading, one sentence each.
     pub remarks: Vec<String>,
     /// The map.
     pub map: Option<MapSummary>,
 }
 
-/// A row of the table of one place.
+/// A row of the table of one scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct PlaceSummary {
-    /// The place.
+    /// The scene.
     pub place: String,
-    /// What the queries were taken under, where the data set tells them apart.
+    /// Condition of the queries, if the data set distinguishes conditions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
     /// The figures.
@@ -68,16 +69,16 @@ pub struct PlaceSummary {
     pub summary: SchemeSummary,
 }
 
-/// A query of one place under one row.
+/// A query of one scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlaceQuery {
-    /// The place; absent in documents of one place.
+    /// The scene; absent in documents of one scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,
-    /// What it was taken under, where the data set tells queries apart.
+    /// Condition of the query, if the data set distinguishes conditions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
-    /// What it came to.
+    /// The result.
     #[serde(flatten)]
     pub result: QueryResult,
 }

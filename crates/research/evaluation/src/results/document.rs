@@ -1,4 +1,4 @@
-//! What `veiloc eval pose` and `veiloc eval scene` found: the stable JSON document.
+//! Results of `veiloc eval pose` and `veiloc eval scene`: the stable JSON document.
 
 use std::collections::BTreeMap;
 
@@ -18,19 +18,19 @@ pub struct Evaluation {
     pub version: u32,
     /// The command, `eval pose` or `eval scene`.
     pub command: &'static str,
-    /// What was evaluated on.
+    /// Names of the evaluated data.
     pub data: Vec<String>,
     /// Seed of every random choice; the first of them when there were several.
     pub seed: u64,
-    /// Whether matches were weighed by descriptor ratio, votes and track length, where no recipe says otherwise.
+    /// Whether matches were weighted by descriptor ratio, votes and track length, unless a recipe sets it.
     pub prior: bool,
-    /// Hypotheses of every query; null when the estimator stopped by itself, or when the rows differ.
+    /// Hypotheses per query; null if the estimator stopped adaptively, or if the rows differ.
     pub fixed_hypotheses: Option<usize>,
-    /// One entry per row of the table: scheme and how poses were estimated.
+    /// One entry per row of the table: scheme and configuration of the estimator.
     pub schemes: Vec<SchemeSummary>,
     /// One entry per row, seed and query.
     pub queries: Vec<QueryResult>,
-    /// Queries of another place, of which none should be localized: one entry per row and query.
+    /// Queries of another scene, which must not be localized: one entry per row and query.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub negatives: Vec<NegativeResult>,
     /// Facts about the map, for `eval scene`.
@@ -38,18 +38,18 @@ pub struct Evaluation {
     pub map: Option<MapSummary>,
 }
 
-/// How poses were estimated, beside scheme and score.
+/// Configuration of the estimator, beside scheme and score.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Variant {
     /// Name of the recipe; absent when single options were given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recipe: Option<String>,
-    /// Whether matches were weighed by what speaks for them.
+    /// Whether matches were weighted by their prior.
     pub prior: bool,
-    /// Hypotheses of every query; null when the estimator stopped by itself or searched nothing.
+    /// Hypotheses per query; null if the estimator stopped adaptively or did not search.
     pub fixed_hypotheses: Option<usize>,
-    /// What the estimator was told about gravity: `file`, `none`, or the degrees it was wrong by; absent when nothing was
-    /// asked for and the data brings none.
+    /// Source of the estimator's gravity: `file`, `none`, or the error in degrees; absent when none was selected and
+    /// the data has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity: Option<String>,
 }
@@ -61,50 +61,51 @@ pub struct SchemeSummary {
     pub scheme: String,
     /// Score by which hypotheses were compared.
     pub score: String,
-    /// How poses were estimated.
+    /// Configuration of the estimator.
     #[serde(flatten)]
     pub variant: Variant,
-    /// How many queries; each counts once a seed.
+    /// Number of queries; each counts once per seed.
     pub queries: usize,
-    /// How many got a pose at all, right or wrong.
+    /// Number of queries with a pose, right or wrong.
     pub localized: usize,
-    /// How many got a pose that the estimator itself trusts; absent where it was not asked.
+    /// Number of queries with a pose that the estimator trusts; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<usize>,
-    /// How many of the trusted are outside every threshold.
+    /// Number of trusted poses outside every threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted_wrong: Option<usize>,
-    /// How many got a pose that the estimator doubts; absent where it was not asked.
+    /// Number of queries with a pose that the estimator doubts; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub doubtful: Option<usize>,
-    /// How many got no pose, or one no better than chance; absent where the estimator was not asked.
+    /// Number of queries without a pose, or with a pose no better than chance; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_found: Option<usize>,
     /// Median over all judged queries, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
     /// Median over all judged queries, map units; null when more than half were not localized.
     pub median_translation: Option<f64>,
-    /// Threshold (`translation/degrees`) to share of the judged queries within it, 0 to 1; empty when none is judged.
+    /// Threshold (`translation/degrees`) to share of the judged queries within it, 0 to 1; empty without judged
+    /// queries.
     pub recall: BTreeMap<String, f64>,
-    /// How often the covariances of trusted poses hold the truth; absent when none is trusted.
+    /// Coverage of the covariances of trusted poses; absent without trusted poses.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<TrustedUncertainty>,
     /// Mean share of correspondences that agree with the estimated pose.
     pub mean_inlier_ratio: Option<f64>,
-    /// Median number of hypotheses drawn.
+    /// Median number of hypotheses.
     pub median_hypotheses: Option<f64>,
-    /// Bytes of one sealed query, median; absent where nothing is sealed.
+    /// Bytes of one sealed query, median; absent if nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sealed_bytes: Option<usize>,
-    /// What was sent of a query; absent where nothing is.
+    /// Data sent per query; absent if nothing is sealed.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub sent: Option<SentSummary>,
     /// Stage to median milliseconds.
     pub median_ms: BTreeMap<String, f64>,
-    /// The same figures seed by seed; empty when there was only one.
+    /// The same figures per seed; empty for one seed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_seed: Vec<SeedSummary>,
-    /// What became of the queries of another place.
+    /// Results of the queries of another scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub negatives: Option<NegativeSummary>,
 }
@@ -122,14 +123,14 @@ pub struct SeedSummary {
     pub median_ms: BTreeMap<String, f64>,
 }
 
-/// How many queries of another place were taken for queries of this one.
+/// Number of queries of another scene that were accepted as queries of this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct NegativeSummary {
-    /// How many queries.
+    /// Number of queries.
     pub queries: usize,
-    /// How many got a pose: each is wrong.
+    /// Number of queries with a pose: each is wrong.
     pub localized: usize,
-    /// How many got a pose that the estimator trusts: each is a false positive.
+    /// Number of queries with a pose that the estimator trusts: each is a false positive.
     pub trusted: usize,
 }
 
@@ -153,7 +154,7 @@ pub struct QueryResult {
     pub scheme: String,
     /// Score by which hypotheses were compared.
     pub score: String,
-    /// How the pose was estimated.
+    /// Configuration of the estimator.
     #[serde(flatten)]
     pub variant: Variant,
     /// Seed of this run.
@@ -161,10 +162,10 @@ pub struct QueryResult {
     /// The estimated pose; absent when not localized.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cam_from_world: Option<PoseDocument>,
-    /// Whether the estimator trusts it; absent when not localized, or where it was not asked.
+    /// Whether the estimator trusts it; absent without a pose, or if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<bool>,
-    /// What the estimator says the pose is worth; absent where it was not asked.
+    /// State of the pose according to the estimator; absent if it was not evaluated.
     #[serde(
         default,
         serialize_with = "as_text_if_any",
@@ -172,48 +173,49 @@ pub struct QueryResult {
         skip_serializing_if = "Option::is_none"
     )]
     pub state: Option<State>,
-    /// Whether the true pose is known. Where it is not, there are no errors, and no figure of the row counts the query but how
-    /// many there are and what became of them. Absent when true.
+    /// Whether the true pose is known. If not, the query has no errors and counts only in the numbers of queries and
+    /// states. Absent when true.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub is_judged: bool,
     /// Degrees; null when not localized or not judged.
     pub rotation_error_deg: Option<f64>,
     /// Map units; null when not localized or not judged.
     pub translation_error: Option<f64>,
-    /// The error against the covariance; absent when not localized, or where there is none.
+    /// The error relative to the covariance; absent without a pose or covariance.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<QueryUncertainty>,
     /// Correspondences that agree with the pose.
     pub inliers: usize,
-    /// Correspondences there were.
+    /// Number of correspondences.
     pub correspondences: usize,
-    /// Hypotheses drawn.
+    /// Number of hypotheses.
     pub hypotheses: usize,
-    /// Why there is no pose, when there is none.
+    /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// Bytes of the sealed query; absent where nothing is sealed.
+    /// Bytes of the sealed query; absent if nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sealed_bytes: Option<usize>,
-    /// What was sent of it; absent where nothing is.
+    /// Data sent for it; absent if nothing is sealed.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub sent: Option<SentDocument>,
     /// Stage to milliseconds.
     pub ms: BTreeMap<String, f64>,
 }
 
-/// What was sent for one query.
+/// Data sent for one query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SentDocument {
-    /// Rows that the server has seen, each counted once, decoys included.
+    /// Distinct rows that the server has received, including decoys.
     pub sent_rows: usize,
     /// Bytes of all messages together.
     pub sent_bytes: usize,
-    /// Rows that agree with the pose: a server that knows the pose knows where in the image these are. 0 without a pose.
+    /// Rows that agree with the pose: a server that knows the pose knows their positions in the image. 0 without a
+    /// pose.
     pub exposed: usize,
 }
 
-/// What was sent for the queries of a row.
+/// Data sent for the queries of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SentSummary {
     /// Mean of [`SentDocument::sent_rows`].
@@ -225,7 +227,7 @@ pub struct SentSummary {
 }
 
 impl SentSummary {
-    /// Of these queries; `None` for none.
+    /// Means over these queries; `None` without queries.
     pub fn of(each: &[SentDocument]) -> Option<Self> {
         let mean = |of: fn(&SentDocument) -> usize| {
             each.iter().map(|sent| of(sent) as f64).sum::<f64>() / each.len() as f64
@@ -238,7 +240,7 @@ impl SentSummary {
     }
 }
 
-/// One query of another place under one row.
+/// One query of another scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NegativeResult {
     /// Its name in the data.
@@ -253,7 +255,7 @@ pub struct NegativeResult {
     pub trusted: bool,
     /// Correspondences that agree with the pose.
     pub inliers: usize,
-    /// Correspondences there were.
+    /// Number of correspondences.
     pub correspondences: usize,
 }
 
@@ -276,19 +278,19 @@ pub struct PoseDocument {
 }
 
 impl PoseDocument {
-    /// Of a pose.
+    /// The document of a pose.
     pub fn of(pose: &CameraFromWorld) -> Self {
         let t = pose.translation();
         Self { q: pose.quaternion(), t: [t.x, t.y, t.z] }
     }
 
-    /// The pose again; `None` when the numbers are none.
+    /// The pose; `None` when the values are invalid.
     pub fn pose(&self) -> Option<CameraFromWorld> {
         CameraFromWorld::from_quaternion(self.q, self.t)
     }
 }
 
-/// Facts about the map a scene was localized in.
+/// Facts about the map of a scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MapSummary {
     /// Registered images.
@@ -299,17 +301,17 @@ pub struct MapSummary {
     pub bytes: u64,
     /// Seconds to build it, all images together.
     pub build_seconds: f64,
-    /// The regions that it was cut into, where it was.
+    /// The regions of the map, if it was split.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub regions: Option<RegionsSummary>,
 }
 
-/// Facts about the regions of a map, each query of a scene being asked in up to three of them.
+/// Facts about the regions of a map; each query of a scene is localized in up to three of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RegionsSummary {
-    /// How many.
+    /// Number of regions.
     pub count: usize,
-    /// Images of all of them, those that several hold as often as they are held.
+    /// Images of all regions; an image held by several regions counts several times.
     pub images_held: u64,
     /// Bytes of all their map files.
     pub bytes: u64,
@@ -320,7 +322,7 @@ pub struct RegionsSummary {
 }
 
 impl QueryResult {
-    /// A query that has no pose (yet).
+    /// A query without a pose.
     pub fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
         Self {
             name: name.to_owned(),
@@ -345,13 +347,13 @@ impl QueryResult {
         }
     }
 
-    /// With the reason why there is no pose.
+    /// Sets the reason for a missing pose.
     pub fn because(mut self, error: &impl std::error::Error) -> Self {
         self.failure = Some(error.to_string());
         self
     }
 
-    /// With an estimate, and how far it is from the truth.
+    /// Sets an estimate and its error.
     pub fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
         let error = PoseError::of(estimate, truth);
         self.cam_from_world = Some(PoseDocument::of(estimate));
@@ -360,13 +362,13 @@ impl QueryResult {
         self
     }
 
-    /// With an estimate, where nobody knows the truth.
+    /// Sets an estimate without a known true pose.
     pub fn answered(mut self, estimate: &CameraFromWorld) -> Self {
         self.cam_from_world = Some(PoseDocument::of(estimate));
         self
     }
 
-    /// Errors as numbers that compare, infinite when not localized.
+    /// Errors as comparable numbers, infinite without a pose.
     pub fn pose_error(&self) -> PoseError {
         match (self.rotation_error_deg, self.translation_error) {
             (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },

@@ -1,27 +1,27 @@
-//! How many minimal samples a search may draw: a number for comparisons at equal effort, or its own stopping rule.
+//! Number of minimal samples of a search: fixed for comparisons at equal effort, or adaptive.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// How many hypotheses are drawn.
+/// Number of hypotheses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hypotheses {
-    /// Until a better one is unlikely.
+    /// Adaptive: until a better hypothesis is unlikely.
     Adaptive,
     /// Exactly this many.
     Fixed(usize),
 }
 
-/// Most hypotheses that may be asked for: more would take hours a query.
+/// Upper limit: more would take hours per query.
 const MOST: usize = 10_000_000;
 
-/// A text that is neither `adaptive` nor a sensible number.
+/// A text that is neither `adaptive` nor an allowed number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no number of hypotheses; write a whole number from 1 to {MOST}, or adaptive")]
 pub struct HypothesesError(String);
 
 impl Hypotheses {
-    /// The number, when it is fixed.
+    /// The number, if it is fixed.
     pub const fn fixed(self) -> Option<usize> {
         match self {
             Self::Adaptive => None,

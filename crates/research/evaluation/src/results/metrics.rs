@@ -1,7 +1,6 @@
-//! How far an estimated pose is from the true one, and what that means over many queries.
+//! Pose errors and their statistics over many queries.
 //!
-//! A query that was not localized counts as infinitely wrong in every median and recall, so that no figure gets
-//! better by giving up.
+//! A query without a pose counts as infinite error in every median and recall, so no figure improves by giving up.
 
 use std::fmt;
 use std::str::FromStr;
@@ -18,10 +17,10 @@ pub struct PoseError {
 }
 
 impl PoseError {
-    /// What a query counts as that was not localized.
+    /// Errors of a query without a pose.
     pub const NOT_LOCALIZED: Self = Self { rotation_deg: f64::INFINITY, translation: f64::INFINITY };
 
-    /// Of an estimate against the truth.
+    /// Errors of an estimate.
     pub fn of(estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
         Self {
             rotation_deg: estimate.rotation_error_degrees(truth),
@@ -29,7 +28,7 @@ impl PoseError {
         }
     }
 
-    /// Whether both errors are within a threshold; never true for NaN.
+    /// Whether both errors are within a threshold; false for NaN.
     pub fn within(&self, threshold: &Threshold) -> bool {
         self.rotation_deg <= threshold.rotation_deg && self.translation <= threshold.translation
     }
@@ -44,7 +43,7 @@ pub struct Threshold {
     pub rotation_deg: f64,
 }
 
-/// A threshold that does not read as `translation/degrees`.
+/// A text that is not of the form `translation/degrees`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no threshold; write TRANSLATION/DEGREES, both positive, as in 0.05/5")]
 pub struct ThresholdError(String);
@@ -68,7 +67,7 @@ impl fmt::Display for Threshold {
     }
 }
 
-/// Share of poses within a threshold, 0 to 1; 0 for none.
+/// Share of poses within a threshold, 0 to 1; 0 without poses.
 pub fn recall(errors: &[PoseError], threshold: &Threshold) -> f64 {
     if errors.is_empty() {
         return 0.0;
@@ -76,9 +75,9 @@ pub fn recall(errors: &[PoseError], threshold: &Threshold) -> f64 {
     errors.iter().filter(|e| e.within(threshold)).count() as f64 / errors.len() as f64
 }
 
-/// The median; the mean of the middle two for an even count; NaN for none.
+/// The median; the mean of the middle two values for an even count; NaN without values.
 ///
-/// NaN sorts last, beside infinity, so a broken value makes a median worse and never better.
+/// NaN sorts last, beside infinity, so an invalid value can only make a median worse.
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -90,12 +89,12 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// The mean of the values; NaN for none.
+/// The mean of the values; NaN without values.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// JSON has no infinity: a number that is not finite becomes null.
+/// Maps values that are not finite to null, since JSON has no infinity.
 pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }

@@ -1,12 +1,12 @@
-//! What an evaluation found: the figures that are counted, the JSON documents, and the tables for people.
+//! Results of evaluations: figures, JSON documents and text tables.
 //!
-//! - [`Evaluation`] and what it is made of: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
-//! - [`DataSetEvaluation`]: the same of the places of a data set; [`tables`]: its tables as papers print them.
-//! - [`comparison`]: two runs on the same queries, with intervals.
-//! - [`metrics`]: pose errors, recall, medians. [`coverage`]: errors against covariances. [`chi_squared`].
+//! - [`Evaluation`] and its parts: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
+//! - [`DataSetEvaluation`]: the same for the scenes of a data set; [`tables`]: its tables as in papers.
+//! - [`comparison`]: two runs on the same queries, with confidence intervals.
+//! - [`metrics`]: pose errors, recall, medians. [`coverage`]: coverage of covariances. [`chi_squared`].
 //! - [`pose_lines`]: poses as lines of other programs' files (hloc, visuallocalization.net, TUM).
 //! - [`text_table`]: tables that fit a terminal.
-//! - [`Hypotheses`]: how many samples a search may draw, as people write it.
+//! - [`Hypotheses`]: the number of samples of a search, as an option's text.
 #![forbid(unsafe_code)]
 
 pub mod chi_squared;

@@ -4,8 +4,8 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::results::PoseDocument;
 
-/// `name qw qx qy qz tx ty tz`, world to camera: hloc's files of results, and, with [`base_name`], those that
-/// visuallocalization.net judges. `None` for a name with white space, which no reader could tell from the numbers.
+/// `name qw qx qy qz tx ty tz`, world to camera: a line of hloc's result files, and, with [`base_name`], of files for
+/// visuallocalization.net. `None` for a name with white space, which a reader could not separate from the numbers.
 pub fn hloc_line(name: &str, pose: &PoseDocument) -> Option<String> {
     if name.is_empty() || name.contains(char::is_whitespace) {
         return None;
@@ -15,7 +15,7 @@ pub fn hloc_line(name: &str, pose: &PoseDocument) -> Option<String> {
     Some(format!("{name} {w} {x} {y} {z} {tx} {ty} {tz}"))
 }
 
-/// The name of the file itself: what stands behind the last `/`.
+/// The file's name: the part after the last `/`.
 pub fn base_name(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
@@ -27,8 +27,8 @@ pub fn tum_line(stamp: &str, cam_from_world: &CameraFromWorld) -> String {
     format!("{stamp} {} {} {} {x} {y} {z} {w}", t.x, t.y, t.z)
 }
 
-/// What stands before each pose of a TUM trajectory: the names' own numbers of seconds where every file is named by a number
-/// of its own, as TUM's are (`rgb/1305031102.175304.png`), else the index in the list, from 0.
+/// Time stamps of a TUM trajectory: the seconds in the file names if every file is named by a distinct number, as in
+/// TUM's data sets (`rgb/1305031102.175304.png`), else the index in the list, from 0.
 pub fn tum_stamps<'a>(names: impl IntoIterator<Item = &'a str> + Clone) -> Vec<String> {
     let times: Option<Vec<String>> = names.clone().into_iter().map(seconds).collect();
     let distinct = |times: &Vec<String>| {
@@ -41,7 +41,7 @@ pub fn tum_stamps<'a>(names: impl IntoIterator<Item = &'a str> + Clone) -> Vec<S
         .unwrap_or_else(|| names.into_iter().enumerate().map(|(index, _)| index.to_string()).collect())
 }
 
-/// The number that a file is named by, with a point in it: whole numbers count frames.
+/// The number in a file name, with a decimal point: integers are frame counts.
 fn seconds(name: &str) -> Option<String> {
     let base = base_name(name);
     let stem = base.rsplit_once('.').map_or(base, |(stem, _)| stem);

@@ -4,18 +4,18 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serializer};
 use veiloc_pose::State;
 
-/// As the state prints itself.
+/// Serializes the state as its text.
 ///
 /// # Errors
-/// Those of the serializer.
+/// Errors of the serializer.
 pub fn as_text<S: Serializer>(state: &State, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(state)
 }
 
-/// The same of a state that may be missing, which is null.
+/// The same for an optional state; a missing state is null.
 ///
 /// # Errors
-/// Those of the serializer.
+/// Errors of the serializer.
 pub fn as_text_if_any<S: Serializer>(state: &Option<State>, serializer: S) -> Result<S::Ok, S::Error> {
     match state {
         Some(state) => as_text(state, serializer),
@@ -23,10 +23,10 @@ pub fn as_text_if_any<S: Serializer>(state: &Option<State>, serializer: S) -> Re
     }
 }
 
-/// The state that [`as_text_if_any`] wrote.
+/// Reads a state that [`as_text_if_any`] wrote.
 ///
 /// # Errors
-/// Those of the deserializer, and for a text that is no state.
+/// Errors of the deserializer, and texts that are not a state.
 pub fn from_text_if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<State>, D::Error> {
     let Some(text) = Option::<String>::deserialize(deserializer)? else { return Ok(None) };
     let state = State::ALL.into_iter().find(|state| state.to_string() == text);

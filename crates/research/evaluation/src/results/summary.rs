@@ -1,4 +1,4 @@
-//! From the results of single queries to the figures of a row, all seeds together and seed by seed.
+//! Figures of a row from the results of single queries, over all seeds and per seed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use crate::results::document::{QueryResult, SchemeSummary, SeedSummary, SentSumm
 use crate::results::metrics::{PoseError, Threshold, finite, mean, median, recall};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
-/// Sums up the queries of one row: one scheme, estimated in one way, under any number of seeds.
+/// Summarizes the queries of one row: one scheme and one configuration of the estimator, with any number of seeds.
 pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSummary {
     let seeds: BTreeSet<u64> = queries.iter().map(|q| q.seed).collect();
     let per_seed: Vec<SeedSummary> = seeds
@@ -174,7 +174,7 @@ pub(crate) mod tests {
             let sent = SentDocument { sent_rows, sent_bytes: 100 * sent_rows, exposed: sent_rows / 4 };
             QueryResult { sent: Some(sent), ..query(0, error) }
         };
-        // Also over those that got no pose, which cost the most.
+        // Queries without a pose are included; they cost the most.
         let queries = [with(256, Some((0.1, 0.01))), with(1024, None)];
         let sent = summarize(&queries.iter().collect::<Vec<_>>(), &threshold()).sent.expect("they were sent");
         assert_eq!((sent.mean_rows, sent.mean_bytes, sent.mean_exposed), (640.0, 64000.0, 160.0));
@@ -193,7 +193,7 @@ pub(crate) mod tests {
             };
             QueryResult { uncertainty: Some(uncertainty), ..query(0, Some((rotation, 0.01))) }
         };
-        // Of the first three, the last one is not trusted; the fourth has no pose.
+        // Of the first three, the last is not trusted; the fourth has no pose.
         let queries = [with(0.1, 0.3), with(0.1, 0.7), with(0.9, 0.2), query(0, None)];
         let queries: Vec<&QueryResult> = queries.iter().collect();
         let row = summarize(&queries, &[]).uncertainty.expect("two are trusted");

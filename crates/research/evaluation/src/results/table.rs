@@ -1,5 +1,5 @@
-//! The table for people: a row a scheme and way of estimating; with several seeds the mean of the seeds' figures, and
-//! below it their smallest and largest.
+//! The text table: one row per scheme and configuration; with several seeds the mean over seeds, and below it the
+//! smallest and largest value.
 
 use std::fmt::Write as _;
 
@@ -8,13 +8,13 @@ use crate::results::document::{SchemeSummary, SeedSummary};
 use crate::results::hypotheses::Hypotheses;
 use crate::results::text_table::{TextTable, side_by_side};
 
-/// Stages in the order a query passes them; the table's columns.
+/// Stages in the order of processing; the table's columns.
 pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
 
-/// Columns that tell rows apart: scheme, recipe, score, gravity.
+/// Columns that identify rows: scheme, recipe, score, gravity.
 const NAMES: usize = 4;
 
-/// The summaries as a table, broken into several where one would be too wide.
+/// The summaries as a table, split into several if one would be too wide.
 pub fn table(rows: &[SchemeSummary]) -> String {
     let thresholds: Vec<&String> = rows.first().map(|r| r.recall.keys().collect()).unwrap_or_default();
     let block = |columns: Vec<String>| {
@@ -55,7 +55,7 @@ pub fn table(rows: &[SchemeSummary]) -> String {
     text
 }
 
-/// What was sent of a query; empty where nothing is.
+/// Data sent per query; empty if nothing is sealed.
 fn sent(rows: &[SchemeSummary]) -> String {
     let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
     let columns = ["mean rows", "mean bytes", "mean exposed"].map(str::to_owned);
@@ -78,7 +78,7 @@ fn sent(rows: &[SchemeSummary]) -> String {
     )
 }
 
-/// How often the covariances of trusted poses hold the truth; empty where nothing is known of it.
+/// Coverage of the covariances of trusted poses; empty without data.
 fn coverage(rows: &[SchemeSummary]) -> String {
     let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
     let shares = |what: &'static str| REGIONS.iter().map(move |region| format!("{what} {region} %"));
@@ -108,7 +108,7 @@ fn coverage(rows: &[SchemeSummary]) -> String {
 }
 
 fn names_of(row: &SchemeSummary, rows: &[SchemeSummary]) -> Vec<String> {
-    // A recipe's name says which score it has.
+    // A recipe's name implies its score.
     let score =
         if rows.iter().all(|r| r.variant.recipe.is_some()) { String::new() } else { row.score.clone() };
     vec![
@@ -131,7 +131,7 @@ fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
     let or_mean = |own: Option<f64>, of: fn(&SeedSummary) -> Option<f64>| {
         if row.per_seed.is_empty() { own } else { mean(row, of) }
     };
-    // With several seeds the room goes to the spread: trust and inliers are then in the document only.
+    // With several seeds the columns show the spread; trust and inliers are then in the document only.
     let one_seed = row.per_seed.is_empty();
     let mut trusted = row.trusted.filter(|_| one_seed).map(whole).unwrap_or_default();
     if let Some(wrong) = row.trusted_wrong.filter(|n| one_seed && *n > 0) {
@@ -156,7 +156,7 @@ fn negatives_of(row: &SchemeSummary) -> Vec<String> {
         .unwrap_or_default()
 }
 
-/// The number asked for, or how many were drawn until the search stopped by itself.
+/// The fixed number, or the number at which the adaptive search stopped.
 fn hypotheses(row: &SchemeSummary) -> String {
     match (Hypotheses::from(row.variant.fixed_hypotheses), row.median_hypotheses) {
         (Hypotheses::Fixed(count), _) => count.to_string(),
@@ -199,13 +199,13 @@ fn cost_spread_of(row: &SchemeSummary) -> Vec<String> {
         .collect()
 }
 
-/// Mean over seeds; infinite (none) as soon as one seed's figure is.
+/// Mean over seeds; infinite (none) if one seed has no value.
 fn mean(row: &SchemeSummary, of: impl Fn(&SeedSummary) -> Option<f64>) -> Option<f64> {
     let values: Option<Vec<f64>> = row.per_seed.iter().map(of).collect();
     values.map(|v| crate::results::metrics::mean(&v))
 }
 
-/// Smallest and largest over seeds, nothing where they are one; a figure that a seed does not have is infinite.
+/// Smallest and largest value over seeds, empty if they are equal; a missing value is infinite.
 fn spread(row: &SchemeSummary, digits: usize, of: impl Fn(&SeedSummary) -> Option<f64>) -> String {
     let values: Vec<f64> = row.per_seed.iter().map(|s| of(s).unwrap_or(f64::INFINITY)).collect();
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -219,7 +219,7 @@ fn fixed(value: f64, digits: usize) -> String {
     format!("{value:.digits$}")
 }
 
-/// A number of thousands needs no decimals to be read as far off, and no room for them.
+/// Numbers above a thousand are shown without decimals.
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("—".to_owned(), |v| fixed(v, if v < 1000.0 { digits } else { 0 }))
 }

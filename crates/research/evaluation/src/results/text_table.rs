@@ -1,26 +1,26 @@
-//! Tables for people: aligned columns, none of them empty, a rule below the head.
+//! Text tables: aligned columns, no empty column, a rule below the head.
 
 use std::fmt::Write as _;
 
-/// Columns a terminal is sure to have room for.
+/// Width that every terminal has.
 pub const WIDTH: usize = 120;
 
-/// A share of 1 as tables show it: percent with one decimal.
+/// A share as percent with one decimal.
 pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// A table being filled; all rows as long as the head.
+/// A table under construction; all rows have the length of the head.
 #[derive(Debug, Clone, Default)]
 pub struct TextTable {
     head: Vec<String>,
-    /// This many columns from the left hold names, which stand to the left; numbers stand to the right.
+    /// This many columns from the left are names, aligned left; numbers are aligned right.
     names: usize,
     rows: Vec<Vec<String>>,
 }
 
 impl TextTable {
-    /// A table with these columns, the first `names` of them for names.
+    /// A table with these columns, of which the first `names` hold names.
     pub fn new(head: impl IntoIterator<Item = impl Into<String>>, names: usize) -> Self {
         Self { head: head.into_iter().map(Into::into).collect(), names, rows: Vec::new() }
     }
@@ -31,7 +31,7 @@ impl TextTable {
         self.rows.push(cells);
     }
 
-    /// The names of the first table once, then all numbers of both: for tables that were filled row by row together.
+    /// The names of the first table once, then the numbers of both: for tables with the same rows.
     pub fn beside(&self, other: &Self) -> Self {
         let join = |a: &Vec<String>, b: &Vec<String>| a.iter().chain(&b[other.names..]).cloned().collect();
         Self {
@@ -41,18 +41,18 @@ impl TextTable {
         }
     }
 
-    /// Whether there is any number in it.
+    /// Whether it has any number.
     pub fn has_numbers(&self) -> bool {
         self.rows.iter().any(|row| row[self.names..].iter().any(|cell| !cell.is_empty()))
     }
 
-    /// Characters of a line.
+    /// Width of a line, characters.
     pub fn width(&self) -> usize {
         let widths = self.widths();
         widths.iter().sum::<usize>() + 2 * widths.iter().filter(|w| **w > 0).count().saturating_sub(1)
     }
 
-    /// Characters of each column; 0 for one that no row fills.
+    /// Width of each column, characters; 0 for an empty column.
     fn widths(&self) -> Vec<usize> {
         (0..self.head.len())
             .map(|c| {
@@ -62,7 +62,7 @@ impl TextTable {
             .collect()
     }
 
-    /// The text, every line ended.
+    /// The text; every line ends with a line feed.
     pub fn render(&self) -> String {
         let widths = self.widths();
         let mut text = String::new();
@@ -88,8 +88,8 @@ impl TextTable {
     }
 }
 
-/// Tables that were filled row by row together, side by side where that fits [`WIDTH`] and below each other where not;
-/// those without numbers are left out.
+/// Tables with the same rows, side by side if they fit [`WIDTH`], otherwise below each other; tables without numbers
+/// are left out.
 pub fn side_by_side(tables: impl IntoIterator<Item = TextTable>) -> String {
     let mut tables = tables.into_iter().filter(TextTable::has_numbers);
     let Some(mut open) = tables.next() else { return String::new() };

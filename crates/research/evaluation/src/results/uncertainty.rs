@@ -1,4 +1,4 @@
-//! What a query's covariance says of its error, and how often a row's covariances hold the truth.
+//! Comparison of covariances and errors, of a query and of a row.
 
 use std::collections::BTreeMap;
 
@@ -9,25 +9,26 @@ use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use crate::results::coverage::{NormalizedError, shares};
 use crate::results::metrics::{finite, median};
 
-/// The error of a pose against the covariance it came with.
+/// The error of a pose relative to its covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct QueryUncertainty {
-    /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of answers;
-    /// null when a direction is free.
+    /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of
+    /// answers; null if a direction is unconstrained.
     pub position_sd: Option<f64>,
-    /// The same of the orientation, about its least certain axis, degrees.
+    /// The same for the orientation, about its least certain axis, degrees.
     pub rotation_sd_deg: Option<f64>,
-    /// Distance of the estimated camera centre from the true one, over [`Self::position_sd`]; null when a direction is
-    /// free. The median of right covariances lies between 0.67, all of it in one direction, and 1.54, equal in all.
+    /// Distance between the estimated and the true camera centre, divided by [`Self::position_sd`]; null if a
+    /// direction is unconstrained. For right covariances its median lies between 0.67 (one dominant direction) and
+    /// 1.54 (all directions equal).
     pub center_error_over_sd: Option<f64>,
-    /// The smallest region of the centre's covariance that holds the true centre: its probability, 0 to 1.
+    /// Probability of the smallest confidence region of the centre that contains the true centre, 0 to 1.
     pub center_region: f64,
-    /// The same of the whole pose, six dimensions.
+    /// The same for the whole pose, six dimensions.
     pub pose_region: f64,
 }
 
 impl QueryUncertainty {
-    /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
+    /// Normalized error of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
     pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
         let sd = position_sd(covariance);
         let normalized = NormalizedError::of(estimate, covariance, truth);
@@ -42,20 +43,20 @@ impl QueryUncertainty {
     }
 }
 
-/// How often the covariances of a row's trusted poses hold the truth.
+/// Coverage of the covariances of a row's trusted poses.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrustedUncertainty {
-    /// Share of true camera centres within the region of the estimated centre's covariance that should hold so many
-    /// percent of them: percent to share, 0 to 1.
+    /// Coverage of the confidence regions of the camera centre: nominal percentage to share of true centres inside, 0
+    /// to 1.
     pub coverage: BTreeMap<String, f64>,
-    /// The same of whole poses, six dimensions.
+    /// The same for whole poses, six dimensions.
     pub coverage_pose: BTreeMap<String, f64>,
-    /// Median of [`QueryUncertainty::center_error_over_sd`]; null when for more than half a direction is free.
+    /// Median of [`QueryUncertainty::center_error_over_sd`]; null if more than half have an unconstrained direction.
     pub center_error_over_sd: Option<f64>,
 }
 
 impl TrustedUncertainty {
-    /// Of these poses, each of which is trusted; `None` when there are none.
+    /// Coverage over these trusted poses; `None` without poses.
     pub fn of(each: &[QueryUncertainty]) -> Option<Self> {
         if each.is_empty() {
             return None;
@@ -86,7 +87,7 @@ mod tests {
         let sd = u.position_sd.expect("finite");
         assert!((sd - 0.01).abs() < 1e-9, "{sd}");
         assert!((u.center_error_over_sd.expect("finite") - 3.0).abs() < 1e-9);
-        // Three deviations along one axis: chi-squared 9, of three and of six degrees of freedom.
+        // Three deviations along one axis: chi-squared 9 with three and with six degrees of freedom.
         assert!((u.center_region - 0.9707).abs() < 1e-3 && (u.pose_region - 0.8264).abs() < 1e-3, "{u:?}");
         let free = QueryUncertainty::of(&estimate, &diagonal(f64::INFINITY), &truth);
         assert_eq!((free.position_sd, free.center_error_over_sd, free.center_region), (None, None, 1.0));

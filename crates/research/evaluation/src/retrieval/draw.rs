@@ -1,16 +1,16 @@
-//! More global descriptors than there are images.
+//! Synthetic global descriptors, for databases larger than the available images.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Grows `[N, codes]` global descriptors to `count`, each new one made of those that are there.
+/// Extends `[N, codes]` global descriptors to `count`; each new one is composed of existing ones.
 ///
-/// A new one has the block of each visual word from one of three images, drawn for it: words look as they do in images, and
-/// those of one image agree in part, as they do in images. Each number moves by up to an eighth of its size, so that no
-/// block is there twice.
+/// The block of each visual word comes from one of three images, drawn for the new descriptor: blocks look like those
+/// of images, and blocks from the same image are correlated as in images. Each number is changed by up to an eighth
+/// of its size, so no two blocks are equal.
 ///
-/// Equal for every number of threads.
+/// The result does not depend on the number of threads.
 pub(crate) fn draw(all: &mut Vec<i8>, (codes, block): (usize, usize), count: usize, seed: u64) {
     let there = all.len() / codes;
     if there == 0 || count <= there {
@@ -24,7 +24,7 @@ pub(crate) fn draw(all: &mut Vec<i8>, (codes, block): (usize, usize), count: usi
             let parent = parents[rng.random_range(0..parents.len())] * codes + start;
             let noise = rng.random::<u64>();
             for (i, (code, from)) in word.iter_mut().zip(&all[parent..]).enumerate() {
-                // Three bits a code: from -4 to 3 parts in 32.
+                // Three bits per code: from -4 to 3 parts in 32.
                 let part = i16::from((noise.rotate_left(3 * i as u32 + i as u32 / 21) & 7) as u8) - 4;
                 *code = (i16::from(*from) + i16::from(*from) * part / 32) as i8;
             }

@@ -1,4 +1,4 @@
-//! Every query sought among so many images, by comparing all and through the index.
+//! Retrieval of every query among databases of several sizes, exhaustively and through the index.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
@@ -14,49 +14,51 @@ use veiloc_map::MapFile;
 use crate::EvalError;
 use crate::retrieval::draw::draw;
 
-/// What to search, and for what.
+/// Inputs and options.
 #[derive(Clone)]
 pub struct SearchEvaluation {
-    /// The images that are sought.
+    /// The query images.
     pub queries: Vec<PathBuf>,
-    /// Images of elsewhere, to be put among those of the map.
+    /// Images of other scenes, added to the images of the map.
     pub others: Vec<PathBuf>,
-    /// Numbers of images that are searched, in the order of the table. Smaller than the map: its first so many.
+    /// Database sizes, in the order of the table. If smaller than the map, its first images are used.
     pub sizes: Vec<usize>,
-    /// Images that are asked for.
+    /// Number of retrieved images.
     pub retrieve: usize,
-    /// Seed of what is drawn.
+    /// Seed of the synthetic descriptors.
     pub seed: u64,
-    /// A folder for `searched.npy` and `queries.npy`: the global descriptors, int8, a row an image, for other indexes.
+    /// A folder for `searched.npy` and `queries.npy`: the global descriptors, int8, one row per image, for other
+    /// indexes.
     pub save: Option<PathBuf>,
 }
 
-/// One way to search so many images.
+/// Results of one search method on one database size.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SearchRow {
-    /// Images that are searched.
+    /// Number of images in the database.
     pub images: usize,
-    /// Of these, images whose global descriptors are real, not drawn.
+    /// Number of images with real, not synthetic, global descriptors.
     pub real: usize,
-    /// `all`: every image is compared; `index`: those that the index names.
+    /// `all`: exhaustive search; `index`: search through the index.
     pub search: &'static str,
-    /// Seconds to make ready what is searched, on all processors.
+    /// Seconds to build the database or index, on all processors.
     pub build_seconds: f64,
-    /// Bytes of it in memory.
+    /// Its size in memory, bytes.
     pub bytes: usize,
-    /// Milliseconds of a search on one processor, the median over the queries.
+    /// Milliseconds per search on one processor, median over the queries.
     pub median_ms: f64,
-    /// Share of the images found that comparing every image finds.
+    /// Recall: share of the images found by exhaustive search that this search finds.
     pub kept: f64,
-    /// Share of the images found that are the map's.
+    /// Share of the retrieved images that belong to the map.
     pub of_map: f64,
 }
 
-/// Searches the images of a map for each query, among as many others as asked for; equal but for times whatever the number of
-/// threads.
+/// Searches the images of a map for each query, among other images up to each database size. Except for times, the
+/// results do not depend on the number of threads.
 ///
 /// # Errors
-/// [`EvalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
+/// [`EvalError`]: an image cannot be read, the options select nothing, or the global descriptors of the map are not
+/// computed from local features.
 pub fn evaluate_search(
     map: &MapFile,
     extractor: &dyn Extractor,
@@ -120,13 +122,13 @@ pub fn evaluate_search(
     Ok(rows)
 }
 
-/// Writes `[N, columns]` as NumPy does: version 1.0 of its format, a header of a multiple of 64 bytes, then the rows.
+/// Writes `[N, columns]` in NumPy's format version 1.0: a header with a multiple of 64 bytes, then the rows.
 fn save_npy(path: &Path, values: &[i8], columns: usize) -> io::Result<()> {
     let shape = format!(
         "{{'descr': '|i1', 'fortran_order': False, 'shape': ({}, {columns}), }}",
         values.len() / columns
     );
-    // Ten bytes before it and a line feed after it.
+    // Ten bytes precede it and a line feed ends it.
     let header = format!("{shape}{}\n", " ".repeat(63 - (shape.len() + 10) % 64));
     let mut file = BufWriter::new(File::create(path)?);
     file.write_all(b"\x93NUMPY\x01\x00")?;
@@ -138,17 +140,17 @@ fn save_npy(path: &Path, values: &[i8], columns: usize) -> io::Result<()> {
     file.flush()
 }
 
-/// Codes of one word.
+/// Number of codes per visual word.
 const fn block_of(vocabulary: &Vocabulary) -> usize {
     vocabulary.global_len() / vocabulary.len()
 }
 
-/// So many images.
+/// A database.
 struct Searched<'a> {
     /// `[N, codes]`
     all: &'a [i8],
     codes: usize,
-    /// The first of them.
+    /// Number of images of the map, which are the first.
     of_map: usize,
     real: usize,
 }
@@ -201,7 +203,7 @@ impl Searched<'_> {
         ]
     }
 
-    /// The best of some images, compared code by code.
+    /// The best of these images, by comparing all codes.
     fn best(&self, query: &GlobalDescriptor, among: impl Iterator<Item = usize>, count: usize) -> Vec<usize> {
         let found = query
             .most_similar(among.map(|image| (image, &self.all[image * self.codes..][..self.codes])), count);

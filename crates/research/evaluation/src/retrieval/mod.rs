@@ -1,10 +1,10 @@
-//! `veiloc eval search`: what finding the images of a map that look like a query costs, and what it misses, as maps grow.
+//! `veiloc eval search`: cost and recall of image retrieval as maps grow.
 //!
-//! A map of a million images is at nobody's hand, and retrieval sees nothing of an image but its global descriptor. So the
-//! images of a real map are put among others: those of other images as they are, and as many more as are asked for, drawn
-//! from all of them (drawn block by block).
+//! A map of a million images is not available, and retrieval uses only an image's global descriptor. So the images of
+//! a real map are extended by other images, and by as many synthetic descriptors as needed, composed block by block
+//! from all of them.
 //!
-//! [`evaluate_search`] makes the rows, [`table`] shows them.
+//! [`evaluate_search`] computes the rows, [`table`] prints them.
 #![forbid(unsafe_code)]
 
 mod draw;

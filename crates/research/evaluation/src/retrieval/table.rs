@@ -1,10 +1,10 @@
-//! The table of searches for people.
+//! The text table of searches.
 
 use crate::results::text_table::{TextTable, percent};
 
 use crate::retrieval::evaluate::SearchRow;
 
-/// A row each.
+/// One line per row.
 pub fn table(rows: &[SearchRow]) -> String {
     let head = ["images", "search", "ready s", "MB", "search ms", "kept", "of the map"];
     let mut table = TextTable::new(head, 2);

@@ -1,7 +1,8 @@
-//! `veiloc eval rig`: several images in a row localized together, with odometry made up from their true poses.
+//! `veiloc eval rig`: several consecutive images localized together, with odometry simulated from their true poses.
 //!
-//! Every query of the list is the newest image of a session with those before it. Sessions of different lengths answer for
-//! the same queries, so that their figures can be compared: queries whose walk is too short for the longest are left out.
+//! Every query of the list is the newest image of a sequence with the images before it. Sequences of different
+//! lengths are evaluated on the same queries, so that their figures can be compared: queries whose trajectory is too
+//! short for the longest sequence are left out.
 
 mod walk;
 
@@ -27,20 +28,20 @@ use crate::stress::{Stress, sealed_under, shown_under};
 use walk::odometry;
 pub use walk::walk_of;
 
-/// What to evaluate.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 pub struct RigEvaluation {
-    /// The place, split into map and queries; the queries in the order in which they were taken.
+    /// The scene, split into map and queries; the queries in the order in which they were taken.
     pub place: SceneEvaluation,
-    /// Images of a session, a row of the table each.
+    /// Numbers of images of a sequence, one row of the table each.
     pub frames: Vec<usize>,
-    /// Standard deviation by which the odometry errs about each axis at every step, degrees.
+    /// Standard deviation of the odometry's rotation about each axis per step, degrees.
     pub rotation_sd_deg: f64,
-    /// Standard deviation by which it errs along each axis at every step, map units.
+    /// Standard deviation of the odometry's translation along each axis per step, map units.
     pub translation_sd: f64,
-    /// Images farther apart than this are not of one walk, map units.
+    /// Images farther apart than this belong to different trajectories, map units.
     pub reach: f64,
-    /// What all queries are put under.
+    /// Condition of all queries.
     pub stress: Stress,
 }
 
@@ -63,11 +64,11 @@ impl RigEvaluation {
     }
 }
 
-/// Builds the map, and localizes every query under every scheme with as many images before it as each row says.
+/// Builds the map, and localizes every query under every scheme with the number of images of each row.
 ///
 /// # Errors
-/// [`EvalError`] when data is missing, no walk is long enough, or the map cannot be built. A session that is not localized
-/// is a result.
+/// [`EvalError`] when data is missing, no trajectory is long enough, or the map cannot be built. A sequence without a
+/// pose is a result.
 pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
     evaluation.check()?;
     let place = &evaluation.place;
@@ -143,7 +144,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     })
 }
 
-/// One session, its newest image last: how far off that one's pose is.
+/// Localizes one sequence, whose last image is the newest: returns the error of that image's pose.
 fn localize_session(
     evaluation: &RigEvaluation,
     map: &MapFile,
@@ -163,12 +164,12 @@ fn localize_session(
         ..Variant::default()
     };
     let truth: Vec<CameraFromWorld> = images.iter().map(|&i| queries[i].cam_from_world).collect();
-    // Schemes are compared under the same odometry.
+    // All schemes get the same odometry.
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(place.seed, &[&newest.name, "odometry"]));
     let told = odometry(&truth, [evaluation.rotation_sd_deg, evaluation.translation_sd], &mut rng);
     let mut frames = Vec::with_capacity(images.len());
     for (&i, step) in images.iter().zip(told) {
-        // A device sends what it can seal: the others still tell where the newest image was taken.
+        // Images that cannot be sealed are skipped; the others still determine the pose of the newest image.
         let query = match &sealed[i] {
             Ok(query) => query,
             Err(error) => {
@@ -190,7 +191,7 @@ fn localize_session(
     let started = Instant::now();
     match localize_rig(&frames, map, &place.localize) {
         Ok(found) => {
-            // The rig is the newest image's camera.
+            // The rig's frame is the newest image's camera.
             let rig = &found.rig_from_world;
             let estimate = &CameraFromWorld::new(*rig.rotation(), *rig.translation());
             result = result.found(estimate, &newest.cam_from_world);

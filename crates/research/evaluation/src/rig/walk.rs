@@ -1,11 +1,11 @@
-//! Sessions out of a list of queries: which images one consists of, and what the device's odometry says of them.
+//! Sequences from a list of queries: their images, and the simulated odometry of the device.
 
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_synthetic::problems::normal;
 
-/// What is known of one image of a session; the rig is the camera of the newest.
+/// One image of a sequence relative to the rig, which is the camera of the newest image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     pub(super) cam_from_rig: CameraFromRig,
@@ -13,9 +13,10 @@ pub(super) struct Step {
     pub(super) translation_sd: f64,
 }
 
-/// The images of the session that ends with image `newest`, oldest first: `count` in a row of its walk, those before it or,
-/// where they are too few, those after it, as if the walk had been gone backwards. Walks are runs of the list whose
-/// neighbours are no farther apart than `reach`. `None` when the walk has too few images on both sides.
+/// The images of the sequence that ends with image `newest`, oldest first: `count` consecutive images of its
+/// trajectory, those before it or, if they are too few, those after it, as if the trajectory were reversed. A
+/// trajectory is a run of the list whose neighbours are at most `reach` apart. `None` if the trajectory has too few
+/// images on both sides.
 pub fn walk_of(poses: &[CameraFromWorld], newest: usize, count: usize, reach: f64) -> Option<Vec<usize>> {
     let near = |a: usize, b: usize| poses[a].translation_error(&poses[b]) <= reach;
     let before = (0..newest).rev().take_while(|&i| near(i, i + 1));
@@ -28,8 +29,8 @@ pub fn walk_of(poses: &[CameraFromWorld], newest: usize, count: usize, reach: f6
     row(&mut before.into_iter()).or_else(|| row(&mut after.into_iter()))
 }
 
-/// What an odometry tells of these images, oldest first, that errs at every step by a normal deviate of so many degrees
-/// about each axis and map units along each: what it says of an image `k` steps ago has `√k` of the deviation.
+/// Simulated odometry of these images, oldest first: every step has a normal error with these standard deviations, in
+/// degrees about each axis and map units along each. The error of an image `k` steps ago has `√k` of the deviation.
 pub(super) fn odometry(truth: &[CameraFromWorld], sd: [f64; 2], rng: &mut ChaCha8Rng) -> Vec<Step> {
     if truth.is_empty() {
         return Vec::new();
@@ -43,7 +44,7 @@ pub(super) fn odometry(truth: &[CameraFromWorld], sd: [f64; 2], rng: &mut ChaCha
         let older_from_newer = older.compose(&newer.inverse());
         let measured = older_from_newer.rotation();
         let known = &steps[k].cam_from_rig;
-        // The step as it was measured, after what the steps since then say.
+        // The measured step, followed by the later steps.
         let rotation = turn * measured * known.rotation();
         let translation = turn * (measured * known.translation() + older_from_newer.translation()) + shift;
         let ago = ((k + 1) as f64).sqrt();

@@ -1,4 +1,4 @@
-//! What a server answers.
+//! The server: decoding and localization of a sent query.
 
 use std::time::Instant;
 
@@ -10,7 +10,7 @@ use veiloc_protocol::{QueryError, SealedQuery};
 /// Why there is no pose.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Unanswered {
-    /// The bytes are no query.
+    /// The bytes are not a query.
     #[error(transparent)]
     Query(#[from] QueryError),
     /// The query was not localized.
@@ -18,7 +18,7 @@ pub(crate) enum Unanswered {
     Localize(#[from] LocalizeError),
 }
 
-/// The answer to one query.
+/// The result for one query.
 pub(crate) struct Answer {
     /// The pose, or why there is none.
     pub(crate) found: Result<Localization, Unanswered>,
@@ -27,19 +27,19 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// What the pose is worth.
+    /// State of the pose.
     pub(crate) fn state(&self) -> State {
         self.found.as_ref().map_or(State::NotFound, |found| found.state)
     }
 
-    /// What speaks against the pose, for people; nothing without a pose.
+    /// Reasons to doubt the pose, in words; empty without a pose.
     pub(crate) fn doubts(&self) -> Vec<String> {
         let doubts = self.found.as_ref().map(|found| found.confidence.doubts()).unwrap_or_default();
         doubts.iter().map(ToString::to_string).collect()
     }
 
-    /// Natural logarithm of the evidence against chance, also of a pose that was no better and is not told; `None` where
-    /// no pose was found.
+    /// Natural logarithm of the evidence against chance, also for a pose that was rejected as no better than chance;
+    /// `None` without a pose.
     pub(crate) fn log_evidence(&self) -> Option<f64> {
         match &self.found {
             Ok(found) => Some(found.confidence.log_evidence),
@@ -52,7 +52,7 @@ impl Answer {
     }
 }
 
-/// Decodes what crossed the network, and localizes it.
+/// Decodes the sent bytes and localizes the query.
 pub(crate) fn ask(map: &MapFile, bytes: &[u8], options: &LocalizeOptions) -> Answer {
     let started = Instant::now();
     let decoded = SealedQuery::decode(bytes);

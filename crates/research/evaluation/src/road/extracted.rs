@@ -1,4 +1,4 @@
-//! The features of a query, of all of its image or of what its mask leaves.
+//! Feature extraction of a query, with an optional mask.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use veiloc_protocol::Profile;
 
 use crate::error::EvalError;
 
-/// Features of an image as a device extracts them, with the camera they are in.
+/// Features of an image as a device extracts them, with their camera.
 ///
 /// # Errors
 /// [`EvalError`] when the image or its mask cannot be used.

@@ -1,4 +1,4 @@
-//! One query asked and judged: what an evaluation keeps of it.
+//! Localization of one query and comparison with its true pose.
 
 use crate::results::{QueryResult, QueryUncertainty, SentDocument};
 use veiloc_geometry::CameraFromWorld;
@@ -12,7 +12,7 @@ use super::posed_query::{AskedQuery, PosedQuery};
 use super::progressive::{Sending, send_and_ask};
 use super::served::Served;
 
-/// Localizes what crossed the network, and compares with the truth; that there is no pose is a result.
+/// Localizes the sent bytes and compares with the true pose; a missing pose is a result.
 pub fn localize_one(
     map: &MapFile,
     bytes: &[u8],
@@ -26,8 +26,8 @@ pub fn localize_one(
     judge(&ask(map, bytes, &options), &query.name, Some(&query.cam_from_world), scheme, score)
 }
 
-/// The same of a query that leaves the device in some way, with what was sent for it; where it took several messages, the time
-/// of those before the last is a stage of its own.
+/// The same for a query that is sent whole or progressively, with the amount of sent data; for several messages, the
+/// time of those before the last is a separate stage.
 pub(crate) fn localize_sent(
     served: &Served<'_>,
     bytes: &[u8],

@@ -1,5 +1,5 @@
-//! The road of a query as evaluations walk it: a map built, written and opened as a server would; a query sealed, encoded
-//! and decoded as if it had crossed a network. No stage is short-cut because truth is at hand.
+//! The localization pipeline of evaluations: a map is built, written and opened as on a server; a query is sealed,
+//! encoded and decoded as if it had crossed a network. No stage is skipped because the truth is known.
 
 mod ask;
 mod extracted;

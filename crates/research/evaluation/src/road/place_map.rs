@@ -1,4 +1,4 @@
-//! The map of a place, built for an evaluation.
+//! The map of a scene, built for an evaluation.
 
 use std::path::Path;
 use std::time::Instant;
@@ -18,13 +18,14 @@ pub struct PlaceMap {
     pub file: MapFile,
     /// Facts about it.
     pub summary: MapSummary,
-    /// Holds the file, where nobody wants to keep it.
+    /// Holds a temporary file until it is dropped.
     _folder: Option<TempDir>,
 }
 
 impl PlaceMap {
-    /// Builds it, and tells it which way is down; the file is kept where `keep` says. `tested`, it localizes its own images
-    /// at the end, as `veiloc map build` lets it, so that answers have the covariances that they have in service.
+    /// Builds the map with the down direction `down`; the file is written to `keep`. If `tested`, the map localizes
+    /// its own images at the end, as with `veiloc map build`, so that answers have the covariances that they have in
+    /// service.
     ///
     /// # Errors
     /// [`EvalError`] when data is missing or the map cannot be built, written or opened.
@@ -46,10 +47,10 @@ impl PlaceMap {
         Self::written(model, build_seconds, keep)
     }
 
-    /// The same place with a map so many times smaller, as `veiloc map compress` makes it.
+    /// The same scene with a map smaller by the factor `times`, as `veiloc map compress` makes it.
     ///
     /// # Errors
-    /// [`EvalError`] when it cannot be made so small, written or opened.
+    /// [`EvalError`] when it cannot be compressed that much, written or opened.
     pub(crate) fn compressed(
         self,
         times: f64,
@@ -88,15 +89,15 @@ impl PlaceMap {
         Ok(Self { file, summary, _folder: folder })
     }
 
-    /// One that was built and kept earlier.
+    /// Opens a map that was built earlier.
     ///
     /// # Errors
-    /// [`EvalError::Map`] when it is no map.
+    /// [`EvalError::Map`] when the file is not a map.
     pub(crate) fn kept(path: &Path, summary: MapSummary) -> Result<Self, EvalError> {
         Ok(Self { file: MapFile::open(path)?, summary, _folder: None })
     }
 
-    /// The same, and a copy of its file there, if anywhere.
+    /// Also copies its file to `keep`, if set.
     ///
     /// # Errors
     /// [`EvalError::Io`] when it cannot be written.

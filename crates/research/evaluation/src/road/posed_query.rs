@@ -1,4 +1,4 @@
-//! Queries of evaluations, most of whose poses are known.
+//! Queries of evaluations, with or without known poses.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use veiloc_map::PosedImages;
 
 use crate::error::EvalError;
 
-/// An image whose pose is known.
+/// A query image with a known pose.
 #[derive(Debug, Clone)]
 pub struct PosedQuery {
     /// Its name.
@@ -17,11 +17,11 @@ pub struct PosedQuery {
     pub path: PathBuf,
     /// Its camera.
     pub camera: Intrinsics,
-    /// Where it truly was taken.
+    /// Its true pose.
     pub cam_from_world: CameraFromWorld,
 }
 
-/// An image that asks for its place, whose pose may be known.
+/// A query image whose pose may be known.
 #[derive(Debug, Clone)]
 pub struct AskedQuery {
     /// Its name.
@@ -30,7 +30,7 @@ pub struct AskedQuery {
     pub path: PathBuf,
     /// Its camera.
     pub camera: Intrinsics,
-    /// Where it truly was taken; where nobody knows, nothing is judged.
+    /// Its true pose; if `None`, errors are not measured.
     pub truth: Option<CameraFromWorld>,
 }
 
@@ -41,7 +41,7 @@ impl From<PosedQuery> for AskedQuery {
     }
 }
 
-/// Images of these names with their true poses.
+/// The images with these names and their true poses.
 ///
 /// # Errors
 /// [`EvalError::DataSet`], naming the image that has none.
@@ -68,8 +68,7 @@ pub fn posed_queries(
         .collect()
 }
 
-/// The queries of a place, none of which may be in its map; cameras that are known better than the model's take the place
-/// of those.
+/// The queries of a scene, none of which may be in its map; `cameras` replace those of the model.
 ///
 /// # Errors
 /// [`EvalError::DataSet`] for an image without a pose, or in both lists.

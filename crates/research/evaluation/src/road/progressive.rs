@@ -1,4 +1,4 @@
-//! A query asked in steps, as a device does it that sends no more rows than a trusted pose takes.
+//! Progressive queries: a device sends rows in steps, and stops when the pose is good enough.
 
 use veiloc_geometry::deviations::position_sd;
 use veiloc_localization::LocalizeOptions;
@@ -8,30 +8,30 @@ use veiloc_protocol::{Enough, Profile, SealedQuery};
 use super::ask::Answer;
 use super::served::Served;
 
-/// The answer to a query, and what was sent for it.
+/// The answer to a query, and the amount of sent data.
 pub(crate) struct Asked {
     /// The answer to the last message.
     pub(crate) answer: Answer,
-    /// Rows that the server has seen.
+    /// Rows that the server has received.
     pub(crate) rows: usize,
     /// Bytes of all messages.
     pub(crate) bytes: usize,
-    /// Milliseconds of the messages before the last, the stages of each added up.
+    /// Milliseconds of all messages before the last, summed over stages.
     pub(crate) before_ms: f64,
     /// Whether any message was answered with a trusted pose.
     pub(crate) was_trusted: bool,
 }
 
-/// How a query leaves the device.
+/// How a query is sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sending {
     /// All rows at once.
     Whole,
-    /// Step by step, until a pose is enough (`Client::localize_progressive` of `veiloc-client`).
+    /// In steps, until the pose meets the criterion (`Client::localize_progressive` of `veiloc-client`).
     Progressive(Enough),
 }
 
-/// Sends a sealed query, every message decoded and localized as if it had crossed a network.
+/// Sends a sealed query; every message is decoded and localized as if it had crossed a network.
 pub(crate) fn send_and_ask(
     served: &Served<'_>,
     bytes: &[u8],
@@ -70,7 +70,7 @@ pub(crate) fn send_and_ask(
             break;
         }
     }
-    // A device does not send what is lopsided as a whole; an evaluation asks all the same.
+    // A device does not send a query with unbalanced anchors whole; the evaluation localizes it anyway.
     asked.unwrap_or_else(whole)
 }
 

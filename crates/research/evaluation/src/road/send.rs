@@ -1,4 +1,4 @@
-//! What a device sends, and what only an evaluation keeps of it.
+//! The device: sealing of a query, with its ground truth for the evaluation.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -9,8 +9,8 @@ use veiloc_obfuscation::audit::{SealTruth, seal_with_truth};
 use veiloc_obfuscation::{SealError, SealOptions};
 use veiloc_protocol::Profile;
 
-/// The same for a device that has what the map is built with, and whose owner consents to a global descriptor of the image
-/// where the map's are such.
+/// Adds the extractors of the map, and the extractor of global image descriptors if the map uses them (the owner's
+/// consent is implied).
 pub(crate) fn equipped(
     options: SealOptions,
     extractors: &Extractors,
@@ -23,18 +23,18 @@ pub(crate) fn equipped(
     }
 }
 
-/// A query on its way.
+/// A sealed query.
 pub(crate) struct Sent {
-    /// What crosses the network.
+    /// The sent bytes.
     pub(crate) bytes: Vec<u8>,
-    /// What the sealed query hides, row by row.
+    /// The hidden positions, row by row.
     pub(crate) truth: SealTruth,
 }
 
 /// Seals a query.
 ///
-/// A device draws from the operating system; here the draw must be repeatable, so it is made of the seed, the query's
-/// name and the scheme.
+/// A device uses random numbers of the operating system; here they must be reproducible, so they are seeded with the
+/// seed, the query's name and the scheme.
 pub(crate) fn send(
     features: &Features,
     camera: &Intrinsics,

@@ -1,4 +1,4 @@
-//! What queries are asked in: a map, or the regions that it was cut into.
+//! The served map: a whole map, or its regions.
 
 use crate::results::RegionsSummary;
 use tempfile::TempDir;
@@ -18,23 +18,23 @@ pub(crate) struct Served<'a> {
     regions: Option<Regions>,
 }
 
-/// Regions, written and opened again as machines that serve them have them.
+/// Regions, written and opened again as on the machines that serve them.
 struct Regions {
     index: Index,
     maps: Vec<MapFile>,
-    /// Images that retrieval gives.
+    /// Number of retrieved images.
     retrieve: usize,
     summary: RegionsSummary,
-    /// Holds the files.
+    /// Holds the temporary files until it is dropped.
     _folder: TempDir,
 }
 
 impl<'a> Served<'a> {
-    /// As it is, or cut so; a query is then asked in regions that hold most of the `retrieve` images which the whole map would
-    /// give it, as a gateway of many machines asks them ([`rounds`]).
+    /// Serves the whole map, or splits it into regions; a query is then localized in the regions that hold most of
+    /// the `retrieve` images that the whole map would retrieve, as a gateway of many machines does ([`rounds`]).
     ///
     /// # Errors
-    /// [`EvalError`] when it cannot be cut so, or regions cannot be written and opened.
+    /// [`EvalError`] when the map cannot be split, or regions cannot be written and opened.
     pub(crate) fn new(
         whole: &'a MapFile,
         options: Option<&SplitOptions>,
@@ -45,15 +45,15 @@ impl<'a> Served<'a> {
         Ok(Self { whole, regions })
     }
 
-    /// The map that it is, or that the regions are of.
+    /// The whole map.
     pub(crate) const fn whole(&self) -> &'a MapFile {
         self.whole
     }
 
-    /// What is answered to these bytes: of several regions the pose that a gateway would tell, with the times of its region
-    /// alone.
+    /// The answer to these bytes: with several regions the pose that a gateway would choose, with the times of its
+    /// region alone.
     pub(crate) fn ask(&self, bytes: &[u8], options: &LocalizeOptions) -> Answer {
-        // Bytes that cannot be read are refused by any map.
+        // Invalid bytes are refused by any map.
         let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
             return ask(self.whole, bytes, options);
         };
@@ -73,13 +73,13 @@ impl<'a> Served<'a> {
         best.unwrap_or_else(|| ask(self.whole, bytes, options))
     }
 
-    /// Facts about the regions, where there are some.
+    /// Facts about the regions, if there are any.
     pub(crate) fn summary(&self) -> Option<RegionsSummary> {
         self.regions.as_ref().map(|regions| regions.summary.clone())
     }
 }
 
-/// As regions are compared.
+/// The order by which regions are compared.
 fn worth(answer: &Answer) -> (bool, f64) {
     (answer.state() == State::Trusted, answer.log_evidence().unwrap_or(f64::NEG_INFINITY))
 }

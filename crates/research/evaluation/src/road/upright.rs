@@ -1,4 +1,4 @@
-//! Which way is down, as a device would tell it: the true direction in its camera, with the noise of an accelerometer.
+//! Simulated gravity of a device: the true direction in its camera, with the noise of an accelerometer.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +12,7 @@ use veiloc_synthetic::problems::normal;
 use crate::error::EvalError;
 use crate::pose::mean_down;
 
-/// A world with a vertical, and sensors of some noise.
+/// A world with a vertical, and sensors with this noise.
 #[derive(Debug, Clone, Copy)]
 pub struct Upright {
     down: Down,
@@ -20,11 +20,11 @@ pub struct Upright {
 }
 
 impl Upright {
-    /// Down is the mean of the map images' own down axes. It need not be the true vertical: map and queries are told the same
-    /// direction, and any one will do.
+    /// Down is the mean of the map images' own down axes. It need not be the true vertical: map and queries use the
+    /// same direction, and any direction is sufficient.
     ///
     /// # Errors
-    /// [`EvalError::Options`] for a deviation that no query can tell.
+    /// [`EvalError::Options`] for a deviation that a query cannot encode.
     pub fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
         let refused = |e: &dyn std::fmt::Display| EvalError::Options(format!("gravity: {e}"));
         let poses = map_list.iter().filter_map(|name| posed.get(name)).map(|image| &image.cam_from_world);
@@ -33,7 +33,7 @@ impl Upright {
         Ok(Self { down, sd_deg })
     }
 
-    /// What the map is told.
+    /// The down direction of the map.
     pub const fn down(&self) -> Down {
         self.down
     }
@@ -43,17 +43,18 @@ impl Upright {
         self.sd_deg
     }
 
-    /// What the device tells of a query; equal seeds and names give equal noise.
+    /// The gravity that the device sends with a query; equal seeds and names give equal noise.
     fn told(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
         let exact = cam_from_world.rotation() * Vector3::from(self.down.in_world());
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "gravity"]));
-        // A turn about the direction itself changes nothing: what is left is the noise about the two axes across it.
+        // A rotation about the direction itself has no effect: what remains is the noise about the two orthogonal
+        // axes.
         let turn = Vector3::from_fn(|_, _| self.sd_deg.to_radians() * normal(&mut rng));
         let felt = Rotation3::from_scaled_axis(turn) * exact;
         CoarseGravity::new(felt.into(), self.sd_deg).ok()
     }
 
-    /// What is told of a query in turn: nothing, and then gravity where that is asked for and its pose is known.
+    /// The variants of a query: without gravity, and then with gravity if it is simulated and the pose is known.
     pub(crate) fn in_turn(
         asked: Option<&Self>,
         name: &str,

@@ -1,5 +1,5 @@
-//! What drawings need of single queries and documents do not hold: the lines that were sent, and which of them agree with the
-//! pose. Collected on request, for a report on the user's own machine.
+//! Data for drawings that documents do not hold: the sent lines, and which of them agree with the pose. Collected on
+//! request, for a report on the user's own machine.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::error::EvalError;
 use crate::pose::scores_or_default;
 use crate::road::{equipped, extracted, send};
 
-/// One query with all that was sent of it.
+/// One query with all its sent data.
 #[derive(Debug, Clone)]
 pub struct DrawnQuery {
     /// Its name.
@@ -26,7 +26,7 @@ pub struct DrawnQuery {
     pub camera: Intrinsics,
     /// Its keypoints, pixels of the image as it was taken.
     pub keypoints: Vec<Pixel>,
-    /// What was sent under each scheme; schemes under which it cannot be sealed are left out.
+    /// Sent data under each scheme; schemes under which it cannot be sealed are left out.
     pub sent: Vec<DrawnScheme>,
 }
 
@@ -35,16 +35,17 @@ pub struct DrawnQuery {
 pub struct DrawnScheme {
     /// The scheme.
     pub scheme: Scheme,
-    /// What was sent.
+    /// The sent query.
     pub query: SealedQuery,
-    /// Its pose, and the pairs that agree with it; absent when it was not localized.
+    /// Its pose and the inlier pairs; absent without a pose.
     pub found: Option<Localization>,
 }
 
-/// Seals queries once more, as [`evaluate_scene`](super::evaluate_scene) sealed them, and localizes them whole with its first score.
+/// Seals queries again, exactly as [`evaluate_scene`](super::evaluate_scene) did, and localizes them whole with its
+/// first score.
 ///
-/// Draws depend on seed, query and scheme alone, so these are the lines that were evaluated. Names that are no query of the evaluation
-/// are left out.
+/// Random numbers depend on seed, query and scheme only, so these are the lines that were evaluated. Names that are
+/// not queries of the evaluation are ignored.
 ///
 /// # Errors
 /// [`EvalError`] when an image cannot be read.

@@ -1,7 +1,7 @@
-//! `veiloc eval scene`: the whole road on a place with known poses.
+//! `veiloc eval scene`: the whole pipeline on a scene with known poses.
 //!
-//! The map is built, written and opened again as a server would; every query is sealed, encoded and decoded as if it
-//! had crossed a network. No stage is short-cut because truth is at hand.
+//! The map is built, written and opened again as on a server; every query is sealed, encoded and decoded as if it had
+//! crossed a network. No stage is skipped because the truth is known.
 
 mod drawing;
 mod negatives;
@@ -82,7 +82,7 @@ pub fn evaluate_scene(
     })
 }
 
-/// The name of the place: of the folder, or of the one above when that is only called `images`.
+/// The name of the scene: that of the folder, or of its parent if the folder is called `images`.
 pub fn folder_name(images: &Path) -> String {
     let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
     match name(images) {
@@ -91,7 +91,7 @@ pub fn folder_name(images: &Path) -> String {
     }
 }
 
-/// The map of the place: what the work folder has of the same images, or built.
+/// The map of the scene: from the work folder if it has one for the same inputs, otherwise built.
 fn place_map(
     evaluation: &SceneEvaluation,
     keep: Option<&Path>,
@@ -129,8 +129,8 @@ fn place_map(
 
 type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
 
-/// Localizes every query under every recipe; several queries at a time where that is asked for. What the work folder has is not
-/// computed again.
+/// Localizes every query under every configuration, `jobs` queries in parallel. Results in the work folder are
+/// reused.
 fn localize_all(
     served: &Served<'_>,
     queries: &[AskedQuery],
@@ -158,7 +158,7 @@ fn localize_all(
         pool.install(|| queries.par_iter().map(one).collect::<Result<_, _>>())?
     };
     progress.finish();
-    // From rows by query to queries by row.
+    // Transposes rows by query to queries by row.
     let count = rows.first().map_or(0, Vec::len);
     let mut by_recipe: Vec<Vec<QueryResult>> = vec![Vec::with_capacity(queries.len()); count];
     for of_query in rows {

@@ -1,4 +1,4 @@
-//! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
+//! Queries of another scene: every pose they get is wrong, and a trusted pose is a false positive.
 
 use veiloc_features::Progress;
 use veiloc_obfuscation::audit::options_for;
@@ -12,7 +12,7 @@ use crate::results::NegativeResult;
 use crate::road::{PosedQuery, Served, equipped, posed_queries, send, send_and_ask};
 
 impl Negatives {
-    /// The queries; refused when they are of the very place that is evaluated.
+    /// The queries; refused when they belong to the evaluated scene.
     pub(crate) fn queries(&self, evaluation: &SceneEvaluation) -> Result<Vec<PosedQuery>, EvalError> {
         let same = match (self.images.canonicalize(), evaluation.images.canonicalize()) {
             (Ok(theirs), Ok(own)) => theirs == own,
@@ -28,7 +28,7 @@ impl Negatives {
     }
 }
 
-/// Seals every negative for this map and asks for its pose; rows as in the table, `[rows][negatives]`.
+/// Seals and localizes every negative query; rows as in the table, `[rows][negatives]`.
 pub(crate) fn localize_negatives(
     served: &Served<'_>,
     negatives: &[PosedQuery],
@@ -68,7 +68,7 @@ pub(crate) fn localize_negatives(
                 let asked = sent.as_ref().ok();
                 let asked = asked
                     .map(|sent| send_and_ask(served, &sent.bytes, profile, evaluation.sending, &options));
-                // A trusted pose of any step is a false positive, whatever the last one says.
+                // A trusted pose of any step is a false positive, whatever the last one is.
                 result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
                 if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {
                     result.localized = true;

@@ -1,4 +1,4 @@
-//! One query of a scene: sealed once a scheme, and again with gravity where that is asked for; localized with every score.
+//! One query of a scene: sealed once per scheme, and again with gravity if requested; localized with every score.
 
 use std::time::Instant;
 

@@ -1,4 +1,4 @@
-//! What is evaluated on a place with known poses.
+//! Options of an evaluation on a scene with known poses.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,10 +15,10 @@ use veiloc_protocol::Scheme;
 use crate::results::metrics::Threshold;
 use crate::road::{AskedQuery, Sending};
 
-/// What to evaluate.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 pub struct SceneEvaluation {
-    /// Cameras and poses of the place's images, whatever layout they were read from.
+    /// Cameras and poses of the scene's images, from any data set layout.
     pub posed: PosedImages,
     /// Folder of the images.
     pub images: PathBuf,
@@ -26,17 +26,18 @@ pub struct SceneEvaluation {
     pub map_list: Vec<String>,
     /// Names of the images to localize.
     pub query_list: Vec<String>,
-    /// Cameras of queries that are known better than the model's, by name; the model's are used for the others.
+    /// Better cameras of queries by name; the model's cameras are used for the others.
     pub query_cameras: BTreeMap<String, Intrinsics>,
-    /// Queries whose true poses nobody knows, after the others: they are localized and not judged.
+    /// Queries without known poses, after the others: they are localized, but errors are not measured.
     pub unposed: Vec<(String, Intrinsics)>,
-    /// Where to keep the map; a temporary file when none.
+    /// Where to write the map; `None`: a temporary file.
     pub keep_map: Option<PathBuf>,
     /// How the map is built.
     pub build: BuildOptions,
-    /// How many times smaller the map is made than it is built; it stays as it is when none.
+    /// Factor by which the map is compressed; `None`: not compressed.
     pub compress: Option<f64>,
-    /// How the map is cut into regions, of which each query is asked in up to three, as a gateway asks them; it stays whole when none.
+    /// How the map is split into regions; each query is then localized in up to three of them, as by a gateway.
+    /// `None`: not split.
     pub regions: Option<SplitOptions>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
@@ -46,27 +47,28 @@ pub struct SceneEvaluation {
     pub thresholds: Vec<Threshold>,
     /// Localization; its score is replaced by each of [`Self::scores`].
     pub localize: LocalizeOptions,
-    /// Standard deviation of an accelerometer, degrees: the map is told which way is down, and every query is sealed without
-    /// gravity and with it. Nothing is told when none.
+    /// Standard deviation of an accelerometer, degrees: the map gets a down direction, and every query is sealed
+    /// without and with gravity. `None`: no gravity.
     pub gravity_sd_deg: Option<f64>,
-    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): what they hide is not sent. Nothing is hidden when none.
+    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
-    /// How queries leave the device.
+    /// How queries are sent.
     pub sending: Sending,
-    /// Queries of another place, none of which should be localized.
+    /// Queries of another scene, which must not be localized.
     pub negatives: Option<Negatives>,
     /// Seed of sealing and sampling.
     pub seed: u64,
-    /// Folder for what is computed: the map, and the results of each query as soon as it is finished. An evaluation of the
-    /// same images with the same options takes them from there, also one that was interrupted. Nothing is kept when none.
+    /// Folder for intermediate results: the map, and the result of each query as soon as it is finished. An
+    /// evaluation of the same images with the same options reuses them, also after an interruption. `None`: nothing
+    /// is stored.
     pub work: Option<PathBuf>,
-    /// Queries that are localized at the same time, at least 1. With more than one, times are those of a busy machine.
+    /// Queries that are localized in parallel, at least 1. With more than one, times are those of a busy machine.
     pub jobs: usize,
 }
 
 impl SceneEvaluation {
-    /// The default scheme on a place: images in `images`, of which some make the map and others ask; every other field as
-    /// where nothing is asked for, without thresholds.
+    /// The default scheme on a scene: images in `images`, split into map and queries; all other options have their
+    /// defaults, without thresholds.
     pub fn of_place(
         posed: PosedImages,
         images: PathBuf,
@@ -98,12 +100,12 @@ impl SceneEvaluation {
         }
     }
 
-    /// Where the mask of a query is, when queries have masks.
+    /// The mask of a query, if queries have masks.
     pub(super) fn mask_of(&self, name: &str) -> Option<PathBuf> {
         self.masks.as_deref().map(|folder| mask_in(folder, Path::new(name)))
     }
 
-    /// The queries that nobody judges.
+    /// The queries without known poses.
     pub(super) fn unposed(&self) -> impl Iterator<Item = AskedQuery> {
         self.unposed.iter().map(|(name, camera)| AskedQuery {
             name: name.clone(),
@@ -114,13 +116,13 @@ impl SceneEvaluation {
     }
 }
 
-/// Where queries of another place are.
+/// Queries of another scene.
 #[derive(Debug, Clone)]
 pub struct Negatives {
-    /// Images of the other place; only their cameras are used.
+    /// Images of the other scene; only their cameras are used.
     pub posed: PosedImages,
     /// Folder of its images.
     pub images: PathBuf,
-    /// Names of the images that ask for their place.
+    /// Names of the query images.
     pub list: Vec<String>,
 }

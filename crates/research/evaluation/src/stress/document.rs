@@ -1,4 +1,4 @@
-//! What `veiloc eval stress` found: the stable JSON document.
+//! Results of `veiloc eval stress`: the stable JSON document.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ pub struct StressDocument {
     pub version: u32,
     /// The command, `eval stress`.
     pub command: &'static str,
-    /// The place.
+    /// The scene.
     pub data: String,
     /// Seed of every random choice.
     pub seed: u64,
@@ -33,9 +33,9 @@ pub struct StressDocument {
     pub rows: Vec<StressRow>,
     /// One entry per row and query.
     pub queries: Vec<StressQuery>,
-    /// The map of all but `sparse-map`.
+    /// The map of all conditions except `sparse-map`.
     pub map: MapSummary,
-    /// The map of `sparse-map`; absent when that was not asked for.
+    /// The map of `sparse-map`; absent when that condition was not selected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sparse_map: Option<SparseMap>,
 }
@@ -43,7 +43,7 @@ pub struct StressDocument {
 /// The map of few images.
 #[derive(Debug, Clone, Serialize)]
 pub struct SparseMap {
-    /// Every which image of the map's list is in it.
+    /// Step through the map list: every n-th image is in it.
     pub every: usize,
     /// Facts about it.
     #[serde(flatten)]
@@ -55,12 +55,12 @@ pub struct SparseMap {
 pub struct StressRow {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// What the queries are put under.
+    /// The condition.
     pub stress: String,
-    /// Standard deviation of the gravity that the queries tell, degrees; absent where they tell none.
+    /// Standard deviation of the queries' gravity, degrees; absent without gravity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_sd_deg: Option<f64>,
-    /// How many queries.
+    /// Number of queries.
     pub queries: usize,
     /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
     pub recall: BTreeMap<String, f64>,
@@ -68,31 +68,32 @@ pub struct StressRow {
     pub median_rotation_deg: Option<f64>,
     /// Map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
-    /// Median of what the answers say of their position ([`QueryUncertainty::position_sd`]), map units, over those with a
-    /// pose; null when there are none, or more than half leave a direction free.
+    /// Median position deviation of the answers ([`QueryUncertainty::position_sd`]), map units, over queries with a
+    /// pose; null without poses, or if more than half have an unconstrained direction.
     pub median_position_sd: Option<f64>,
-    /// How many are not wrong ([`StressDocument::wrong_beyond`]).
+    /// Number of queries that are not wrong ([`StressDocument::wrong_beyond`]).
     pub right: usize,
-    /// How many got a pose that the estimator trusts.
+    /// Number of queries with a pose that the estimator trusts.
     pub trusted: usize,
-    /// How many of the trusted are wrong.
+    /// Number of trusted poses that are wrong.
     pub trusted_wrong: usize,
-    /// How many got a pose that the estimator doubts.
+    /// Number of queries with a pose that the estimator doubts.
     pub doubtful: usize,
-    /// How many got no pose.
+    /// Number of queries without a pose.
     pub not_found: usize,
-    /// The engine's optimum from the true pose; absent where it was not asked for.
+    /// The engine's optimum from the true pose; absent if not selected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub optimum: Option<TruthSummary>,
-    /// Least squares from the true pose on the truly right matches; absent where it was not asked for.
+    /// Least squares from the true pose on the true matches; absent if not selected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<TruthSummary>,
-    /// How many the search lost: wrong or without a pose, where the optimum is right; absent where that is not known.
+    /// Number of queries that the search lost: wrong or without a pose, although the optimum is right; absent if
+    /// unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lost: Option<usize>,
 }
 
-/// Errors from the true pose.
+/// Errors of estimates that start from the true pose.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TruthSummary {
     /// As in [`StressRow::recall`].
@@ -110,39 +111,39 @@ pub struct StressQuery {
     pub name: String,
     /// Obfuscation scheme.
     pub scheme: String,
-    /// What it was put under.
+    /// The condition.
     pub stress: String,
     /// As in [`StressRow::gravity_sd_deg`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_sd_deg: Option<f64>,
-    /// What the estimator says the pose is worth.
+    /// State of the pose according to the estimator.
     #[serde(serialize_with = "as_text")]
     pub state: State,
     /// Errors of the pose.
     #[serde(flatten)]
     pub error: ErrorDocument,
-    /// The error against the covariance; absent without a pose.
+    /// The error relative to the covariance; absent without a pose.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<QueryUncertainty>,
-    /// Natural logarithm of the evidence against chance; absent where no pose was tried.
+    /// Natural logarithm of the evidence against chance; absent if no pose was estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_evidence: Option<f64>,
     /// Rows of the query that agree with the pose; 0 without a pose.
     pub inliers: usize,
     /// Rows of the query that were matched; 0 without a pose.
     pub matches: usize,
-    /// What speaks against the pose, for people; empty without a pose.
+    /// Reasons to doubt the pose, in words; empty without a pose.
     pub doubts: Vec<String>,
     /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// The same query from its true pose; absent where it was not asked for.
+    /// Estimates that start from the true pose; absent if not selected.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub from_truth: Option<FromTruth>,
 }
 
 impl StressDocument {
-    /// Nothing evaluated yet.
+    /// An empty document.
     pub(super) fn new(evaluation: &StressEvaluation, data: String) -> Self {
         Self {
             version: 1,
@@ -159,7 +160,7 @@ impl StressDocument {
 }
 
 impl StressQuery {
-    /// A query with its answer.
+    /// The result of a localized query.
     pub(super) fn answered(
         query: &PosedQuery,
         stress: Stress,
@@ -187,7 +188,7 @@ impl StressQuery {
         }
     }
 
-    /// A query that could not be sealed.
+    /// The result of a query that could not be sealed.
     pub(super) fn unsealed(
         query: &PosedQuery,
         stress: Stress,
@@ -214,7 +215,7 @@ impl StressQuery {
 }
 
 impl StressRow {
-    /// The queries of one row; `None` for none.
+    /// The figures of one row; `None` without queries.
     pub(super) fn of(queries: &[StressQuery], evaluation: &StressEvaluation) -> Option<Self> {
         let first = queries.first()?;
         let errors: Vec<PoseError> = queries.iter().map(|q| q.error.pose_error()).collect();

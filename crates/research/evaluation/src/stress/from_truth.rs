@@ -1,4 +1,4 @@
-//! What the search missed: the same query from its true pose, which only an evaluation knows.
+//! Losses of the search: the same query optimized from its true pose, which only an evaluation knows.
 
 use serde::Serialize;
 use veiloc_geometry::{CameraFromWorld, Pixel};
@@ -11,12 +11,12 @@ use crate::pose::truly_right;
 use crate::results::metrics::PoseError;
 use crate::road::Sent;
 
-/// Errors of one query from its true pose.
+/// Errors of one query's estimates that start from the true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FromTruth {
-    /// Of the engine's own optimum, over all matches: what a search that misses nothing finds.
+    /// The engine's own optimum, over all matches: the result of a perfect search.
     pub optimum: ErrorDocument,
-    /// Of least squares on the truly right matches: nothing can be expected to go under it.
+    /// Least squares on the true matches: a lower limit for estimators.
     pub floor: ErrorDocument,
 }
 
@@ -30,10 +30,10 @@ pub struct ErrorDocument {
 }
 
 impl ErrorDocument {
-    /// Of a query without a pose.
+    /// Errors of a query without a pose.
     pub(super) const NOT_LOCALIZED: Self = Self { rotation_error_deg: None, translation_error: None };
 
-    /// Of an estimate.
+    /// Errors of an estimate.
     pub(super) fn of(estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
         let error = PoseError::of(estimate, truth);
         if !(error.rotation_deg.is_finite() && error.translation.is_finite()) {
@@ -42,7 +42,7 @@ impl ErrorDocument {
         Self { rotation_error_deg: Some(error.rotation_deg), translation_error: Some(error.translation) }
     }
 
-    /// As numbers that compare.
+    /// The errors as comparable numbers.
     pub(super) fn pose_error(&self) -> PoseError {
         match (self.rotation_error_deg, self.translation_error) {
             (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
@@ -52,11 +52,11 @@ impl ErrorDocument {
 }
 
 impl FromTruth {
-    /// Of a query that could not be sealed.
+    /// Result of a query that could not be sealed.
     pub(super) const UNSEALED: Self =
         Self { optimum: ErrorDocument::NOT_LOCALIZED, floor: ErrorDocument::NOT_LOCALIZED };
 
-    /// Of a query that was sent, matched as the server matched it. A match is truly right within `radius_px` of its
+    /// Result of a query that was sent, with the server's matches. A match is true within `radius_px` of its
     /// keypoint.
     pub(super) fn of(
         sent: &Sent,

@@ -1,26 +1,26 @@
-//! What queries are put under.
+//! Conditions of queries.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// A way in which localization is made harder.
+/// A condition that makes localization more difficult.
 ///
 /// | name | what is done |
 /// |---|---|
 /// | `none` | nothing |
-/// | `dark` | an eighth of the light, with the noise of few photons |
+/// | `dark` | an eighth of the light, with photon noise |
 /// | `motion` | the camera moves by 13 px of 640 during the exposure |
-/// | `half-hidden` | a flat gray thing covers one half of the image, cut through its middle in a random direction |
-/// | `side-hidden` | the same, exactly the left or the right half: where it meets the line that divides the anchors of `dcl`, all that is seen belongs to one anchor |
-/// | `low-resolution` | the image has 160 pixels along its longer side, and is enlarged |
-/// | `sparse-map` | the map is of every tenth image |
+/// | `half-hidden` | flat gray covers one half of the image, cut through its centre in a random direction |
+/// | `side-hidden` | the same for the left or the right half: along the dividing line of `dcl`, all visible keypoints belong to one anchor |
+/// | `low-resolution` | the image is reduced to 160 pixels along its longer side, and enlarged again |
+/// | `sparse-map` | the map has every tenth image |
 /// | `few-keypoints` | the device sends the smallest size class, 256 rows |
-/// | `focal-N` | the device takes its focal length to be `N` percent (1 to 50) longer or shorter than it is, and says that it is calibrated |
+/// | `focal-N` | the device assumes a focal length `N` percent (1 to 50) too long or too short, and reports it as calibrated |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stress {
-    /// Images as they are.
+    /// Unmodified images.
     None,
-    /// Little light.
+    /// Low light.
     Dark,
     /// Motion blur.
     Motion,
@@ -28,31 +28,31 @@ pub enum Stress {
     HalfHidden,
     /// The left or the right half covered.
     SideHidden,
-    /// Few pixels.
+    /// Low resolution.
     LowResolution,
-    /// Few images in the map.
+    /// A map with few images.
     SparseMap,
-    /// Few rows in the query.
+    /// A query with few rows.
     FewKeypoints,
-    /// A focal length that is wrong by so many percent, 1 to 50, and not known to be.
+    /// A focal length wrong by this percentage, 1 to 50, reported as calibrated.
     Focal(u8),
 }
 
-/// A text names no stress.
+/// A text that is not a stress.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0:?} is no stress; there are none, dark, motion, half-hidden, side-hidden, low-resolution, sparse-map, few-keypoints, and focal-N with N from 1 to 50"
 )]
 pub struct StressError(String);
 
-/// Before the percent of [`Stress::Focal`].
+/// Prefix of [`Stress::Focal`] before the percentage.
 const FOCAL: &str = "focal-";
 
-/// The largest percent of [`Stress::Focal`].
+/// The largest percentage of [`Stress::Focal`].
 const MOST_PERCENT: u8 = 50;
 
 impl Stress {
-    /// Those that the table has when nothing else is asked for, in its order.
+    /// The default conditions, in the order of the table.
     pub const DEFAULT: [Self; 8] = [
         Self::None,
         Self::Dark,
@@ -64,7 +64,7 @@ impl Stress {
         Self::FewKeypoints,
     ];
 
-    /// The name, without the percent of [`Stress::Focal`].
+    /// The name, without the percentage of [`Stress::Focal`].
     const fn word(self) -> &'static str {
         match self {
             Self::None => "none",

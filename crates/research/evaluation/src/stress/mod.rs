@@ -1,7 +1,7 @@
-//! `veiloc eval stress`: one place, and queries of it under each [`Stress`].
+//! `veiloc eval stress`: one scene, with its queries under each [`Stress`].
 //!
-//! What is degraded is degraded in memory with seeds of its own, so that equal seeds give equal tables, whatever the
-//! number of threads. All but `sparse-map` share one map.
+//! Degradation happens in memory with seeds of its own, so equal seeds give equal tables for any number of threads.
+//! All conditions except `sparse-map` share one map.
 
 mod degrade;
 mod document;
@@ -31,7 +31,7 @@ pub use kind::{Stress, StressError};
 pub use options::StressEvaluation;
 pub use table::table;
 
-/// Maps of the place, one or two.
+/// The maps of the scene: one or two.
 struct Maps {
     all: PlaceMap,
     sparse: Option<PlaceMap>,
@@ -49,8 +49,8 @@ impl Maps {
 /// Builds the maps, and localizes every query under every stress and scheme.
 ///
 /// # Errors
-/// [`EvalError`] when data is missing, a map cannot be built, or nothing is asked. A query that is not localized is a
-/// result.
+/// [`EvalError`] when data is missing, a map cannot be built, or the options select nothing. A query without a pose
+/// is a result.
 pub fn evaluate_stress(
     evaluation: &StressEvaluation,
     progress: &dyn Progress,
@@ -103,7 +103,7 @@ pub fn evaluate_stress(
     Ok(document)
 }
 
-/// One query under every stress and, within each, every scheme, without gravity and with it where that is asked for.
+/// One query under every stress and, within each, every scheme, without gravity and with it if requested.
 fn under_each(
     maps: &Maps,
     query: &PosedQuery,
@@ -112,7 +112,7 @@ fn under_each(
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
     let image = load_gray(&query.path)?;
-    // What does not touch the image shares its features: all maps ask for the same.
+    // Conditions that do not change the image share its features: all maps have the same profile.
     let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
     let told: Vec<_> =
         Upright::in_turn(upright, &query.name, Some(&query.cam_from_world), evaluation.seed).collect();
@@ -152,8 +152,8 @@ fn under_each(
     Ok(results)
 }
 
-/// What a query of a session shows under a stress, and what the device takes its camera to be: one device took all of
-/// them, and is mistaken in one way.
+/// Features of a query of a sequence under a stress, and the camera that the device assumes: one device took all
+/// images, so its error is the same for all.
 pub(crate) fn shown_under(
     stress: Stress,
     query: &PosedQuery,
@@ -179,7 +179,7 @@ fn extracted(
     Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
 }
 
-/// How a device seals under a stress.
+/// The device's sealing options under a stress.
 pub(crate) fn sealed_under(stress: Stress, scheme: Scheme, build: &BuildOptions) -> SealOptions {
     let options = equipped(options_for(scheme), &build.extractors, build.global.as_ref());
     match stress {

@@ -1,4 +1,4 @@
-//! What is evaluated under stress.
+//! Options of an evaluation under stress.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,11 +13,11 @@ use super::kind::Stress;
 use crate::pose::ORACLE_RADIUS_PX;
 use crate::results::metrics::Threshold;
 
-/// What to evaluate: every stress with every scheme.
+/// Inputs and options: every stress with every scheme.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct StressEvaluation {
-    /// Cameras and poses of the place's images.
+    /// Cameras and poses of the scene's images.
     pub posed: PosedImages,
     /// Folder of the images.
     pub images: PathBuf,
@@ -25,13 +25,13 @@ pub struct StressEvaluation {
     pub map_list: Vec<String>,
     /// Names of the images to localize.
     pub query_list: Vec<String>,
-    /// Cameras of queries that are known better than the model's, by name.
+    /// Better cameras of queries by name.
     pub query_cameras: BTreeMap<String, Intrinsics>,
     /// How the maps are built.
     pub build: BuildOptions,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// What the queries are put under, in the order of the table; [`Stress::None`] comes first in any case.
+    /// Conditions, in the order of the table; [`Stress::None`] always comes first.
     pub stresses: Vec<Stress>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
@@ -41,17 +41,17 @@ pub struct StressEvaluation {
     pub localize: LocalizeOptions,
     /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
     pub gravity_sd_deg: Option<f64>,
-    /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`](super::FromTruth)).
+    /// Whether to optimize from the true pose as well, to find the losses of the search
+    /// ([`FromTruth`](super::FromTruth)).
     pub from_truth: bool,
-    /// For [`Self::from_truth`]: a match is truly right when its map point projects this near to the keypoint under the
-    /// true pose, pixels.
+    /// For [`Self::from_truth`]: largest reprojection error of a true match under the true pose, pixels.
     pub oracle_radius_px: f64,
     /// Seed of degradation, sealing and sampling.
     pub seed: u64,
 }
 
 impl StressEvaluation {
-    /// All stresses with the paper's schemes; 5 cm and 5°, 25 cm and 2°.
+    /// All conditions with the paper's schemes; 5 cm and 5°, 25 cm and 2°.
     pub fn new(posed: PosedImages, images: PathBuf, map_list: Vec<String>, query_list: Vec<String>) -> Self {
         let coarse = Threshold { translation: 0.25, rotation_deg: 2.0 };
         Self {
@@ -73,7 +73,7 @@ impl StressEvaluation {
         }
     }
 
-    /// Each stress once, [`Stress::None`] first.
+    /// Each condition once, [`Stress::None`] first.
     pub(super) fn ordered(&self) -> Vec<Stress> {
         let mut ordered = vec![Stress::None];
         for stress in &self.stresses {

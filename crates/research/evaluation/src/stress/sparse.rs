@@ -1,12 +1,12 @@
-//! A map of few images: every tenth of the list, or as many as it takes for [`FEWEST`] to stay.
+//! A sparse map: every tenth image of the list, or more so that [`FEWEST`] remain.
 
-/// Distance of the images that stay, along the list.
+/// Step through the list.
 const EVERY: usize = 10;
 
-/// Images that stay at least, where there are as many.
+/// Minimum number of remaining images, if there are as many.
 const FEWEST: usize = 4;
 
-/// Every which image of so many stays: the first, and so on.
+/// The step for this number of images.
 pub(super) const fn every_of(images: usize) -> usize {
     let most = images.saturating_sub(1) / (FEWEST - 1);
     if most < 1 {
@@ -18,7 +18,7 @@ pub(super) const fn every_of(images: usize) -> usize {
     }
 }
 
-/// The names that stay.
+/// The names of the remaining images.
 pub(crate) fn thinned(names: &[String]) -> Vec<String> {
     names.iter().step_by(every_of(names.len())).cloned().collect()
 }

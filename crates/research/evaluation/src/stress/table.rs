@@ -1,12 +1,12 @@
-//! The table of stresses for people; what was found from the true pose stands below where it does not fit beside.
+//! The text table of conditions; results from the true pose are printed below if they do not fit beside.
 
 use super::document::{StressDocument, StressRow, TruthSummary};
 use crate::results::text_table::{TextTable, side_by_side};
 
-/// Columns that tell rows apart: stress and scheme.
+/// Columns that identify rows: stress and scheme.
 const NAMES: usize = 2;
 
-/// A row a stress and scheme.
+/// One row per stress and scheme.
 pub fn table(document: &StressDocument) -> String {
     let thresholds: Vec<&String> =
         document.rows.first().map(|r| r.recall.keys().collect()).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The paper's Table 1 end to end, on drawn images and tiny networks.
+//! The paper's Table 1 end to end, on synthetic images and tiny networks.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use veiloc_evaluation::inversion::{
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
-/// Of the networks of `scripts/tiny_networks.py`.
+/// Folder of the networks of `scripts/tiny_networks.py`.
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data").join(name)
 }
@@ -19,7 +19,7 @@ fn network(name: &str) -> InversionNetwork {
     InversionNetwork::open(&data(name)).expect("a network")
 }
 
-/// Squares on a slope, with corners for SIFT to find.
+/// Squares on a ramp, with corners for SIFT.
 fn draw(folder: &Path, shift: u32) -> PathBuf {
     let value = |x: u32, y: u32| {
         let square = ((x + shift) / 9 * 37 + (y + 2 * shift) / 7 * 61) % 5 * 40;
@@ -122,9 +122,9 @@ fn every_scheme_and_attack_has_its_rows() {
 
     assert!(document.summary.iter().all(|row| row.told_apart.is_none()) && !table.contains("told apart"));
 
-    assert!(document.classes.is_none() && !document.network.has_visibility);
+    assert!(document.classes.is_none() && !document.network.judges_places);
 
-    // The same again to the last digit.
+    // A repetition gives exactly the same result.
     let again = evaluate(&paths[3..5], &plain, Realistic::default(), &Judges::default()).expect("it runs").0;
     let psnr = |d: &EvaluationDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
     assert_eq!(psnr(&again), psnr(&document), "other attackers change nothing");
@@ -137,9 +137,9 @@ fn a_network_that_judges_places_is_judged_by_what_it_believes() {
     let judging = network("learned/inversion.toml");
     let (document, _) =
         evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
-    assert!(document.network.has_visibility && document.network.file.ends_with("inversion.toml"));
+    assert!(document.network.judges_places && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
-        // Keypoints as they are hold nothing wrong, graph may bring all back, and where no places are given none is judged.
+        // True keypoints are all correct, graph may recover all, and without positions there is no visibility.
         match (row.scheme.as_str(), row.attack) {
             ("points" | "nothing" | "bag", _) | (_, "lines") => assert_eq!(row.told_apart, None, "{row:?}"),
             (_, "guess" | "closed-form") => assert!(row.told_apart.is_some(), "{row:?}"),
@@ -154,7 +154,7 @@ fn a_network_that_judges_places_is_judged_by_what_it_believes() {
 fn judges_say_how_far_images_are_and_what_they_show() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let first = draw(folder.path(), 31);
-    // The tiny classifier knows classes 10, 20 and 30, by colour; the drawn images are brightest in blue.
+    // The tiny classifier knows classes 10, 20 and 30, by colour; the synthetic images are brightest in blue.
     let named = folder.path().join("n01530575_brambling.png");
     std::fs::copy(&first, &named).expect("copied");
     let wrong = folder.path().join("n01440764_tench.png");
@@ -172,7 +172,7 @@ fn judges_say_how_far_images_are_and_what_they_show() {
     assert!(classes.named_top_1 <= classes.named_top_5 && classes.named_top_5 == 2, "{classes:?}");
     for row in &document.rows {
         let (first, five) = (row.top_1.expect("classified"), row.top_5.expect("classified"));
-        // Of five, three are the colours and the others 0 and 1.
+        // Of the five classes, three are the colours and the others 0 and 1.
         assert!(five && (!first || row.image != "n01440764_tench.png"), "{row:?}");
         assert!(row.st_lpips.is_some_and(|distance| distance > 0.0), "{row:?}");
     }

@@ -1,4 +1,4 @@
-//! Tests of `veiloc-evaluation` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-evaluation`; one executable, because linking dominates the build time.
 
 mod audit;
 mod inversion;

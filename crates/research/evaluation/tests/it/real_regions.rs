@@ -1,5 +1,5 @@
-//! Regions of a real place: queries are localized in them as in the whole map. Needs `VEILOC_DATA`.
-#![expect(clippy::print_stdout, reason = "its figures are those of docs/results/scale.md")]
+//! Regions of a real map: queries are localized in them as in the whole map. Needs `VEILOC_DATA`.
+#![expect(clippy::print_stdout, reason = "its figures are those of docs/scale.md")]
 
 use std::path::Path;
 
@@ -38,8 +38,9 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
     evaluate_scene(&evaluation, &()).expect("evaluated")
 }
 
-/// Every query in the regions that a gateway would ask: all are found and as many trusted as in the whole map, none wrongly, and
-/// nearly as exactly (a region of 20 holds fewer of the ten images that see most; docs/results/scale.md).
+/// Every query in the regions that a gateway would choose: all are localized, as many are trusted as in the whole
+/// map, none wrongly, and with nearly the same errors (a region of 20 holds fewer of the ten most relevant images;
+/// docs/scale.md).
 #[real_data_test]
 fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");
@@ -62,8 +63,8 @@ fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
     }
 }
 
-/// A region that holds all images which the whole map retrieves for a query answers with the whole map's pose, to the bit, and
-/// judges it the same. Its covariance is made of covariances of points that it remembers in single precision.
+/// A region that holds all images that the whole map retrieves for a query gives exactly the whole map's pose and
+/// state. Its covariance differs slightly, since regions store covariances of points in single precision.
 #[real_data_test]
 fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
     let place = data.join("redkitchen");
@@ -94,7 +95,7 @@ fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
     let names_in = |map: &MapFile, found: &Localization| -> Vec<String> {
         found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect()
     };
-    // Of the default's ten, hardly any region of forty holds all.
+    // Hardly any region of forty images holds all of the default's ten.
     let mut options = LocalizeOptions::default();
     options.retrieve = 4;
     let (mut same, mut asked) = (0, 0);
@@ -135,7 +136,7 @@ fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
     assert!(same >= 20, "{same} of {asked}");
 }
 
-/// A pose, to the bit, and what an answer says of it.
+/// A pose, bit by bit, and the other fields of an answer.
 fn told_by(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
     let pose = &found.cam_from_world;
     let numbers = pose.rotation().matrix().iter().chain(pose.translation().iter()).copied();
@@ -144,7 +145,7 @@ fn told_by(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
     (numbers.map(f64::to_bits).collect(), state, found.inliers, found.pairs, found.hypotheses)
 }
 
-/// The figures, with `--nocapture`.
+/// Prints the figures, with `--nocapture`.
 fn told(what: &str, result: &Evaluation) {
     let map = result.map.as_ref().expect("a map");
     println!("{what}: {} images, {} bytes, {:?}", map.images, map.bytes, map.regions);

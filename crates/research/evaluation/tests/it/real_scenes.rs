@@ -1,4 +1,4 @@
-//! The whole road on real images: map, seal, localize. Needs `VEILOC_DATA`.
+//! The whole pipeline on real images: map, seal, localize. Needs `VEILOC_DATA`.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn names(list: &Path) -> Vec<String> {
 }
 
 fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
-    // Every n-th image keeps the test short; the full figures are those of docs/results/poses.md.
+    // Every n-th image keeps the test short; the full figures are in docs/results.md.
     let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
     SceneEvaluation {
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
@@ -50,7 +50,7 @@ fn redkitchen_is_localized_under_every_scheme(data: &Path) {
     assert!(map.points > 3000, "{} points", map.points);
 }
 
-/// A kitchen is no church door: whatever pose comes out must not be trusted.
+/// Images of a church door in the map of a kitchen: no pose may be trusted.
 #[real_data_test]
 fn queries_of_another_place_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
@@ -75,7 +75,8 @@ fn herzjesu_is_localized_with_dcl(data: &Path) {
     assert_recall(&result, "dcl", 0.99, 0.05);
 }
 
-/// DESIGN's collapse: with the plain score the false optimum at an anchor wins; the likelihood removes it.
+/// The collapse described in DESIGN: with the plain score the false optimum at an anchor wins; the likelihood removes
+/// it.
 #[real_data_test]
 fn the_collapse_of_the_plain_score_and_its_cure(data: &Path) {
     let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
@@ -91,7 +92,8 @@ fn the_collapse_of_the_plain_score_and_its_cure(data: &Path) {
     assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
 }
 
-/// Every recipe is run on the same real matches; who knows the right matches is nearer than who must find them.
+/// Every recipe is run on the same real matches; recipes with the true matches have smaller errors than those that
+/// must find them.
 #[real_data_test]
 fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];

@@ -19,7 +19,7 @@ fn names(list: &Path, every: usize) -> Vec<String> {
     names.step_by(every).collect()
 }
 
-/// What is hard costs accuracy and not the place; the search finds what its own objective would.
+/// Difficult conditions reduce accuracy, not the recall of the scene; the search finds the optimum of its objective.
 #[real_data_test]
 fn hard_conditions_of_redkitchen(data: &Path) {
     let kitchen = data.join("redkitchen");
@@ -40,7 +40,7 @@ fn hard_conditions_of_redkitchen(data: &Path) {
     }
 }
 
-/// Images of elsewhere find no place in a kitchen, and a thing without texture cannot even ask.
+/// Out-of-map images are not localized in a kitchen, and an image without texture cannot be sealed.
 #[real_data_test]
 fn images_of_elsewhere_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");

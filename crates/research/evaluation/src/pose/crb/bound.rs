@@ -1,4 +1,4 @@
-//! What the Cramér–Rao bound predicts: errors of an estimator whose covariance is the inverse Fisher information.
+//! Prediction of the Cramér–Rao bound: errors of an estimator whose covariance is the inverse Fisher information.
 
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
@@ -7,8 +7,8 @@ use veiloc_synthetic::problems::normal;
 
 use crate::results::metrics::PoseError;
 
-/// Errors of `draws` poses from the normal distribution around the truth with this Fisher information, in the chart of
-/// [`CameraFromWorld::perturbed`]; `None` when the information leaves a direction free.
+/// Errors of `draws` poses from the normal distribution around the truth with this Fisher information, in the chart
+/// of [`CameraFromWorld::perturbed`]; `None` when the information is singular.
 pub(crate) fn predicted_errors<R: Rng>(
     truth: &CameraFromWorld,
     information: &[[f64; 6]; 6],
@@ -35,7 +35,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_synthetic::problems::random_pose;
 
-    /// Draws cover as often as they should, and the median error of one coordinate is the normal's: 0.6745 σ.
+    /// Samples have the right coverage, and the median error of one coordinate is that of the normal: 0.6745 σ.
     #[test]
     fn predicted_errors_have_the_covariance_of_the_bound() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);

@@ -1,11 +1,11 @@
-//! `veiloc eval crb`: errors on random synthetic problems over what the Cramér–Rao bound allows, and how well the
-//! estimated covariance covers them.
+//! `veiloc eval crb`: errors on random synthetic problems relative to the Cramér–Rao bound, and coverage of the
+//! estimated covariance.
 //!
-//! The bound is the inverse Fisher information of the truly right correspondences at the true pose. Noise is Gaussian
-//! on the keypoints, before obfuscation; obfuscation adds dither (uniform, variance 1/12 px² along any direction) and
-//! the rounding of what is sent (see [`noise`]). The bound is that of Gaussian noise of the same total variance, which is
-//! what least squares on the right correspondences would reach. Predicted medians are medians of errors drawn from the
-//! normal distribution of the bound, over all problems of a cell.
+//! The bound is the inverse Fisher information of the true correspondences at the true pose. Noise is Gaussian on the
+//! keypoints, before obfuscation; obfuscation adds dither (uniform, variance 1/12 px² along any direction) and the
+//! rounding of what is sent (see [`noise`]). The bound assumes Gaussian noise of the same total variance, which least
+//! squares on the true correspondences would reach. Predicted medians are medians of errors sampled from the normal
+//! distribution of the bound, over all problems of a cell.
 
 mod bound;
 mod noise;
@@ -30,7 +30,7 @@ use veiloc_protocol::{AngleBits, Scheme};
 pub use scene::{SceneError, SyntheticScene};
 pub use table::table;
 
-/// What to evaluate: every scene with every noise, share of outliers and scheme.
+/// Inputs and options: every scene with every noise, share of outliers and scheme.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct SyntheticEvaluation {
@@ -42,9 +42,9 @@ pub struct SyntheticEvaluation {
     pub noises_px: Vec<f64>,
     /// Shares of wrong matches, 0 to 1.
     pub outlier_shares: Vec<f64>,
-    /// Random problems a cell. The median of 500 is good to about 4 %.
+    /// Random problems per cell. The median of 500 is accurate to about 4 %.
     pub problems: usize,
-    /// Matches a problem.
+    /// Matches per problem.
     pub matches: usize,
     /// Robust estimation.
     pub pose: PoseOptions,
@@ -70,7 +70,7 @@ impl Default for SyntheticEvaluation {
     }
 }
 
-/// What the problems of a cell have in common, whatever the scheme.
+/// Properties that the problems of a cell share, independent of the scheme.
 #[derive(Debug, Clone, Copy)]
 struct Condition {
     scene: SyntheticScene,
@@ -87,9 +87,9 @@ pub struct BoundEvaluation {
     pub command: &'static str,
     /// Seed of every random choice.
     pub seed: u64,
-    /// Random problems a cell.
+    /// Random problems per cell.
     pub problems: usize,
-    /// Matches a problem.
+    /// Matches per problem.
     pub matches: usize,
     /// One entry per scene, scheme, noise and share of outliers.
     pub cells: Vec<BoundCell>,
@@ -99,9 +99,9 @@ pub struct BoundEvaluation {
 
 /// Problems of one scene, scheme, noise and share of outliers.
 ///
-/// Medians and ratios are over the problems that were *found*: at least half of the truly right correspondences agree
-/// with the pose. Those with `_all` are over all problems, where one that got no pose is infinitely wrong. A ratio is the
-/// median error over the median that the bound predicts for the same problems.
+/// Medians and ratios are over the problems that were *found*: at least half of the true correspondences agree with
+/// the pose. Fields with `_all` are over all problems, and a problem without a pose has an infinite error. A ratio is
+/// the median error divided by the median that the bound predicts for the same problems.
 #[derive(Debug, Clone, Serialize)]
 pub struct BoundCell {
     /// Scene.
@@ -118,7 +118,7 @@ pub struct BoundCell {
     pub localized: f64,
     /// Share of problems that were found.
     pub found: f64,
-    /// Mean share of the truly right correspondences that the pose's inliers hold, over all problems.
+    /// Mean share of the true correspondences among the pose's inliers, over all problems.
     pub inliers_found: f64,
     /// Map units.
     pub median_translation: Option<f64>,
@@ -138,8 +138,8 @@ pub struct BoundCell {
     pub rotation_ratio_all: Option<f64>,
 }
 
-/// How often the truth lies in the regions of 50, 90 and 99 % that the estimated covariance draws around the estimate,
-/// over the problems that were found.
+/// Share of poses whose truth lies in the 50, 90 and 99 % regions of the estimated covariance, over the problems that
+/// were found.
 #[derive(Debug, Clone, Serialize)]
 pub struct Coverage {
     /// Scene; `all` for all scenes and noises of a scheme together.
@@ -150,16 +150,16 @@ pub struct Coverage {
     pub noise_px: Option<f64>,
     /// How many poses.
     pub poses: usize,
-    /// Of the whole pose, six degrees of freedom: region in percent to share inside, 0 to 1.
+    /// For the whole pose, six degrees of freedom: percentage of the region to share inside, 0 to 1.
     pub pose: BTreeMap<String, f64>,
-    /// Of the camera centre, three degrees of freedom.
+    /// For the camera centre, three degrees of freedom.
     pub center: BTreeMap<String, f64>,
 }
 
 /// Runs every problem of every cell; results do not depend on the number of threads.
 ///
 /// # Errors
-/// [`EvalError::Options`] when something asked for is impossible or nothing is.
+/// [`EvalError::Options`] when the options are impossible or empty.
 pub fn evaluate_bound(
     evaluation: &SyntheticEvaluation,
     progress: &dyn Progress,
@@ -223,7 +223,7 @@ fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
     if let Some(share) = evaluation.outlier_shares.iter().find(|s| !(0.0..1.0).contains(*s)) {
         return refuse(format!("a share of outliers of {share} is not possible"));
     }
-    // Fewer could not hold a pose at all, and the bound would be infinite.
+    // With fewer true matches the bound would be infinite.
     let right = |share: f64| ((1.0 - share) * evaluation.matches as f64).round() as usize;
     if let Some(share) = evaluation.outlier_shares.iter().find(|s| right(**s) < FEWEST_RIGHT) {
         return refuse(format!(
@@ -236,7 +236,7 @@ fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
     Ok(())
 }
 
-/// Right matches of a problem, at least: about the fewest inliers that the estimator takes for a consensus.
+/// Minimum number of true matches of a problem: about the smallest consensus that the estimator accepts.
 const FEWEST_RIGHT: usize = 12;
 
 fn cell(condition: &Condition, scheme: Scheme, trials: &[Trial]) -> BoundCell {
@@ -265,7 +265,7 @@ fn cell(condition: &Condition, scheme: Scheme, trials: &[Trial]) -> BoundCell {
     }
 }
 
-/// Median errors, measured and predicted; `None` where infinite or of nothing.
+/// Median errors, measured and predicted; `None` if infinite or empty.
 struct Medians {
     measured: Option<f64>,
     predicted: Option<f64>,

@@ -1,4 +1,4 @@
-//! How noisy an observation is: the detector's noise, and what obfuscation adds to it.
+//! Noise of an observation: the detector's noise plus that of obfuscation.
 
 use veiloc_geometry::{CameraFromWorld, PlanePoint};
 use veiloc_pose::{Correspondences, PoseProblem};
@@ -12,9 +12,9 @@ const ROUNDING: f64 = 0.25 * 0.25 / 12.0;
 
 /// Standard deviation of the chosen correspondences across their lines (of points along each axis), pixels.
 ///
-/// The keypoint's own noise, plus dither, plus the rounding of what is sent. For `dcl` the angle is what is rounded,
-/// which moves the line by `r · π/levels` at the distance `r` of the keypoint from its anchor; that part is averaged
-/// over the correspondences and makes up a few hundredths of the whole.
+/// The keypoint's own noise, plus dither, plus the rounding of the sent values. For `dcl` the angle is rounded, which
+/// moves the line by `r · π/levels` at the distance `r` of the keypoint from its anchor; this part is averaged over
+/// the correspondences and is a few percent of the total.
 pub(crate) fn observation_noise(
     problem: &PoseProblem,
     truth: &CameraFromWorld,
@@ -56,8 +56,8 @@ mod tests {
     use veiloc_protocol::Scheme;
     use veiloc_synthetic::problems::PointProblem;
 
-    /// The formula against what sealing does to 20 000 keypoints: the spread of the distances of the true projections
-    /// from what was sent. Coarse angles, so that their rounding weighs.
+    /// Compares the formula with sealing 20 000 keypoints: the spread of the distances of the true projections from
+    /// the sent lines. Coarse angles make their rounding visible.
     #[test]
     fn the_formula_is_the_spread_of_what_is_sent() {
         let bits = AngleBits::new(9).expect("allowed");

@@ -1,4 +1,4 @@
-//! The synthetic scenes: one that holds a pose well, and two that do not.
+//! The synthetic scenes: one well-conditioned, and two ill-conditioned ones.
 
 use std::fmt;
 use std::str::FromStr;
@@ -19,11 +19,11 @@ pub enum SyntheticScene {
     Deep,
     /// All points near one plane.
     NearPlanar,
-    /// A telephoto lens: turning and moving sideways look alike.
+    /// A telephoto lens: rotation and sideways translation look alike.
     Narrow,
 }
 
-/// A text names no synthetic scene.
+/// A text that is not the name of a synthetic scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no synthetic scene; there are deep, near-planar and narrow")]
 pub struct SceneError(String);

@@ -1,4 +1,4 @@
-//! The two tables for people: errors over the bound, and coverage of the covariance.
+//! The two text tables: errors relative to the bound, and coverage of the covariance.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use crate::results::metrics::finite;
 use crate::results::metrics::mean;
 use crate::results::text_table::TextTable;
 
-/// Both tables, with a line that says how to read each.
+/// Both tables, each with an explanation.
 pub fn table(document: &BoundEvaluation) -> String {
     format!(
         "Median error over what the Cramér–Rao bound predicts ({} problems a row, {} matches each).\n\

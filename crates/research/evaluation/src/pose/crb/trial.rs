@@ -1,4 +1,4 @@
-//! One synthetic problem under one scheme: what the estimator found, and what the bound allows.
+//! One synthetic problem under one scheme: the estimate and the bound.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,35 +15,35 @@ use crate::results::metrics::PoseError;
 use veiloc_datasets::problem_files::Problem;
 use veiloc_datasets::problem_files::seed_for;
 
-/// Draws from the bound a problem: many problems make the median smooth, not many draws of one.
+/// Samples from the bound per problem: the number of problems, not of samples, makes the median smooth.
 const DRAWS: usize = 16;
 
-/// A pose that at least this share of the truly right correspondences agrees with was found.
+/// Smallest share of the true correspondences that must agree with a pose for it to be found.
 const FOUND_SHARE: f64 = 0.5;
 
-/// What came of one problem.
+/// Results of one problem.
 #[derive(Debug, Clone)]
 pub(super) struct Trial {
-    /// Of the estimate; [`PoseError::NOT_LOCALIZED`] without.
+    /// Error of the estimate; [`PoseError::NOT_LOCALIZED`] without an estimate.
     pub(super) error: PoseError,
-    /// Errors the bound predicts; empty when the right matches do not hold the pose.
+    /// Errors that the bound predicts; empty when the true matches do not determine the pose.
     pub(super) predicted: Vec<PoseError>,
     /// Whether there is an estimate.
     pub(super) localized: bool,
-    /// Share of the truly right correspondences that the estimate calls inliers.
+    /// Share of the true correspondences among the estimate's inliers.
     pub(super) inliers_found: f64,
     /// Errors in units of the estimated covariance.
     pub(super) normalized: NormalizedError,
 }
 
 impl Trial {
-    /// Whether the search came to the right place, so that the rest is a matter of precision.
+    /// Whether the search found the right optimum, so that the remaining error is one of precision.
     pub(super) fn found(&self) -> bool {
         self.localized && self.inliers_found >= FOUND_SHARE
     }
 }
 
-/// Draws the problem, hides its keypoints and estimates the pose. Every scheme sees the same keypoints.
+/// Generates the problem, obfuscates its keypoints and estimates the pose. Every scheme gets the same keypoints.
 pub(super) fn run(
     evaluation: &SyntheticEvaluation,
     condition: &Condition,
@@ -120,7 +120,7 @@ fn judge(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Trial
     }
 }
 
-/// The generated problem as if it had been read from a file: every match has a keypoint of its own.
+/// The generated problem in the form of one read from a file: every match has its own keypoint.
 pub(super) fn as_problem(name: &str, synthetic: &PointProblem) -> Problem {
     Problem {
         name: name.to_owned(),

@@ -1,35 +1,37 @@
-//! Who attacks, and with what.
+//! Adversaries, by their knowledge.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::Serialize;
 
-/// Somebody who reads queries. What they gain is that of the best of their attacks, by [`Adversary::attacks`].
+/// An attacker who reads queries. The adversary's gain is that of its best attack among [`Adversary::attacks`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Adversary {
-    /// Has the query alone, and neighbours predicted by a statistic of descriptors that was learned elsewhere.
+    /// Holds the query alone, and neighbours predicted by a statistic of descriptors learned on other scenes.
     OutsiderStatistic,
     /// The same with a trained network in place of the statistic.
     OutsiderNeighbours,
-    /// Has the query alone, and a network trained elsewhere that goes from all its rows to positions.
+    /// Holds the query alone, and a network trained on other scenes that predicts positions from all its rows.
     OutsiderNetwork,
-    /// Has images of the place, with keypoints.
+    /// Holds images of the scene with keypoints.
     MapServer,
-    /// A server that has found the pose and predicts neighbours; what counts is what its map does not show.
+    /// A server that has found the pose and predicts neighbours; errors are measured on what its map does not show.
     PoseServer,
-    /// The same with the keypoints of all map images.
+    /// The same, with the keypoints of all map images.
     PoseServerImages,
-    /// A server that has found the poses of several queries of the place, anchors held in each image; counts as the one before.
+    /// A server that has found the poses of several queries of the scene, with anchors fixed in each image; errors
+    /// are measured as for the previous ones.
     SeveralFrames,
-    /// Has several seals of one image.
+    /// Holds several seals of one image.
     SeveralSeals,
-    /// Is told the true neighbours, which nobody is: nothing protects against it, and it is shown for comparison.
+    /// Holds the true neighbours, which no attacker has: no scheme protects against it, and it is shown for
+    /// comparison.
     TrueNeighbours,
 }
 
 impl Adversary {
-    /// All of them, as tables show them.
+    /// All adversaries, in the order of tables.
     pub const ALL: [Self; 9] = [
         Self::OutsiderStatistic,
         Self::OutsiderNeighbours,
@@ -42,12 +44,12 @@ impl Adversary {
         Self::TrueNeighbours,
     ];
 
-    /// Whether there is such a one.
+    /// Whether such an attacker can exist.
     pub const fn is_realistic(self) -> bool {
         !matches!(self, Self::TrueNeighbours)
     }
 
-    /// What documents call it.
+    /// Name in documents.
     pub const fn name(self) -> &'static str {
         match self {
             Self::OutsiderStatistic => "outsider-statistic",
@@ -62,7 +64,7 @@ impl Adversary {
         }
     }
 
-    /// What it knows beside the query, in words.
+    /// Its knowledge beside the query, in words.
     pub const fn knows(self) -> &'static str {
         match self {
             Self::OutsiderStatistic => "what a statistic of descriptors learned elsewhere",
@@ -77,16 +79,16 @@ impl Adversary {
         }
     }
 
-    /// Whether it needs more of a place than the queries themselves: a map of it.
+    /// Whether it needs a map of the scene.
     pub const fn needs_place(self) -> bool {
         matches!(self, Self::MapServer | Self::PoseServer | Self::PoseServerImages | Self::SeveralFrames)
     }
 
-    /// Attacks it tries, by their names in [`crate::audit::ATTACKS`].
+    /// Its attacks, by their names in [`crate::audit::ATTACKS`].
     pub const fn attacks(self) -> &'static [&'static str] {
         match self {
-            // The layout of the graph needs 60 % true neighbours, where descriptors give 5 to 11 (`docs/results/privacy.md`): it is
-            // never the best, and takes longest; see `thorough`.
+            // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/audit.md`):
+            // it is never the best attack and takes longest; see `thorough`.
             Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
             Self::OutsiderNetwork => &["trained-positions"],
             Self::MapServer => &["transfer"],
@@ -98,7 +100,7 @@ impl Adversary {
         }
     }
 
-    /// Attacks it tries beside [`Self::attacks`] where time does not matter, seconds an image each.
+    /// Additional attacks if time does not matter: seconds per image each.
     pub const fn thorough(self) -> &'static [&'static str] {
         match self {
             Self::OutsiderStatistic | Self::OutsiderNeighbours => {

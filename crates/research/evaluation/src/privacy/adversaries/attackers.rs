@@ -1,4 +1,4 @@
-//! Runs what an adversary tries on all schemes, and keeps the best.
+//! Runs the attacks of an adversary on all schemes and selects the best one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,56 +16,56 @@ use veiloc_protocol::Scheme;
 use super::adversary::Adversary;
 use super::keypoints::Keypoints;
 
-/// Frames that an adversary of several puts together, and seals of one image: as many as there are at most.
+/// Numbers of frames, or of seals of one image, for adversaries with several: limited by the available number.
 const FRAMES: [usize; 2] = [2, 8];
 const SEALS: usize = 8;
 
-/// What is attacked, and what adversaries may use.
+/// The attacked keypoints and the resources of adversaries.
 pub(crate) struct Attackers<'a> {
-    /// What is attacked, and what is known of its place.
+    /// The attacked keypoints and the knowledge about their scene.
     pub(crate) keypoints: &'a Keypoints,
-    /// Schemes it is sent under.
+    /// Schemes under which they are sent.
     pub(crate) schemes: &'a [Scheme],
-    /// Files of keypoints of elsewhere, which outsiders learn from; one who has none is no outsider and is left out.
+    /// Keypoint files of other scenes, the training data of outsiders; without them outsiders are skipped.
     pub(crate) train: &'a [PathBuf],
     /// A network that predicts neighbours.
     pub(crate) network: Option<&'a Path>,
-    /// Networks of positions, one a scheme.
+    /// Position networks, one per scheme.
     pub(crate) positions: &'a [PathBuf],
-    /// Whether to try [`Adversary::thorough`] too.
+    /// Whether to run [`Adversary::thorough`] too.
     pub(crate) thorough: bool,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub(crate) k: usize,
     /// Seed of all draws.
     pub(crate) seed: u64,
 }
 
-/// What an adversary gains from queries of one scheme.
+/// The gain of an adversary from queries of one scheme.
 #[derive(Debug, Clone)]
 pub(crate) struct Gain {
-    /// The best of their attacks, by bits over the guess.
+    /// Its best attack, by gain over the prior-only baseline.
     pub(crate) best: AttackSummary,
-    /// The guess on the same keypoints.
+    /// The prior-only baseline on the same keypoints.
     pub(crate) guess: AttackSummary,
-    /// Every attack they tried, in the order they did.
+    /// All its attacks, in the order they ran.
     pub(crate) tried: Vec<Tried>,
-    /// Share of the neighbours they were told that are true; `None` for an oracle and where none are used.
+    /// Precision of its predicted neighbours; `None` for an oracle, and if no neighbours are used.
     pub(crate) precision: Option<f64>,
-    /// Share of all keypoints that errors are of.
+    /// Share of all keypoints on which errors are measured.
     pub(crate) measured: f64,
 }
 
-/// An attack that was tried, by what it tells.
+/// One attack of an adversary with its gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tried {
     /// Its name.
     pub attack: String,
-    /// Frames or seals that it had; absent for attacks on one query.
+    /// Frames or seals that it used; absent for attacks on one query.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
     /// Median error, pixels.
     pub median_px: f64,
-    /// What it tells beyond the guess, bits a keypoint.
+    /// Gain over the prior-only baseline, bits per keypoint.
     pub bits_over_prior: f64,
 }
 
@@ -81,15 +81,15 @@ impl Tried {
 }
 
 impl Attackers<'_> {
-    /// Mean error of the guess on all images, attacked or not, by scheme, pixels.
+    /// Mean error of the prior-only baseline on all images, attacked or not, by scheme, pixels.
     pub(crate) fn guess(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
         let images: Vec<KeypointImage> = self.keypoints.all().cloned().collect();
         let guessed = run(&self.evaluation(), images, "Guessing", progress)?;
         Ok(guessed.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
     }
 
-    /// What an adversary gains, by scheme; nothing for one who lacks what it takes, nor under a scheme that gives a
-    /// server no pose.
+    /// Gain of an adversary by scheme; empty if its resources are missing, or if a server finds no pose under the
+    /// scheme.
     pub(crate) fn gains(
         &self,
         adversary: Adversary,
@@ -100,7 +100,7 @@ impl Attackers<'_> {
         attack.attacks =
             adversary.attacks().iter().chain(extra).filter_map(|name| name.parse::<Attack>().ok()).collect();
         let Some(images) = self.give(adversary, &mut attack)? else { return Ok(BTreeMap::new()) };
-        // A server that finds no pose under a scheme knows nothing there; the others are attacked without it.
+        // A server without a pose under a scheme has no gain there; the other schemes are attacked without it.
         let found = loop {
             match run(&attack, images.clone(), adversary.name(), progress) {
                 Err(EvalError::NoPose { scheme, .. }) => {
@@ -125,8 +125,8 @@ impl Attackers<'_> {
         }
     }
 
-    /// Gives an adversary what they know, and says which images they have, the attacked first; `None` when they lack
-    /// what it takes.
+    /// Sets the resources of an adversary, and returns its images, the attacked ones first; `None` if resources are
+    /// missing.
     fn give(
         &self,
         adversary: Adversary,
@@ -139,7 +139,7 @@ impl Attackers<'_> {
         if adversary.needs_place() && place.is_none() {
             return Ok(None);
         }
-        // What the map shows is known under every scheme: what counts is the rest.
+        // What the map shows is known under every scheme; errors are measured on the rest.
         let knowing = || {
             place.map(|place| ServerKnowledge {
                 problems: vec![place.problems.clone()],
@@ -168,7 +168,7 @@ impl Attackers<'_> {
                 images.extend(map());
             }
             Adversary::PoseServer => {
-                // Its own map teaches it what is near what.
+                // The server's own map trains the predictor of neighbours.
                 attack.neighbours =
                     NeighbourSource::Predicted { train: place.iter().map(|p| p.map_file.clone()).collect() };
                 attack.server = knowing();
@@ -190,7 +190,7 @@ impl Attackers<'_> {
         Ok(Some(images))
     }
 
-    /// Keypoints of elsewhere, which say where keypoints mostly lie; their descriptors are not asked for again.
+    /// Keypoints of other scenes, for the density of keypoints; their descriptors are not read again.
     fn elsewhere(&self) -> Result<Vec<KeypointImage>, EvalError> {
         let mut images = Vec::new();
         for file in self.train {
@@ -204,7 +204,7 @@ impl Attackers<'_> {
     }
 }
 
-/// The best of the attacks on a scheme, with its name.
+/// The best attack on a scheme, with its name.
 fn gain(found: &AttackDocument, scheme: &str) -> Option<(String, Gain)> {
     let of_scheme = || found.attacks.iter().filter(|a| a.scheme == scheme);
     let tried = || of_scheme().filter(|a| a.attack != Attack::PRIOR);
@@ -230,7 +230,7 @@ fn run(
     attack_groups(attack, vec![group], &mut Watched(Stage::new(progress, stage)))
 }
 
-/// Tells how far the work is.
+/// Reports progress.
 struct Watched<'a>(Stage<'a>);
 
 impl AttackObserver for Watched<'_> {

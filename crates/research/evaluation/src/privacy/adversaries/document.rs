@@ -1,4 +1,4 @@
-//! What adversaries got, as the stable JSON document.
+//! Gains of adversaries, as the stable JSON document.
 
 use std::collections::BTreeMap;
 
@@ -15,40 +15,41 @@ pub struct AdversariesDocument {
     pub version: u32,
     /// `eval adversaries`.
     pub command: &'static str,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
     /// Seed of every draw.
     pub seed: u64,
-    /// Who was asked for and lacked what it takes, everywhere.
+    /// Requested adversaries whose resources are missing everywhere.
     pub missing: Vec<Adversary>,
-    /// One entry per place or file, adversary and scheme.
+    /// One entry per scene or file, adversary and scheme.
     pub rows: Vec<AdversaryRow>,
 }
 
-/// What one adversary got from the queries of one scheme.
+/// Gain of one adversary from the queries of one scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AdversaryRow {
-    /// The place or file.
+    /// The scene or file.
     pub data: String,
-    /// Who attacks.
+    /// The adversary.
     pub adversary: &'static str,
-    /// Whether there is such a one; nobody is told true neighbours.
+    /// Whether such an attacker can exist; no attacker has true neighbours.
     pub realistic: bool,
     /// Obfuscation scheme.
     pub scheme: String,
-    /// The best of their attacks, by bits over the guess.
+    /// Its best attack, by gain over the prior-only baseline.
     pub attack: String,
-    /// Frames or seals that it had; absent for attacks on one query.
+    /// Frames or seals that it used; absent for attacks on one query.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
-    /// Images attacked.
+    /// Number of attacked images.
     pub images: usize,
-    /// Share of their keypoints that errors are of, 0 to 1: of a server that knows its map, those the map does not show.
+    /// Share of their keypoints on which errors are measured, 0 to 1: for a server that knows its map, the keypoints
+    /// that the map does not show.
     pub measured: f64,
-    /// Share of the neighbours they were told that are true, 0 to 1; absent for an oracle and where none are used.
+    /// Precision of its predicted neighbours, 0 to 1; absent for an oracle, and if no neighbours are used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
-    /// Median error of the guess from the single line on the same keypoints, pixels.
+    /// Median error of the prior-only baseline on the same keypoints, pixels.
     pub guess_median_px: f64,
     /// Median error, pixels.
     pub median_px: f64,
@@ -56,9 +57,9 @@ pub struct AdversaryRow {
     pub under_10px: f64,
     /// The same under 30 px.
     pub under_30px: f64,
-    /// What the attack tells beyond the guess, bits a keypoint; negative where it does worse than the guess.
+    /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
-    /// Every attack that was tried.
+    /// All its attacks.
     pub tried: Vec<Tried>,
 }
 
@@ -74,13 +75,13 @@ impl AdversariesDocument {
         }
     }
 
-    /// Names those who are not among the rows.
+    /// Lists the adversaries without a row.
     pub(super) fn finish(&mut self, evaluation: &AdversariesEvaluation) {
         let there = |a: &Adversary| self.rows.iter().any(|row| row.adversary == a.name());
         self.missing = evaluation.adversaries.iter().copied().filter(|a| !there(a)).collect();
     }
 
-    /// Rows of an adversary, in the order of the schemes.
+    /// Adds the rows of an adversary, in the order of the schemes.
     pub(super) fn add(
         &mut self,
         data: &str,
@@ -111,7 +112,7 @@ impl AdversariesDocument {
         }
     }
 
-    /// What an adversary got; `None` where they lacked what it takes.
+    /// Gain of an adversary; `None` if its resources were missing.
     pub fn of(&self, data: &str, adversary: Adversary, scheme: &str) -> Option<&AdversaryRow> {
         self.rows
             .iter()

@@ -1,4 +1,4 @@
-//! Keypoints that are attacked, and what adversaries hold beside them, as attacks read them.
+//! Attacked keypoints, and the adversaries' data beside them.
 
 use std::path::{Path, PathBuf};
 
@@ -9,21 +9,21 @@ use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
 use veiloc_features::Progress;
 
-/// All keypoints of a place or a file, and the files that attacks read.
+/// All keypoints of a scene or a file, and the files that attacks read.
 pub(crate) struct Keypoints {
-    /// What they are of.
+    /// Name of the scene or file.
     pub(crate) data: String,
-    /// Images that are attacked, spread evenly over all.
+    /// Attacked images, spread evenly over all.
     pub(crate) attacked: Vec<KeypointImage>,
     /// The other queries.
     pub(crate) others: Vec<KeypointImage>,
-    /// What a map of the place adds; `None` for images of which there is none.
+    /// Knowledge from a map of the scene; `None` for images without a map.
     pub(crate) place: Option<PlaceKnowledge>,
 }
 
-/// What the operator of a map holds.
+/// Knowledge of the operator of a map.
 pub(crate) struct PlaceKnowledge {
-    /// Images of the map, in the frames of their canonical cameras as queries are.
+    /// Images of the map, in the frames of their canonical cameras, as queries are.
     pub(crate) map: Vec<KeypointImage>,
     /// Matches of all queries with the map, `problems.jsonl`.
     pub(crate) problems: PathBuf,
@@ -33,7 +33,8 @@ pub(crate) struct PlaceKnowledge {
 }
 
 impl Keypoints {
-    /// Those of a place: of its queries, of which so many are `attacked` (`None` for all), and of its map's images.
+    /// Keypoints of a scene: of its queries, `attacked` of which are attacked (`None` for all), and of its map
+    /// images.
     pub(crate) fn of_place(
         source: &ProblemSource<'_>,
         attacked: Option<usize>,
@@ -67,14 +68,14 @@ impl Keypoints {
         Ok(Self { data, attacked, others, place: Some(place) })
     }
 
-    /// Those of a file of keypoints, of which nobody has a map.
+    /// Keypoints of a file without a map.
     pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, EvalError> {
         let images = read_keypoints(path)?;
         let (attacked, others) = split(images, attacked);
         Ok(Self { data: json_lines::display_name(path), attacked, others, place: None })
     }
 
-    /// All images, the attacked first.
+    /// All images, the attacked ones first.
     pub(crate) fn all(&self) -> impl Iterator<Item = &KeypointImage> {
         self.attacked.iter().chain(&self.others)
     }

@@ -1,6 +1,6 @@
-//! `veiloc eval adversaries`: what each adversary gets from the queries of every scheme, by the best of their attacks.
+//! `veiloc eval adversaries`: the gain of each adversary from the queries of every scheme, with its best attack.
 //!
-//! Adversaries are told apart by what they know beside a query ([`Adversary`]), not by how they compute: each tries the
+//! Adversaries differ in their knowledge beside a query ([`Adversary`]), not in their algorithm: each runs all
 //! attacks of `veiloc attack` that this knowledge allows.
 
 mod adversary;
@@ -22,10 +22,10 @@ pub use document::{AdversariesDocument, AdversaryRow};
 pub use options::{AdversariesEvaluation, Place};
 pub use table::adversaries_table;
 
-/// Attacks queries of a place, or images of files of which nobody has a map, as every adversary that has what it takes.
+/// Attacks queries of a scene, or images of files without a map, as every adversary whose resources are available.
 ///
 /// # Errors
-/// [`EvalError`] when data is missing, a map cannot be built, or nothing was asked for.
+/// [`EvalError`] when data is missing, a map cannot be built, or the options select nothing.
 pub fn evaluate_adversaries(
     evaluation: &AdversariesEvaluation,
     progress: &dyn Progress,

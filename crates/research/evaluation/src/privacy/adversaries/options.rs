@@ -1,4 +1,4 @@
-//! Who is attacked by whom, and what outsiders have learned from.
+//! Attacked data, adversaries, and the training data of outsiders.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use super::adversary::Adversary;
 
 use crate::EvalError;
 
-/// A place with known poses, split into map and queries.
+/// A scene with known poses, split into map and queries.
 #[derive(Debug, Clone)]
 pub struct Place {
     /// Cameras and poses.
@@ -26,40 +26,40 @@ pub struct Place {
     pub build: BuildOptions,
     /// Retrieval and matching.
     pub localize: LocalizeOptions,
-    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): what they hide is not sent. Nothing is hidden when none.
+    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
 }
 
-/// What is attacked, and with what.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct AdversariesEvaluation {
-    /// A place, whose map servers know; `None` for files alone.
+    /// A scene whose map servers know; `None` for files alone.
     pub place: Option<Place>,
-    /// Files of keypoints of images of which nobody has a map.
+    /// Keypoint files of images without a map.
     pub files: Vec<PathBuf>,
-    /// Schemes, in the order of the table. One that hides no position has nothing to attack.
+    /// Schemes, in the order of the table. Schemes that send positions are skipped.
     pub schemes: Vec<Scheme>,
-    /// Who attacks, in the order of the table.
+    /// Adversaries, in the order of the table.
     pub adversaries: Vec<Adversary>,
-    /// Files of keypoints of elsewhere, which outsiders learn from; without any there is no outsider.
+    /// Keypoint files of other scenes, the training data of outsiders; without them outsiders are skipped.
     pub train: Vec<PathBuf>,
-    /// A network that predicts neighbours, trained elsewhere.
+    /// A network that predicts neighbours, trained on other scenes.
     pub network: Option<PathBuf>,
-    /// Networks from all rows to positions, trained elsewhere, one a scheme; as above.
+    /// Networks that predict positions from all rows, trained on other scenes, one per scheme.
     pub positions: Vec<PathBuf>,
-    /// How many images of a place or file are attacked, spread evenly; `None` for all.
+    /// Number of attacked images of a scene or file, spread evenly; `None` for all.
     pub attacked: Option<usize>,
-    /// Whether attacks are tried that take seconds an image.
+    /// Whether to run attacks that take seconds per image.
     pub thorough: bool,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
     /// Seed of every draw.
     pub seed: u64,
 }
 
 impl AdversariesEvaluation {
-    /// All schemes that hide positions, all images; what is attacked is still to be said.
+    /// All schemes that hide positions, all images; the data must still be set.
     pub fn new() -> Self {
         Self {
             place: None,

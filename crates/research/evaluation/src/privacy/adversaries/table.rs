@@ -1,11 +1,11 @@
-//! What adversaries got, as a table for people: those that exist first, an oracle last.
+//! Gains of adversaries as a text table: realistic adversaries first, an oracle last.
 
 use crate::results::text_table::{TextTable, percent};
 
 use super::adversary::Adversary;
 use super::document::{AdversariesDocument, AdversaryRow};
 
-/// A table a place or file, and below them who knew what.
+/// One table per scene or file, followed by the adversaries' knowledge.
 pub fn adversaries_table(document: &AdversariesDocument) -> String {
     let mut data: Vec<&str> = Vec::new();
     for row in &document.rows {

@@ -1,4 +1,4 @@
-//! How much less exact the poses of a layout are than those of points, on the same queries.
+//! Pose errors under a layout relative to those of points, on the same queries.
 
 use crate::results::metrics::{finite, median};
 use crate::stress::StressQuery;
@@ -6,24 +6,25 @@ use serde::Serialize;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
-/// Poses of one layout under one condition, beside those of points. A query without a pose counts as infinitely wrong.
+/// Poses of one layout under one condition, relative to those of points. A query without a pose counts as infinite
+/// error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ConditionFigures {
-    /// What the queries were put under.
+    /// The condition.
     pub stress: String,
-    /// Median error of the position over that of points; null when more than half of either have no pose.
+    /// Ratio of the median position errors, layout over points; null when more than half of either have no pose.
     pub error_over_points: Option<f64>,
-    /// The same of the 90 % quantile; null when more than a tenth of either have no pose.
+    /// The same for the 90 % quantile; null when more than a tenth of either have no pose.
     pub tail_over_points: Option<f64>,
-    /// The median error of the orientation over that of points; null as the first.
+    /// Ratio of the median orientation errors; null as the first.
     pub rotation_over_points: Option<f64>,
     /// Median error of the position, map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
-    /// Queries, each once a seed.
+    /// Queries, counted once per seed.
     pub queries: usize,
-    /// Of these with a pose that is trusted.
+    /// Queries with a trusted pose.
     pub trusted: usize,
-    /// Of the points' with a pose that is trusted.
+    /// The same for points.
     pub trusted_points: usize,
 }
 
@@ -33,7 +34,7 @@ pub(super) struct Accuracy {
 }
 
 impl Accuracy {
-    /// Of one scheme among all queries; conditions in the order in which they come.
+    /// Results of one scheme among all queries; conditions in order of appearance.
     pub(super) fn of(queries: &[StressQuery], scheme: Scheme) -> Self {
         let mut stresses: Vec<&str> = Vec::new();
         for query in queries {
@@ -49,7 +50,7 @@ impl Accuracy {
         Self { conditions: stresses.iter().map(condition).collect() }
     }
 
-    /// The geometric mean over conditions; `None` when one of them has none.
+    /// The geometric mean over conditions; `None` when one of them has no value.
     pub(super) fn mean(&self, which: fn(&ConditionFigures) -> Option<f64>) -> Option<f64> {
         let logs: Option<Vec<f64>> = self.conditions.iter().map(|c| which(c).map(f64::ln)).collect();
         logs.filter(|l| !l.is_empty()).and_then(|l| finite((l.iter().sum::<f64>() / l.len() as f64).exp()))
@@ -78,7 +79,7 @@ fn condition(stress: &str, own: &[&StressQuery], points: &[&StressQuery]) -> Con
     }
 }
 
-/// The smallest value that nine tenths of all do not exceed; NaN for none.
+/// The smallest value that at least 90 % of all values do not exceed; NaN without values.
 fn tail(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -109,7 +110,7 @@ mod tests {
         }
     }
 
-    /// Ten queries of each; the layout is twice as inexact, four times in the sparse map, and loses queries there.
+    /// Ten queries of each; the layout has twice the error, four times in the sparse map, and loses queries there.
     #[test]
     fn ratios_are_of_the_same_queries_and_lost_ones_are_infinite() {
         let mut queries = Vec::new();
@@ -123,7 +124,7 @@ mod tests {
         let found = Accuracy::of(&queries, Scheme::default());
         let [plain, sparse] = &found.conditions[..] else { panic!("two conditions") };
         assert_eq!((plain.stress.as_str(), plain.error_over_points), ("none", Some(2.0)));
-        // Of ten, the ninth: 20, the tenth, is below the 27 of the ninth.
+        // Of ten values the ninth: 20, the tenth, is below 27, the ninth.
         assert_eq!((plain.tail_over_points, plain.rotation_over_points), (Some(20.0 / 9.0), Some(2.0)));
         assert_eq!((sparse.error_over_points, sparse.tail_over_points), (Some(4.0), None));
         assert_eq!((sparse.queries, sparse.trusted, sparse.trusted_points), (10, 8, 10));

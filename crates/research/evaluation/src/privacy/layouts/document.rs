@@ -1,4 +1,4 @@
-//! What was found, as the stable JSON document.
+//! Results as the stable JSON document.
 
 use std::collections::BTreeMap;
 
@@ -16,51 +16,53 @@ pub struct LayoutsDocument {
     pub version: u32,
     /// `eval layouts`.
     pub command: &'static str,
-    /// The place.
+    /// The scene.
     pub data: String,
-    /// Queries that poses were estimated for.
+    /// Number of queries with pose estimates.
     pub queries: usize,
-    /// How many of them were attacked.
+    /// Number of attacked queries.
     pub attacked: usize,
-    /// Images of the map.
+    /// Number of map images.
     pub map_images: usize,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
     /// First seed.
     pub seed: u64,
-    /// Seeds that poses were estimated with.
+    /// Number of seeds of the pose estimates.
     pub seeds: u64,
-    /// One entry a layout.
+    /// One entry per layout.
     pub rows: Vec<LayoutRow>,
 }
 
 /// One layout.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LayoutRow {
-    /// The scheme that asks for it; the paper's is `dcl:paper`.
+    /// The scheme with this layout; the paper's is `dcl:paper`.
     pub layout: String,
-    /// Median error of the position over that of points, geometric mean over [`Self::conditions`]; null when one has none.
+    /// Median position error relative to points, geometric mean over [`Self::conditions`]; null when one has no
+    /// value.
     pub error_over_points: Option<f64>,
-    /// The same of the 90 % quantile.
+    /// The same for the 90 % quantile.
     pub tail_over_points: Option<f64>,
-    /// As the first, of the orientation.
+    /// The same for the median orientation error.
     pub rotation_over_points: Option<f64>,
-    /// Mean error of the guess from the single line on all queries, pixels.
+    /// Mean error of the prior-only baseline on all queries, pixels.
     pub prior_mean_px: Option<f64>,
-    /// Share of the true nearest neighbours that are in another pencil, 0 to 1.
+    /// Share of the true nearest neighbours in another pencil, 0 to 1.
     pub other_pencil_neighbours: Option<f64>,
-    /// Adversary to what the best of their attacks gains over the guess, bits a keypoint.
+    /// Gain of each adversary's best attack over the prior-only baseline, bits per keypoint.
     pub bits: BTreeMap<&'static str, f64>,
-    /// Whether the guess errs no less than under the paper's layout, and no realistic adversary gains more than
-    /// [`LEEWAY_BITS`] above what they gain there, a loss counting as no gain; null when the paper's layout was not judged.
+    /// Whether the baseline's error is at least that under the paper's layout, and no realistic adversary gains more
+    /// than [`LEEWAY_BITS`] above its gain there, with negative gains counted as zero; null when the paper's layout
+    /// was not evaluated.
     pub protects_as_paper: Option<bool>,
-    /// The same adversaries in full.
+    /// The same adversaries with details.
     pub adversaries: Vec<AdversaryFigures>,
     /// Poses under each condition.
     pub conditions: Vec<ConditionFigures>,
 }
 
-/// What an adversary may gain above the paper's layout, bits.
+/// Accepted additional gain of an adversary over the paper's layout, bits.
 pub const LEEWAY_BITS: f64 = 0.05;
 
 impl LayoutRow {
@@ -81,15 +83,15 @@ impl LayoutRow {
         }
     }
 
-    /// What the strongest realistic adversary gains, bits; `None` without one.
+    /// Gain of the strongest realistic adversary, bits; `None` without one.
     pub fn worst_realistic(&self) -> Option<f64> {
         self.adversaries.iter().filter(|a| a.realistic).map(|a| a.bits).max_by(f64::total_cmp)
     }
 
-    /// Whether it protects as well as another row does.
+    /// Whether it protects at least as well as another row.
     fn protects_as(&self, other: &Self) -> bool {
         let guess = self.prior_mean_px.zip(other.prior_mean_px).is_some_and(|(own, least)| own >= least);
-        // One who does worse than the guess takes the guess.
+        // An adversary with a negative gain would use the prior-only baseline instead.
         let gain = |bits: f64| bits.max(0.0);
         let holds = |a: &AdversaryFigures| {
             other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + LEEWAY_BITS)
@@ -99,7 +101,7 @@ impl LayoutRow {
 }
 
 impl LayoutsDocument {
-    /// Holds every row against the paper's.
+    /// Compares every row with the paper's layout.
     pub(super) fn compare(&mut self) {
         let Some(paper) = self.rows.iter().find(|row| row.layout == super::PAPER).cloned() else { return };
         for row in &mut self.rows {

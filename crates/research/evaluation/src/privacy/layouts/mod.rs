@@ -1,7 +1,9 @@
-//! `veiloc eval layouts`: layouts of dcl, each judged by its poses beside those of points and by what attackers gain.
+//! `veiloc eval layouts`: layouts of dcl, evaluated by their pose errors relative to points and by the attackers'
+//! gain.
 //!
-//! A layout ([`DclLayout`]) says where the anchors are and which of them a keypoint is joined to. Poses come from the whole
-//! road, under hard conditions too; attacks are those of the audit, on the same queries ([`Adversary`](crate::privacy::adversaries::Adversary)).
+//! A layout ([`DclLayout`]) defines the anchors and the anchor of each keypoint. Poses come from the whole pipeline,
+//! also under difficult conditions; attacks are those of the audit, on the same queries
+//! ([`Adversary`](crate::privacy::adversaries::Adversary)).
 
 mod accuracy;
 mod document;
@@ -27,11 +29,11 @@ pub use options::LayoutsEvaluation;
 pub use privacy::AdversaryFigures;
 pub use table::layouts_table;
 
-/// Judges every layout.
+/// Evaluates every layout.
 ///
 /// # Errors
-/// [`EvalError`] when data is missing, a map cannot be built, or nothing was asked for. A query that is not localized
-/// is a result, not an error.
+/// [`EvalError`] when data is missing, a map cannot be built, or the options select nothing. A query that is not
+/// localized is a result, not an error.
 pub fn evaluate_layouts(
     evaluation: &LayoutsEvaluation,
     progress: &dyn Progress,
@@ -85,7 +87,7 @@ struct Stressed {
     queries: Vec<StressQuery>,
 }
 
-/// A layout as scripts read it: the paper's is called so, also while it is the default.
+/// Name of a layout in documents: the paper's layout has a fixed name, even while it is the default.
 fn name(layout: DclLayout) -> String {
     if layout == DclLayout::VERTICAL { PAPER.to_owned() } else { Scheme::Dcl(layout).to_string() }
 }

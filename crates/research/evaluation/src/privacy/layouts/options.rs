@@ -1,4 +1,4 @@
-//! What is evaluated: layouts, queries, conditions and what attackers have learned from.
+//! Layouts, queries, conditions and the attackers' training data.
 
 use std::path::PathBuf;
 
@@ -7,31 +7,32 @@ use crate::stress::{Stress, StressEvaluation};
 use veiloc_map::PosedImages;
 use veiloc_protocol::{DclLayout, Scheme};
 
-/// Layouts to judge, and on what.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LayoutsEvaluation {
-    /// The place, its queries, the conditions they are put under, and how they are localized; its schemes are not read.
+    /// The scene, its queries, their conditions, and localization; its schemes are ignored.
     pub stress: StressEvaluation,
     /// Layouts, in the order of the table.
     pub layouts: Vec<DclLayout>,
-    /// Files of keypoints that teach the predictor of neighbours; empty for the images of the map.
+    /// Keypoint files that train the predictor of neighbours; empty for the images of the map.
     pub train: Vec<PathBuf>,
-    /// A trained network that predicts neighbours as well.
+    /// A trained network that predicts neighbours too.
     pub network: Option<PathBuf>,
-    /// Networks from all rows to positions, one a layout at most; as above.
+    /// Networks that predict positions from all rows, at most one per layout.
     pub positions: Vec<PathBuf>,
-    /// How many queries are attacked, spread evenly over them; `None` for all. Poses are estimated for all.
+    /// Number of attacked queries, spread evenly; `None` for all. Poses are estimated for all queries.
     pub attacked: Option<usize>,
-    /// Neighbours a keypoint.
+    /// Neighbours per keypoint.
     pub k: usize,
-    /// Seeds that poses are estimated with, from that of [`Self::stress`] upwards, at least one. The map of each is built anew.
+    /// Number of seeds of the pose estimates, starting at that of [`Self::stress`], at least one. Each seed builds
+    /// its own map.
     pub seeds: u64,
 }
 
 impl LayoutsEvaluation {
-    /// Layouts that are compared when nothing else is asked for: the paper's, a diagonal with two corners, stripes, and
-    /// what the search of `research/notes/layouts.md` found.
+    /// Default layouts: the paper's, a diagonal with two corners, stripes, and the result of the search in
+    /// `docs/layouts.md`.
     pub const DEFAULT: [&str; 6] = [
         "dcl:paper",
         "dcl:axis=143.13:sectors=2:anchors=0.667/-0.5+0.667/0.5",
@@ -41,7 +42,7 @@ impl LayoutsEvaluation {
         "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16",
     ];
 
-    /// [`Self::DEFAULT`] on the queries as they are, half hidden, and in a sparse map; four of them are attacked.
+    /// [`Self::DEFAULT`] on unmodified and half-hidden queries and in a sparse map; four queries are attacked.
     pub fn new(posed: PosedImages, images: PathBuf, map_list: Vec<String>, query_list: Vec<String>) -> Self {
         let mut stress = StressEvaluation::new(posed, images, map_list, query_list);
         stress.stresses = vec![Stress::HalfHidden, Stress::SparseMap];

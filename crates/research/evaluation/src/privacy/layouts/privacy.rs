@@ -1,4 +1,4 @@
-//! What a layout leaves to attackers: the guess, neighbours in another pencil, and what each adversary gains.
+//! Privacy of a layout: the prior-only baseline, neighbours in another pencil, and the gain of each adversary.
 
 use std::collections::BTreeMap;
 
@@ -13,19 +13,19 @@ use super::options::LayoutsEvaluation;
 use crate::EvalError;
 use crate::privacy::adversaries::{Adversary, Attackers, Gain, Keypoints};
 
-/// One adversary on all attacked queries, with the best of their attacks.
+/// One adversary on all attacked queries, with its best attack.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AdversaryFigures {
-    /// Who attacks.
+    /// The adversary.
     pub adversary: &'static str,
-    /// Whether there is such a one.
+    /// Whether such an attacker can exist.
     pub realistic: bool,
-    /// The best attack.
+    /// Its best attack.
     pub attack: String,
-    /// Frames or seals that it had; absent for attacks on one query.
+    /// Frames or seals that it used; absent for attacks on one query.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
-    /// What it gains over the guess, bits a keypoint.
+    /// Gain over the prior-only baseline, bits per keypoint.
     pub bits: f64,
     /// Its mean error, pixels.
     pub mean_px: f64,
@@ -47,7 +47,7 @@ impl AdversaryFigures {
     }
 }
 
-/// What was found of all layouts.
+/// Results of all layouts.
 pub(super) struct Privacy {
     /// By scheme.
     guess: BTreeMap<String, f64>,
@@ -64,7 +64,8 @@ impl Privacy {
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let schemes: Vec<Scheme> = evaluation.layouts.iter().copied().map(Scheme::Dcl).collect();
-        // Who brings nothing of elsewhere learns from the map: stronger than any outsider, and the same for all layouts.
+        // Without training data the predictor is trained on the map: stronger than any outsider, and equal for all
+        // layouts.
         let train = match &keypoints.place {
             Some(place) if evaluation.train.is_empty() => vec![place.map_file.clone()],
             _ => evaluation.train.clone(),
@@ -94,23 +95,23 @@ impl Privacy {
         Ok(found)
     }
 
-    /// Mean error of the guess, pixels; NaN for a layout that was not judged.
+    /// Mean error of the prior-only baseline, pixels; NaN for a layout that was not evaluated.
     pub(super) fn guess(&self, scheme: &str) -> f64 {
         self.guess.get(scheme).copied().unwrap_or(f64::NAN)
     }
 
-    /// Share of the nearest neighbours that are in another pencil; as [`Self::guess`].
+    /// Share of the nearest neighbours in another pencil; NaN as for [`Self::prior_error`].
     pub(super) fn other_pencil(&self, scheme: &str) -> f64 {
         self.others.get(scheme).copied().unwrap_or(f64::NAN)
     }
 
-    /// What adversaries gained.
+    /// Gains of the adversaries.
     pub(super) fn adversaries(&self, scheme: &str) -> &[AdversaryFigures] {
         self.adversaries.get(scheme).map_or(&[], Vec::as_slice)
     }
 }
 
-/// The scheme, and which share of the `k` true nearest neighbours of keypoints are in another pencil.
+/// The scheme, and the share of the keypoints' `k` true nearest neighbours that are in another pencil.
 fn of_layout(layout: DclLayout, images: &[&KeypointImage], k: usize) -> (String, f64) {
     let (mut other, mut all) = (0_usize, 0_usize);
     for image in images {
@@ -131,7 +132,7 @@ mod tests {
     use super::*;
     use veiloc_datasets::problem_files::synthetic_image;
 
-    /// Evenly spread keypoints, a few neighbours: about so many are across a border as border there is.
+    /// Uniform keypoints with a few neighbours: the share across a border is proportional to the border's length.
     #[test]
     fn neighbours_are_counted_across_borders() {
         let image = synthetic_image(3000, 1);
@@ -142,7 +143,8 @@ mod tests {
             share
         };
         let halves = share("dcl");
-        // One border of 480 px; neighbours are some 10 px away, half of that across it on average, over 640 px.
+        // One border of 480 px; neighbours are about 10 px away, half of that across the border on average, over 640
+        // px.
         assert!((0.003..0.02).contains(&halves), "{halves}");
         let stripes = share("dcl:axis=90:sectors=40:anchors=0/-0.5+0/0.5");
         assert!((3.0..12.0).contains(&(stripes / halves)), "{stripes} {halves}");

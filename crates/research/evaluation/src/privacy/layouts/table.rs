@@ -1,10 +1,10 @@
-//! The figures as tables for people: poses and guess, what adversaries gain, and which number is which layout.
+//! Text tables: poses and baseline, gains of adversaries, and the numbering of layouts.
 
 use super::document::{LayoutRow, LayoutsDocument};
 use crate::privacy::adversaries::Adversary;
 use crate::results::text_table::{TextTable, percent};
 
-/// Poses and the guess, then adversaries, a row a layout; the number is that of the plot.
+/// Poses and baseline, then adversaries, one row per layout, numbered as in the plot.
 pub fn layouts_table(document: &LayoutsDocument) -> String {
     let stresses: Vec<&str> = document
         .rows

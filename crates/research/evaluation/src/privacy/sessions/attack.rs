@@ -1,4 +1,4 @@
-//! The attack on one image of a session: with how many frames, on which of its keypoints.
+//! Attack on one image of a session: number of frames and attacked keypoints.
 
 use crate::EvalError;
 use rayon::prelude::*;
@@ -16,13 +16,14 @@ use super::SessionsEvaluation;
 use super::motion::Motion;
 use super::seen::{Posed, Seen};
 
-/// Whose positions are asked for.
+/// The attacked keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Measured {
-    /// Those of a region like a person, of which the map knows nothing; the server knows the others that it matched.
+    /// Keypoints of a person-like region that is missing from the map; the server knows the other keypoints that it
+    /// matched.
     Private,
-    /// Those that the map knows, as if it did not.
+    /// Keypoints that the map knows, with their positions withheld.
     Matched,
 }
 
@@ -30,18 +31,18 @@ impl Measured {
     pub(super) const ALL: [Self; 2] = [Self::Private, Self::Matched];
 }
 
-/// What the server tries.
+/// The server's attack method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Method {
     /// Lines of several poses, integrated over depth.
     SeveralFrames,
-    /// The scatter of the angles of one pose.
+    /// The scatter of the angles at one pose.
     RestingCamera,
 }
 
 impl Method {
-    /// Those that make sense of frames of this motion.
+    /// Methods that apply to frames of this motion.
     pub(super) const fn of(motion: Motion) -> &'static [Self] {
         match motion {
             Motion::Turning | Motion::Walking | Motion::Visiting => &[Self::SeveralFrames],
@@ -50,7 +51,7 @@ impl Method {
     }
 }
 
-/// One attack over: errors of the keypoints asked for and of the guess, pixels.
+/// Result of an attack: errors of the attacked keypoints and of the baseline, pixels.
 #[derive(Default)]
 pub(super) struct Attacked {
     pub(super) errors: Vec<f64>,
@@ -58,14 +59,14 @@ pub(super) struct Attacked {
     pub(super) size: (u32, u32),
 }
 
-/// Shares by which nearer and farther depths than those of the matched points are allowed.
+/// Factors by which the depth limits extend the depths of the matched points.
 const NEARER: f64 = 0.5;
 const FARTHER: f64 = 2.0;
-/// Ratio of descriptor distances up to which a match of two frames counts.
+/// Ratio test for matches between two frames.
 const RATIO: f32 = 0.9;
 
-/// Attacks frame `own` with frames of `others`, in the order of [`super::SessionRow::of`]: by measure, method and number
-/// of frames. Empty where the server does not trust its pose.
+/// Attacks frame `own` with frames of `others`, in the order of [`super::SessionRow::of`]: by measure, method and
+/// number of frames. Empty if the server does not trust the pose of `own`.
 pub(super) fn attack(
     evaluation: &SessionsEvaluation,
     (anchors, motion): (SessionAnchors, Motion),
@@ -94,13 +95,13 @@ pub(super) fn attack(
     Ok(all)
 }
 
-/// Another frame, and which of its rows shows the keypoint of a row of the attacked one: `[N]`.
+/// Another frame, and its rows that show the keypoints of the attacked frame: `[N]`.
 struct Other<'a> {
     posed: &'a Posed,
     matches: Vec<Option<usize>>,
 }
 
-/// By descriptors alone: mutual, and by ratio.
+/// Matches by descriptors: mutual nearest neighbours with ratio test.
 fn matches(from: &Posed, to: &Posed) -> Vec<Option<usize>> {
     let options = MatchOptions::default().with_max_ratio(Some(RATIO));
     let mut matches = vec![None; from.lines.len()];
@@ -145,7 +146,7 @@ impl<'a> Target<'a> {
         Frame { observations: &self.observations, ..self.posed.frame() }
     }
 
-    /// With as many frames as each row says.
+    /// Attacks with the number of frames of each row.
     fn attacked(
         &self,
         others: &[Other<'_>],
@@ -205,7 +206,7 @@ impl<'a> Target<'a> {
 }
 
 impl Posed {
-    /// As it was sent.
+    /// The frame as it was sent.
     fn frame(&self) -> Frame<'_> {
         Frame {
             camera: self.camera,
@@ -216,8 +217,8 @@ impl Posed {
     }
 }
 
-/// What whoever reads frames of a camera at rest supposes of their codes: those of anchors in the world are cells of the
-/// session's grid, and others are dithered.
+/// The attacker's model of the angle codes of a stationary camera: codes of anchors in the world are cells of the
+/// session's grid, other codes are dithered.
 fn codes(anchors: SessionAnchors, evaluation: &SessionsEvaluation) -> RestingOptions {
     let step = evaluation.session.step;
     let options = if anchors != SessionAnchors::Image && step > 0.0 {
@@ -228,5 +229,5 @@ fn codes(anchors: SessionAnchors, evaluation: &SessionsEvaluation) -> RestingOpt
     options.with_noise(DETECTOR_PX)
 }
 
-/// By how much the detector is taken to err from frame to frame of a camera at rest, along each axis, pixels.
+/// Assumed detector noise from frame to frame of a stationary camera, along each axis, pixels.
 const DETECTOR_PX: f64 = 0.2;

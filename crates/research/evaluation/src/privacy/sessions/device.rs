@@ -1,4 +1,4 @@
-//! The device's part: the frames of a session sealed one after the other, with orientations that err.
+//! The device: the frames of a session sealed in order, with simulated orientation errors.
 
 use crate::road::Upright;
 use rand::SeedableRng;
@@ -14,12 +14,12 @@ use veiloc_synthetic::problems::normal;
 use super::SessionsEvaluation;
 use super::frames::Shown;
 
-/// By how much orientations err.
+/// Errors of orientations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Gyroscope {
     /// Standard deviation of each frame's own error about each axis, degrees.
     pub(super) gyro_deg: f64,
-    /// That of the step by which the error drifts from a frame to the next, degrees.
+    /// Standard deviation of the drift's step from one frame to the next, degrees.
     pub(super) drift_deg: f64,
 }
 
@@ -27,16 +27,16 @@ impl Gyroscope {
     pub(super) const EXACT: Self = Self { gyro_deg: 0.0, drift_deg: 0.0 };
 }
 
-/// One sealed frame: what crosses the network, and what only the evaluation keeps.
+/// One sealed frame: the sent query, and data for the evaluation only.
 pub(super) struct Sealed {
     pub(super) bytes: Vec<u8>,
     pub(super) truth: SealTruth,
 }
 
-/// The frames of one session in their order, each sealed or not, with the reason; and how often the layout was put
-/// somewhere new.
+/// The frames of one session in order, each sealed or with the cause of failure; and the number of new layout
+/// positions.
 ///
-/// The first orientation is exact, for all others count against it. Sessions of all schemes err alike.
+/// The first orientation is exact, since all others are relative to it. Sessions of all schemes have equal errors.
 pub(super) fn sealed_in_session(
     frames: &[Shown],
     scheme: Scheme,

@@ -12,7 +12,7 @@ use super::attack::{Attacked, Measured, Method};
 use super::device::{Gyroscope, Sealed};
 use super::motion::Motion;
 
-/// What `eval sessions --json` prints.
+/// The document that `eval sessions --json` prints.
 #[derive(Debug, Clone, Serialize)]
 pub struct SessionsDocument {
     /// Version of this document; a field is never removed or given another meaning under the same number.
@@ -21,21 +21,21 @@ pub struct SessionsDocument {
     pub command: &'static str,
     /// Facts about the map.
     pub map: MapSummary,
-    /// Images of the query list, which are one walk.
+    /// Images of the query list, which form one trajectory.
     pub images: usize,
     /// Share of an image's keypoints that the private region holds.
     pub private: f64,
     /// Width of the band along borders of sectors that is left out, degrees.
     pub band_deg: f64,
-    /// Width of the cells that angles of sessions are told on, radians.
+    /// Width of the cells of a session's angles, radians.
     pub step: f64,
-    /// Whether sessions remember what they told of which keypoint.
+    /// Whether sessions remember the anchor and angle of each sent keypoint.
     pub memory: bool,
     /// Seed of every random choice.
     pub seed: u64,
-    /// What single frames of a session are worth: one entry for each scheme, anchors and errors of orientations.
+    /// Pose results of single frames: one entry for each scheme, anchors and orientation error.
     pub frames: Vec<FramesFigures>,
-    /// What several frames give away.
+    /// Leakage of several frames.
     pub rows: Vec<SessionRow>,
 }
 
@@ -57,18 +57,18 @@ impl SessionsDocument {
     }
 }
 
-/// The single frames of a walk.
+/// The single frames of a trajectory.
 #[derive(Debug, Clone, Serialize)]
 pub struct FramesFigures {
     /// `image`, `world` or `gravity`.
     pub anchors: String,
     /// Standard deviation of each orientation's error about each axis, degrees.
     pub gyro_deg: f64,
-    /// Standard deviation of its drift from a frame to the next, degrees.
+    /// Standard deviation of the orientation's drift from one frame to the next, degrees.
     pub drift_deg: f64,
-    /// How often the layout was put somewhere new.
+    /// Number of new layout positions.
     pub starts: u32,
-    /// Keypoints of a frame that were sent, median; what was sent beside them is decoys.
+    /// Median number of sent keypoints per frame, without decoys.
     pub keypoints: f64,
     /// Recall, medians and times.
     #[serde(flatten)]
@@ -99,7 +99,7 @@ impl FramesFigures {
     }
 }
 
-/// What frames of a session give away together.
+/// Leakage of several frames of a session.
 #[derive(Debug, Clone, Serialize)]
 pub struct SessionRow {
     /// Obfuscation scheme.
@@ -108,28 +108,29 @@ pub struct SessionRow {
     pub anchors: String,
     /// `turning`, `walking`, `resting` or `visiting`.
     pub motion: Motion,
-    /// Frames put together, the attacked one included.
+    /// Number of frames, including the attacked one.
     pub frames: usize,
     /// Standard deviation of each orientation's error about each axis, degrees.
     pub gyro_deg: f64,
-    /// Standard deviation of its drift from a frame to the next, degrees.
+    /// Standard deviation of the orientation's drift from one frame to the next, degrees.
     pub drift_deg: f64,
-    /// Whose positions were asked for: `private`, a region like a person of which the map knows nothing, or `matched`, the
-    /// keypoints that it knows, as if it did not.
+    /// Attacked keypoints: `private`, a person-like region missing from the map, or `matched`, the keypoints that the
+    /// map knows, with their positions withheld.
     measured: Measured,
     /// `several-frames` or `resting-camera`.
     method: Method,
-    /// Images attacked whose pose the server trusts.
+    /// Attacked images with a pose that the server trusts.
     pub images: usize,
-    /// Keypoints asked for.
+    /// Number of attacked keypoints.
     pub rows: usize,
-    /// Median error of the guess from the single line, pixels; null without keypoints.
+    /// Median error of the prior-only baseline, pixels; null without keypoints.
     pub prior_median_px: Option<f64>,
     /// Median error of the attack, pixels; null without keypoints.
     pub median_px: Option<f64>,
-    /// Share of keypoints within 10 px of the truth.
+    /// Share of keypoints with an error under 10 px.
     pub under_10px: Option<f64>,
-    /// Bits a keypoint beyond the guess: mean of `log2(e_guess / e_attack)`, errors held to 1 px and the diagonal.
+    /// Gain over the prior-only baseline, bits per keypoint: mean of `log2(e_prior / e_attack)`, errors clamped to 1
+    /// px and the diagonal.
     pub bits_over_prior: Option<f64>,
     #[serde(skip)]
     errors: Vec<f64>,
@@ -141,7 +142,7 @@ pub struct SessionRow {
 }
 
 impl SessionRow {
-    /// Rows yet to be filled: by measure, method and number of frames.
+    /// Empty rows by measure, method and number of frames.
     pub(super) fn of(
         evaluation: &SessionsEvaluation,
         scheme: Scheme,
@@ -176,7 +177,7 @@ impl SessionRow {
         rows
     }
 
-    /// One image more.
+    /// Adds an image.
     pub(super) fn add(&mut self, attacked: &Attacked) {
         if attacked.errors.is_empty() {
             return;
@@ -189,7 +190,7 @@ impl SessionRow {
         self.guess.extend(&attacked.guess);
     }
 
-    /// With its figures.
+    /// The row with its final figures.
     pub(super) fn finished(mut self) -> Self {
         let (errors, guess) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.guess));
         self.rows = errors.count;
@@ -202,13 +203,13 @@ impl SessionRow {
         self
     }
 
-    /// Whether all but the number of frames is the same.
+    /// Whether two rows differ in the number of frames only.
     pub(super) fn is_like(&self, other: &Self) -> bool {
         let key = |r: &Self| (r.scheme.clone(), r.anchors.clone(), r.motion, r.measured, r.method);
         key(self) == key(other) && [self.gyro_deg, self.drift_deg] == [other.gyro_deg, other.drift_deg]
     }
 
-    /// Whose positions were asked for, in a word.
+    /// The attacked keypoints, as one word.
     pub const fn asked(&self) -> &'static str {
         match self.measured {
             Measured::Private => "private",
@@ -216,7 +217,7 @@ impl SessionRow {
         }
     }
 
-    /// How, in a word.
+    /// The method, as one word.
     pub(super) const fn by(&self) -> &'static str {
         match self.method {
             Method::SeveralFrames => "planes",

@@ -1,4 +1,4 @@
-//! What the frames of a session show, before they are sealed.
+//! Frames of a session before sealing.
 
 use crate::EvalError;
 use crate::audit::person;
@@ -20,13 +20,13 @@ pub(super) struct Shown {
     pub(super) name: String,
     pub(super) features: Features,
     pub(super) camera: Intrinsics,
-    /// Where it truly was taken.
+    /// Its true pose.
     pub(super) cam_from_world: CameraFromWorld,
-    /// `[N]` of the features: whether they are of the private region, which is one whatever is sent of it.
+    /// `[N]` of the features: whether they belong to the private region, whether or not they are sent.
     pub(super) private: Vec<bool>,
 }
 
-/// A query's own image.
+/// The frame of a query's own image.
 pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) -> Result<Shown, EvalError> {
     let image = load_gray(&query.path)?;
     let mut shown = extracted(query, &query.name, image, map)?;
@@ -36,7 +36,7 @@ pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) 
     Ok(shown)
 }
 
-/// So many frames of a camera at rest: the image itself, and then with new noise of the sensor, grey levels of 255.
+/// Frames of a stationary camera: the image itself, and copies with new sensor noise, gray levels of 255.
 pub(super) fn rested(
     query: &PosedQuery,
     own: &Shown,

@@ -1,17 +1,18 @@
-//! `veiloc eval sessions`: what several frames of one place give away, by what their anchors are tied to.
+//! `veiloc eval sessions`: leakage of several frames of one scene, by the reference frame of their anchors.
 //!
-//! Every image of the query list is a frame of one walk. A device seals all of them in one session of
-//! [`veiloc_obfuscation::Session`]; a server localizes each from its sealed bytes, and attacks some of them with others
-//! of the walk:
+//! The images of the query list are the frames of one trajectory. A device seals all of them in one
+//! [`veiloc_obfuscation::Session`]; a server localizes each from its sealed bytes, and attacks some of them with
+//! other frames of the trajectory:
 //!
-//! - **turning**: with those frames of the whole walk that tell most about it ([`veiloc_attacks::multi_view::select_frames`]);
+//! - **turning**: with the most informative frames of the whole trajectory
+//!   ([`veiloc_attacks::multi_view::select_frames`]);
 //! - **walking**: with the frames before it;
-//! - **resting**: with frames of the same image and new noise of the sensor, a session of their own;
-//! - **visiting**: as turning, where every frame is a session of its own, as those of several users are.
+//! - **resting**: with frames of the same image with new sensor noise, in a session of their own;
+//! - **visiting**: as turning, but every frame has a session of its own, like frames of several users.
 //!
-//! Poses are the server's own, matches are by descriptors, and nothing but sealed bytes is read; truth judges alone.
-//! Attacked are a region like a person, of which the server knows no map point, and the keypoints that the map knows, as
-//! if it did not.
+//! Poses are estimated by the server, matches are by descriptors, and the attack reads sealed bytes only; the ground
+//! truth is used to measure errors. The attacked keypoints are a person-like region without map points, and the
+//! keypoints that the map knows, with their positions withheld.
 
 mod attack;
 mod device;
@@ -42,30 +43,30 @@ pub use document::{FramesFigures, SessionRow, SessionsDocument};
 pub use motion::{Motion, MotionError};
 pub use table::table;
 
-/// What to evaluate.
+/// Inputs and options.
 #[derive(Debug, Clone)]
 pub struct SessionsEvaluation {
-    /// The place, its schemes, and how queries are localized; the queries in the order in which they were taken.
+    /// The scene, its schemes, and localization; the queries in the order in which they were taken.
     pub place: SceneEvaluation,
-    /// What anchors are tied to.
+    /// Reference frames of anchors.
     pub anchors: Vec<SessionAnchors>,
-    /// How the frames that are put together were chosen.
+    /// How the frames of an attack are chosen.
     pub motions: Vec<Motion>,
-    /// How many frames are put together, the attacked one included.
+    /// Numbers of frames of an attack, including the attacked one.
     pub frames: Vec<usize>,
-    /// Standard deviations by which each orientation errs about each axis, degrees.
+    /// Standard deviations of each orientation's error about each axis, degrees.
     pub gyro_deg: Vec<f64>,
-    /// Standard deviations by which the orientation drifts about each axis from a frame to the next, degrees.
+    /// Standard deviations of the orientation's drift about each axis from one frame to the next, degrees.
     pub drift_deg: Vec<f64>,
-    /// How many images are attacked, spread evenly over those that have frames enough; `None` for all.
+    /// Number of attacked images, spread evenly over those with enough frames; `None` for all.
     pub attacked: Option<usize>,
-    /// Share of an image's keypoints that the region like a person holds.
+    /// Share of an image's keypoints in the person-like region.
     pub private: f64,
-    /// Images farther apart than this are not of one walk, map units.
+    /// Images farther apart than this belong to different trajectories, map units.
     pub reach: f64,
-    /// Standard deviation of the sensor's noise in frames of a camera at rest, grey levels of 255.
+    /// Standard deviation of the sensor noise in frames of a stationary camera, gray levels of 255.
     pub sensor_noise: f64,
-    /// How sessions are set up, but for the anchors.
+    /// Options of sessions, except the anchors.
     pub session: SessionOptions,
 }
 
@@ -97,7 +98,7 @@ impl SessionsEvaluation {
         Ok(())
     }
 
-    /// Errors of orientations that make a difference under these anchors: none where no orientation is used.
+    /// Orientation errors that matter for these anchors: none if no orientation is used.
     fn errors_of(&self, anchors: SessionAnchors) -> Vec<Gyroscope> {
         let all = self.gyro_deg.iter().flat_map(|gyro_deg| {
             self.drift_deg.iter().map(|drift_deg| Gyroscope { gyro_deg: *gyro_deg, drift_deg: *drift_deg })
@@ -106,7 +107,7 @@ impl SessionsEvaluation {
     }
 }
 
-/// Builds the map, walks the queries in sessions, localizes every frame and attacks some.
+/// Builds the map, seals the queries in sessions, localizes every frame and attacks some.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing, the map cannot be built, or there are too few frames. A frame that is not
@@ -214,7 +215,7 @@ pub fn evaluate_sessions(
     Ok(document)
 }
 
-/// Which images are attacked: those with frames enough.
+/// The attacked images: those with enough frames.
 fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Result<Vec<usize>, EvalError> {
     let longest = evaluation.frames.iter().copied().max().unwrap_or(2);
     let has_enough = |i: &usize| {

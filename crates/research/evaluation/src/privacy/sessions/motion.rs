@@ -1,19 +1,19 @@
-//! How the frames that a server puts together came about.
+//! Motion between the frames of an attack.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// How the frames that a server puts together came about.
+/// Motion between the frames of an attack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Motion {
-    /// Those of the walk that tell most: much turn, little motion.
+    /// The most informative frames of the trajectory: large rotation, small translation.
     Turning,
-    /// One after the other.
+    /// Consecutive frames.
     Walking,
-    /// Of a camera that nobody moved.
+    /// Frames of a stationary camera.
     Resting,
-    /// As turning, each frame in a session of its own: other users, other days.
+    /// As turning, but each frame has a session of its own: other users, other days.
     Visiting,
 }
 
@@ -32,7 +32,7 @@ impl fmt::Display for Motion {
     }
 }
 
-/// A word that is no motion.
+/// A text that is not a motion.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no motion; write turning, walking, resting or visiting")]
 pub struct MotionError(String);

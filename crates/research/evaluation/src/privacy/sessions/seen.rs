@@ -1,4 +1,4 @@
-//! The server's part: one frame of a session localized from its bytes, and what is known of it then.
+//! The server: one frame of a session localized from its bytes, and the resulting knowledge.
 
 use std::collections::BTreeMap;
 
@@ -16,28 +16,28 @@ use veiloc_protocol::{Scheme, SealedQuery};
 use super::device::Sealed;
 use super::frames::Shown;
 
-/// A frame as the server has it, and how good its pose is.
+/// A frame as the server has it, with the error of its pose.
 pub(super) struct Seen {
-    /// Its pose against the truth.
+    /// Its pose compared with the truth.
     pub(super) result: QueryResult,
-    /// What was sent and found out; `None` where the server does not trust its own pose.
+    /// The query with its pose and known points; `None` if the server does not trust its own pose.
     pub(super) posed: Option<Posed>,
 }
 
-/// A frame whose pose the server trusts. `[N]`: one entry a row.
+/// A frame whose pose the server trusts. `[N]`: one entry per row.
 pub(super) struct Posed {
     pub(super) camera: Pinhole,
     pub(super) cam_from_world: CameraFromWorld,
-    /// `[N]`: what was sent.
+    /// `[N]`: the sent observations.
     pub(super) lines: Vec<Observation>,
     pub(super) descriptors: Descriptors,
-    /// What was sent, all of it.
+    /// The sealed query.
     pub(super) query: SealedQuery,
-    /// `[N]`: where the map point of a row is seen, pixels, and how deep it lies, map units, of those that agree.
+    /// `[N]`: position and depth of the map point of each row that agrees with the pose, pixels and map units.
     pub(super) known: Vec<Option<(Pixel, f64)>>,
-    /// `[N]`: whether a row is of the private region. For judging alone, as the truth.
+    /// `[N]`: whether a row belongs to the private region. For measuring errors only, like the truth.
     pub(super) private: Vec<bool>,
-    /// `[N]`: the truth, pixels; `None` of decoys.
+    /// `[N]`: true positions, pixels; `None` for decoys.
     pub(super) truth: Vec<Option<Pixel>>,
 }
 
@@ -88,7 +88,7 @@ impl Posed {
         }
         let mut known: Vec<Option<(Pixel, f64)>> = vec![None; lines.len()];
         for (row, (_, pixel, depth)) in &best {
-            // Rows that share a place share a line, and the server sees that they do.
+            // Rows with equal positions have equal lines, and the server can see that.
             for other in (0..lines.len()).filter(|i| lines[*i] == lines[*row]) {
                 known[other].get_or_insert((*pixel, *depth));
             }

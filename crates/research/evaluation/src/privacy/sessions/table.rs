@@ -1,10 +1,10 @@
-//! The two tables for people: what single frames are worth, and what several give away.
+//! The two text tables: poses of single frames, and leakage of several frames.
 
 use crate::results::text_table::{TextTable, percent};
 
 use super::document::{SessionRow, SessionsDocument};
 
-/// Single frames by scheme and anchors, then the attacks; bits of each number of frames side by side.
+/// Single frames by scheme and anchors, then the attacks; bits for each number of frames side by side.
 pub fn table(document: &SessionsDocument) -> String {
     let missing = || "\u{2014}".to_owned();
     let thresholds: Vec<&String> =

@@ -1,9 +1,10 @@
-//! Two runs on the same queries, figure by figure, with intervals: which differences are more than chance.
+//! Comparison of two runs on the same queries, figure by figure, with confidence intervals.
 //!
-//! Queries are paired by name and seed, so that what is hard for both counts for neither. The interval of a difference is
-//! that of a bootstrap (B. Efron, Bootstrap methods: another look at the jackknife, 1979): queries are drawn with replacement, a
-//! query with all its seeds and in both runs at once, and the middle 95 % of the differences are kept. Neighbouring frames
-//! of one walk are more alike than independent queries, which such an interval does not know: it is rather too narrow.
+//! Queries are paired by name and seed, so a query that is difficult for both runs does not affect the difference.
+//! The interval of a difference comes from a bootstrap (B. Efron, Bootstrap methods: another look at the jackknife,
+//! 1979): queries are drawn with replacement, a query with all its seeds and in both runs at once, and the interval
+//! holds the middle 95 % of the differences. Neighbouring frames of one trajectory are more alike than independent
+//! queries, which the bootstrap ignores: its interval is rather too narrow.
 
 mod run;
 
@@ -21,92 +22,92 @@ use run::{Query, Row};
 
 pub use run::Run;
 
-/// Share of the draws that the interval holds.
+/// Share of the samples in the interval.
 const LEVEL: f64 = 0.95;
 
-/// How to compare.
+/// Options of a comparison.
 #[derive(Debug, Clone, Default)]
 pub struct ComparisonOptions {
-    /// Row or scheme of the first run, and of the second; all rows that both have where nothing is said, and of the second that of
-    /// the first.
+    /// Row or scheme of the first run, and of the second. Default: all rows that both have; for the second, the row
+    /// of the first.
     pub rows: [Option<String>; 2],
-    /// Thresholds of recall; those of the documents that both have when empty.
+    /// Thresholds of recall; if empty, those that both documents have.
     pub thresholds: Vec<Threshold>,
-    /// Draws of the bootstrap; 0 stands for 10 000.
+    /// Samples of the bootstrap; 0 stands for 10 000.
     pub draws: usize,
-    /// Seed of the draws.
+    /// Seed of the bootstrap.
     pub seed: u64,
 }
 
-/// Two runs compared: the part of the document of `eval compare` that is not about files.
+/// Comparison of two runs: the part of the document of `eval compare` without the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Draws of the bootstrap.
+    /// Samples of the bootstrap.
     pub draws: usize,
-    /// Seed of the draws.
+    /// Seed of the bootstrap.
     pub seed: u64,
-    /// Share of the draws within an interval.
+    /// Share of the samples within an interval.
     pub level: f64,
-    /// One for each pair of rows.
+    /// One entry for each pair of rows.
     pub rows: Vec<RowComparison>,
 }
 
-/// A row of the first run against one of the second.
+/// A row of the first run compared with one of the second.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RowComparison {
     /// Row of the first.
     pub a: String,
     /// Row of the second.
     pub b: String,
-    /// Queries in both, each counted once a seed.
+    /// Queries in both, counted once per seed.
     pub queries: usize,
-    /// Queries of the first that the second lacks.
+    /// Queries of the first that the second does not have.
     pub only_a: usize,
-    /// The other way round.
+    /// Queries of the second that the first does not have.
     pub only_b: usize,
     /// Queries whose translation error is smaller in the second.
     pub nearer_in_b: usize,
     /// Queries whose translation error is larger in the second.
     pub farther_in_b: usize,
-    /// Figure by figure.
+    /// One entry per figure.
     pub figures: Vec<Figure>,
 }
 
-/// One figure of both.
+/// One figure of both runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figure {
     /// `recall T/DEG`, `median translation`, `median rotation`, `median time`.
     pub figure: String,
     /// `share`, `map units`, `deg` or `ms`.
     pub unit: &'static str,
-    /// Of the first; null when more than half were not localized.
+    /// Value of the first run; null when more than half of its queries were not localized.
     pub a: Option<f64>,
-    /// Of the second.
+    /// Value of the second run.
     pub b: Option<f64>,
-    /// Second less first.
+    /// Second minus first.
     pub difference: Option<f64>,
     /// Lower end of its interval; null when it is minus infinity.
     pub low: Option<f64>,
     /// Upper end; null when it is infinity.
     pub high: Option<f64>,
-    /// Whether the interval leaves zero out, and for which.
+    /// Whether the interval excludes zero, and which run is better.
     pub verdict: Verdict,
 }
 
-/// What a difference says.
+/// Result of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The second is better by more than chance.
+    /// The second is better, with an interval that excludes zero.
     BBetter,
-    /// The first is.
+    /// The first is better, with an interval that excludes zero.
     ABetter,
-    /// No difference is shown.
+    /// The interval includes zero.
     NotShown,
 }
 
 impl Verdict {
-    /// For tables.
+    /// Text for tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::BBetter => "B is better",
@@ -116,7 +117,7 @@ impl Verdict {
     }
 }
 
-/// What is measured of many queries.
+/// A figure over many queries.
 #[derive(Clone, Copy)]
 enum Measure {
     Recall(Threshold),
@@ -135,7 +136,7 @@ impl Measure {
         }
     }
 
-    /// Whether more of it is better.
+    /// Whether larger values are better.
     const fn more_is_better(self) -> bool {
         matches!(self, Self::Recall(_))
     }
@@ -154,7 +155,7 @@ impl Measure {
     }
 }
 
-/// Both without a pose: neither is farther off.
+/// Zero if neither has a pose.
 fn difference(a: f64, b: f64) -> f64 {
     if a == b { 0.0 } else { b - a }
 }
@@ -180,7 +181,7 @@ pub fn compare(a: &Run, b: &Run, options: &ComparisonOptions) -> Result<Comparis
     Ok(Comparison { draws, seed: options.seed, level: LEVEL, rows })
 }
 
-/// Which row is compared with which.
+/// Pairs of rows to compare.
 fn pairs<'a>(
     a: &'a Run,
     b: &'a Run,
@@ -190,7 +191,7 @@ fn pairs<'a>(
         let list = |run: &Run| run.rows().collect::<Vec<_>>().join("; ");
         EvalError::NoRows { first: list(a), second: list(b) }
     };
-    // By the whole name, or by the scheme that it begins with.
+    // By the whole name, or by the scheme at its beginning.
     fn named<'r>(run: &'r Run, name: &str) -> Vec<&'r str> {
         let exact: Vec<&str> = run.rows().filter(|row| *row == name).collect();
         if exact.is_empty() {
@@ -211,7 +212,7 @@ fn pairs<'a>(
         }
         None => of_a.iter().filter_map(|row| Some((*row, b.rows().find(|other| other == row)?))).collect(),
     };
-    // One row each, under whatever name, is what is meant.
+    // If each run has one row, these are compared whatever their names.
     let only = || match (&of_a[..], &b.rows().collect::<Vec<_>>()[..]) {
         ([one], [other]) => Some(vec![(*one, *other)]),
         _ => None,
@@ -227,7 +228,7 @@ fn row(
     draws: usize,
     rng: &mut ChaCha8Rng,
 ) -> Result<RowComparison, EvalError> {
-    // All seeds of a query stand together.
+    // All seeds of a query are grouped.
     let mut paired: BTreeMap<&str, Vec<[Query; 2]>> = BTreeMap::new();
     for (key, query) in a {
         if let Some(other) = b.get(key) {
@@ -297,7 +298,7 @@ fn row(
 }
 
 impl Comparison {
-    /// For people.
+    /// The comparison as a text table.
     pub fn table(&self) -> String {
         let mut text = String::new();
         for row in &self.rows {

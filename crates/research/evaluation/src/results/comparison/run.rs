@@ -1,4 +1,4 @@
-//! A run to compare: the document of `eval scene` or `eval pose`, read again.
+//! A run to compare, read from the document of `eval scene` or `eval pose`.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::EvalError;
 use crate::results::metrics::{PoseError, Threshold};
 
-/// Whose documents are compared.
+/// Commands whose documents can be compared.
 const COMMANDS: [&str; 5] = ["eval scene", "eval pose", "eval 7scenes", "eval cambridge", "eval aachen"];
 
 /// Name and seed.
@@ -17,11 +17,11 @@ type Key = (String, u64);
 /// Queries of one row of a run's table.
 pub(super) type Row = BTreeMap<Key, Query>;
 
-/// What one query came to.
+/// Result of one query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Query {
     pub(super) error: PoseError,
-    /// All stages together.
+    /// Total time of all stages.
     pub(super) ms: f64,
 }
 
@@ -29,9 +29,9 @@ pub(super) struct Query {
 #[derive(Debug, Clone)]
 pub struct Run {
     pub(super) data: Vec<String>,
-    /// Translation and degrees, as the document's own recall has them.
+    /// Translation and degrees, as in the document's own recall.
     pub(super) thresholds: Vec<Threshold>,
-    /// By how people call the row.
+    /// Rows by their display names.
     pub(super) rows: BTreeMap<String, Row>,
 }
 
@@ -64,7 +64,7 @@ struct One {
     fixed_hypotheses: Option<usize>,
     #[serde(default)]
     gravity: Option<String>,
-    /// Of documents of several places.
+    /// Set in documents of several scenes.
     #[serde(default)]
     place: Option<String>,
     #[serde(default = "yes")]
@@ -80,7 +80,7 @@ const fn yes() -> bool {
 }
 
 impl One {
-    /// The row it is of, in words.
+    /// Display name of its row.
     fn row(&self) -> String {
         let mut row = vec![self.scheme.clone()];
         if let Some(recipe) = &self.recipe {
@@ -108,7 +108,7 @@ impl Run {
     /// Reads a document.
     ///
     /// # Errors
-    /// [`EvalError`]: no such document, one of another command or version, or one that tells of a query twice.
+    /// [`EvalError`]: the text is not a document, or it has another command or version, or a query appears twice.
     pub fn parse(json: &str) -> Result<Self, EvalError> {
         let no_document = |error: serde_json::Error| EvalError::Document(error.to_string());
         let value: Value = serde_json::from_str(json).map_err(no_document)?;
@@ -140,12 +140,12 @@ impl Run {
         Ok(Self { data: document.data, thresholds, rows })
     }
 
-    /// What was evaluated on.
+    /// Names of the evaluated data.
     pub fn data(&self) -> &[String] {
         &self.data
     }
 
-    /// Its rows, as people call them.
+    /// Display names of its rows.
     pub fn rows(&self) -> impl Iterator<Item = &str> {
         self.rows.keys().map(String::as_str)
     }

@@ -1,4 +1,4 @@
-//! Comparisons of made-up runs whose differences are known.
+//! Comparisons of synthetic runs with known differences.
 
 use serde_json::json;
 
@@ -6,7 +6,7 @@ use super::*;
 
 use crate::EvalError;
 
-/// A run of one row; an error that is not finite is a query without a pose.
+/// A run of one row; a non-finite error is a query without a pose.
 fn run(scheme: &str, errors: &[(&str, u64, f64)]) -> String {
     let queries: Vec<_> = errors
         .iter()
@@ -39,7 +39,8 @@ fn figure<'a>(comparison: &'a Comparison, name: &str) -> &'a Figure {
     comparison.rows[0].figures.iter().find(|f| f.figure == name).expect("a figure")
 }
 
-/// Hard queries are hard for both: a small gain on each is seen through a spread a hundred times as large.
+/// Difficult queries are difficult for both runs: a small gain on each query is detected in spite of a spread a
+/// hundred times as large.
 #[test]
 fn a_gain_on_every_query_is_seen_through_the_spread() {
     let a = read("dcl", &errors(|i| 0.01 * (i + 1) as f64));
@@ -52,12 +53,12 @@ fn a_gain_on_every_query_is_seen_through_the_spread() {
     assert_eq!((found.rows[0].nearer_in_b, found.rows[0].farther_in_b), (12, 0));
     assert_eq!(figure(&found, "median time").verdict, Verdict::NotShown);
     assert_eq!(figure(&found, "recall 0.05/5").a, Some(5.0 / 12.0));
-    // The other way round the other is better.
+    // In the other order the other run is better.
     let back = compare(&b, &a, &ComparisonOptions::default()).expect("compared");
     assert_eq!(figure(&back, "median translation").verdict, Verdict::ABetter);
 }
 
-/// What goes up as often as down is no difference, and a run is none from itself.
+/// Symmetric noise is not a difference, and neither is a run compared with itself.
 #[test]
 fn noise_is_not_shown_as_a_difference() {
     let a = read("dcl", &errors(|i| 0.01 + 0.001 * (i % 5) as f64));
@@ -69,7 +70,7 @@ fn noise_is_not_shown_as_a_difference() {
     assert_eq!((same.rows[0].nearer_in_b, same.rows[0].farther_in_b), (0, 0));
 }
 
-/// The interval holds the truth about as often as it says: a run against one with independent noise of the same spread.
+/// Coverage of the interval: a run compared with one that has independent noise of the same spread.
 #[test]
 fn intervals_hold_what_they_say() {
     let mut draw = ChaCha8Rng::seed_from_u64(1);
@@ -98,7 +99,7 @@ fn who_gives_up_is_never_better() {
     assert_eq!(found.rows[0].farther_in_b, 8);
 }
 
-/// Seeds of a query are drawn together: repeating a run makes nothing surer.
+/// Seeds of a query are drawn together: repeating a run does not narrow the interval.
 #[test]
 fn seeds_of_one_query_count_once() {
     let width = |seeds: u64| {

@@ -1,4 +1,4 @@
-//! Documents that tables are made of: those of data sets and of single places.
+//! Documents as input of tables: those of data sets and of single scenes.
 
 use std::collections::BTreeSet;
 
@@ -12,20 +12,20 @@ use serde::Deserialize;
 /// Errors of the queries of one row in one column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorCurve {
-    /// The place, or the condition.
+    /// The scene, or the condition.
     pub place: String,
     /// The row.
     pub row: String,
-    /// Of each query: of the position, map units, and of the orientation, degrees; infinite without a pose.
+    /// Errors of each query: position, map units, and orientation, degrees; infinite without a pose.
     pub errors: Vec<(f64, f64)>,
 }
 
-/// What tables need of a document.
+/// The parts of a document that tables use.
 #[derive(Debug, Clone)]
 pub struct TableData {
-    /// `7scenes`, `cambridge`, `aachen`; empty for a place of one's own.
+    /// `7scenes`, `cambridge`, `aachen`; empty for the user's own scene.
     pub(super) data_set: String,
-    /// The places in their order, and whether each is the published one.
+    /// The scenes in order, and whether each is the published one.
     pub(super) places: Vec<(String, bool)>,
     pub(super) queries: Vec<PlaceQuery>,
 }
@@ -44,7 +44,7 @@ impl TableData {
     /// Reads the document of `eval 7scenes`, `cambridge`, `aachen` or `scene`.
     ///
     /// # Errors
-    /// [`EvalError`]: no such document, or one of another command or version.
+    /// [`EvalError`]: the text is not a document, or it has another command or version.
     pub fn parse(json: &str) -> Result<Self, EvalError> {
         let document: Document =
             serde_json::from_str(json).map_err(|e| EvalError::Document(e.to_string()))?;
@@ -74,7 +74,7 @@ impl TableData {
         Ok(Self { data_set: data_set.to_owned(), places, queries })
     }
 
-    /// Rows of tables: schemes, with what else tells them apart, in the order of the document.
+    /// Rows of tables: schemes, with other distinguishing options, in the order of the document.
     pub(super) fn rows(&self) -> Vec<String> {
         let mut rows: Vec<String> = Vec::new();
         for query in &self.queries {
@@ -86,7 +86,7 @@ impl TableData {
         rows
     }
 
-    /// The scheme, and score and gravity where the document has several.
+    /// The scheme, with score and gravity if the document has several.
     pub(super) fn row_of(&self, result: &QueryResult) -> String {
         let several = |of: fn(&QueryResult) -> String| {
             let first = self.queries.first().map(|query| of(&query.result));
@@ -102,7 +102,7 @@ impl TableData {
         row
     }
 
-    /// Columns: places, or conditions where the one place has such.
+    /// Columns: scenes, or the conditions of a single scene.
     pub(super) fn columns(&self) -> Vec<String> {
         let conditions: BTreeSet<&str> =
             self.queries.iter().filter_map(|query| query.condition.as_deref()).collect();
@@ -122,7 +122,7 @@ impl TableData {
         results.filter(|result| self.row_of(result) == row).collect()
     }
 
-    /// The errors of every row in every column, as far as they are judged.
+    /// The errors of the judged queries of every row and column.
     pub fn error_curves(&self) -> Vec<ErrorCurve> {
         let rows = self.rows();
         let of_column = |place: String| {
@@ -139,7 +139,7 @@ impl TableData {
         all.filter(|curve| !curve.errors.is_empty()).collect()
     }
 
-    /// Median milliseconds of each stage of every row, over all places; stages without a time are left out.
+    /// Median milliseconds of each stage of every row, over all scenes; stages without times are left out.
     pub fn stage_times(&self) -> Vec<(String, Vec<(&'static str, f64)>)> {
         let of_row = |row: String| {
             let results: Vec<&QueryResult> =
@@ -154,7 +154,7 @@ impl TableData {
         self.rows().into_iter().map(of_row).collect()
     }
 
-    /// Whether every place is the published one.
+    /// Whether every scene is the published one.
     pub(super) fn is_official(&self, column: &str) -> bool {
         self.places.iter().any(|(name, official)| *official && (name == column || self.places.len() == 1))
     }

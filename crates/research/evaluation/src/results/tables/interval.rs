@@ -1,9 +1,9 @@
-//! Intervals of a figure of many queries.
+//! Confidence intervals of a figure over many queries.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// The middle 95 % of a figure when values are drawn with replacement; `None` for fewer than two values.
+/// The middle 95 % of a figure over bootstrap samples; `None` for fewer than two values.
 pub(super) fn interval(
     values: &[f64],
     figure: fn(&[f64]) -> f64,
@@ -33,7 +33,8 @@ mod tests {
 
     #[test]
     fn of_a_mean_it_is_that_of_the_textbook() {
-        // 400 numbers of variance 1/12: the mean's standard deviation is 0.01443, and the interval 1.96 of them to each side.
+        // 400 numbers with variance 1/12: the standard deviation of the mean is 0.01443, and the interval is ± 1.96
+        // of it.
         let values: Vec<f64> = (0..400).map(|k| (f64::from(k) + 0.5) / 400.0).collect();
         let (low, high) = interval(&values, mean, 4000, 1).expect("values");
         let half = 1.96 * (1.0_f64 / 12.0 / 400.0).sqrt();

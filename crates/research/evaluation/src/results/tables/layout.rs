@@ -1,16 +1,16 @@
-//! A table, and how it is written.
+//! A table and its output formats.
 
 use std::fmt::Write as _;
 
-/// How tables are written.
+/// Output format of tables.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Format {
-    /// As on GitHub.
+    /// GitHub Markdown.
     #[default]
     Markdown,
-    /// `tabular` with `booktabs`.
+    /// LaTeX `tabular` with `booktabs`.
     Latex,
-    /// RFC 4180, one table after another, an empty line between.
+    /// RFC 4180, one table after another, separated by an empty line.
     Csv,
 }
 
@@ -23,7 +23,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// A table of these columns behind that of the names.
+    /// A table with a column for names and these columns.
     pub(super) fn new(title: &str, names: &str, columns: &[String]) -> Self {
         let head = std::iter::once(names.to_owned()).chain(columns.iter().cloned()).collect();
         Self { title: title.to_owned(), head, rows: Vec::new(), notes: Vec::new() }
@@ -36,7 +36,7 @@ impl Sheet {
         self.rows.push(row);
     }
 
-    /// A sentence below the table.
+    /// Adds a sentence below the table.
     pub(super) fn note(&mut self, text: &str) {
         self.notes.push(text.to_owned());
     }

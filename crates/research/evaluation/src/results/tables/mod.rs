@@ -1,7 +1,6 @@
-//! Tables of evaluations as papers print them, made again from documents at will: Markdown, LaTeX, CSV.
+//! Tables of evaluations as in papers, made from documents: Markdown, LaTeX, CSV.
 //!
-//! Places stand in columns, schemes in rows. Figures of others stand beside ours where the data is the very same, and
-//! nowhere else.
+//! Scenes are columns, schemes are rows. Published figures are shown only for exactly the same data.
 
 mod document;
 mod interval;
@@ -19,13 +18,13 @@ use layout::Sheet;
 pub use document::{ErrorCurve, TableData};
 pub use layout::Format;
 
-/// What a cell says of its queries.
+/// Content of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cells {
-    /// Median position error in hundredths of the map's unit (centimetres in metres), median rotation error, recall at the
-    /// first threshold.
+    /// Median position error in hundredths of the map unit (centimetres for metres), median rotation error, recall at
+    /// the first threshold.
     MediansAndRecall,
-    /// The first two alone.
+    /// The two medians only.
     Medians,
     /// Recall at every threshold.
     Recalls,
@@ -44,24 +43,24 @@ impl FromStr for Cells {
     }
 }
 
-/// What tables to make.
+/// Options of tables.
 #[derive(Debug, Clone)]
 pub struct TableOptions {
-    /// How they are written.
+    /// Output format.
     pub format: Format,
-    /// What cells say; as the paper has it for the data set when none.
+    /// Content of cells; `None`: as in the paper for the data set.
     pub cells: Option<Cells>,
-    /// Thresholds of recall; as the paper has them for the data set when empty.
+    /// Thresholds of recall; empty: as in the paper for the data set.
     pub thresholds: Vec<Threshold>,
-    /// Whether figures of others stand beside those of the same data.
+    /// Whether published figures are shown beside figures of the same data.
     pub published: bool,
-    /// Draws of the bootstrap behind the intervals.
+    /// Bootstrap samples of the intervals.
     pub draws: usize,
-    /// Seed of the draws.
+    /// Seed of the bootstrap.
     pub seed: u64,
 }
 
-/// All tables of a document: errors beside what others published, intervals, the ablation where its schemes were run, times.
+/// All tables of a document: errors beside published figures, intervals, the ablation if its schemes were run, times.
 pub fn tables(data: &TableData, options: &TableOptions) -> String {
     let sheets = [
         Some(errors(data, options)),
@@ -100,12 +99,12 @@ fn thresholds_of(data: &TableData, options: &TableOptions) -> Vec<Threshold> {
     }
 }
 
-/// Errors of a cell's queries.
+/// Errors of the queries of a cell.
 fn errors_of(results: &[&QueryResult]) -> Vec<PoseError> {
     results.iter().map(|result| result.pose_error()).collect()
 }
 
-/// A number with so many digits behind the point; infinite when more than half were not localized.
+/// A number with this many decimals; infinite when more than half were not localized.
 fn digits(value: f64, digits: usize) -> String {
     if value.is_finite() {
         format!("{value:.digits$}")
@@ -124,7 +123,7 @@ fn degrees(errors: &[PoseError]) -> f64 {
     median(&errors.iter().map(|e| e.rotation_deg).collect::<Vec<_>>())
 }
 
-/// A cell, and what it is made of with how many digits.
+/// A cell with these contents and decimals.
 fn figures(errors: &[PoseError], cells: Cells, thresholds: &[Threshold]) -> String {
     if errors.is_empty() {
         return String::new();
@@ -153,7 +152,7 @@ fn meaning(cells: Cells, thresholds: &[Threshold]) -> String {
     }
 }
 
-/// Errors of every row in every column, below what was published of the same data.
+/// Errors of every row in every column, below the published figures for the same data.
 fn errors(data: &TableData, options: &TableOptions) -> Sheet {
     let (cells, thresholds) = (cells_of(data, options), thresholds_of(data, options));
     let columns = data.columns();
@@ -214,8 +213,8 @@ fn intervals(data: &TableData, options: &TableOptions) -> Sheet {
     sheet
 }
 
-/// Means over the places for the schemes of the paper's ablations, and the queries that could not be sealed because all of their
-/// keypoints lie on one side; `None` where only one of the schemes was run.
+/// Means over the scenes for the schemes of the paper's ablations, and the queries that could not be sealed because
+/// all keypoints lie on one side; `None` if only one of the schemes was run.
 fn ablation(data: &TableData, options: &TableOptions) -> Option<Sheet> {
     let schemes = ["dcl", "dcl:s=2", "dcl:s=3", "dcl:horizontal"];
     let rows: Vec<String> = data
@@ -261,7 +260,7 @@ fn ablation(data: &TableData, options: &TableOptions) -> Option<Sheet> {
     Some(sheet)
 }
 
-/// Median milliseconds of every stage, over all places.
+/// Median milliseconds of every stage, over all scenes.
 fn times(data: &TableData) -> Sheet {
     let heads: Vec<String> = STAGES.iter().map(|stage| format!("{stage} ms")).collect();
     let mut sheet = Sheet::new("Median time of each stage of a query.", "scheme", &heads);

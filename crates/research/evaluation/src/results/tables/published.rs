@@ -1,16 +1,16 @@
-//! Figures of others, as the paper prints them: never shown beside figures of other images.
+//! Published figures from the paper; they are shown only beside figures of the same images.
 
-/// A method on one place.
+/// A method on one data set.
 pub(super) struct Published {
-    /// Data set, as the command names it.
+    /// Data set, as in the command's name.
     pub(super) data_set: &'static str,
-    /// Name of the method, as the paper has it.
+    /// Name of the method in the paper.
     pub(super) method: &'static str,
-    /// A cell a place of [`PLACES`]; what the paper does not print is empty.
+    /// One cell per scene of [`places`]; empty if the paper has no value.
     pub(super) cells: &'static [&'static str],
 }
 
-/// Which table of the paper, and what its cells say.
+/// Table of the paper, and the meaning of its cells.
 pub(super) fn source(data_set: &str) -> Option<&'static str> {
     match data_set {
         "7scenes" => Some(
@@ -22,7 +22,7 @@ pub(super) fn source(data_set: &str) -> Option<&'static str> {
     }
 }
 
-/// Places (and conditions) of a data set in the order of the paper's columns.
+/// Scenes (and conditions) of a data set in the order of the paper's columns.
 pub(super) fn places(data_set: &str) -> &'static [&'static str] {
     match data_set {
         "7scenes" => &["chess", "fire", "heads", "office", "pumpkin", "redkitchen", "stairs"],
@@ -150,7 +150,8 @@ pub(super) const METHODS: &[Published] = &[
     row("aachen", "DCL, the paper's", &["41.0/57.9/72.7", "13.3/21.4/38.8"]),
 ];
 
-/// The paper's ablation of the distance between the anchors (Table 5, and of Aachen the supplement): scheme, data set, cell.
+/// The paper's ablation of the distance between the anchors (Table 5, for Aachen the supplement): scheme, data set,
+/// cell.
 pub(super) const ANCHORS: &[(&str, &str, &str)] = &[
     ("dcl", "7scenes", "5.14/1.41"),
     ("dcl:s=2", "7scenes", "5.14/1.42"),
@@ -175,7 +176,7 @@ mod tests {
             let parts = line.cells[0].split('/').count();
             assert!(line.cells.iter().all(|cell| cell.split('/').count() == parts), "{}", line.method);
         }
-        // The averages that Table 5 prints for the default are those of the lines above.
+        // The averages of Table 5 for the default equal those of the lines above.
         let mean = |data_set: &str, at: usize| {
             let line = METHODS.iter().find(|m| m.data_set == data_set && m.method == "DCL, the paper's");
             let cells = line.expect("there").cells;

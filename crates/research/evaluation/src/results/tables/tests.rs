@@ -1,4 +1,4 @@
-//! Tables of a small document, written by hand.
+//! Tables of a small hand-written document.
 
 use super::*;
 use crate::EvalError;
@@ -44,10 +44,10 @@ fn medians_and_recalls_stand_where_they_belong() {
     let data = TableData::parse(&document(true)).expect("read");
     let text = tables(&data, &options(Format::Markdown));
     assert_eq!(line(&text, "| queries"), "| queries | 3 | 3 |");
-    // 1, 2, 3 cm: median 2, all within 5 cm; of the stairs one is lost.
+    // 1, 2, 3 cm: median 2, all within 5 cm; on the stairs one query is lost.
     assert_eq!(line(&text, "| points |"), "| points | 2.00/0.100/100.0 | 4.00/0.100/66.7 |");
     assert_eq!(line(&text, "| dcl |"), "| dcl | 4.00/0.200/66.7 | 8.00/0.200/33.3 |");
-    // Mean of the medians, and the query that could not be sealed.
+    // Mean of the medians, and the number of queries that could not be sealed.
     assert!(text.contains("| dcl | 6.00/0.200 | 1 | 6 |"), "{text}");
     assert!(text.contains("| dcl:s=2 | 12.00/0.400 | 0 | 6 |"), "{text}");
 }

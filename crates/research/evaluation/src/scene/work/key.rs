@@ -1,4 +1,4 @@
-//! What of an evaluation is hashed: poses, files, what extractors do.
+//! Hash of an evaluation's inputs: poses, files, behaviour of extractors.
 
 use std::fs;
 use std::path::Path;
@@ -11,15 +11,15 @@ use super::io;
 use crate::error::EvalError;
 use crate::scene::SceneEvaluation;
 
-/// What evaluations add to a hash.
+/// Inputs that evaluations add to a hash.
 pub(super) trait EvaluationKey {
     fn pose(&mut self, pose: Option<&CameraFromWorld>);
 
-    /// The content of a file; one that is not there is told apart, and named by whoever needs it.
+    /// The content of a file; a missing file has a hash of its own, and the stage that needs the file reports it.
     fn file(&mut self, path: &Path) -> Result<(), EvalError>;
 
-    /// What the extractor and the network of global descriptors make of an image: their names do not say which weights they
-    /// were read with.
+    /// The output of the extractor and of the network of global descriptors for an image: their names do not identify
+    /// their weights.
     fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError>;
 
     fn features(&mut self, features: &Features);
@@ -47,11 +47,11 @@ impl EvaluationKey for Key {
         let Some(name) = evaluation.map_list.first() else { return Ok(()) };
         let extractor = evaluation.build.extractors.named(&evaluation.build.features);
         let extractor = extractor?;
-        // An image that cannot be read is named by whoever builds the map.
+        // An image that cannot be read is reported when the map is built.
         let Ok(gray) = load_gray(&evaluation.images.join(name)) else { return Ok(()) };
         let image = Image::from(gray);
         match extractor.stored() {
-            // One image does not tell for the others: somebody made each.
+            // Each stored global descriptor is hashed: one does not represent the others.
             Some(stored) => {
                 for name in evaluation.map_list.iter().chain(&evaluation.query_list) {
                     let path = evaluation.images.join(name);

@@ -1,4 +1,4 @@
-//! The map of an evaluation, kept.
+//! The stored map of an evaluation.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::road::{PlaceMap, Upright};
 use crate::scene::SceneEvaluation;
 
 impl Work {
-    /// Where the map of this evaluation is, or will be.
+    /// Path of the map of this evaluation.
     pub(in crate::scene) fn map_of(
         &self,
         evaluation: &SceneEvaluation,
@@ -45,14 +45,14 @@ impl Work {
     }
 }
 
-/// A map that is kept.
+/// A stored map.
 pub(in crate::scene) struct KeptMap {
     map: PathBuf,
     facts: PathBuf,
 }
 
 impl KeptMap {
-    /// The map, when it was built and remembered.
+    /// The map, if it was built and completely stored.
     pub(in crate::scene) fn open(&self) -> Option<Result<PlaceMap, EvalError>> {
         let facts: MapSummary = serde_json::from_slice(&fs::read(&self.facts).ok()?).ok()?;
         self.map.is_file().then(|| PlaceMap::kept(&self.map, facts))
@@ -62,7 +62,7 @@ impl KeptMap {
         &self.map
     }
 
-    /// Written last: facts without a whole map are never there.
+    /// Written last, so that a description without a complete map never exists.
     pub(in crate::scene) fn remember(&self, facts: &MapSummary) -> Result<(), EvalError> {
         let bytes = serde_json::to_vec(facts).map_err(|e| io(&self.facts)(e.into()))?;
         write_whole(&self.facts, &bytes).map_err(io(&self.facts))

@@ -1,9 +1,11 @@
-//! What an evaluation keeps in a folder, so that an interruption loses no finished query and nothing is computed twice:
-//! the map, the features of its images and the matches of their pairs (`veiloc_mapping::build_cache`), the results of queries.
+//! The work folder of an evaluation. An interruption loses no finished query, and nothing is computed twice: the
+//! folder stores the map, the features of its images and the matches of their pairs (`veiloc_mapping::build_cache`),
+//! and the results of queries.
 //!
-//! Everything is found by a hash of what it was computed from: the bytes of the images, cameras and poses, the options, what
-//! the extractor makes of an image, the version of this program. So a folder may serve several evaluations, and what no
-//! longer fits is never taken for what does. The features of queries are not kept: the time they take is one of the figures.
+//! Every entry is found by a hash of its inputs: the bytes of the images, cameras and poses, the options, the
+//! behaviour of the extractor on an image, the version of this program. So several evaluations can share a folder,
+//! and outdated entries are never used. The features of queries are not stored: their extraction time is one of the
+//! figures.
 
 mod key;
 mod map;
@@ -21,15 +23,15 @@ use crate::error::EvalError;
 /// Results of queries, one line each.
 const QUERIES: &str = "queries.jsonl";
 
-/// The folder.
+/// The work folder.
 pub(super) struct Work {
     folder: PathBuf,
-    /// Held: two runs would write into each other's lines.
+    /// A lock: two runs would mix their lines.
     _lock: TargetLock,
 }
 
 impl Work {
-    /// Made if it is not there.
+    /// Creates the folder if it does not exist.
     pub(super) fn in_folder(folder: &Path) -> Result<Self, EvalError> {
         fs::create_dir_all(folder).map_err(io(folder))?;
         let path = folder.join(QUERIES);
@@ -42,7 +44,7 @@ impl Work {
         Ok(Self { folder: folder.to_owned(), _lock: lock })
     }
 
-    /// Features and matches of map images, found earlier or now.
+    /// Cache of features and matches of map images.
     pub(super) fn keeping(&self, build: &BuildOptions) -> Result<Keeping, EvalError> {
         Ok(Keeping::in_folder(&self.folder, build)?)
     }

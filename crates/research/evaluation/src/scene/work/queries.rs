@@ -1,4 +1,4 @@
-//! Finished queries, kept: a line each, appended as soon as a query is finished.
+//! Stored results of finished queries: one line each, appended as soon as a query is finished.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -19,7 +19,7 @@ use crate::road::AskedQuery;
 use crate::scene::SceneEvaluation;
 
 impl Work {
-    /// The finished queries of this evaluation in this map.
+    /// The finished queries of this evaluation with this map.
     pub(in crate::scene) fn finished(
         &self,
         map: &MapFile,
@@ -48,7 +48,7 @@ impl Work {
             .map_err(io(&path))?;
         let mut text = String::new();
         file.read_to_string(&mut text).map_err(io(&path))?;
-        // A line that an interruption cut short is of a query that is not finished.
+        // An incomplete last line belongs to an interrupted query.
         let whole = text.rfind('\n').map_or(0, |at| at + 1);
         file.set_len(whole as u64).map_err(io(&path))?;
         file.seek(SeekFrom::End(0)).map_err(io(&path))?;
@@ -63,14 +63,14 @@ impl Work {
     }
 }
 
-/// A finished query.
+/// A line of the file.
 #[derive(Serialize, Deserialize)]
 struct Line {
     key: String,
     rows: Vec<QueryResult>,
 }
 
-/// Queries that are finished, and the file that they are added to.
+/// Finished queries, and the file to which new ones are appended.
 pub(in crate::scene) struct Finished {
     base: Key,
     done: BTreeMap<String, Vec<QueryResult>>,
@@ -79,7 +79,7 @@ pub(in crate::scene) struct Finished {
 }
 
 impl Finished {
-    /// The results of a query: those that are there, or computed, and then kept.
+    /// The stored result of a query, or the computed one, which is then stored.
     pub(in crate::scene) fn get_or(
         &self,
         query: &AskedQuery,

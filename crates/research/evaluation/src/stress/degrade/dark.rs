@@ -1,8 +1,8 @@
-//! Little light: an eighth of it falls on the sensor, exposure and gain stay as they are.
+//! Low light: an eighth of the light reaches the sensor; exposure and gain are unchanged.
 //!
-//! White fills a pixel with [`FULL_WELL`] electrons. Each pixel collects a Poisson number of them, with the mean that its
-//! light gives (shot noise), the readout adds [`READ_NOISE`] electrons (normal), and the result is encoded as sRGB again.
-//! Middle gray then is 90 electrons with a deviation of 9.9, stored as 41 of 255 with a deviation of 2.7.
+//! White fills a pixel with [`FULL_WELL`] electrons. Each pixel collects a Poisson number of them, with the mean that
+//! its light gives (shot noise), the readout adds [`READ_NOISE`] electrons (normal), and the result is encoded as
+//! sRGB again. Middle gray then is 90 electrons with a deviation of 9.9, stored as 41 of 255 with a deviation of 2.7.
 
 use rand::Rng;
 use veiloc_features::GrayImage;
@@ -11,10 +11,10 @@ use veiloc_synthetic::problems::normal;
 use super::srgb::{light_of, stored_of};
 use super::with_samples;
 
-/// Share of the light that is left.
+/// Remaining share of the light.
 const LIGHT: f32 = 1.0 / 8.0;
 
-/// Electrons in a pixel that is white: a telephone's sensor with pixels of about 1 µm.
+/// Electrons of a white pixel: a telephone's sensor with pixels of about 1 µm.
 const FULL_WELL: f64 = 4000.0;
 
 /// Standard deviation of the readout, electrons.
@@ -33,8 +33,8 @@ pub(super) fn dark(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
     with_samples(image, image.data().iter().map(seen))
 }
 
-/// A Poisson number: how many exponential waiting times fit into `mean` (Knuth), above [`MANY`] its normal
-/// approximation.
+/// A Poisson variable: the number of exponential waiting times that fit into `mean` (Knuth), above [`MANY`] its
+/// normal approximation.
 fn poisson(mean: f64, rng: &mut impl Rng) -> f64 {
     if mean > MANY {
         return (mean + mean.sqrt() * normal(rng)).round().max(0.0);
@@ -71,7 +71,7 @@ mod tests {
         assert!((ratio * 8.0 - 1.0).abs() < 0.01, "{ratio}");
     }
 
-    /// Of a flat gray image: the variance of the electrons is their mean, and the readout's.
+    /// For a flat gray image the variance of the electrons is their mean plus that of the readout.
     #[test]
     fn noise_is_that_of_photons_and_readout() {
         for stored in [0.3, 0.5, 0.8] {
@@ -82,7 +82,7 @@ mod tests {
             let (mean, variance) = moments(&electrons);
             let expected = FULL_WELL * f64::from(light_of(stored)) / 8.0;
             assert!((mean / expected - 1.0).abs() < 0.02, "{stored}: {mean} of {expected}");
-            // One stored level is a step of so many electrons here, rounded evenly.
+            // Size of one stored level in electrons; rounding is uniform within it.
             let step = FULL_WELL * f64::from(light_of(stored_of(mean as f32 / 4000.0) + 1.0 / 255.0)) - mean;
             let expected = expected + READ_NOISE.powi(2) + step * step / 12.0;
             assert!((variance / expected - 1.0).abs() < 0.05, "{stored}: {variance} of {expected}");

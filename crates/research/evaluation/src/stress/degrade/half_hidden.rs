@@ -1,6 +1,7 @@
-//! Something stands before one half of the image, flat gray: cut through its middle in any direction, or the left or right.
+//! An occluder covers one half of the image in flat gray: cut through the centre in any direction, or the left or
+//! right half.
 //!
-//! Flat, so that what is lost is the only difference; a thing with a texture of its own would bring wrong matches too.
+//! It is flat so that the loss of content is the only difference; a textured occluder would cause wrong matches too.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,24 +10,25 @@ use veiloc_features::GrayImage;
 
 use super::with_samples;
 
-/// Stored sample of what stands there.
+/// Stored sample value of the occluder.
 const GRAY: f32 = 0.5;
 
-/// The image with one half covered, cut through its middle in a direction drawn at random.
+/// The image with one half covered; the cut passes through the centre in a random direction.
 pub(super) fn half_hidden(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
     hidden(image, rng.random_range(0.0..TAU))
 }
 
-/// The image with its left or right half covered, drawn at random. Of an odd number of columns the middle one stays.
+/// The image with its left or right half covered at random. For an odd number of columns the middle one stays
+/// visible.
 pub(super) fn side_hidden(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
     hidden(image, if rng.random() { PI } else { 0.0 })
 }
 
-/// Covers what lies towards `angle` (radians, 0 to the right, a quarter turn down) from the middle.
+/// Covers the half towards `angle` (radians, 0 to the right, a quarter turn down) from the centre.
 fn hidden(image: &GrayImage, angle: f64) -> GrayImage {
     let (width, height) = (image.width(), image.height());
     let from_middle = |at: u32, of: u32| f64::from(at) + 0.5 - 0.5 * f64::from(of);
-    // So near to the cut a pixel's centre lies on it, and stays: sines and cosines are rounded.
+    // Pixels with centres this close to the cut stay visible, in spite of rounding in sine and cosine.
     let covered = |u, v| from_middle(u, width) * angle.cos() + from_middle(v, height) * angle.sin() > 1e-6;
     let positions = (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
     let samples = positions.zip(image.data()).map(|((u, v), s)| if covered(u, v) { GRAY } else { *s });
@@ -63,7 +65,7 @@ mod tests {
     fn cuts_go_in_all_directions_and_sides_are_two() {
         let image = texture(32, 32);
         let drawn = |seed| ChaCha8Rng::seed_from_u64(seed);
-        // Which corners are covered: with every direction each of the four is, and always one or more is not.
+        // Covered corners: over all directions each corner is covered sometimes, and at least one is always visible.
         let corners =
             |image: &GrayImage| [0, 31, 32 * 31, 32 * 32 - 1].map(|i| (image.data()[i] - GRAY).abs() < 0.003);
         let mut seen = std::collections::BTreeSet::new();

@@ -1,7 +1,7 @@
-//! Few pixels: the image is shrunk until its longer side has 160, and enlarged to its old size again.
+//! Low resolution: the image is reduced until its longer side has 160 pixels, and enlarged to its old size again.
 //!
-//! Shrinking takes the mean of the area each new pixel covers, enlarging interpolates between four pixels: both of stored
-//! samples, as programs do it.
+//! Reduction averages the area of each new pixel, enlargement is bilinear: both on stored samples, as common programs
+//! do.
 
 use veiloc_features::GrayImage;
 
@@ -10,7 +10,7 @@ use super::with_samples;
 /// Pixels of the longer side.
 const LONGER_SIDE: u32 = 160;
 
-/// The image with the detail of a small one; one that is as small already stays.
+/// The image with the detail of a small one; an image that is already that small is unchanged.
 pub(super) fn low_resolution(image: &GrayImage) -> GrayImage {
     let small = image.clone().limited(LONGER_SIDE);
     let (width, height) = (image.width(), image.height());
@@ -24,7 +24,7 @@ pub(super) fn low_resolution(image: &GrayImage) -> GrayImage {
     with_samples(image, samples)
 }
 
-/// Two neighbours along one axis of the small image, and how much the second one counts.
+/// Two neighbours along one axis of the small image, and the weight of the second.
 struct Between {
     first: u32,
     second: u32,
@@ -32,7 +32,7 @@ struct Between {
 }
 
 impl Between {
-    /// Where the centre of pixel `at` of `large` falls among the centres of `small` pixels.
+    /// Position of the centre of pixel `at` of `large` among the centres of `small` pixels.
     fn of(at: u32, large: u32, small: u32) -> Self {
         let position = (f64::from(at) + 0.5) * f64::from(small) / f64::from(large) - 0.5;
         let position = position.clamp(0.0, f64::from(small - 1));
@@ -50,7 +50,7 @@ mod tests {
     use super::super::tests::texture;
     use super::*;
 
-    /// A wave of this many pixels along each axis.
+    /// A wave with this period in pixels along each axis.
     fn wave(period: f64) -> GrayImage {
         let at = |i: u32| 0.25 * (std::f64::consts::TAU * f64::from(i) / period).sin();
         let samples = (0..480).flat_map(|v| (0..640).map(move |u| (0.5 + at(u) + at(v)) as f32));
@@ -70,7 +70,7 @@ mod tests {
         assert!(left(80.0) > 0.97, "{}", left(80.0));
     }
 
-    /// No shift: a slope stays where it was, but for the outermost pixels.
+    /// No shift: a ramp keeps its position, except for the outermost pixels.
     #[test]
     fn nothing_moves() {
         let slope: Vec<f32> = (0..480)

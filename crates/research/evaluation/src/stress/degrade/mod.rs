@@ -1,8 +1,8 @@
-//! Images made worse, in memory: what a device's camera would have seen under a [`Stress`].
+//! Degradation of images in memory: what a device's camera would have recorded under a [`Stress`].
 //!
-//! All of it happens to the gray image that extraction sees, whose samples are taken for sRGB-encoded luminance: a
-//! camera without colours. The pose of a query stays what it was: motion is centred on the middle of the exposure, and no
-//! degradation moves the image. Results are rounded to 8 bits, as a camera writes them.
+//! The degradation is applied to the gray image of feature extraction, whose samples are treated as sRGB-encoded
+//! luminance. The pose of a query stays valid: motion is centred on the middle of the exposure, and no degradation
+//! shifts the image. Results are rounded to 8 bits, as a camera stores them.
 
 mod dark;
 mod half_hidden;
@@ -18,7 +18,7 @@ use veiloc_geometry::Intrinsics;
 
 use super::kind::Stress;
 
-/// The image under a stress; `None` for one that does not touch images. Equal seeds and names give equal images.
+/// The image under a stress; `None` if the stress does not change images. Equal seeds and names give equal images.
 pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64) -> Option<GrayImage> {
     let mut rng = rng_of(stress, name, seed);
     match stress {
@@ -31,7 +31,8 @@ pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64)
     }
 }
 
-/// What a device takes its camera to be under a stress; `None` when it is right. Too long as often as too short.
+/// The camera that a device assumes under a stress; `None` when it is right. Too long and too short are equally
+/// likely.
 pub(super) fn mistaken(camera: &Intrinsics, stress: Stress, name: &str, seed: u64) -> Option<Intrinsics> {
     let Stress::Focal(percent) = stress else { return None };
     let factor = 1.0 + f64::from(percent) / 100.0;
@@ -77,7 +78,7 @@ mod tests {
             assert!(worse.data().iter().all(|v| (0.0..=1.0).contains(v)), "{stress}");
             let random = (0..8).any(|seed| of("a", seed) != of("a", 1))
                 && ["b", "c", "d", "e", "f", "g", "h", "i"].iter().any(|name| of(name, 1) != of("a", 1));
-            // Of sides there are two, and of nine names or seeds not all draw the same.
+            // There are only two sides, so nine names or seeds do not all give different images.
             assert_eq!(random, stress != Stress::LowResolution, "{stress}");
         }
     }
@@ -95,7 +96,7 @@ mod tests {
         assert_eq!(mistaken(&camera, Stress::Dark, "a", 0), None);
     }
 
-    /// The smallest images are possible input too.
+    /// One-pixel images are valid input.
     #[test]
     fn one_pixel_is_enough() {
         let image = GrayImage::new(1, 1, vec![0.5]).expect("an image");

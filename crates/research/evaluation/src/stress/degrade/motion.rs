@@ -1,7 +1,8 @@
-//! Motion during the exposure: the image moves evenly along a straight line, and what each pixel sees is averaged.
+//! Motion blur: the image moves at constant speed along a straight line during the exposure, and each pixel averages
+//! over it.
 //!
-//! The averaging is of light, not of stored samples: a sensor adds photons. The motion is half before and half after the
-//! true pose, so that the pose stays true. Beyond the border the outermost pixel goes on.
+//! The average is over light, not over stored samples, since a sensor adds photons. The motion is half before and
+//! half after the true pose, so that the pose stays valid. Beyond the border the outermost pixel is repeated.
 
 use rand::Rng;
 use veiloc_features::GrayImage;
@@ -9,13 +10,13 @@ use veiloc_features::GrayImage;
 use super::srgb::{light_of, stored_of};
 use super::with_samples;
 
-/// Length of the motion over the longer side of the image: 13 pixels of 640.
+/// Length of the motion relative to the longer side of the image: 13 pixels of 640.
 const LENGTH: f64 = 13.0 / 640.0;
 
-/// Moments of the exposure a pixel of motion.
+/// Samples of the exposure per pixel of motion.
 const STEPS_A_PIXEL: f64 = 2.0;
 
-/// The image moved along a direction drawn at random.
+/// The image moved along a random direction.
 pub(super) fn moved(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
     let length = LENGTH * f64::from(image.width().max(image.height()));
     moved_along(image, length, rng.random_range(0.0..std::f64::consts::PI))
@@ -34,7 +35,7 @@ fn moved_along(image: &GrayImage, length: f64, angle: f64) -> GrayImage {
     with_samples(image, sum.into_iter().map(|s| stored_of(s / steps as f32)))
 }
 
-/// Adds the light that each pixel sees when the image is shifted by so much, interpolated between four pixels.
+/// Adds the light of each pixel of the shifted image, with bilinear interpolation.
 fn add_shifted(sum: &mut [f32], light: &[f32], (width, height): (usize, usize), shift: [f64; 2]) {
     let [(du, wu), (dv, wv)] = shift.map(|s| (s.floor() as isize, (s - s.floor()) as f32));
     let inside = |at: isize, count: usize| at.clamp(0, count as isize - 1) as usize;
@@ -62,7 +63,7 @@ mod tests {
         let mut samples = vec![0.0; 101 * 101];
         samples[50 * 101 + 50] = 1.0;
         let image = GrayImage::new(101, 101, samples).expect("an image");
-        // Its light is spread over 13 pixels along, and one across: enough of it to be seen in 8 bits.
+        // The light is spread over 13 pixels along the motion, and one across: enough to be visible in 8 bits.
         for (angle, along_u) in [(0.0, true), (std::f64::consts::FRAC_PI_2, false)] {
             let worse = moved_along(&image, 13.0, angle);
             let at = |u: usize, v: usize| worse.data()[v * 101 + u];

@@ -1,11 +1,11 @@
-//! The sRGB curve (IEC 61966-2-1) between stored samples and light, both 0 to 1.
+//! The sRGB curve (IEC 61966-2-1) between stored samples and linear light, both 0 to 1.
 
 /// Light of a stored sample.
 pub(super) fn light_of(stored: f32) -> f32 {
     if stored <= 0.040_45 { stored / 12.92 } else { ((stored + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sample that stores so much light; what is below black or above white is black or white.
+/// The sample of this light; values are clamped to black and white.
 pub(super) fn stored_of(light: f32) -> f32 {
     let light = light.clamp(0.0, 1.0);
     if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }

@@ -1,4 +1,5 @@
-//! Attacks of a server that has localized the images: a made-up place, sealed, posed and attacked as real ones are.
+//! Attacks of a server that has localized the images: a synthetic scene, sealed, localized and attacked like real
+//! ones.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -19,18 +20,18 @@ use veiloc_protocol::{AngleBits, Scheme};
 const POINTS: usize = 500;
 const FOCAL: f64 = 500.0;
 
-/// How the matches are written.
+/// Matches in the problem file.
 #[derive(Clone, Copy, PartialEq)]
 enum Matches {
-    /// Of every other keypoint, right.
+    /// For every other keypoint, correct.
     Right,
-    /// Of every other keypoint, with map points drawn at random.
+    /// For every other keypoint, with random map points.
     Wrong,
-    /// For images of other names.
+    /// For images with other names.
     OtherNames,
-    /// Of an image of another size.
+    /// For an image of another size.
     OtherSize,
-    /// Of keypoints half a pixel away from those of the image.
+    /// For keypoints half a pixel away from those of the image.
     OtherKeypoints,
 }
 
@@ -158,7 +159,7 @@ fn a_server_knows_its_inliers_and_recovers_others() {
     let guided = row(&document, named("guided-transfer"), None);
     assert!(guided.median_px < 10.0 && guided.believed > Some(0.5), "{guided:?}");
 
-    // With the known ones counted in, half of the errors are those of projections.
+    // With the known keypoints included, half of the errors are those of projections.
     asked.attacks = vec![named("iterative")];
     asked.server.as_mut().expect("set").measured = Measured::All;
     let all = run(&asked).expect("attacked");
@@ -166,7 +167,7 @@ fn a_server_knows_its_inliers_and_recovers_others() {
     assert!(row(&all, named("iterative"), None).mean_px < mean(named("iterative")));
 }
 
-/// What the map knows is judged as well: by the lines of the frames alone, without the positions.
+/// Keypoints that the map knows are attacked as well: from the lines of the frames alone, without their positions.
 #[test]
 fn matched_keypoints_are_attacked_from_lines_alone() {
     let (_folder, [keypoints, problems]) = files(6, Matches::Right);
@@ -176,13 +177,13 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
     let document = run(&asked).expect("attacked");
     let server = &document.server[0];
     assert!((server.measured - server.known).abs() < 1e-9 && server.known > 0.4, "{server:?}");
-    // Guessed as if nothing were known of them, and found by the frames.
+    // The baseline ignores their positions, and the frames recover them.
     let guess = row(&document, Attack::PRIOR, None);
     let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
     assert!(guess.median_px > 50.0, "{guess:?}");
     assert!(two.bits_over_prior > 0.3 && six.median_px < 0.1 * guess.median_px, "{two:?} {six:?}");
 
-    // By turn against motion more is told than by matches, of which all frames have as many.
+    // Selection by rotation against translation is better than by matches, of which all frames have the same number.
     assert_eq!(document.choice, Some(FrameChoice::Turn));
     asked.choice = FrameChoice::Nearest;
     let nearest = run(&asked).expect("attacked");
@@ -191,7 +192,7 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
     assert!(near.bits_over_prior < two.bits_over_prior, "{near:?} {two:?}");
 }
 
-/// No server, no map: the angles of one image sealed again and again.
+/// Without a server or map: the angles of one image sealed several times.
 #[test]
 fn seals_of_one_image_tell_by_their_scatter() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
@@ -205,11 +206,11 @@ fn seals_of_one_image_tell_by_their_scatter() {
     };
     let [two, eight, many] = bits(&asked);
     assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
-    // New frames: the detector's noise is added to the dither, and is as wide at any distance too.
+    // New frames: the detector's noise adds to the dither, and its width does not depend on the distance.
     asked.resting_noise_px = 0.4;
     let [_, frames, _] = bits(&asked);
     assert!(frames > 0.3 && frames < eight, "{frames} {eight}");
-    // Random lines cross.
+    // Random lines intersect.
     asked.schemes = vec![Scheme::RandomLines];
     asked.resting_noise_px = 0.0;
     let document = run(&asked).expect("attacked");

@@ -1,4 +1,4 @@
-//! Outsiders with networks: from the files of their descriptions to rows of the table, and what is missing is said.
+//! Outsiders with networks: from description files to rows of the table, and messages about missing ones.
 
 use std::path::{Path, PathBuf};
 
@@ -8,12 +8,12 @@ use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_evaluation::audit::{ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks};
 use veiloc_geometry::Pixel;
 
-/// Of the networks of `scripts/tiny_networks.py`.
+/// Folder of the networks of `scripts/tiny_networks.py`.
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data/learned").join(name)
 }
 
-/// Images whose descriptors tell which of 4 x 3 fields a keypoint is in.
+/// Images whose descriptors encode which of 4 x 3 fields a keypoint is in.
 fn file(folder: &Path) -> PathBuf {
     let images: Vec<KeypointImage> = (0..2)
         .map(|seed| {
@@ -82,7 +82,7 @@ fn a_network_of_neighbours_predicts_them() {
     let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked");
     let text = serde_json::to_string(&found).expect("a document");
     assert!(text.contains("\"neighbours\":\"network\""), "{text}");
-    // Eight of a field of some thirteen keypoints: far more than by chance.
+    // Eight of a field with about thirteen keypoints: far above chance.
     let (precision, chance) = (found.precision, found.chance);
     assert!(precision.zip(chance).is_some_and(|(precision, chance)| precision > 4.0 * chance), "{text}");
 }

@@ -1,4 +1,4 @@
-//! The page in browsers shows attacks of this table: by its names and words, told as many neighbours.
+//! The web page shows attacks of this table: with their names and descriptions, and the same number of neighbours.
 
 use veiloc_evaluation::audit::{Attack, AttackEvaluation};
 use veiloc_web::shown::{ATTACKS, NEIGHBOURS};

@@ -1,4 +1,4 @@
-//! The synthetic law: an estimator that is as good as its data, a bound that is none, and results that repeat.
+//! Synthetic evaluation: the estimator is near the bound, and results are reproducible.
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::pose::crb::{BoundEvaluation, SyntheticEvaluation, SyntheticScene, evaluate_bound};
 use veiloc_protocol::Scheme;
@@ -17,7 +17,7 @@ fn run(evaluation: &SyntheticEvaluation) -> BoundEvaluation {
     evaluate_bound(evaluation, &()).expect("evaluated")
 }
 
-/// A median of 120 is good to 8 %: outside of 0.75 to 1.35 either the estimator or the bound is broken.
+/// A median of 120 is accurate to 8 %: outside of 0.75 to 1.35 either the estimator or the bound is wrong.
 #[test]
 fn errors_are_near_the_bound_and_covered() {
     let document = run(&small());
@@ -38,7 +38,7 @@ fn errors_are_near_the_bound_and_covered() {
     }
 }
 
-/// The bound knows the law of the noise: double noise, double errors; four times the matches, half of them.
+/// Scaling of the bound: twice the noise, twice the errors; four times the matches, half the errors.
 #[test]
 fn the_bound_scales_with_noise_and_matches() {
     let mut evaluation = small();

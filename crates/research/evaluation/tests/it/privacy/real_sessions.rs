@@ -40,13 +40,13 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     }
 }
 
-/// L10: what several frames give away with anchors tied to the image they do not with anchors tied to the world, at no
-/// cost in poses.
+/// L10: anchors fixed in the world prevent the leakage of several frames that anchors fixed in the image have, at no
+/// cost in pose accuracy.
 #[real_data_test]
 fn anchors_in_the_world_hold_over_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
     println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
-    // The better of the methods, as an attacker would know from images of his own.
+    // The better of the methods, which an attacker can find on its own images.
     let bits = |anchors: &str, motion: Motion, asked: &str| {
         let of =
             |r: &&SessionRow| (&*r.anchors, r.motion, r.asked(), r.frames) == (anchors, motion, asked, 4);
@@ -57,10 +57,11 @@ fn anchors_in_the_world_hold_over_a_session(data: &Path) {
     for motion in [Motion::Turning, Motion::Walking, Motion::Resting] {
         let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "matched"));
         assert!(image > 0.5, "{motion}: the attack works: {image}");
-        // A camera that walks tells how far a keypoint is from the anchor's axis, and one that rests nothing.
+        // A translating camera reveals the distance of a keypoint from the anchor's axis; a stationary one reveals
+        // nothing.
         let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
         assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
-        // Beside map points whose depth is known the distance tells more: half as much as without a session.
+        // Beside map points with known depth the distance carries more information: half of that without a session.
         let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "private"));
         let most = if motion == Motion::Resting { 0.15 } else { 0.6 * image };
         assert!(world < most, "{motion}: {image} {world}");
