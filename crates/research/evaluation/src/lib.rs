@@ -17,18 +17,20 @@ mod error;
 pub mod inversion;
 mod make_problems;
 pub mod negatives;
+pub mod pipeline;
 pub mod pose;
 pub mod privacy;
 pub mod results;
 pub mod retrieval;
 mod rig;
-pub mod road;
 mod scene;
 pub mod stress;
 
 pub use error::EvalError;
 pub use make_problems::{MadeProblem, ProblemSource, make_problems, masks_of};
-pub use rig::{RigEvaluation, evaluate_rig, walk_of};
+#[doc(hidden)]
+pub use pipeline as road;
+pub use rig::{RigEvaluation, evaluate_rig, sequence_of};
 pub use scene::{
     DrawnQuery, DrawnScheme, Negatives, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,
 };

@@ -22,7 +22,7 @@ use veiloc_pose::Correspondences;
 use veiloc_protocol::{Observations, Scheme, SealedQuery};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, equipped, extracted, posed_queries};
+use crate::pipeline::{PosedQuery, SceneMap, extract_features, posed_queries, with_extractors};
 
 /// Source of the problems.
 #[derive(Debug, Clone)]
@@ -73,12 +73,12 @@ pub fn make_problems(
 ) -> Result<Vec<MadeProblem>, EvalError> {
     let queries = posed_queries(source.posed, source.images, source.query_list)?;
     let input = Input::new(source.posed, source.images).with_names(source.map_list);
-    let map = PlaceMap::build(&input, source.build, false, None, None, progress)?;
+    let map = SceneMap::build(&input, source.build, false, None, None, progress)?;
     progress.start("Matching queries", queries.len());
     let lines = queries
         .iter()
         .map(|query| {
-            let made = made(&map.file, query, source)?;
+            let made = make_problem(&map.file, query, source)?;
             progress.advance(1);
             Ok(made)
         })
@@ -87,12 +87,16 @@ pub fn make_problems(
     lines
 }
 
-fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
+fn make_problem(
+    map: &MapFile,
+    query: &PosedQuery,
+    source: &ProblemSource<'_>,
+) -> Result<MadeProblem, EvalError> {
     let profile = map.profile();
     let options =
-        equipped(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
+        with_extractors(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
     let mask = source.masks.get(&query.name).map(PathBuf::as_path);
-    let (features, camera) = extracted(&query.path, mask, &query.camera, profile, &options)?;
+    let (features, camera) = extract_features(&query.path, mask, &query.camera, profile, &options)?;
     let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
     let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
@@ -111,7 +115,7 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
     order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
     let pixels = match sealed.observations() {
         Observations::Points(pixels) => pixels,
-        // `made` does not use these schemes: they have no positions.
+        // This function does not use these schemes: they have no positions.
         Observations::Lines(_) | Observations::EitherLine(_) | Observations::Anchored { .. } => Vec::new(),
     };
     let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());

@@ -1,7 +1,9 @@
 //! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside what a network made of its descriptors.
 
 use maud::{Markup, html};
-use veiloc_evaluation::inversion::{EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile};
+use veiloc_evaluation::inversion::{
+    ContactSheet, InversionDocument, NetworkRow, RebuiltRow, SummaryRow, Tile,
+};
 
 use crate::images::lossless_address;
 use crate::numbers::{capital, count, percent, pixels, scheme_name};
@@ -27,8 +29,8 @@ const MEASURES: [Measure; 8] = [
 
 /// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: what a repetition needs.
 pub fn inversion_page(
-    document: &EvaluationDocument,
-    [sheet, wide]: &[Sheet; 2],
+    document: &InversionDocument,
+    [sheet, wide]: &[ContactSheet; 2],
     facts: &[(String, String)],
 ) -> String {
     let images = count(document.images, "image");
@@ -154,7 +156,7 @@ fn gain(rows: &[SummaryRow], row: &SummaryRow) -> Option<f64> {
 }
 
 /// Each image of a sheet with what was made of it.
-fn gallery(document: &EvaluationDocument, sheet: &Sheet, view: &str) -> Markup {
+fn gallery(document: &InversionDocument, sheet: &ContactSheet, view: &str) -> Markup {
     // Rows stand by column, and within it in the order of the images.
     let own = |column: usize, image: usize| document.rows.get(column * document.images + image);
     let column =
@@ -266,7 +268,7 @@ mod tests {
         Tile { image: ColourImage::new(20, 16, data).expect("three bytes a pixel"), boxes: Vec::new() }
     }
 
-    fn evaluated() -> (EvaluationDocument, [Sheet; 2]) {
+    fn evaluated() -> (InversionDocument, [ContactSheet; 2]) {
         let rebuilt = |scheme: &str, attack| RebuiltRow {
             image: HOSTILE.into(),
             scheme: scheme.into(),
@@ -287,7 +289,7 @@ mod tests {
             side: 48,
             judges_places: false,
         };
-        let document = EvaluationDocument {
+        let document = InversionDocument {
             version: 1,
             command: "eval inversion",
             images: 1,
@@ -304,8 +306,8 @@ mod tests {
             rows: vec![rebuilt("points", "none"), rebuilt("dcl", "guess")],
         };
         let columns = ["original", "points none", "dcl guess"].map(str::to_owned).to_vec();
-        let sheet = Sheet { columns, rows: vec![vec![shaded(1), shaded(2), shaded(3)]] };
-        (document, [sheet, Sheet::default()])
+        let sheet = ContactSheet { columns, rows: vec![vec![shaded(1), shaded(2), shaded(3)]] };
+        (document, [sheet, ContactSheet::default()])
     }
 
     #[test]
@@ -356,7 +358,7 @@ mod tests {
                 && page.contains("alt=\"&lt;script&gt;alert('x')&lt;/script&gt;.png: Original.\"")
         );
 
-        let none = [Sheet::default(), Sheet::default()];
+        let none = [ContactSheet::default(), ContactSheet::default()];
         let without = inversion_page(&document, &none, &[]);
         assert!(!without.contains("data:image") && !without.contains("This file contains images"));
     }

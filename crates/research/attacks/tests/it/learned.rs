@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::learned::inversion::{InversionNetwork, Known};
+use veiloc_attacks::learned::inversion::{InversionNetwork, PositionKnowledge};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::learned::positions::{InputModality, PositionNetwork, position_accuracy, recover};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
@@ -159,16 +159,16 @@ fn inverted_image_depends_on_descriptors_in_cells() {
             assert!((found - expected).abs() < 0.51, "{cell:?} {colour}: {found} {expected}");
         }
     }
-    let beliefs = made.beliefs.expect("it judges positions");
-    for (belief, count) in beliefs.iter().zip([2.0f64, 2.0, 1.0]) {
+    let visibility = made.visibility.expect("it judges positions");
+    for (belief, count) in visibility.iter().zip([2.0f64, 2.0, 1.0]) {
         assert!((f64::from(*belief) - sigmoid(count.ln_1p())).abs() < 1e-6);
     }
-    assert!(beliefs[3].is_nan(), "it stands nowhere");
+    assert!(visibility[3].is_nan(), "it stands nowhere");
 
     // A view twice as wide and high also shows what lies outside the image.
     let wide = network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 2).expect("made");
     assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
-    assert!(wide.beliefs.expect("it judges positions").iter().all(|belief| belief.is_finite()));
+    assert!(wide.visibility.expect("it judges positions").iter().all(|belief| belief.is_finite()));
     // Without positions, and without descriptors: one colour.
     let none = Descriptors::new(&[], 128).expect("none");
     for (descriptors, known) in
@@ -182,11 +182,11 @@ fn inverted_image_depends_on_descriptors_in_cells() {
         network.invert(&descriptors, SIZE, PositionKnowledge::Lines(&lines), 1).expect_err("more lines");
     assert!(matches!(refused, AttackError::DescriptorCount { keypoints: 120, descriptors: 4 }), "{refused}");
     let made = network.invert(&descriptors, SIZE, PositionKnowledge::Lines(&lines[..4]), 1).expect("made");
-    assert!(made.beliefs.is_none(), "lines have no visibility");
+    assert!(made.visibility.is_none(), "lines have no visibility");
 
     let plain = InversionNetwork::open(&data("plain.toml")).expect("a network");
     let made = plain.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1).expect("made");
-    assert!(!plain.has_visibility() && made.beliefs.is_none());
+    assert!(!plain.has_visibility() && made.visibility.is_none());
 }
 
 #[test]

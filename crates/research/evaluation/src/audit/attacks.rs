@@ -6,8 +6,8 @@ use std::str::FromStr;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use veiloc_attacks::{
-    ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, KnownImage, LineNeighbours, closed_form, graph,
-    guided_transfer, iterative, server_side,
+    ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, KnownImage, LineNeighbours, closed_form,
+    graph, guided_transfer, iterative, server_side,
 };
 
 use crate::EvalError;
@@ -84,7 +84,7 @@ pub const ATTACKS: [Attack; 17] = [
         words: "guess with a learned density",
         holds: "keypoints of other images",
         needs: Needs { other_images: true, ..Needs::NOTHING },
-        run: |a, _| Ok(a.density.guess(a.observations, a.size.0, a.size.1).into()),
+        run: |a, _| Ok(a.density.expected_positions(a.observations, a.size.0, a.size.1).into()),
     },
     Attack::CLOSED_FORM,
     Attack {
@@ -173,7 +173,7 @@ impl Attack {
         words: "prior-only baseline, from the single line",
         holds: "",
         needs: Needs::NOTHING,
-        run: |a, _| Ok(a.guess().into()),
+        run: |a, _| Ok(a.prior_only().into()),
     };
 
     /// The paper's attack (Eq. 3): infinite lines, answers anywhere.
@@ -244,7 +244,7 @@ fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
     let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
     let plain = a.transferred();
     Ok(Answers {
-        believed: Some(found.iter().map(GuidedEstimate::is_accepted).collect()),
+        accepted: Some(found.iter().map(GuidedEstimate::is_accepted).collect()),
         pixels: found
             .iter()
             .zip(plain)
@@ -309,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_unique_and_read_back() {
+    fn names_are_unique_and_parse() {
         for (i, attack) in ATTACKS.iter().enumerate() {
             assert_eq!(attack.name.parse(), Ok(*attack));
             assert!(

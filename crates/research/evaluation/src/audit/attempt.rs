@@ -1,9 +1,9 @@
 //! One attack on one image: the attacker's inputs and answers.
 
 use crate::EvalError;
-use crate::audit::outsider::TrainedPositions;
-use crate::audit::sightings::{FrameChoice, sighted};
-use crate::audit::view::View;
+use crate::audit::learned_attacks::TrainedPositions;
+use crate::audit::multi_view::{FrameChoice, multi_view_answers};
+use crate::audit::server_view::ServerView;
 use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
@@ -47,7 +47,7 @@ pub struct Attempt<'a> {
     /// Name of the image, for messages.
     pub(crate) name: &'a str,
     /// The images of the scene as a server sees them that has localized them.
-    pub(crate) views: &'a [View],
+    pub(crate) views: &'a [ServerView],
 }
 
 /// Positions `[N]`, and which of them the attack accepts, if it rates its answers.
@@ -56,18 +56,18 @@ pub struct Answers {
     /// Recovered keypoints, pixels; not finite without an answer.
     pub pixels: Vec<Pixel>,
     /// Which answers the attack accepts.
-    pub believed: Option<Vec<bool>>,
+    pub accepted: Option<Vec<bool>>,
 }
 
 impl From<Vec<Pixel>> for Answers {
     fn from(pixels: Vec<Pixel>) -> Self {
-        Self { pixels, believed: None }
+        Self { pixels, accepted: None }
     }
 }
 
 impl Attempt<'_> {
     /// The prior-only baseline.
-    pub fn guess(&self) -> Vec<Pixel> {
+    pub fn prior_only(&self) -> Vec<Pixel> {
         prior_only(self.observations, self.size.0, self.size.1)
     }
 
@@ -75,7 +75,7 @@ impl Attempt<'_> {
     pub fn transferred(&self) -> Vec<Pixel> {
         let (width, height) = self.size;
         let positions = self.transferred.map(|t| t.projected(self.observations, width, height));
-        positions.unwrap_or_else(|| self.guess())
+        positions.unwrap_or_else(|| self.prior_only())
     }
 
     /// Positions from the trained network; the prior-only baseline if there is no network for the scheme.
@@ -86,7 +86,7 @@ impl Attempt<'_> {
             }
             None => None,
         };
-        Ok(found.unwrap_or_else(|| self.guess()).into())
+        Ok(found.unwrap_or_else(|| self.prior_only()).into())
     }
 
     /// Positions from the scatter of several seals' angles; the prior-only baseline where it has no answer.
@@ -96,8 +96,8 @@ impl Attempt<'_> {
         let found = resting_camera(self.observations, &others, self.size, &self.codes)?;
         Ok(found
             .iter()
-            .zip(self.guess())
-            .map(|(s, guess)| s.pixel.unwrap_or(guess))
+            .zip(self.prior_only())
+            .map(|(s, prior)| s.pixel.unwrap_or(prior))
             .collect::<Vec<_>>()
             .into())
     }
@@ -112,13 +112,13 @@ impl Attempt<'_> {
                 self.views.len()
             )));
         }
-        let guess = self.guess();
-        let Some(found) = sighted(self.views, self.images, self.own, frames, self.choice)? else {
-            return Ok(Answers { believed: Some(vec![false; guess.len()]), pixels: guess });
+        let prior = self.prior_only();
+        let Some(found) = multi_view_answers(self.views, self.images, self.own, frames, self.choice)? else {
+            return Ok(Answers { accepted: Some(vec![false; prior.len()]), pixels: prior });
         };
         Ok(Answers {
-            believed: Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect()),
-            pixels: found.iter().zip(guess).map(|(s, guess)| s.pixel.unwrap_or(guess)).collect(),
+            accepted: Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect()),
+            pixels: found.iter().zip(prior).map(|(s, prior)| s.pixel.unwrap_or(prior)).collect(),
         })
     }
 }

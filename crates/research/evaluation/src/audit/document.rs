@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::attacks::Attack;
+use super::multi_view::FrameChoice;
 use super::neighbours::Neighbours;
-use super::sightings::FrameChoice;
 use crate::results::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.
@@ -126,10 +126,10 @@ pub fn attacks_table(document: &AttackDocument) -> String {
     } else {
         rows(document.attacks.iter())
     };
-    let told = document.precision.zip(document.chance).map(|(precision, chance)| {
+    let precision_text = document.precision.zip(document.chance).map(|(precision, chance)| {
         format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
     });
-    tables + &told.unwrap_or_default() + &of_server(document) + &believed(document)
+    tables + &precision_text.unwrap_or_default() + &of_server(document) + &believed(document)
 }
 
 fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
@@ -138,7 +138,7 @@ fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
     let mut table = TextTable::new(head, 2);
     for a in attacks {
         let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
-        let guess = a.attack == Attack::PRIOR;
+        let is_prior = a.attack == Attack::PRIOR;
         let several = if a.attack.needs.seals { "seals" } else { "frames" };
         let frames = a.frames.map_or_else(String::new, |n| format!(", {n} {several}"));
         table.push(vec![
@@ -150,7 +150,7 @@ fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
             percent(a.under_5px),
             percent(a.under_10px),
             percent(a.under_30px),
-            if guess { "0".to_owned() } else { format!("{:+.2}", a.bits_over_prior) },
+            if is_prior { "0".to_owned() } else { format!("{:+.2}", a.bits_over_prior) },
             format!("{:.1}", a.ms),
         ]);
     }

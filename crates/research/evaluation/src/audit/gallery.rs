@@ -96,7 +96,7 @@ impl Gallery {
         };
         self.at = Some((trial.group, index));
         self.keypoints += trial.image.keypoints.len();
-        self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, ARRANGED));
+        self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, OFFSET_NEIGHBOURS));
         if self.shown.len() < self.most_shown {
             self.shown.push(ShownImage {
                 at: (trial.group, index),
@@ -156,7 +156,7 @@ impl AttackObserver for Gallery {
 }
 
 /// Number of neighbours whose offsets are compared.
-const ARRANGED: usize = 8;
+const OFFSET_NEIGHBOURS: usize = 8;
 
 /// Relative error of the offsets to neighbouring keypoints: the median, over the true neighbours of a keypoint, of
 /// the error of the offset divided by its length. 0 for a common translation, 1 if all positions coincide; infinite
@@ -212,10 +212,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_moved_together_is_not_bent() {
+    fn translation_gives_zero_bending() {
         let truth: Vec<Pixel> =
             (0..100).map(|i| Pixel::new(f64::from(i % 10) * 20.0, f64::from(i / 10) * 20.0)).collect();
-        let near = NeighbourLists::nearest(&truth, ARRANGED);
+        let near = NeighbourLists::nearest(&truth, OFFSET_NEIGHBOURS);
         let bent = |to: fn(&Pixel) -> Pixel| {
             let answers: Vec<Pixel> = truth.iter().map(to).collect();
             bending(&truth, &answers, &near)
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_one_anchor_cross_in_one_place_and_others_do_not() {
+    fn lines_of_one_anchor_intersect_in_one_point() {
         let pencils = Pencils::paper(640, 480);
         let ray = |u: f64, v: f64| {
             let p = Pixel::new(u, v);

@@ -102,7 +102,7 @@ pub fn run_audit(
     let mut inputs = None;
     if with_inputs {
         let on_inputs = AttackEvaluation { synthetic: 0, ..evaluation.clone() };
-        let mut watched = Watched::new(options.shown, progress, "Attacking the inputs");
+        let mut watched = AuditObserver::new(options.shown, progress, "Attacking the inputs");
         let found = attack_groups(&on_inputs, options.groups.clone(), &mut watched)?;
         progress.finish();
         let mut gallery = watched.gallery;
@@ -122,7 +122,7 @@ pub fn run_audit(
             neighbours: NeighbourSource::Oracle,
             ..evaluation.clone()
         };
-        let mut watched = Watched::new(1, progress, "Attacking the synthetic scene");
+        let mut watched = AuditObserver::new(1, progress, "Attacking the synthetic scene");
         let found = attack_groups(&on_scene, Vec::new(), &mut watched)?;
         progress.finish();
         document.synthetic = Some(part(found, &watched.gallery));
@@ -159,7 +159,7 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
 }
 
 /// Tolerance between the aspect ratios of an image and its keypoints: sides are rounded when an image is resized.
-const SHAPE: f64 = 0.02;
+const ASPECT_TOLERANCE: f64 = 0.02;
 
 /// A colour image with the size of its keypoints. Its metadata is not read, so its orientation is ignored.
 fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError> {
@@ -168,7 +168,7 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError>
     let (across, down) = image.dimensions();
     // Keypoints may belong to a resized version of the image, but not to another aspect ratio.
     let scale = f64::from(width) / f64::from(across);
-    if (scale * f64::from(down) - f64::from(height)).abs() > SHAPE * f64::from(height) {
+    if (scale * f64::from(down) - f64::from(height)).abs() > ASPECT_TOLERANCE * f64::from(height) {
         return Err(EvalError::DataSet(format!(
             "{}: the image has {across} x {down} pixels, and its keypoints are of one of {width} x {height}; give the image \
              that the keypoints were found in",
@@ -180,18 +180,18 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError>
 }
 
 /// Collects data for drawings, and reports progress.
-struct Watched<'a> {
+struct AuditObserver<'a> {
     gallery: Gallery,
     stage: Stage<'a>,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> AuditObserver<'a> {
     fn new(shown: usize, progress: &'a dyn Progress, stage: &'a str) -> Self {
         Self { gallery: Gallery::keeping(shown), stage: Stage::new(progress, stage) }
     }
 }
 
-impl AttackObserver for Watched<'_> {
+impl AttackObserver for AuditObserver<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
         self.stage.advance(total);
     }
@@ -210,7 +210,7 @@ mod tests {
     use crate::audit::Attack;
 
     #[test]
-    fn repeated_options_change_nothing() {
+    fn repeated_options_are_deduplicated() {
         let images = vec![synthetic_image(90, 1), synthetic_image(80, 2)];
         let once = AuditOptions {
             evaluation: AttackEvaluation {

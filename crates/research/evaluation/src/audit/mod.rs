@@ -7,35 +7,35 @@
 //! This module knows the ground truth and must not run on devices or servers.
 #![forbid(unsafe_code)]
 
+mod angle_gate;
 mod attacks;
 mod attempt;
 mod document;
 mod gallery;
-mod gate;
 mod image_audit;
+mod learned_attacks;
+mod multi_view;
 mod neighbours;
 mod observer;
 mod options;
-mod outsider;
-mod private;
+mod private_region;
 mod rows;
 mod run;
 mod server;
-mod sightings;
+mod server_view;
 mod strongest;
-mod view;
 
 pub use attacks::{ATTACKS, Attack, Needs, UnknownAttack};
 pub use attempt::{Answers, Attempt};
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
 pub use gallery::{Gallery, RowErrors, ShownAttack, ShownImage, ShownScheme};
 pub use image_audit::{Audit, AuditDocument, AuditOptions, AuditPart, run_audit};
+pub use learned_attacks::TrainedPositions;
+pub use multi_view::FrameChoice;
 pub(crate) use neighbours::descriptors;
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
-pub use outsider::TrainedPositions;
-pub use private::person;
+pub use private_region::person;
 pub use run::{attack_groups, evaluate_attacks};
-pub use sightings::FrameChoice;
 pub use strongest::{StrongestAttacks, strongest_table};

@@ -151,15 +151,15 @@ pub(super) struct Precision {
 }
 
 impl Precision {
-    pub(super) fn add(&mut self, said: &NeighbourLists, true_lists: &NeighbourLists) {
-        let entries: usize = (0..said.len()).map(|i| said.of(i).len()).sum();
+    pub(super) fn add(&mut self, predicted: &NeighbourLists, true_lists: &NeighbourLists) {
+        let entries: usize = (0..predicted.len()).map(|i| predicted.of(i).len()).sum();
         if entries == 0 {
             return;
         }
         let true_entries: usize = (0..true_lists.len()).map(|i| true_lists.of(i).len()).sum();
         let n = true_lists.len() as f64;
         self.entries += entries as f64;
-        self.right += said.precision(true_lists) * entries as f64;
+        self.right += predicted.precision(true_lists) * entries as f64;
         self.random += true_entries as f64 / n / (n - 1.0).max(1.0) * entries as f64;
     }
 

@@ -58,20 +58,20 @@ impl AttackObserver for () {}
 pub struct Stage<'a> {
     progress: &'a dyn veiloc_features::Progress,
     name: &'a str,
-    begun: bool,
+    started: bool,
 }
 
 impl<'a> Stage<'a> {
     /// A stage with this name; nothing is reported yet.
     pub fn new(progress: &'a dyn veiloc_features::Progress, name: &'a str) -> Self {
-        Self { progress, name, begun: false }
+        Self { progress, name, started: false }
     }
 
     /// Reports one more finished attack out of `total`, for [`AttackObserver::advance`].
     pub fn advance(&mut self, total: usize) {
-        if !self.begun {
+        if !self.started {
             self.progress.start(self.name, total);
-            self.begun = true;
+            self.started = true;
         }
         self.progress.advance(1);
     }
@@ -102,7 +102,7 @@ mod tests {
         trials: Vec<(usize, String, Key)>,
         errors: Vec<(Key, Vec<f64>)>,
         bits: f64,
-        guess: Vec<f64>,
+        prior: Vec<f64>,
     }
 
     impl AttackObserver for Recorder {
@@ -124,10 +124,10 @@ mod tests {
             let key = (trial.scheme.to_string(), trial.attack.to_string(), trial.corrupt as u64);
             self.trials.push((trial.group, trial.image.name.clone(), key.clone()));
             if trial.attack == Attack::PRIOR {
-                self.guess = trial.errors.to_vec();
+                self.prior = trial.errors.to_vec();
             }
             if key == ("dcl".to_owned(), "closed-form".to_owned(), 50) {
-                self.bits += bits_over_prior(trial.errors, &self.guess, 640, 480) / 2.0;
+                self.bits += bits_over_prior(trial.errors, &self.prior, 640, 480) / 2.0;
             }
             match self.errors.iter_mut().find(|(k, _)| *k == key) {
                 Some((_, all)) => all.extend_from_slice(trial.errors),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_seen_sums_up_to_the_document() {
+    fn observed_trials_add_up_to_the_document() {
         let evaluation = AttackEvaluation {
             synthetic: 200,
             schemes: vec![Scheme::RandomLines, Scheme::default()],

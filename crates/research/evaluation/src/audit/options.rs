@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::audit::attacks::Attack;
+use crate::audit::multi_view::FrameChoice;
 use crate::audit::neighbours::NeighbourSource;
-use crate::audit::sightings::FrameChoice;
 
 /// Options of an evaluation of attacks.
 #[derive(Debug, Clone)]

@@ -7,22 +7,22 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::RestingOptions;
 use veiloc_attacks::{
-    Density, Descriptors, KnownImage, NeighbourLists, Observation, KeypointHistogram, Transfer, bits_over_prior,
-    errors_px,
+    Density, Descriptors, KeypointHistogram, KnownImage, NeighbourLists, Observation, Transfer,
+    bits_over_prior, errors_px,
 };
 use veiloc_protocol::{Observations, Scheme};
 
+use super::angle_gate::restricted_by_angle;
 use super::attacks::Attack;
 use super::attempt::Attempt;
 use super::document::AttackDocument;
-use super::gate::narrowed;
+use super::learned_attacks::TrainedPositions;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::options::AttackEvaluation;
-use super::outsider::TrainedPositions;
 use super::rows::{Row, check, rows, summary};
-use super::server::{Server, Tally, send, send_again};
-use super::view::View;
+use super::server::{Server, ServerStatistics, reseal_image, seal_image};
+use super::server_view::ServerView;
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::seed_for;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_image};
@@ -30,15 +30,15 @@ use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_im
 use crate::EvalError;
 
 /// The sent observations of an image under one scheme, and the errors of its baseline.
-struct Sent {
+struct SentImage {
     scheme: Scheme,
     observed: Observations,
     observations: Vec<Observation>,
-    guess_errors: Vec<f64>,
+    prior_errors: Vec<f64>,
 }
 
 /// The attacker's knowledge about one image, beside the sent observations.
-struct Held<'a> {
+struct AttackInputs<'a> {
     density: Density,
     neighbours: NeighbourLists,
     /// Predicted neighbours of each row in order of likelihood, if an attack restricts them.
@@ -51,7 +51,7 @@ struct Held<'a> {
     /// Images of the file with descriptors, if an attack reads them.
     images: &'a [KnownImage],
     /// Views of the file's images by scheme, if there is a server.
-    views: &'a BTreeMap<String, Vec<View>>,
+    views: &'a BTreeMap<String, Vec<ServerView>>,
 }
 
 /// Runs all attacks; `advance` is called with the finished and the total work.
@@ -103,7 +103,7 @@ pub fn attack_groups(
     let narrows = evaluation.attacks.iter().any(|a| a.needs.near_angles);
     let by_training = evaluation.attacks.iter().any(|a| a.needs.trained);
     let mut precision = Precision::default();
-    let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
+    let mut statistics: BTreeMap<String, ServerStatistics> = BTreeMap::new();
     for (group_index, group) in groups.iter().enumerate() {
         let counts: Vec<KeypointHistogram> =
             group.iter().map(|p| KeypointHistogram::of(&p.keypoints, p.width, p.height)).collect();
@@ -118,9 +118,11 @@ pub fn attack_groups(
         };
         let views = match &server {
             // Every image of the file can be one of several frames.
-            Some(server) => {
-                seen(evaluation, server, &group[..if several { group.len() } else { most.min(group.len()) }])?
-            }
+            Some(server) => server_views(
+                evaluation,
+                server,
+                &group[..if several { group.len() } else { most.min(group.len()) }],
+            )?,
             None => BTreeMap::new(),
         };
         for (i, (image, own)) in group.iter().zip(&counts).take(most).enumerate() {
@@ -144,11 +146,11 @@ pub fn attack_groups(
             };
             precision.add(&neighbours, &nearest);
             for (scheme, views) in &views {
-                tallies.entry(scheme.clone()).or_default().add(&views[i], &image.keypoints);
+                statistics.entry(scheme.clone()).or_default().add(&views[i], &image.keypoints);
             }
             let density = others.density();
             let descriptors = if by_training { Some(descriptors(image)?) } else { None };
-            let held = Held {
+            let inputs = AttackInputs {
                 trained: &trained,
                 descriptors,
                 density,
@@ -159,7 +161,7 @@ pub fn attack_groups(
                 images: &map,
                 views: &views,
             };
-            attack_image(evaluation, (group_index, image), &held, &mut rows, &mut |trial| {
+            attack_image(evaluation, (group_index, image), &inputs, &mut rows, &mut |trial| {
                 observer.saw(trial);
                 done += 1;
                 observer.advance(done, total);
@@ -167,17 +169,17 @@ pub fn attack_groups(
         }
     }
     let oracle = evaluation.neighbours == NeighbourSource::Oracle;
-    let told = precision.shares().filter(|_| !oracle);
-    let tally = |scheme: &Scheme| tallies.get(&scheme.to_string()).map(|tally| tally.summary(*scheme));
-    let server = evaluation.schemes.iter().filter_map(tally).collect::<Result<_, _>>()?;
+    let given = precision.shares().filter(|_| !oracle);
+    let one = |scheme: &Scheme| statistics.get(&scheme.to_string()).map(|one| one.summary(*scheme));
+    let server = evaluation.schemes.iter().filter_map(one).collect::<Result<_, _>>()?;
     Ok(AttackDocument {
         version: 1,
         command: "attack",
         data,
         neighbours: evaluation.neighbours.kind(),
         k: evaluation.k,
-        precision: told.map(|t| t.0),
-        chance: told.map(|t| t.1),
+        precision: given.map(|t| t.0),
+        chance: given.map(|t| t.1),
         server,
         choice: several.then_some(evaluation.choice),
         seed: evaluation.seed,
@@ -186,11 +188,11 @@ pub fn attack_groups(
 }
 
 /// Views of these images by scheme.
-fn seen(
+fn server_views(
     evaluation: &AttackEvaluation,
     server: &Server<'_>,
     images: &[KeypointImage],
-) -> Result<BTreeMap<String, Vec<View>>, EvalError> {
+) -> Result<BTreeMap<String, Vec<ServerView>>, EvalError> {
     let mut views = BTreeMap::new();
     for scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
         let of_scheme = images.iter().map(|p| server.view(evaluation, p, *scheme));
@@ -208,40 +210,40 @@ fn codes(evaluation: &AttackEvaluation) -> RestingOptions {
 fn attack_image(
     evaluation: &AttackEvaluation,
     (group, image): (usize, &KeypointImage),
-    held: &Held<'_>,
+    inputs: &AttackInputs<'_>,
     rows: &mut [Row],
     attacked: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
     let truth = &image.keypoints;
-    let mut sent: Option<Sent> = None;
+    let mut sent: Option<SentImage> = None;
     for row in rows {
         let name = row.scheme.to_string();
         // The seed depends on image and scheme only, so other schemes or attacks do not change the result.
         let rng =
             |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, &name, what]));
-        let view = held.views.get(&name).map(|views| &views[held.own]);
+        let view = inputs.views.get(&name).map(|views| &views[inputs.own]);
         if sent.as_ref().is_none_or(|s| s.scheme != row.scheme) {
             let (observed, observations) = if let Some(view) = view {
                 (view.observed.clone(), view.observations.clone())
             } else {
-                let observed = send(evaluation, image, row.scheme)?;
+                let observed = seal_image(evaluation, image, row.scheme)?;
                 let observations = Observation::of_sent(&observed);
                 (observed, observations)
             };
-            sent = Some(Sent { scheme: row.scheme, observed, observations, guess_errors: Vec::new() });
+            sent = Some(SentImage { scheme: row.scheme, observed, observations, prior_errors: Vec::new() });
         }
         let Some(sent) = &mut sent else { continue };
-        let narrowed = match &held.ranked {
+        let restricted_by_angle = match &inputs.ranked {
             Some(ranked) if row.attack.needs.near_angles => {
-                Some(narrowed(ranked, &sent.observations, evaluation.k)?)
+                Some(restricted_by_angle(ranked, &sent.observations, evaluation.k)?)
             }
             _ => None,
         };
-        let told = narrowed.as_ref().unwrap_or(&held.neighbours);
-        let corrupted = told.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
+        let given = restricted_by_angle.as_ref().unwrap_or(&inputs.neighbours);
+        let corrupted = given.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let seals: Vec<Vec<Observation>> = if row.attack.needs.seals {
             let more = 1..row.frames.unwrap_or(1);
-            more.map(|k| send_again(evaluation, image, row.scheme, k)).collect::<Result<_, _>>()?
+            more.map(|k| reseal_image(evaluation, image, row.scheme, k)).collect::<Result<_, _>>()?
         } else {
             Vec::new()
         };
@@ -250,19 +252,19 @@ fn attack_image(
             observations: &sent.observations,
             neighbours: &corrupted,
             size: (image.width, image.height),
-            density: &held.density,
-            transferred: held.transferred.as_ref(),
-            images: held.images,
-            own: held.own,
+            density: &inputs.density,
+            transferred: inputs.transferred.as_ref(),
+            images: inputs.images,
+            own: inputs.own,
             frames: row.frames,
             choice: evaluation.choice,
             seals: &seals,
             codes: codes(evaluation),
-            descriptors: held.descriptors.as_ref(),
-            trained: held.trained,
+            descriptors: inputs.descriptors.as_ref(),
+            trained: inputs.trained,
             scheme: row.scheme,
             name: &image.name,
-            views: held.views.get(&name).map_or(&[], Vec::as_slice),
+            views: inputs.views.get(&name).map_or(&[], Vec::as_slice),
         };
         let answers = (row.attack.run)(&attempt, &mut rng("attack"))?;
         if answers.pixels.len() != truth.len() {
@@ -276,16 +278,16 @@ fn attack_image(
         row.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let counts = |i: usize| view.is_none_or(|v| v.measured[i]);
         let all = errors_px(answers.pixels.iter().copied(), truth);
-        if let Some(believed) = &answers.believed {
-            let sure = (0..all.len()).filter(|i| counts(*i) && believed[*i]).map(|i| all[i]);
+        if let Some(accepted) = &answers.accepted {
+            let sure = (0..all.len()).filter(|i| counts(*i) && accepted[*i]).map(|i| all[i]);
             row.believed.get_or_insert_default().extend(sure);
         }
         let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
         if row.attack == Attack::PRIOR {
-            sent.guess_errors.clone_from(&errors);
+            sent.prior_errors.clone_from(&errors);
         }
         if !errors.is_empty() {
-            let bits = bits_over_prior(&errors, &sent.guess_errors, image.width, image.height);
+            let bits = bits_over_prior(&errors, &sent.prior_errors, image.width, image.height);
             row.bits += bits * errors.len() as f64;
         }
         attacked(&AttackTrial {

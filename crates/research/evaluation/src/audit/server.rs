@@ -17,8 +17,8 @@ use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
 use super::options::{AttackEvaluation, Measured, ServerKnowledge};
-use super::private::person;
-use super::view::{Posed, View};
+use super::private_region::person;
+use super::server_view::{PosedView, ServerView};
 use crate::EvalError;
 use crate::pose::pose_problem;
 use veiloc_datasets::problem_files::KeypointImage;
@@ -51,7 +51,7 @@ impl<'a> Server<'a> {
         evaluation: &AttackEvaluation,
         image: &KeypointImage,
         scheme: Scheme,
-    ) -> Result<View, EvalError> {
+    ) -> Result<ServerView, EvalError> {
         let name = &image.name;
         let problem = self.problems.get(name).ok_or_else(|| EvalError::NoMatches { image: name.clone() })?;
         let (size, expected) = ([problem.camera.width, problem.camera.height], [image.width, image.height]);
@@ -64,12 +64,12 @@ impl<'a> Server<'a> {
             person(&image.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
         });
         let in_map = |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]);
-        let kept: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
-        let matched = only(problem, &kept, &rows);
+        let selected: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
+        let matched = restricted_to(problem, &selected, &rows);
 
         let text = scheme.to_string();
         let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[name, &text, what]));
-        let observed = send(evaluation, image, scheme)?;
+        let observed = seal_image(evaluation, image, scheme)?;
         let (input, match_of) = pose_problem(&matched, &observed, true);
         let lines = Observation::of_sent(&observed);
         let mut observations = lines.clone();
@@ -103,7 +103,7 @@ impl<'a> Server<'a> {
             }
             depths.sort_unstable_by(f64::total_cmp);
             if let (Some(least), Some(most)) = (depths.first(), depths.last()) {
-                pose = Some(Posed {
+                pose = Some(PosedView {
                     camera: input.camera,
                     cam_from_world: found.cam_from_world,
                     depths: [NEARER * least, FARTHER * most],
@@ -129,12 +129,12 @@ impl<'a> Server<'a> {
                 known.iter().map(Option::is_some).collect()
             }
         };
-        Ok(View { observed, sent: lines, observations, known, measured, pose })
+        Ok(ServerView { observed, sent: lines, observations, known, measured, pose })
     }
 }
 
 /// Seals an image. The seed depends on image and scheme only, so other schemes or attacks do not change the result.
-pub(super) fn send(
+pub(super) fn seal_image(
     evaluation: &AttackEvaluation,
     image: &KeypointImage,
     scheme: Scheme,
@@ -147,7 +147,7 @@ pub(super) fn send(
 }
 
 /// Another seal of the image, or another frame of a stationary camera: the same rows in the same order.
-pub(super) fn send_again(
+pub(super) fn reseal_image(
     evaluation: &AttackEvaluation,
     image: &KeypointImage,
     scheme: Scheme,
@@ -205,29 +205,29 @@ fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, 
 }
 
 /// The problem restricted to these matches, with the image's rows as keypoints.
-fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
-    fn pick<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
-        kept.iter().map(|m| all[*m]).collect()
+fn restricted_to(problem: &Problem, selected: &[usize], rows: &[Vec<usize>]) -> Problem {
+    fn pick<T: Copy>(all: &[T], selected: &[usize]) -> Vec<T> {
+        selected.iter().map(|m| all[*m]).collect()
     }
     Problem {
         name: problem.name.clone(),
         camera: problem.camera,
         keypoints: problem.keypoints.clone(),
-        keypoint_of_match: kept.iter().map(|m| rows[*m][0]).collect(),
-        points: pick(&problem.points, kept),
+        keypoint_of_match: selected.iter().map(|m| rows[*m][0]).collect(),
+        points: pick(&problem.points, selected),
         cam_from_world: problem.cam_from_world,
         features: problem.features.clone(),
-        ratio: problem.ratio.as_ref().map(|r| pick(r, kept)),
-        votes: problem.votes.as_ref().map(|v| pick(v, kept)),
-        track_length: problem.track_length.as_ref().map(|t| pick(t, kept)),
-        seen_from: problem.seen_from.as_ref().map(|s| pick(s, kept)),
+        ratio: problem.ratio.as_ref().map(|r| pick(r, selected)),
+        votes: problem.votes.as_ref().map(|v| pick(v, selected)),
+        track_length: problem.track_length.as_ref().map(|t| pick(t, selected)),
+        seen_from: problem.seen_from.as_ref().map(|s| pick(s, selected)),
         gravity: problem.gravity,
     }
 }
 
 /// The server's knowledge under one scheme, accumulated over images.
 #[derive(Default)]
-pub(super) struct Tally {
+pub(super) struct ServerStatistics {
     images: usize,
     posed: usize,
     keypoints: usize,
@@ -236,8 +236,8 @@ pub(super) struct Tally {
     errors: Vec<f64>,
 }
 
-impl Tally {
-    pub(super) fn add(&mut self, view: &View, truth: &[Pixel]) {
+impl ServerStatistics {
+    pub(super) fn add(&mut self, view: &ServerView, truth: &[Pixel]) {
         self.images += 1;
         self.posed += usize::from(view.pose.is_some());
         self.keypoints += truth.len();

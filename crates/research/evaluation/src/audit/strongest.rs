@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn attacks_with_and_without_an_oracle_are_ranked_apart() {
+    fn attacks_with_and_without_oracle_are_ranked_separately() {
         let mut document = AttackDocument {
             neighbours: Neighbours::Oracle,
             attacks: vec![

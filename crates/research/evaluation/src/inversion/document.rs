@@ -4,12 +4,12 @@ use crate::results::text_table::TextTable;
 use serde::Serialize;
 use veiloc_attacks::learned::inversion::InversionNetwork;
 
-use super::beliefs::Beliefs;
-use super::judges::{Class, Scores};
+use super::image_metrics::{Class, Scores};
+use super::visibility::VisibilityScores;
 
 /// The document that `veiloc eval inversion --json` writes.
 #[derive(Debug, Clone, Serialize)]
-pub struct EvaluationDocument {
+pub struct InversionDocument {
     /// Version of this document; a field is never removed or given another meaning under the same number.
     pub version: u32,
     /// `eval inversion`.
@@ -188,7 +188,7 @@ impl Column {
     }
 
     /// Means over its rows.
-    pub(super) fn summary(&self, rows: &[RebuiltRow], beliefs: &Beliefs) -> SummaryRow {
+    pub(super) fn summary(&self, rows: &[RebuiltRow], scores: &VisibilityScores) -> SummaryRow {
         let mean =
             |of: &dyn Fn(&RebuiltRow) -> f64| rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64;
         let maybe = |of: fn(&RebuiltRow) -> Option<f64>| {
@@ -211,13 +211,13 @@ impl Column {
             top_5: sum(|row| row.top_5.map(usize::from)),
             objects: sum(|row| row.objects),
             objects_found: sum(|row| row.objects_found),
-            told_apart: beliefs.told_apart(),
+            told_apart: scores.roc_auc(),
         }
     }
 }
 
 /// The means as a text table.
-pub fn evaluation_table(document: &EvaluationDocument) -> String {
+pub fn evaluation_table(document: &InversionDocument) -> String {
     let head = [
         "scheme",
         "attack",

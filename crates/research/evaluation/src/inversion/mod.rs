@@ -11,19 +11,19 @@
 //! The network is trained in PyTorch (`research/train`) on images of scenes that are not evaluated:
 //! `docs/inversion.md`.
 
-mod attacked;
-mod beliefs;
+mod contact_sheet;
 mod document;
-mod judges;
+mod image_metrics;
 mod pixels;
+mod recovered;
 mod run;
-mod sheet;
+mod visibility;
 
-pub use attacked::Realistic;
-pub use document::{ClassesRow, EvaluationDocument, NetworkRow, RebuiltRow, SummaryRow, evaluation_table};
-pub use judges::{Judges, Scores};
+pub use contact_sheet::{ContactSheet, Tile};
+pub use document::{ClassesRow, InversionDocument, NetworkRow, RebuiltRow, SummaryRow, evaluation_table};
+pub use image_metrics::{Judges, Scores};
+pub use recovered::Realistic;
 pub use run::{InversionEvaluation, evaluate_inversion};
-pub use sheet::{Sheet, Tile};
 
 pub use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance};
 pub use veiloc_attacks::learned::inversion::InversionNetwork;

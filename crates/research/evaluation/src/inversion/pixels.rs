@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_are_means_of_what_they_cover() {
+    fn cells_are_area_weighted_means() {
         let bytes = (0..4 * 2).flat_map(|i| [i * 10, 100, 255 - i * 10]).collect();
         let image = ColourImage::new(4, 2, bytes).expect("as many as there are");
         let same = on_grid(&image, Grid { width: 4, height: 2 });

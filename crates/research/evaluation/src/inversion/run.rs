@@ -4,17 +4,17 @@ use std::path::PathBuf;
 
 use veiloc_attacks::Descriptors;
 use veiloc_attacks::image_metrics::class_named;
-use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, Inverted, Known};
+use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, PositionKnowledge, Reconstruction};
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
 use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
-use super::attacked::{Answer, Attacked, Realistic, attack};
-use super::beliefs::Beliefs;
-use super::document::{ClassesRow, Column, EvaluationDocument, NetworkRow, RebuiltRow};
-use super::judges::Judges;
+use super::contact_sheet::{ContactSheet, Tile};
+use super::document::{ClassesRow, Column, InversionDocument, NetworkRow, RebuiltRow};
+use super::image_metrics::Judges;
 use super::pixels::on_grid;
-use super::sheet::{Sheet, Tile};
+use super::recovered::{Realistic, RecoveredImage, RecoveredImages, attack};
+use super::visibility::VisibilityScores;
 use crate::EvalError;
 use crate::audit::descriptors;
 
@@ -53,10 +53,10 @@ struct Job {
 
 enum Input {
     /// Positions, by image.
-    Places(Vec<Answer>),
+    Positions(Vec<RecoveredImage>),
     /// The sent observations, by image.
-    Lines(Vec<Answer>),
-    Bag,
+    Lines(Vec<RecoveredImage>),
+    Unordered,
     Nothing,
 }
 
@@ -66,9 +66,9 @@ enum Input {
 /// [`EvalError`] when a file is not an image, an attack cannot run, or the network was trained on other features.
 pub fn evaluate_inversion(
     evaluation: &InversionEvaluation<'_>,
-    judges: &Judges,
+    metrics: &Judges,
     progress: &dyn Progress,
-) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
+) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
     let network = evaluation.network;
     let (learned, given) = (network.features(), evaluation.extractor.kind());
     if learned != given.name() {
@@ -92,18 +92,18 @@ pub fn evaluate_inversion(
             jobs.push(Job::points(*scheme, &images));
         }
     }
-    jobs.push(Job::told_nothing("bag", Input::Bag));
-    jobs.push(Job::told_nothing("nothing", Input::Nothing));
+    jobs.push(Job::without_positions("bag", Input::Unordered));
+    jobs.push(Job::without_positions("nothing", Input::Nothing));
 
     progress.start("Making images", images.len() * jobs.len());
     let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
-    let mut beliefs = vec![Beliefs::default(); jobs.len()];
-    let mut classes = judges.classifier.is_some().then(ClassesRow::default);
-    let mut sheets = [Sheet::default(), Sheet::default()];
+    let mut visibility_scores = vec![VisibilityScores::default(); jobs.len()];
+    let mut classes = metrics.classifier.is_some().then(ClassesRow::default);
+    let mut sheets = [ContactSheet::default(), ContactSheet::default()];
     for sheet in &mut sheets {
         sheet.columns.push("original".to_owned());
     }
-    let wide: Vec<bool> = jobs.iter().map(|job| matches!(job.input, Input::Places(_))).collect();
+    let wide: Vec<bool> = jobs.iter().map(|job| matches!(job.input, Input::Positions(_))).collect();
     for (job, wide) in jobs.iter().zip(&wide) {
         let name = format!("{} {}", job.column.scheme, job.column.attack);
         if *wide {
@@ -113,26 +113,26 @@ pub fn evaluate_inversion(
     }
     for (i, image) in images.iter().enumerate() {
         let grid = network.grid([image.width, image.height]);
-        let original = judges.look(on_grid(&originals[i], grid), class_named(&evaluation.images[i]))?;
+        let original = metrics.prepare(on_grid(&originals[i], grid), class_named(&evaluation.images[i]))?;
         if let (Some(counts), Some(class)) = (&mut classes, &original.class) {
             counts.add(class);
         }
         let mut lines = [
             vec![Tile { image: original.image.clone(), boxes: original.objects.clone() }],
-            vec![Tile { image: amid(&original.image, grid), boxes: Vec::new() }],
+            vec![Tile { image: centered_in_wide_view(&original.image, grid), boxes: Vec::new() }],
         ];
         let own = descriptors(image)?;
-        for ((job, rows), beliefs) in jobs.iter().zip(&mut rows).zip(&mut beliefs) {
-            let Inverted { image: rebuilt, beliefs: believed } = job.image(network, i, image, &own, 1)?;
-            let seen = judges.objects(&rebuilt)?;
-            let scores = judges.judge(&original, &rebuilt, &seen)?;
+        for ((job, rows), visibility_scores) in jobs.iter().zip(&mut rows).zip(&mut visibility_scores) {
+            let Reconstruction { image: rebuilt, visibility } = job.image(network, i, image, &own, 1)?;
+            let seen = metrics.objects(&rebuilt)?;
+            let scores = metrics.compare(&original, &rebuilt, &seen)?;
             rows.push(job.column.row((i, &image.name), &scores));
-            if let (Some(believed), Some(errors)) = (believed, &job.column.errors) {
-                beliefs.add(&believed, &errors[i], f64::from(image.width) / grid.width as f64);
+            if let (Some(visibility), Some(errors)) = (visibility, &job.column.errors) {
+                visibility_scores.add(&visibility, &errors[i], f64::from(image.width) / grid.width as f64);
             }
             if i < evaluation.shown {
                 lines[0].push(Tile { image: rebuilt, boxes: seen });
-                if matches!(job.input, Input::Places(_)) {
+                if matches!(job.input, Input::Positions(_)) {
                     let wide = job.image(network, i, image, &own, WIDE)?.image;
                     lines[1].push(Tile { image: wide, boxes: Vec::new() });
                 }
@@ -146,7 +146,7 @@ pub fn evaluate_inversion(
         }
     }
     progress.finish();
-    let document = EvaluationDocument {
+    let document = InversionDocument {
         version: 1,
         command: "eval inversion",
         images: images.len(),
@@ -157,8 +157,8 @@ pub fn evaluate_inversion(
         summary: jobs
             .iter()
             .zip(&rows)
-            .zip(&beliefs)
-            .map(|((job, rows), beliefs)| job.column.summary(rows, beliefs))
+            .zip(&visibility_scores)
+            .map(|((job, rows), visibility_scores)| job.column.summary(rows, visibility_scores))
             .collect(),
         rows: rows.into_iter().flatten().collect(),
     };
@@ -166,14 +166,14 @@ pub fn evaluate_inversion(
 }
 
 impl Job {
-    fn of(attacked: &Attacked) -> Self {
+    fn of(attacked: &RecoveredImages) -> Self {
         let errors = Some(attacked.images.iter().map(|answer| answer.errors.clone()).collect());
         let (scheme, by) = (attacked.scheme.to_string(), attacked.by.clone());
         let column = Column { scheme, attack: attacked.attack, by, errors };
-        Self { column, input: Input::Places(attacked.images.clone()) }
+        Self { column, input: Input::Positions(attacked.images.clone()) }
     }
 
-    fn lines(attacked: &Attacked) -> Self {
+    fn lines(attacked: &RecoveredImages) -> Self {
         let scheme = attacked.scheme.to_string();
         let column = Column { scheme, attack: "lines", by: None, errors: None };
         Self { column, input: Input::Lines(attacked.images.clone()) }
@@ -182,11 +182,14 @@ impl Job {
     fn points(scheme: Scheme, images: &[KeypointImage]) -> Self {
         let errors = Some(images.iter().map(|image| vec![0.0; image.keypoints.len()]).collect());
         let column = Column { scheme: scheme.to_string(), attack: "none", by: None, errors };
-        let answer = |image: &KeypointImage| Answer { places: image.keypoints.clone(), ..Answer::default() };
-        Self { column, input: Input::Places(images.iter().map(answer).collect()) }
+        let answer = |image: &KeypointImage| RecoveredImage {
+            positions: image.keypoints.clone(),
+            ..RecoveredImage::default()
+        };
+        Self { column, input: Input::Positions(images.iter().map(answer).collect()) }
     }
 
-    fn told_nothing(name: &str, input: Input) -> Self {
+    fn without_positions(name: &str, input: Input) -> Self {
         let column = Column { scheme: name.to_owned(), attack: "none", by: None, errors: None };
         Self { column, input }
     }
@@ -199,12 +202,12 @@ impl Job {
         image: &KeypointImage,
         descriptors: &Descriptors,
         times: u32,
-    ) -> Result<Inverted, EvalError> {
+    ) -> Result<Reconstruction, EvalError> {
         let size = [image.width, image.height];
         let known = match &self.input {
-            Input::Places(answers) => PositionKnowledge::Positions(&answers[at].places),
+            Input::Positions(answers) => PositionKnowledge::Positions(&answers[at].positions),
             Input::Lines(answers) => PositionKnowledge::Lines(&answers[at].sent),
-            Input::Bag => PositionKnowledge::None,
+            Input::Unordered => PositionKnowledge::None,
             Input::Nothing => {
                 let none = Descriptors::new(&[], descriptors.dimension())?;
                 return Ok(network.invert(&none, size, PositionKnowledge::Positions(&[]), times)?);
@@ -215,7 +218,7 @@ impl Job {
 }
 
 /// The original in the centre of the wide view.
-fn amid(image: &ColourImage, grid: Grid) -> ColourImage {
+fn centered_in_wide_view(image: &ColourImage, grid: Grid) -> ColourImage {
     let times = WIDE as usize;
     let (width, height) = (times * grid.width, times * grid.height);
     let mut data = vec![BEYOND; 3 * width * height];

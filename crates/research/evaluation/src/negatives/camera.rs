@@ -54,7 +54,7 @@ mod tests {
     use veiloc_protocol::FocalKnowledge;
 
     #[test]
-    fn what_is_given_is_taken_and_a_file_that_is_none_is_refused() {
+    fn given_camera_is_used_and_invalid_files_are_refused() {
         let given: Intrinsics = "PINHOLE,640,480,500,510,320,240".parse().expect("a camera");
         let nowhere = Path::new("nowhere.jpg");
         let (camera, source) = camera_of(Some(&given), nowhere).expect("given");

@@ -8,9 +8,9 @@ use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
 use super::camera::CameraSource;
+use crate::pipeline::LocalizeResult;
 use crate::results::metrics::finite;
 use crate::results::state::as_text;
-use crate::road::Answer;
 
 /// Results of out-of-map images.
 #[derive(Debug, Default, Serialize)]
@@ -18,7 +18,7 @@ pub struct Negatives {
     /// One entry per scheme.
     pub rows: Vec<NegativeRow>,
     /// One entry per image and scheme.
-    pub queries: Vec<Negative>,
+    pub queries: Vec<NegativeQuery>,
     /// Images that could not be read or have another size than their camera: name and cause. They are not counted.
     #[serde(skip)]
     pub unread: Vec<(String, SealError)>,
@@ -48,7 +48,7 @@ pub struct NegativeRow {
 
 /// One image under one scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Negative {
+pub struct NegativeQuery {
     /// Its name.
     pub name: String,
     /// Obfuscation scheme.
@@ -77,9 +77,14 @@ pub struct Negative {
     pub failure: Option<String>,
 }
 
-impl Negative {
+impl NegativeQuery {
     /// The result of a localized query.
-    pub(super) fn answered(name: &str, scheme: Scheme, camera: CameraSource, answer: &Answer) -> Self {
+    pub(super) fn answered(
+        name: &str,
+        scheme: Scheme,
+        camera: CameraSource,
+        answer: &LocalizeResult,
+    ) -> Self {
         let found = answer.found.as_ref().ok();
         Self {
             name: name.to_owned(),
@@ -119,7 +124,7 @@ impl NegativeRow {
     pub(super) const QUANTILES: [u32; 4] = [50, 90, 99, 100];
 
     /// The queries of one scheme.
-    pub(super) fn of(scheme: Scheme, own: &[&Negative]) -> Self {
+    pub(super) fn of(scheme: Scheme, own: &[&NegativeQuery]) -> Self {
         let count = |state| own.iter().filter(|q| q.state == state).count();
         let of_source = |source| own.iter().filter(|q| q.camera == source).count();
         let mut evidence: Vec<f64> =
@@ -146,13 +151,13 @@ impl NegativeRow {
 pub(super) mod tests {
     use super::*;
 
-    pub(in crate::negatives) fn negative(scheme: &str, evidence: Option<f64>) -> Negative {
+    pub(in crate::negatives) fn negative(scheme: &str, evidence: Option<f64>) -> NegativeQuery {
         let state = match evidence {
             Some(e) if e > 60.0 => State::Trusted,
             Some(_) => State::Doubtful,
             None => State::NotFound,
         };
-        Negative {
+        NegativeQuery {
             name: "fur.jpg".to_owned(),
             scheme: scheme.to_owned(),
             camera: CameraSource::Guess,
@@ -168,8 +173,8 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_row_counts_all_its_states() {
-        let mut queries: Vec<Negative> = (0..7).map(|i| negative("dcl", Some(f64::from(i)))).collect();
+    fn row_counts_all_states() {
+        let mut queries: Vec<NegativeQuery> = (0..7).map(|i| negative("dcl", Some(f64::from(i)))).collect();
         queries.push(negative("dcl", Some(107.0)));
         queries.extend([negative("dcl", None), negative("dcl", None)]);
         queries[8].sealed = false;
@@ -182,7 +187,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn quantiles_that_fall_on_no_pose_are_null() {
+    fn quantiles_without_pose_are_null() {
         let queries = [negative("dcl", None), negative("dcl", None), negative("dcl", Some(12.0))];
         let row = NegativeRow::of(Scheme::default(), &queries.iter().collect::<Vec<_>>());
         assert_eq!((row.log_evidence["50"], row.log_evidence["100"]), (None, Some(12.0)));

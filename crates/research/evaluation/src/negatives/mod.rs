@@ -20,11 +20,11 @@ use veiloc_obfuscation::{SealError, SealOptions, extract_loaded};
 use veiloc_protocol::Scheme;
 
 use crate::error::EvalError;
-use crate::road::{ask, equipped, send};
+use crate::pipeline::{decode_and_localize, seal_query, with_extractors};
 use camera::camera_of;
 
 pub use camera::CameraSource;
-pub use document::{Negative, NegativeRow, Negatives};
+pub use document::{NegativeQuery, NegativeRow, Negatives};
 pub use table::table;
 
 /// Inputs and options.
@@ -47,7 +47,7 @@ pub struct NegativesEvaluation {
 
 impl NegativesEvaluation {
     fn seal_options(&self, scheme: Scheme) -> SealOptions {
-        equipped(options_for(scheme), &self.extractors, self.global.as_ref())
+        with_extractors(options_for(scheme), &self.extractors, self.global.as_ref())
     }
 }
 
@@ -88,7 +88,7 @@ pub fn evaluate_negatives(
         progress.advance(1);
         answers
     };
-    let each: Vec<Result<Vec<Negative>, SealError>> = evaluation.images.par_iter().map(one).collect();
+    let each: Vec<Result<Vec<NegativeQuery>, SealError>> = evaluation.images.par_iter().map(one).collect();
     progress.finish();
     let mut queries = Vec::new();
     let mut unread = Vec::new();
@@ -111,7 +111,7 @@ fn answers(
     map: &MapFile,
     image: &NegativeImage,
     evaluation: &NegativesEvaluation,
-) -> Result<Vec<Negative>, SealError> {
+) -> Result<Vec<NegativeQuery>, SealError> {
     let loaded = Image::from(load_gray(&image.path)?);
     let (known, source) = camera_of(image.camera.as_ref(), &image.path)?;
     let profile = map.profile();
@@ -119,12 +119,15 @@ fn answers(
     let (features, camera) = extract_loaded(loaded, &image.path, &known.intrinsics, profile, &extraction)?;
     let answer = |scheme: &Scheme| {
         let options = evaluation.seal_options(*scheme).with_focal(known.focal);
-        let sent = send(&features, &camera, profile, &options, &image.name, evaluation.seed);
+        let sent = seal_query(&features, &camera, profile, &options, &image.name, evaluation.seed);
         match sent {
-            Ok(sent) => {
-                Negative::answered(&image.name, *scheme, source, &ask(map, &sent.bytes, &evaluation.localize))
-            }
-            Err(error) => Negative::unusable(&image.name, *scheme, source, &error),
+            Ok(sent) => NegativeQuery::answered(
+                &image.name,
+                *scheme,
+                source,
+                &decode_and_localize(map, &sent.bytes, &evaluation.localize),
+            ),
+            Err(error) => NegativeQuery::unusable(&image.name, *scheme, source, &error),
         }
     };
     Ok(evaluation.schemes.iter().map(answer).collect())

@@ -60,13 +60,13 @@ mod tests {
     use crate::results::text_table::WIDTH;
     use veiloc_protocol::Scheme;
 
-    fn negatives(queries: Vec<super::super::Negative>) -> Negatives {
+    fn negatives(queries: Vec<super::super::NegativeQuery>) -> Negatives {
         let row = NegativeRow::of(Scheme::default(), &queries.iter().collect::<Vec<_>>());
         Negatives { rows: vec![row], queries, unread: Vec::new() }
     }
 
     #[test]
-    fn the_worst_are_named() {
+    fn worst_negatives_are_listed() {
         let text = table(&negatives(vec![
             negative("dcl", None),
             negative("dcl", Some(70.0)),

@@ -9,12 +9,12 @@ use std::time::Instant;
 
 use crate::EvalError;
 use crate::pose::floor::{ORACLE_RADIUS_PX, truly_right};
-use crate::pose::gravity::{GravitySource, felt, mean_down};
-use crate::pose::recipe::{FromTruth, Recipe};
+use crate::pose::gravity::{GravitySource, mean_down, simulated_reading};
+use crate::pose::recipe::{Recipe, TruthStart};
 use crate::pose::scores::{DEFAULT_SCORE, scores_or_default};
 use crate::results::Hypotheses;
 use crate::results::metrics::Threshold;
-use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
+use crate::results::{EstimatorVariant, Evaluation, QueryResult, QueryUncertainty, summarize};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -100,8 +100,8 @@ struct Row {
     options: PoseOptions,
     gravity: GravitySource,
     /// What starts from the true pose instead of a search.
-    from_truth: Option<FromTruth>,
-    variant: Variant,
+    from_truth: Option<TruthStart>,
+    variant: EstimatorVariant,
 }
 
 /// Runs every row on every problem under every seed.
@@ -191,12 +191,12 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
                 for &gravity in &evaluation.gravity {
                     let mut options = options.clone();
                     options.fixed_hypotheses = hypotheses.fixed();
-                    let told = gravity != GravitySource::File || file_has_gravity;
-                    let variant = Variant {
+                    let has_gravity = gravity != GravitySource::File || file_has_gravity;
+                    let variant = EstimatorVariant {
                         recipe: recipe.map(|r| r.to_string()),
                         prior,
                         fixed_hypotheses: hypotheses.fixed().filter(|_| searches),
-                        gravity: (told && searches).then(|| gravity.to_string()),
+                        gravity: (has_gravity && searches).then(|| gravity.to_string()),
                     };
                     rows.push(Row { scheme, score, options, gravity, from_truth, variant });
                     // Without a search all numbers of hypotheses give the same row.
@@ -219,7 +219,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         let mut result = QueryResult::unsolved(&problem.name, row.scheme, row.score);
         result.variant = row.variant.clone();
         result.seed = seed;
-        if row.from_truth == Some(FromTruth::Floor) {
+        if row.from_truth == Some(TruthStart::Floor) {
             "least-squares".clone_into(&mut result.score);
         }
         result
@@ -241,17 +241,17 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         GravitySource::Ignored => None,
         GravitySource::TrueTurned(degrees) => {
             let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&problem.name, "gravity"]));
-            Some(felt(&problem.cam_from_world, *down, degrees, &mut rng))
+            Some(simulated_reading(&problem.cam_from_world, *down, degrees, &mut rng))
         }
     };
     let truth = &problem.cam_from_world;
-    let right = (row.from_truth == Some(FromTruth::Floor))
+    let right = (row.from_truth == Some(TruthStart::Floor))
         .then(|| truly_right(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
 
     let started = Instant::now();
     let estimate = match (row.from_truth, &right) {
         (_, Some(right)) => refine_pose(&pose_problem, truth, right, &row.options),
-        (Some(FromTruth::Optimum), _) => optimize_pose(&pose_problem, truth, &row.options),
+        (Some(TruthStart::Optimum), _) => optimize_pose(&pose_problem, truth, &row.options),
         _ => estimate_pose(&pose_problem, &row.options, &mut rng),
     };
     let pose_ms = started.elapsed().as_secs_f64() * 1e3;

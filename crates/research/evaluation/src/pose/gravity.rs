@@ -63,7 +63,7 @@ pub fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector
 const LEAST_SD_DEG: f64 = 0.5;
 
 /// The down direction measured at this true pose by an accelerometer with an error of `degrees`.
-pub(crate) fn felt<R: Rng>(
+pub(crate) fn simulated_reading<R: Rng>(
     truth: &CameraFromWorld,
     down_in_world: Vector3<f64>,
     degrees: f64,
@@ -90,7 +90,7 @@ mod tests {
     use veiloc_synthetic::problems::random_pose;
 
     #[test]
-    fn sources_read_what_they_print() {
+    fn gravity_sources_round_trip() {
         for text in ["file", "none", "0", "1.5", "180"] {
             assert_eq!(text.parse::<GravitySource>().expect("well written").to_string(), text);
         }
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn gravity_is_wrong_by_the_angle_asked_for_towards_all_sides() {
+    fn gravity_error_has_given_angle_and_uniform_direction() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let truth = random_pose(&mut rng);
         let down = mean_down(std::iter::once(&truth));
@@ -108,13 +108,16 @@ mod tests {
         assert!((truth.rotation() * down - Vector3::y()).norm() < 1e-12);
         let mut sideways = Vector3::zeros();
         for _ in 0..400 {
-            let felt = felt(&truth, down, 3.0, &mut rng);
-            assert!((felt.in_camera.angle(&(truth.rotation() * down)).to_degrees() - 3.0).abs() < 1e-6);
-            sideways += felt.in_camera - Vector3::y();
+            let simulated_reading = simulated_reading(&truth, down, 3.0, &mut rng);
+            assert!(
+                (simulated_reading.in_camera.angle(&(truth.rotation() * down)).to_degrees() - 3.0).abs()
+                    < 1e-6
+            );
+            sideways += simulated_reading.in_camera - Vector3::y();
         }
         let most = 3.0_f64.to_radians();
         assert!(sideways.x.hypot(sideways.z) / 400.0 < 0.15 * most, "turned to one side: {sideways}");
-        let exact = felt(&truth, down, 0.0, &mut rng);
+        let exact = simulated_reading(&truth, down, 0.0, &mut rng);
         assert!((exact.in_camera - truth.rotation() * down).norm() < 1e-12);
     }
 }

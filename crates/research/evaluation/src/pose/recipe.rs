@@ -38,7 +38,7 @@ pub enum Recipe {
 
 /// What starts from the true pose instead of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum FromTruth {
+pub(crate) enum TruthStart {
     /// Optimization of the engine's own objective, over all matches.
     Optimum,
     /// Least squares on the true matches.
@@ -83,10 +83,10 @@ impl Recipe {
     }
 
     /// What it starts from the true pose, if anything.
-    pub(crate) const fn start_at_truth(self) -> Option<FromTruth> {
+    pub(crate) const fn start_at_truth(self) -> Option<TruthStart> {
         match self {
-            Self::Optimum => Some(FromTruth::Optimum),
-            Self::Floor => Some(FromTruth::Floor),
+            Self::Optimum => Some(TruthStart::Optimum),
+            Self::Floor => Some(TruthStart::Floor),
             Self::Paper | Self::Likelihood | Self::LikelihoodPrior | Self::Vote | Self::Default => None,
         }
     }
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_read_what_they_print() {
+    fn recipe_names_round_trip() {
         for recipe in Recipe::ALL {
             assert_eq!(recipe.to_string().parse(), Ok(recipe));
         }
@@ -134,16 +134,22 @@ mod tests {
     }
 
     #[test]
-    fn recipes_differ_where_they_say() {
+    fn recipes_set_documented_options() {
         let mut given = PoseOptions::default();
         given.noise_px = 1.25;
         given.score = Some(ScoreKind::Msac);
         let of = |recipe: Recipe| recipe.apply(&given);
-        let told = |recipe| (of(recipe).score, of(recipe).anchored_solver);
-        assert_eq!(told(Recipe::Paper), (Some(ScoreKind::Msac), Some(AnchoredSolver::P6lp)));
-        assert_eq!(told(Recipe::Likelihood), (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp)));
-        assert_eq!(told(Recipe::Vote), (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)));
-        assert_eq!(told(Recipe::Default), (None, None));
+        let score_and_solver = |recipe| (of(recipe).score, of(recipe).anchored_solver);
+        assert_eq!(score_and_solver(Recipe::Paper), (Some(ScoreKind::Msac), Some(AnchoredSolver::P6lp)));
+        assert_eq!(
+            score_and_solver(Recipe::Likelihood),
+            (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp))
+        );
+        assert_eq!(
+            score_and_solver(Recipe::Vote),
+            (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote))
+        );
+        assert_eq!(score_and_solver(Recipe::Default), (None, None));
         assert!(Recipe::ALL.iter().all(|r| of(*r).noise_px == 1.25), "only what the recipe names is changed");
     }
 }

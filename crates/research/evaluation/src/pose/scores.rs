@@ -6,6 +6,6 @@ use veiloc_pose::ScoreKind;
 pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;
 
 /// The given scores, or the default.
-pub fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
-    if asked.is_empty() { vec![DEFAULT_SCORE] } else { asked.to_vec() }
+pub fn scores_or_default(scores: &[ScoreKind]) -> Vec<ScoreKind> {
+    if scores.is_empty() { vec![DEFAULT_SCORE] } else { scores.to_vec() }
 }

@@ -22,7 +22,7 @@ mod tests {
 
     /// For an even number of degrees the distribution is a finite sum: `1 − e^{−x/2} Σ_{i<k/2} (x/2)^i / i!`.
     #[test]
-    fn even_degrees_agree_with_the_closed_form() {
+    fn even_degrees_equal_closed_form() {
         for degrees in [2, 4, 6, 10] {
             for x in [1e-3, 0.1, 1.0, 3.7, 5.348, 7.99, 8.01, 10.645, 16.812, 40.0] {
                 let (mut term, mut sum) = (1.0, 1.0);
@@ -38,7 +38,7 @@ mod tests {
 
     /// Quantiles from printed tables of the distribution.
     #[test]
-    fn tabled_quantiles_are_met() {
+    fn quantiles_equal_printed_tables() {
         for (degrees, x, p) in [
             (1, 3.841, 0.95),
             (3, 2.366, 0.50),
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_of_squared_normal_numbers_follow_it() {
+    fn sums_of_squared_normals_are_chi_squared() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let draws = 20_000;
         let below = (0..draws).filter(|_| {
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_and_nonsense() {
+    fn limits_and_nan() {
         assert_eq!((cumulative(3, 0.0), cumulative(3, -1.0), cumulative(3, f64::INFINITY)), (0.0, 0.0, 1.0));
         assert!(cumulative(6, f64::NAN).is_nan());
         assert!(cumulative(6, 1e6) <= 1.0);

@@ -97,7 +97,7 @@ mod tests {
     use veiloc_synthetic::problems::{normal, random_pose};
 
     #[test]
-    fn normalized_errors_agree_with_the_inverse() {
+    fn normalized_errors_equal_explicit_inverse() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for _ in 0..50 {
             let a = Matrix6::from_fn(|_, _| normal(&mut rng));
@@ -120,7 +120,7 @@ mod tests {
 
     /// Poses sampled from their covariance have the nominal coverage.
     #[test]
-    fn right_covariances_cover_as_often_as_they_say() {
+    fn right_covariances_have_nominal_coverage() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let sd = [0.01, 0.02, 0.005, 0.3, 0.1, 0.2];
         let covariance: [[f64; 6]; 6] =

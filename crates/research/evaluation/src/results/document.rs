@@ -40,7 +40,7 @@ pub struct Evaluation {
 
 /// Configuration of the estimator, beside scheme and score.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Variant {
+pub struct EstimatorVariant {
     /// Name of the recipe; absent when single options were given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recipe: Option<String>,
@@ -63,7 +63,7 @@ pub struct SchemeSummary {
     pub score: String,
     /// Configuration of the estimator.
     #[serde(flatten)]
-    pub variant: Variant,
+    pub variant: EstimatorVariant,
     /// Number of queries; each counts once per seed.
     pub queries: usize,
     /// Number of queries with a pose, right or wrong.
@@ -156,7 +156,7 @@ pub struct QueryResult {
     pub score: String,
     /// Configuration of the estimator.
     #[serde(flatten)]
-    pub variant: Variant,
+    pub variant: EstimatorVariant,
     /// Seed of this run.
     pub seed: u64,
     /// The estimated pose; absent when not localized.
@@ -328,7 +328,7 @@ impl QueryResult {
             name: name.to_owned(),
             scheme: scheme.to_string(),
             score: score.to_string(),
-            variant: Variant::default(),
+            variant: EstimatorVariant::default(),
             seed: 0,
             cam_from_world: None,
             trusted: None,

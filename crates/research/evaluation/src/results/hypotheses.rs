@@ -64,7 +64,7 @@ mod tests {
     use super::Hypotheses;
 
     #[test]
-    fn numbers_read_what_they_print() {
+    fn hypotheses_round_trip() {
         for text in ["adaptive", "1", "5000"] {
             assert_eq!(text.parse::<Hypotheses>().expect("well written").to_string(), text);
         }

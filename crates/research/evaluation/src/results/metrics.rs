@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn giving_up_never_helps() {
+    fn missing_poses_never_improve_figures() {
         let good = PoseError { rotation_deg: 0.1, translation: 0.01 };
         let threshold: Threshold = "0.05/5".parse().expect("well written");
         let all = [good, good, PoseError::NOT_LOCALIZED];
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn thresholds_read_what_they_print() {
+    fn thresholds_round_trip() {
         for text in ["0.05/5", "0.25/2", "5/10"] {
             assert_eq!(text.parse::<Threshold>().expect("well written").to_string(), text);
         }

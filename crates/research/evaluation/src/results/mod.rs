@@ -26,8 +26,8 @@ mod uncertainty;
 
 pub use data_set::{DataSetEvaluation, PlaceFacts, PlaceQuery, PlaceSummary, RunFacts};
 pub use document::{
-    Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult, RegionsSummary,
-    SchemeSummary, SeedSummary, SentDocument, SentSummary, Variant,
+    EstimatorVariant, Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult,
+    RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
 };
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use summary::summarize;

@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn hloc_has_the_world_in_the_camera_and_tum_the_camera_in_the_world() {
+    fn hloc_lines_are_cam_from_world_and_tum_lines_world_from_cam() {
         let half = 0.5_f64.sqrt();
         let line = hloc_line("query/a.jpg", &PoseDocument::of(&pose())).expect("a line");
         assert!(line.starts_with("query/a.jpg "), "{line}");
@@ -81,14 +81,14 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_cannot_be_read_back_makes_no_line() {
+    fn names_with_white_space_are_refused() {
         for name in ["", "a b.jpg", "a\tb.jpg"] {
             assert_eq!(hloc_line(name, &PoseDocument::of(&pose())), None, "{name:?}");
         }
     }
 
     #[test]
-    fn times_are_those_of_the_names_where_all_have_their_own() {
+    fn time_stamps_come_from_distinct_numeric_names() {
         let stamps = |names: &[&str]| tum_stamps(names.iter().copied());
         assert_eq!(
             stamps(&["rgb/1305031102.175304.png", "rgb/1305031102.211214.png"]),

@@ -29,8 +29,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     bytes.sort_unstable();
     let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
     let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && q.is_judged && wrong(q)).count();
-    let asked = queries.iter().any(|q| q.state.is_some());
-    let count = |state| asked.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
+    let has_trust = queries.iter().any(|q| q.state.is_some());
+    let count = |state| has_trust.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
     let trusted = queries.iter().filter(|q| q.trusted == Some(true));
     let uncertainties: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
     let first = queries.first();
@@ -63,11 +63,11 @@ fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> See
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
-    let asked = queries.iter().any(|q| q.trusted.is_some());
+    let has_trust = queries.iter().any(|q| q.trusted.is_some());
     SeedSummary {
         seed,
         localized: queries.iter().filter(|q| q.is_localized()).count(),
-        trusted: asked.then(|| queries.iter().filter(|q| q.trusted == Some(true)).count()),
+        trusted: has_trust.then(|| queries.iter().filter(|q| q.trusted == Some(true)).count()),
         median_rotation_deg: finite(median(&rotations)),
         median_translation: finite(median(&translations)),
         recall: thresholds.iter().map(|t| (t.to_string(), recall(&errors, t))).collect(),
@@ -89,14 +89,18 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::results::document::{PoseDocument, SentDocument, Variant};
+    use crate::results::document::{EstimatorVariant, PoseDocument, SentDocument};
 
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
             name: "a.jpg".into(),
             scheme: "dcl".into(),
             score: "likelihood".into(),
-            variant: Variant { recipe: Some("vote".into()), prior: true, ..Variant::default() },
+            variant: EstimatorVariant {
+                recipe: Some("vote".into()),
+                prior: true,
+                ..EstimatorVariant::default()
+            },
             seed,
             cam_from_world: None,
             trusted: error.map(|e| e.0 < 0.5),
@@ -124,7 +128,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_summary_counts_failures_as_infinite() {
+    fn summary_counts_failures_as_infinite() {
         let queries = [query(0, Some((0.1, 0.01))), query(0, None), query(0, None)];
         let s = summarize(&queries.iter().collect::<Vec<_>>(), &threshold());
         assert_eq!((s.queries, s.localized, s.trusted, s.trusted_wrong), (3, 1, Some(1), Some(0)));
@@ -136,7 +140,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn who_has_no_truth_is_counted_and_not_judged() {
+    fn queries_without_truth_are_counted_but_not_judged() {
         let answered = |trusted| QueryResult {
             is_judged: false,
             cam_from_world: Some(PoseDocument { q: [1.0, 0.0, 0.0, 0.0], t: [0.0; 3] }),
@@ -152,7 +156,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn seeds_are_told_apart_and_pooled() {
+    fn seeds_are_summarized_separately_and_pooled() {
         let queries = [
             query(7, Some((0.1, 0.01))),
             query(7, Some((0.3, 0.50))),
@@ -169,7 +173,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_was_sent_is_a_mean_over_all_queries() {
+    fn sent_data_is_averaged_over_all_queries() {
         let with = |sent_rows: usize, error| {
             let sent = SentDocument { sent_rows, sent_bytes: 100 * sent_rows, exposed: sent_rows / 4 };
             QueryResult { sent: Some(sent), ..query(0, error) }
@@ -182,7 +186,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn only_trusted_poses_are_covered() {
+    fn coverage_uses_trusted_poses_only() {
         let with = |rotation: f64, region: f64| {
             let uncertainty = QueryUncertainty {
                 position_sd: Some(0.01),

@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn one_seed_is_one_line_and_failures_are_dashes() {
+    fn one_seed_is_one_line_with_dashes_for_failures() {
         let text = table(&[row(&[(0, Some((0.1, 0.01))), (0, None), (0, None)])]);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 4, "{text}");
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn several_seeds_show_mean_and_spread_in_120_columns() {
+    fn several_seeds_show_mean_and_spread_within_120_columns() {
         let mut rows = vec![row(&[
             (0, Some((0.1, 0.01))),
             (0, Some((0.1, 0.03))),
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sent_has_a_table_of_its_own() {
+    fn sent_data_has_its_own_table() {
         let mut sealed = row(&[(0, Some((0.1, 0.01)))]);
         sealed.sent = Some(SentSummary { mean_rows: 300.25, mean_bytes: 51_234.4, mean_exposed: 71.5 });
         let text = table(&[sealed]);
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn many_stages_get_a_table_of_their_own() {
+    fn many_stages_have_their_own_table() {
         let mut wide = row(&[(0, Some((0.1, 0.01)))]);
         wide.scheme = "coordinate-permutation".to_owned();
         wide.variant.recipe = None;

@@ -111,7 +111,7 @@ mod tests {
     use super::{TextTable, WIDTH, side_by_side};
 
     #[test]
-    fn columns_line_up_and_empty_ones_are_left_out() {
+    fn columns_are_aligned_and_empty_ones_omitted() {
         let mut table = TextTable::new(["name", "unused", "°"], 1);
         table.push(vec!["a".into(), String::new(), "12.5".into()]);
         table.push(vec!["bcdef".into()]);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn two_tables_of_the_same_rows_become_one() {
+    fn tables_with_equal_rows_are_merged() {
         let (mut a, mut b) = (TextTable::new(["name", "x"], 1), TextTable::new(["name", "y"], 1));
         for (name, x, y) in [("p", "1", "2"), ("q", "3", "4")] {
             a.push(vec![name.into(), x.into()]);
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_stand_beside_each_other_where_they_fit() {
+    fn tables_are_side_by_side_if_they_fit() {
         let table = |column: &str, cell: &str| {
             let mut table = TextTable::new(["name", column], 1);
             table.push(vec!["p".into(), cell.into()]);

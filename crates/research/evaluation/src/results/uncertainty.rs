@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_is_measured_in_its_own_deviations() {
+    fn errors_are_normalized_by_their_deviation() {
         let truth = CameraFromWorld::identity();
         let estimate = truth.perturbed(&[0.0, 0.0, 0.0, 0.03, 0.0, 0.0]);
         let u = QueryUncertainty::of(&estimate, &diagonal(1e-4), &truth);
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_of_poses_are_counted() {
+    fn coverage_is_the_share_of_poses() {
         let with = |region: f64| QueryUncertainty {
             position_sd: Some(0.01),
             rotation_sd_deg: Some(0.1),

@@ -100,7 +100,7 @@ pub fn evaluate_search(
     let real = all.len() / codes;
     if largest > real {
         progress.start("Drawing more", 1);
-        draw(&mut all, (codes, block_of(vocabulary)), largest, evaluation.seed);
+        extend_with_synthetic(&mut all, (codes, block_of(vocabulary)), largest, evaluation.seed);
         progress.advance(1);
         progress.finish();
     }
@@ -114,8 +114,8 @@ pub fn evaluate_search(
     let mut rows = Vec::new();
     progress.start("Searching", evaluation.sizes.len());
     for images in &evaluation.sizes {
-        let place = Searched { all: &all[..images * codes], codes, of_map: map.image_count(), real };
-        rows.extend(place.rows(&queries, evaluation.retrieve));
+        let database = Database { all: &all[..images * codes], codes, of_map: map.image_count(), real };
+        rows.extend(database.rows(&queries, evaluation.retrieve));
         progress.advance(1);
     }
     progress.finish();
@@ -146,7 +146,7 @@ const fn block_of(vocabulary: &Vocabulary) -> usize {
 }
 
 /// A database.
-struct Searched<'a> {
+struct Database<'a> {
     /// `[N, codes]`
     all: &'a [i8],
     codes: usize,
@@ -155,7 +155,7 @@ struct Searched<'a> {
     real: usize,
 }
 
-impl Searched<'_> {
+impl Database<'_> {
     fn rows(&self, queries: &[GlobalDescriptor], count: usize) -> [SearchRow; 2] {
         let images = self.all.len() / self.codes;
         let row = |search,

@@ -7,8 +7,8 @@
 //! [`evaluate_search`] computes the rows, [`table`] prints them.
 #![forbid(unsafe_code)]
 
-mod draw;
 mod evaluate;
+mod synthetic_descriptors;
 mod table;
 
 pub use evaluate::{SearchEvaluation, SearchRow, evaluate_search};

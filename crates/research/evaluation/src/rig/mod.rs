@@ -4,7 +4,7 @@
 //! lengths are evaluated on the same queries, so that their figures can be compared: queries whose trajectory is too
 //! short for the longest sequence are left out.
 
-mod walk;
+mod trajectory;
 
 use std::time::Instant;
 
@@ -20,13 +20,13 @@ use veiloc_pose::{ScoreKind, State};
 use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use crate::error::EvalError;
-use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
-use crate::road::{PlaceMap, PosedQuery, queries_of_place, send};
+use crate::pipeline::{PosedQuery, SceneMap, queries_of_scene, seal_query};
+use crate::results::{EstimatorVariant, Evaluation, QueryResult, QueryUncertainty, summarize};
 use crate::scene::{SceneEvaluation, folder_name};
-use crate::stress::sparse::thinned;
+use crate::stress::sparse::subsampled;
 use crate::stress::{Stress, sealed_under, shown_under};
-use walk::odometry;
-pub use walk::walk_of;
+use trajectory::odometry;
+pub use trajectory::sequence_of;
 
 /// Inputs and options.
 #[derive(Debug, Clone)]
@@ -72,7 +72,7 @@ impl RigEvaluation {
 pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
     evaluation.check()?;
     let place = &evaluation.place;
-    let queries = queries_of_place(
+    let queries = queries_of_scene(
         &place.posed,
         &place.images,
         &place.map_list,
@@ -82,7 +82,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
     let newest: Vec<usize> =
-        (0..queries.len()).filter(|&i| walk_of(&poses, i, longest, evaluation.reach).is_some()).collect();
+        (0..queries.len()).filter(|&i| sequence_of(&poses, i, longest, evaluation.reach).is_some()).collect();
     if newest.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no {longest} queries of the list follow each other within {} map units; list them in the order in which \
@@ -91,12 +91,12 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
         )));
     }
     let names = match evaluation.stress {
-        Stress::SparseMap => thinned(&place.map_list),
+        Stress::SparseMap => subsampled(&place.map_list),
         _ => place.map_list.clone(),
     };
     let input = Input::new(&place.posed, &place.images).with_names(&names);
-    let PlaceMap { file: map, summary, .. } =
-        &PlaceMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
+    let SceneMap { file: map, summary, .. } =
+        &SceneMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());
     let mut shown: Vec<(Features, Intrinsics)> = Vec::with_capacity(queries.len());
     for query in &queries {
@@ -112,14 +112,14 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
             .zip(&shown)
             .map(|(query, (features, camera))| {
                 let options = sealed_under(evaluation.stress, *scheme, &place.build);
-                let sent = send(features, camera, map.profile(), &options, &query.name, place.seed);
+                let sent = seal_query(features, camera, map.profile(), &options, &query.name, place.seed);
                 SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
             })
             .collect();
         for &frames in &evaluation.frames {
             let row = newest.iter().map(|&i| {
-                let images = walk_of(&poses, i, frames, evaluation.reach).unwrap_or_default();
-                let result = localize_session(evaluation, map, &queries, &sealed, &images, *scheme);
+                let images = sequence_of(&poses, i, frames, evaluation.reach).unwrap_or_default();
+                let result = localize_sequence(evaluation, map, &queries, &sealed, &images, *scheme);
                 progress.advance(1);
                 result
             });
@@ -145,7 +145,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
 }
 
 /// Localizes one sequence, whose last image is the newest: returns the error of that image's pose.
-fn localize_session(
+fn localize_sequence(
     evaluation: &RigEvaluation,
     map: &MapFile,
     queries: &[PosedQuery],
@@ -157,18 +157,18 @@ fn localize_session(
     let newest = &queries[images[images.len() - 1]];
     let mut result = QueryResult::unsolved(&newest.name, scheme, ScoreKind::default());
     result.seed = place.seed;
-    result.variant = Variant {
+    result.variant = EstimatorVariant {
         recipe: Some(format!("{} frame{}", images.len(), if images.len() == 1 { "" } else { "s" })),
         prior: place.localize.use_prior,
         fixed_hypotheses: place.localize.pose.fixed_hypotheses,
-        ..Variant::default()
+        ..EstimatorVariant::default()
     };
     let truth: Vec<CameraFromWorld> = images.iter().map(|&i| queries[i].cam_from_world).collect();
     // All schemes get the same odometry.
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(place.seed, &[&newest.name, "odometry"]));
-    let told = odometry(&truth, [evaluation.rotation_sd_deg, evaluation.translation_sd], &mut rng);
+    let measured = odometry(&truth, [evaluation.rotation_sd_deg, evaluation.translation_sd], &mut rng);
     let mut frames = Vec::with_capacity(images.len());
-    for (&i, step) in images.iter().zip(told) {
+    for (&i, step) in images.iter().zip(measured) {
         // Images that cannot be sealed are skipped; the others still determine the pose of the newest image.
         let query = match &sealed[i] {
             Ok(query) => query,

@@ -12,8 +12,8 @@ use veiloc_protocol::{Scheme, SealedQuery};
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
+use crate::pipeline::{extract_features, seal_query, with_extractors};
 use crate::pose::scores_or_default;
-use crate::road::{equipped, extracted, send};
 
 /// One query with all its sent data.
 #[derive(Debug, Clone)]
@@ -83,17 +83,17 @@ fn drawn_query(
 ) -> Result<DrawnQuery, EvalError> {
     let profile = map.profile();
     let equipped = |scheme| {
-        equipped(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
+        with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
     let path = evaluation.images.join(name);
-    let extraction = equipped(Scheme::default());
+    let extraction = with_extractors(Scheme::default());
     let mask = evaluation.mask_of(name);
-    let (features, used) = extracted(&path, mask.as_deref(), &camera, profile, &extraction)?;
+    let (features, used) = extract_features(&path, mask.as_deref(), &camera, profile, &extraction)?;
     let mut localize_options = evaluation.localize.clone();
     localize_options.pose.score = scores_or_default(&evaluation.scores).first().copied();
     let mut sent = Vec::new();
     for scheme in &evaluation.schemes {
-        let sealed = send(&features, &used, profile, &equipped(*scheme), name, evaluation.seed);
+        let sealed = seal_query(&features, &used, profile, &with_extractors(*scheme), name, evaluation.seed);
         let query = sealed.ok().and_then(|sealed| SealedQuery::decode(&sealed.bytes).ok());
         let Some(query) = query else { continue };
         let found = localize(&query, map, &localize_options).ok();

@@ -20,8 +20,8 @@ pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
+use crate::pipeline::{EvaluatedQuery, SceneMap, ServedMap, SimulatedGravity, queries_of_scene};
 use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, summarize};
-use crate::road::{AskedQuery, PlaceMap, Served, Upright, queries_of_place};
 use negatives::localize_negatives;
 use one_query::localize_query;
 use work::Work;
@@ -34,7 +34,7 @@ pub fn evaluate_scene(
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Evaluation, EvalError> {
-    let queries = queries_of_place(
+    let queries = queries_of_scene(
         &evaluation.posed,
         &evaluation.images,
         &evaluation.map_list,
@@ -46,20 +46,22 @@ pub fn evaluate_scene(
         None => None,
     };
 
-    let queries: Vec<AskedQuery> =
-        queries.into_iter().map(AskedQuery::from).chain(evaluation.unposed()).collect();
-    let upright = evaluation.gravity_sd_deg;
-    let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
+    let queries: Vec<EvaluatedQuery> =
+        queries.into_iter().map(EvaluatedQuery::from).chain(evaluation.unposed()).collect();
+    let gravity_source = evaluation.gravity_sd_deg;
+    let gravity_source = gravity_source
+        .map(|sd| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, sd))
+        .transpose()?;
     let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
     let keep = evaluation.keep_map.as_deref();
-    let PlaceMap { file: whole, summary, .. } = &match evaluation.compress {
-        None => place_map(evaluation, keep, upright.as_ref(), work.as_ref(), progress)?,
-        Some(times) => place_map(evaluation, None, upright.as_ref(), work.as_ref(), progress)?
+    let SceneMap { file: whole, summary, .. } = &match evaluation.compress {
+        None => scene_map(evaluation, keep, gravity_source.as_ref(), work.as_ref(), progress)?,
+        Some(times) => scene_map(evaluation, None, gravity_source.as_ref(), work.as_ref(), progress)?
             .compressed(times, keep, progress)?,
     };
-    let served = &Served::new(whole, evaluation.regions.as_ref(), evaluation.localize.retrieve, progress)?;
+    let served = &ServedMap::new(whole, evaluation.regions.as_ref(), evaluation.localize.retrieve, progress)?;
     let (mut schemes, queries) =
-        localize_all(served, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
+        localize_all(served, &queries, gravity_source.as_ref(), evaluation, work.as_ref(), progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
         let by_row = localize_negatives(served, posed, evaluation, progress)?;
@@ -92,15 +94,15 @@ pub fn folder_name(images: &Path) -> String {
 }
 
 /// The map of the scene: from the work folder if it has one for the same inputs, otherwise built.
-fn place_map(
+fn scene_map(
     evaluation: &SceneEvaluation,
     keep: Option<&Path>,
-    upright: Option<&Upright>,
+    gravity_source: Option<&SimulatedGravity>,
     work: Option<&Work>,
     progress: &dyn Progress,
-) -> Result<PlaceMap, EvalError> {
-    let kept = work.map(|work| work.map_of(evaluation, upright)).transpose()?;
-    if let Some(there) = kept.as_ref().and_then(|kept| kept.open()) {
+) -> Result<SceneMap, EvalError> {
+    let stored = work.map(|work| work.map_of(evaluation, gravity_source)).transpose()?;
+    if let Some(there) = stored.as_ref().and_then(|stored| stored.open()) {
         return there?.copied_to(keep);
     }
     let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
@@ -108,19 +110,19 @@ fn place_map(
     if let Some(keeping) = &keeping {
         input = input.with_kept(keeping);
     }
-    let path = kept.as_ref().map(|kept| kept.path()).or(keep);
-    let map = PlaceMap::build(
+    let path = stored.as_ref().map(|stored| stored.path()).or(keep);
+    let map = SceneMap::build(
         &input,
         &evaluation.build,
         true,
         path,
-        upright.map(|upright| upright.down()),
+        gravity_source.map(|gravity_source| gravity_source.down()),
         progress,
     )?;
-    match &kept {
-        Some(kept) => {
+    match &stored {
+        Some(stored) => {
             keeping.as_ref().map_or(Ok(()), Keeping::finish)?;
-            kept.remember(&map.summary)?;
+            stored.store(&map.summary)?;
             map.copied_to(keep)
         }
         None => Ok(map),
@@ -132,17 +134,17 @@ type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
 /// Localizes every query under every configuration, `jobs` queries in parallel. Results in the work folder are
 /// reused.
 fn localize_all(
-    served: &Served<'_>,
-    queries: &[AskedQuery],
-    upright: Option<&Upright>,
+    served: &ServedMap<'_>,
+    queries: &[EvaluatedQuery],
+    gravity_source: Option<&SimulatedGravity>,
     evaluation: &SceneEvaluation,
     work: Option<&Work>,
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
     let finished = work.map(|work| work.finished(served.whole(), evaluation)).transpose()?;
     progress.start("Localizing queries", queries.len());
-    let one = |query: &AskedQuery| -> Result<Vec<QueryResult>, EvalError> {
-        let compute = || localize_query(served, query, upright, evaluation);
+    let one = |query: &EvaluatedQuery| -> Result<Vec<QueryResult>, EvalError> {
+        let compute = || localize_query(served, query, gravity_source, evaluation);
         let rows = match &finished {
             Some(finished) => finished.get_or(query, evaluation, compute)?,
             None => compute()?,

@@ -7,9 +7,9 @@ use veiloc_protocol::Scheme;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
+use crate::pipeline::{PosedQuery, ServedMap, posed_queries, seal_query, send_and_localize, with_extractors};
 use crate::pose::scores_or_default;
 use crate::results::NegativeResult;
-use crate::road::{PosedQuery, Served, equipped, posed_queries, send, send_and_ask};
 
 impl Negatives {
     /// The queries; refused when they belong to the evaluated scene.
@@ -30,13 +30,13 @@ impl Negatives {
 
 /// Seals and localizes every negative query; rows as in the table, `[rows][negatives]`.
 pub(crate) fn localize_negatives(
-    served: &Served<'_>,
+    served: &ServedMap<'_>,
     negatives: &[PosedQuery],
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
     let profile = served.whole().profile();
-    let extraction = equipped(
+    let extraction = with_extractors(
         options_for(Scheme::default()),
         &evaluation.build.extractors,
         evaluation.build.global.as_ref(),
@@ -47,12 +47,12 @@ pub(crate) fn localize_negatives(
     for negative in negatives {
         let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
-            let options = equipped(
+            let options = with_extractors(
                 options_for(*scheme),
                 &evaluation.build.extractors,
                 evaluation.build.global.as_ref(),
             );
-            let sent = send(&features, &camera, profile, &options, &negative.name, evaluation.seed);
+            let sent = seal_query(&features, &camera, profile, &options, &negative.name, evaluation.seed);
             for (k, score) in scores.iter().enumerate() {
                 let mut result = NegativeResult {
                     name: negative.name.clone(),
@@ -65,12 +65,13 @@ pub(crate) fn localize_negatives(
                 };
                 let mut options = evaluation.localize.clone();
                 options.pose.score = Some(*score);
-                let asked = sent.as_ref().ok();
-                let asked = asked
-                    .map(|sent| send_and_ask(served, &sent.bytes, profile, evaluation.sending, &options));
+                let response = sent.as_ref().ok();
+                let response = response.map(|sent| {
+                    send_and_localize(served, &sent.bytes, profile, evaluation.sending, &options)
+                });
                 // A trusted pose of any step is a false positive, whatever the last one is.
-                result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
-                if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {
+                result.trusted = response.as_ref().is_some_and(|response| response.was_trusted);
+                if let Some(Ok(found)) = response.map(|response| response.answer.found) {
                     result.localized = true;
                     result.inliers = found.inlier_pairs;
                     result.correspondences = found.pairs;

@@ -2,39 +2,43 @@
 
 use std::time::Instant;
 
-use crate::results::{QueryResult, Variant};
+use crate::results::{EstimatorVariant, QueryResult};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
+use crate::pipeline::{
+    EvaluatedQuery, ServedMap, SimulatedGravity, extract_features, localize_sent, seal_query, with_extractors,
+};
 use crate::pose::scores_or_default;
-use crate::road::{AskedQuery, Served, Upright, equipped, extracted, localize_sent, send};
 
 /// The results of a query, in the order of the table's rows.
 pub(super) fn localize_query(
-    served: &Served<'_>,
-    query: &AskedQuery,
-    upright: Option<&Upright>,
+    served: &ServedMap<'_>,
+    query: &EvaluatedQuery,
+    gravity_source: Option<&SimulatedGravity>,
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
     let profile = served.whole().profile();
-    let equipped = |scheme| {
-        equipped(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
+    let with_extractors = |scheme| {
+        with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
-    let extraction = equipped(Scheme::default());
+    let extraction = with_extractors(Scheme::default());
     let started = Instant::now();
     let mask = evaluation.mask_of(&query.name);
-    let (features, camera) = extracted(&query.path, mask.as_deref(), &query.camera, profile, &extraction)?;
+    let (features, camera) =
+        extract_features(&query.path, mask.as_deref(), &query.camera, profile, &extraction)?;
     let extract_ms = started.elapsed().as_secs_f64() * 1e3;
-    let told: Vec<_> =
-        Upright::in_turn(upright, &query.name, query.truth.as_ref(), evaluation.seed).collect();
+    let variants: Vec<_> =
+        SimulatedGravity::variants(gravity_source, &query.name, query.truth.as_ref(), evaluation.seed)
+            .collect();
     let mut results = Vec::new();
-    for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
+    for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g))) {
         let started = Instant::now();
-        let options = equipped(*scheme).with_gravity(gravity);
-        let sealed = send(&features, &camera, profile, &options, &query.name, evaluation.seed);
+        let options = with_extractors(*scheme).with_gravity(gravity);
+        let sealed = seal_query(&features, &camera, profile, &options, &query.name, evaluation.seed);
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
         for score in scores_or_default(&evaluation.scores) {
             let mut result = match &sealed {
@@ -50,14 +54,14 @@ pub(super) fn localize_query(
                     unsealed
                 }
             };
-            result.variant = Variant {
+            result.variant = EstimatorVariant {
                 prior: evaluation.localize.use_prior,
                 fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
-                gravity: upright.map(|upright| match gravity {
+                gravity: gravity_source.map(|gravity_source| match gravity {
                     None => "none".to_owned(),
-                    Some(_) => upright.sd_deg().to_string(),
+                    Some(_) => gravity_source.sd_deg().to_string(),
                 }),
-                ..Variant::default()
+                ..EstimatorVariant::default()
             };
             result.seed = evaluation.seed;
             result.ms.insert("extract".to_owned(), extract_ms);

@@ -12,8 +12,8 @@ use veiloc_mapping::BuildOptions;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
+use crate::pipeline::{EvaluatedQuery, Sending};
 use crate::results::metrics::Threshold;
-use crate::road::{AskedQuery, Sending};
 
 /// Inputs and options.
 #[derive(Debug, Clone)]
@@ -106,8 +106,8 @@ impl SceneEvaluation {
     }
 
     /// The queries without known poses.
-    pub(super) fn unposed(&self) -> impl Iterator<Item = AskedQuery> {
-        self.unposed.iter().map(|(name, camera)| AskedQuery {
+    pub(super) fn unposed(&self) -> impl Iterator<Item = EvaluatedQuery> {
+        self.unposed.iter().map(|(name, camera)| EvaluatedQuery {
             name: name.clone(),
             path: self.images.join(name),
             camera: *camera,

@@ -7,14 +7,14 @@ use veiloc_obfuscation::SealError;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
+use super::condition::Stress;
 use super::from_truth::{ErrorDocument, FromTruth};
-use super::kind::Stress;
 use super::options::StressEvaluation;
+use crate::pipeline::{LocalizeResult, PosedQuery};
 use crate::results::metrics::finite;
 use crate::results::metrics::{PoseError, Threshold, median, recall};
 use crate::results::state::as_text;
 use crate::results::{MapSummary, QueryUncertainty};
-use crate::road::{Answer, PosedQuery};
 
 /// The document that `eval stress --json` prints.
 #[derive(Debug, Clone, Serialize)]
@@ -165,7 +165,7 @@ impl StressQuery {
         query: &PosedQuery,
         stress: Stress,
         scheme: Scheme,
-        answer: &Answer,
+        answer: &LocalizeResult,
         from_truth: Option<FromTruth>,
     ) -> Self {
         let truth = &query.cam_from_world;
@@ -256,8 +256,8 @@ impl StressRow {
 }
 
 fn median_sd(queries: &[StressQuery]) -> Option<f64> {
-    let said = queries.iter().filter_map(|q| q.uncertainty);
-    let each: Vec<f64> = said.map(|u| u.position_sd.unwrap_or(f64::INFINITY)).collect();
+    let uncertainties = queries.iter().filter_map(|q| q.uncertainty);
+    let each: Vec<f64> = uncertainties.map(|u| u.position_sd.unwrap_or(f64::INFINITY)).collect();
     if each.is_empty() { None } else { finite(median(&each)) }
 }
 
@@ -309,7 +309,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_row_counts_states_wrong_ones_and_what_the_search_lost() {
+    fn row_counts_states_wrong_poses_and_search_losses() {
         let right = Some((0.1, 0.01));
         let queries = [
             query(State::Trusted, right, right),

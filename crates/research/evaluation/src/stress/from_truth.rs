@@ -7,9 +7,9 @@ use veiloc_map::MapFile;
 use veiloc_pose::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
 use veiloc_protocol::SealedQuery;
 
+use crate::pipeline::SealedBytes;
 use crate::pose::truly_right;
 use crate::results::metrics::PoseError;
-use crate::road::Sent;
 
 /// Errors of one query's estimates that start from the true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -59,7 +59,7 @@ impl FromTruth {
     /// Result of a query that was sent, with the server's matches. A match is true within `radius_px` of its
     /// keypoint.
     pub(super) fn of(
-        sent: &Sent,
+        sent: &SealedBytes,
         truth: &CameraFromWorld,
         map: &MapFile,
         options: &LocalizeOptions,

@@ -3,10 +3,10 @@
 //! Degradation happens in memory with seeds of its own, so equal seeds give equal tables for any number of threads.
 //! All conditions except `sparse-map` share one map.
 
+mod condition;
 mod degrade;
 mod document;
 mod from_truth;
-mod kind;
 mod options;
 pub(crate) mod sparse;
 mod table;
@@ -21,20 +21,23 @@ use veiloc_obfuscation::{SealOptions, extract_loaded};
 use veiloc_protocol::{Scheme, SizeClass};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, ask, equipped, queries_of_place, send};
+use crate::pipeline::{
+    PosedQuery, SceneMap, SimulatedGravity, decode_and_localize, queries_of_scene, seal_query,
+    with_extractors,
+};
 use crate::scene::folder_name;
-use degrade::{degraded, mistaken};
+use degrade::{degraded, wrong_camera};
 
+pub use condition::{Stress, StressError};
 pub use document::{SparseMap, StressDocument, StressQuery, StressRow, TruthSummary};
 pub use from_truth::{ErrorDocument, FromTruth};
-pub use kind::{Stress, StressError};
 pub use options::StressEvaluation;
 pub use table::table;
 
 /// The maps of the scene: one or two.
 struct Maps {
-    all: PlaceMap,
-    sparse: Option<PlaceMap>,
+    all: SceneMap,
+    sparse: Option<SceneMap>,
 }
 
 impl Maps {
@@ -58,7 +61,7 @@ pub fn evaluate_stress(
     if evaluation.schemes.is_empty() || evaluation.query_list.is_empty() {
         return Err(EvalError::Options("no scheme or query to evaluate".to_owned()));
     }
-    let queries = queries_of_place(
+    let queries = queries_of_scene(
         &evaluation.posed,
         &evaluation.images,
         &evaluation.map_list,
@@ -66,14 +69,17 @@ pub fn evaluate_stress(
         &evaluation.query_cameras,
     )?;
     let stresses = evaluation.ordered();
-    let upright = evaluation.gravity_sd_deg;
-    let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
-    let down = upright.map(|upright| upright.down());
+    let gravity_source = evaluation.gravity_sd_deg;
+    let gravity_source = gravity_source
+        .map(|sd| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, sd))
+        .transpose()?;
+    let down = gravity_source.map(|gravity_source| gravity_source.down());
     let build = |names: &[String]| {
         let input = Input::new(&evaluation.posed, &evaluation.images).with_names(names);
-        PlaceMap::build(&input, &evaluation.build, true, None, down, progress)
+        SceneMap::build(&input, &evaluation.build, true, None, down, progress)
     };
-    let sparse_names = stresses.contains(&Stress::SparseMap).then(|| sparse::thinned(&evaluation.map_list));
+    let sparse_names =
+        stresses.contains(&Stress::SparseMap).then(|| sparse::subsampled(&evaluation.map_list));
     let maps = Maps {
         all: build(&evaluation.map_list)?,
         sparse: sparse_names.map(|names| build(&names)).transpose()?,
@@ -81,7 +87,7 @@ pub fn evaluate_stress(
 
     progress.start("Localizing queries", queries.len());
     let one = |query: &PosedQuery| {
-        let results = under_each(&maps, query, &stresses, upright.as_ref(), evaluation);
+        let results = under_each(&maps, query, &stresses, gravity_source.as_ref(), evaluation);
         progress.advance(1);
         results
     };
@@ -92,10 +98,10 @@ pub fn evaluate_stress(
     document.map = maps.all.summary;
     document.sparse_map = maps
         .sparse
-        .map(|map| SparseMap { every: sparse::every_of(evaluation.map_list.len()), map: map.summary });
+        .map(|map| SparseMap { every: sparse::step_for(evaluation.map_list.len()), map: map.summary });
     let mut of_queries: Vec<_> = each.into_iter().map(Vec::into_iter).collect();
-    let tellings = if upright.is_some() { 2 } else { 1 };
-    for _ in 0..stresses.len() * evaluation.schemes.len() * tellings {
+    let variants_per_query = if gravity_source.is_some() { 2 } else { 1 };
+    for _ in 0..stresses.len() * evaluation.schemes.len() * variants_per_query {
         let of_row: Vec<StressQuery> = of_queries.iter_mut().filter_map(Iterator::next).collect();
         document.rows.extend(StressRow::of(&of_row, evaluation));
         document.queries.extend(of_row);
@@ -108,14 +114,15 @@ fn under_each(
     maps: &Maps,
     query: &PosedQuery,
     stresses: &[Stress],
-    upright: Option<&Upright>,
+    gravity_source: Option<&SimulatedGravity>,
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
     let image = load_gray(&query.path)?;
     // Conditions that do not change the image share its features: all maps have the same profile.
     let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
-    let told: Vec<_> =
-        Upright::in_turn(upright, &query.name, Some(&query.cam_from_world), evaluation.seed).collect();
+    let variants: Vec<_> =
+        SimulatedGravity::variants(gravity_source, &query.name, Some(&query.cam_from_world), evaluation.seed)
+            .collect();
     let mut results = Vec::new();
     for stress in stresses {
         let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
@@ -123,18 +130,19 @@ fn under_each(
             None => None,
         };
         let (features, camera) = worse.as_ref().unwrap_or(&plain);
-        let camera = mistaken(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
-        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
+        let camera = wrong_camera(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
+        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g)))
+        {
             let map = maps.under(*stress);
             let options = sealed_under(*stress, *scheme, &evaluation.build).with_gravity(gravity);
-            let sent = send(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
+            let sent = seal_query(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
                 evaluation.from_truth.then(|| FromTruth::of(sent, truth, map, &evaluation.localize, radius))
             };
             let result = match &sent {
                 Ok(sent) => {
-                    let answer = ask(map, &sent.bytes, &evaluation.localize);
+                    let answer = decode_and_localize(map, &sent.bytes, &evaluation.localize);
                     StressQuery::answered(query, *stress, *scheme, &answer, from_truth(sent))
                 }
                 Err(error) => StressQuery::unsealed(
@@ -145,7 +153,7 @@ fn under_each(
                     evaluation.from_truth.then_some(FromTruth::UNSEALED),
                 ),
             };
-            let gravity_sd_deg = upright.filter(|_| gravity.is_some()).map(Upright::sd_deg);
+            let gravity_sd_deg = gravity_source.filter(|_| gravity.is_some()).map(SimulatedGravity::sd_deg);
             results.push(StressQuery { gravity_sd_deg, ..result });
         }
     }
@@ -164,7 +172,7 @@ pub(crate) fn shown_under(
     let image = load_gray(&query.path)?;
     let worse = degraded(&image, stress, &query.name, seed);
     let (features, camera) = extracted(worse.as_ref().unwrap_or(&image), query, map, build)?;
-    let camera = mistaken(&camera, stress, "the device", seed).unwrap_or(camera);
+    let camera = wrong_camera(&camera, stress, "the device", seed).unwrap_or(camera);
     Ok((features, camera))
 }
 
@@ -175,13 +183,13 @@ fn extracted(
     build: &BuildOptions,
 ) -> Result<(Features, Intrinsics), EvalError> {
     let image = Image::from(image.clone());
-    let options = equipped(options_for(Scheme::default()), &build.extractors, build.global.as_ref());
+    let options = with_extractors(options_for(Scheme::default()), &build.extractors, build.global.as_ref());
     Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
 }
 
 /// The device's sealing options under a stress.
 pub(crate) fn sealed_under(stress: Stress, scheme: Scheme, build: &BuildOptions) -> SealOptions {
-    let options = equipped(options_for(scheme), &build.extractors, build.global.as_ref());
+    let options = with_extractors(options_for(scheme), &build.extractors, build.global.as_ref());
     match stress {
         Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
         Stress::None

@@ -9,7 +9,7 @@ use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_protocol::Scheme;
 
-use super::kind::Stress;
+use super::condition::Stress;
 use crate::pose::ORACLE_RADIUS_PX;
 use crate::results::metrics::Threshold;
 

@@ -7,7 +7,7 @@ const EVERY: usize = 10;
 const FEWEST: usize = 4;
 
 /// The step for this number of images.
-pub(super) const fn every_of(images: usize) -> usize {
+pub(super) const fn step_for(images: usize) -> usize {
     let most = images.saturating_sub(1) / (FEWEST - 1);
     if most < 1 {
         1
@@ -19,8 +19,8 @@ pub(super) const fn every_of(images: usize) -> usize {
 }
 
 /// The names of the remaining images.
-pub(crate) fn thinned(names: &[String]) -> Vec<String> {
-    names.iter().step_by(every_of(names.len())).cloned().collect()
+pub(crate) fn subsampled(names: &[String]) -> Vec<String> {
+    names.iter().step_by(step_for(names.len())).cloned().collect()
 }
 
 #[cfg(test)]
@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_tenth_stays_and_four_at_least() {
+    fn every_tenth_image_and_at_least_four_remain() {
         for (images, every, left) in [
             (87, 10, 9),
             (83, 10, 9),
@@ -41,9 +41,9 @@ mod tests {
             (1, 1, 1),
         ] {
             let names: Vec<String> = (0..images).map(|i| format!("{i}.jpg")).collect();
-            let thin = thinned(&names);
-            assert_eq!((every_of(images), thin.len(), thin[0].as_str()), (every, left, "0.jpg"), "{images}");
+            let thin = subsampled(&names);
+            assert_eq!((step_for(images), thin.len(), thin[0].as_str()), (every, left, "0.jpg"), "{images}");
         }
-        assert!(thinned(&[]).is_empty());
+        assert!(subsampled(&[]).is_empty());
     }
 }

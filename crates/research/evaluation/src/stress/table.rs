@@ -20,8 +20,8 @@ pub fn table(document: &StressDocument) -> String {
     let mut optimum = block(of_truth("optimum ").chain(["lost".to_owned()]).collect());
     let mut floor = block(of_truth("floor ").collect());
     for row in &document.rows {
-        let told = if row.gravity_sd_deg.is_some() { " + gravity" } else { "" };
-        let names = [row.stress.clone(), format!("{}{told}", row.scheme)];
+        let suffix = if row.gravity_sd_deg.is_some() { " + gravity" } else { "" };
+        let names = [row.stress.clone(), format!("{}{suffix}", row.scheme)];
         let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
         let lost = row.lost.map(|n| n.to_string());
         found.push(with(figures_of(row, &thresholds)));
@@ -72,7 +72,7 @@ mod tests {
     use veiloc_pose::State;
 
     #[test]
-    fn rows_fit_the_terminal_with_and_without_the_truth() {
+    fn rows_fit_the_terminal_with_and_without_truth() {
         let mut document = StressDocument::new(&evaluation(), "place".to_owned());
         let right = Some((0.1, 0.0123));
         let mut queries = vec![query(State::Trusted, right, right), query(State::NotFound, None, right)];

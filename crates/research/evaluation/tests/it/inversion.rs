@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::inversion::{
-    Classifier, EvaluationDocument, InversionEvaluation, InversionNetwork, Judges, PerceptualDistance,
-    Realistic, Sheet, SummaryRow, evaluate_inversion, evaluation_table,
+    Classifier, ContactSheet, InversionDocument, InversionEvaluation, InversionNetwork, Judges,
+    PerceptualDistance, Realistic, SummaryRow, evaluate_inversion, evaluation_table,
 };
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -35,7 +35,7 @@ fn evaluate(
     network: &InversionNetwork,
     realistic: Realistic,
     judges: &Judges,
-) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
+) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
     evaluate_inversion(&evaluation(images, network, realistic, &Sift::default()), judges, &())
 }
 
@@ -59,7 +59,7 @@ fn evaluation<'a>(
 }
 
 #[test]
-fn every_scheme_and_attack_has_its_rows() {
+fn document_has_rows_for_schemes_and_attacks() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let paths: Vec<PathBuf> = (0..6).map(|i| draw(folder.path(), 31 * i)).collect();
     let plain = network("learned/plain.toml");
@@ -114,7 +114,7 @@ fn every_scheme_and_attack_has_its_rows() {
     for sheet in [&sheet, &wide] {
         assert_eq!((sheet.rows.len(), sheet.rows[0].len()), (1, sheet.columns.len()), "one image is shown");
     }
-    let side = |sheet: &Sheet| sheet.rows[0][1].image.width();
+    let side = |sheet: &ContactSheet| sheet.rows[0][1].image.width();
     assert_eq!((side(&sheet), side(&wide)), (32, 64));
     assert!(sheet.png().expect("small").expect("tiles").starts_with(b"\x89PNG"));
     let table = evaluation_table(&document);
@@ -126,12 +126,12 @@ fn every_scheme_and_attack_has_its_rows() {
 
     // A repetition gives exactly the same result.
     let again = evaluate(&paths[3..5], &plain, Realistic::default(), &Judges::default()).expect("it runs").0;
-    let psnr = |d: &EvaluationDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
+    let psnr = |d: &InversionDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
     assert_eq!(psnr(&again), psnr(&document), "other attackers change nothing");
 }
 
 #[test]
-fn a_network_that_judges_places_is_judged_by_what_it_believes() {
+fn visibility_output_is_evaluated_by_roc_auc() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
     let judging = network("learned/inversion.toml");
@@ -151,7 +151,7 @@ fn a_network_that_judges_places_is_judged_by_what_it_believes() {
 }
 
 #[test]
-fn judges_say_how_far_images_are_and_what_they_show() {
+fn image_metrics_are_computed() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let first = draw(folder.path(), 31);
     // The tiny classifier knows classes 10, 20 and 30, by colour; the synthetic images are brightest in blue.
@@ -187,7 +187,7 @@ fn judges_say_how_far_images_are_and_what_they_show() {
 }
 
 #[test]
-fn features_are_those_that_the_network_learned_from() {
+fn features_must_match_the_network() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let paths = [draw(folder.path(), 31)];
     let plain = network("learned/plain.toml");

@@ -42,14 +42,14 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
 /// map, none wrongly, and with nearly the same errors (a region of 20 holds fewer of the ten most relevant images;
 /// docs/scale.md).
 #[real_data_test]
-fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
+fn queries_are_localized_in_regions_as_in_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");
     let whole = kitchen(data, None, work.path());
-    told("whole", &whole);
+    print_figures("whole", &whole);
     let map = whole.map.as_ref().expect("a map");
     for (images, error) in [(40, 1.25), (20, 1.4)] {
         let cut = kitchen(data, Some(SplitOptions::default().with_images(images)), work.path());
-        told(&format!("regions of {images}"), &cut);
+        print_figures(&format!("regions of {images}"), &cut);
         let regions = cut.map.as_ref().and_then(|map| map.regions.clone()).expect("regions");
         assert!(regions.count >= 83 / images && regions.largest_bytes < map.bytes, "{regions:?}");
         for (whole, cut) in whole.schemes.iter().zip(&cut.schemes) {
@@ -66,7 +66,7 @@ fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
 /// A region that holds all images that the whole map retrieves for a query gives exactly the whole map's pose and
 /// state. Its covariance differs slightly, since regions store covariances of points in single precision.
 #[real_data_test]
-fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
+fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     let place = data.join("redkitchen");
     let work = tempfile::tempdir().expect("a folder");
     let path = work.path().join("place.vmap");
@@ -121,7 +121,7 @@ fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
                 }
                 let own = localize(&query, region, &options).expect("localized");
                 assert_eq!(names_in(region, &own), retrieved, "{name}");
-                assert_eq!(told_by(&own), told_by(&of_whole), "{name}");
+                assert_eq!(fields_of(&own), fields_of(&of_whole), "{name}");
                 for k in 0..6 {
                     let (a, b) = (own.covariance[k][k], of_whole.covariance[k][k]);
                     assert!((a - b).abs() <= 1e-3 * b, "{name}: {a:e} {b:e}");
@@ -137,7 +137,7 @@ fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
 }
 
 /// A pose, bit by bit, and the other fields of an answer.
-fn told_by(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
+fn fields_of(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
     let pose = &found.cam_from_world;
     let numbers = pose.rotation().matrix().iter().chain(pose.translation().iter()).copied();
     let numbers = numbers.chain([found.noise_px, found.focal_scale]);
@@ -146,7 +146,7 @@ fn told_by(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
 }
 
 /// Prints the figures, with `--nocapture`.
-fn told(what: &str, result: &Evaluation) {
+fn print_figures(what: &str, result: &Evaluation) {
     let map = result.map.as_ref().expect("a map");
     println!("{what}: {} images, {} bytes, {:?}", map.images, map.bytes, map.regions);
     for s in &result.schemes {

@@ -52,7 +52,7 @@ fn redkitchen_is_localized_under_every_scheme(data: &Path) {
 
 /// Images of a church door in the map of a kitchen: no pose may be trusted.
 #[real_data_test]
-fn queries_of_another_place_are_not_trusted(data: &Path) {
+fn queries_of_another_scene_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
     evaluation.negatives = Some(Negatives {
@@ -78,7 +78,7 @@ fn herzjesu_is_localized_with_dcl(data: &Path) {
 /// The collapse described in DESIGN: with the plain score the false optimum at an anchor wins; the likelihood removes
 /// it.
 #[real_data_test]
-fn the_collapse_of_the_plain_score_and_its_cure(data: &Path) {
+fn likelihood_removes_collapse_of_plain_score(data: &Path) {
     let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
     let mut evaluation = PoseEvaluation::new(files, vec![Scheme::default()]);
     evaluation.scores = vec![ScoreKind::Msac, ScoreKind::Likelihood];

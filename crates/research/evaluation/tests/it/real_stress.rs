@@ -21,7 +21,7 @@ fn names(list: &Path, every: usize) -> Vec<String> {
 
 /// Difficult conditions reduce accuracy, not the recall of the scene; the search finds the optimum of its objective.
 #[real_data_test]
-fn hard_conditions_of_redkitchen(data: &Path) {
+fn stress_conditions_of_redkitchen(data: &Path) {
     let kitchen = data.join("redkitchen");
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 5));
@@ -42,7 +42,7 @@ fn hard_conditions_of_redkitchen(data: &Path) {
 
 /// Out-of-map images are not localized in a kitchen, and an image without texture cannot be sealed.
 #[real_data_test]
-fn images_of_elsewhere_are_not_trusted(data: &Path) {
+fn out_of_map_images_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (folder, map) = (kitchen.join("images"), names(&kitchen.join("map.txt"), 4));

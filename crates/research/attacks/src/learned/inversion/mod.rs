@@ -71,7 +71,7 @@ pub struct Reconstruction {
     pub image: ColourImage,
     /// Probability that each descriptor was placed correctly, `[N]`, 0 to 1; NaN for a descriptor outside the image.
     /// `None` for a network without this output, and if no positions were given.
-    pub beliefs: Option<Vec<f32>>,
+    pub visibility: Option<Vec<f32>>,
 }
 
 /// Reconstructs an image from descriptors.
@@ -183,14 +183,14 @@ impl InversionNetwork {
         }
         let mut results = self.network.run(&[("features", &given)], &outputs)?.into_iter();
         let colours = results.next().map(|colours| colours.data).unwrap_or_default();
-        let beliefs = results.next().zip(placed).map(|(visible, (count, shares))| {
-            let mut beliefs = vec![f32::NAN; count];
+        let visibility = results.next().zip(placed).map(|(visible, (count, shares))| {
+            let mut visibility = vec![f32::NAN; count];
             for (descriptor, cell, _) in shares {
-                beliefs[descriptor as usize] = visible.data[cell as usize].clamp(0.0, 1.0);
+                visibility[descriptor as usize] = visible.data[cell as usize].clamp(0.0, 1.0);
             }
-            beliefs
+            visibility
         });
-        Ok(Reconstruction { image: image_of(&colours, grid), beliefs })
+        Ok(Reconstruction { image: image_of(&colours, grid), visibility })
     }
 }
 

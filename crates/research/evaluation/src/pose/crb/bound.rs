@@ -37,7 +37,7 @@ mod tests {
 
     /// Samples have the right coverage, and the median error of one coordinate is that of the normal: 0.6745 σ.
     #[test]
-    fn predicted_errors_have_the_covariance_of_the_bound() {
+    fn predicted_errors_have_covariance_of_bound() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let truth = random_pose(&mut rng);
         let mut information = [[0.0; 6]; 6];

@@ -59,7 +59,7 @@ mod tests {
     /// Compares the formula with sealing 20 000 keypoints: the spread of the distances of the true projections from
     /// the sent lines. Coarse angles make their rounding visible.
     #[test]
-    fn the_formula_is_the_spread_of_what_is_sent() {
+    fn formula_equals_spread_of_sent_lines() {
         let bits = AngleBits::new(9).expect("allowed");
         for scheme in [Scheme::Points, Scheme::RandomLines, Scheme::default()] {
             for noise in [0.0, 0.7] {

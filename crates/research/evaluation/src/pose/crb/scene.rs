@@ -77,7 +77,7 @@ mod tests {
     use super::SyntheticScene;
 
     #[test]
-    fn names_read_what_they_print() {
+    fn scene_names_round_trip() {
         for scene in SyntheticScene::ALL {
             assert_eq!(scene.to_string().parse(), Ok(scene));
         }
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn the_narrow_scene_is_twenty_degrees_wide() {
+    fn narrow_scene_has_20_degree_field_of_view() {
         let camera = SyntheticScene::Narrow.problems(1).camera;
         let edge = camera.unproject(veiloc_geometry::Pixel::new(640.0, 240.0));
         assert!((2.0 * edge.x.atan().to_degrees() - 20.0).abs() < 1e-9);

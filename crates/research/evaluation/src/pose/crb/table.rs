@@ -115,7 +115,7 @@ mod tests {
     use veiloc_protocol::Scheme;
 
     #[test]
-    fn table_holds_every_cell() {
+    fn table_has_every_cell() {
         let evaluation = SyntheticEvaluation {
             scenes: vec![SyntheticScene::Deep, SyntheticScene::Narrow],
             schemes: vec![Scheme::Points, Scheme::default()],
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn ratios_are_averaged_by_their_logarithms() {
+    fn ratios_have_geometric_mean() {
         assert!((geometric_mean([0.5, 2.0].into_iter()).expect("two") - 1.0).abs() < 1e-12);
         assert_eq!(geometric_mean(std::iter::empty()), None);
     }

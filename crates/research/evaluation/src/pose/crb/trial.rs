@@ -86,7 +86,7 @@ pub(super) fn run(
         .collect();
     let predicted = predict(evaluation, condition, &synthetic, &pose_problem, &right, &mut rng);
     match estimate_pose(&pose_problem, &evaluation.pose, &mut rng) {
-        Ok(estimate) => Trial { predicted, ..judge(&estimate, &synthetic, &right) },
+        Ok(estimate) => Trial { predicted, ..assess(&estimate, &synthetic, &right) },
         Err(_) => Trial { predicted, ..unsolved },
     }
 }
@@ -107,7 +107,7 @@ fn predict(
         .unwrap_or_default()
 }
 
-fn judge(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Trial {
+fn assess(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Trial {
     let pose = &estimate.cam_from_world;
     let all = right.iter().filter(|r| **r).count();
     let agreed = right.iter().zip(&estimate.inliers).filter(|(right, inlier)| **right && **inlier).count();

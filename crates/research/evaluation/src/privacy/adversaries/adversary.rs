@@ -80,7 +80,7 @@ impl Adversary {
     }
 
     /// Whether it needs a map of the scene.
-    pub const fn needs_place(self) -> bool {
+    pub const fn needs_map(self) -> bool {
         matches!(self, Self::MapServer | Self::PoseServer | Self::PoseServerImages | Self::SeveralFrames)
     }
 
@@ -147,14 +147,14 @@ mod tests {
     use crate::audit::Attack;
 
     #[test]
-    fn every_attack_of_an_adversary_is_there() {
+    fn attacks_of_adversaries_exist() {
         for adversary in Adversary::ALL {
             assert_eq!(adversary.name().parse(), Ok(adversary));
             for attack in adversary.attacks().iter().chain(adversary.thorough()) {
                 let needs = attack.parse::<Attack>().expect(attack).needs;
                 let knows_pose = adversary >= Adversary::PoseServer && adversary <= Adversary::SeveralFrames;
                 assert_eq!(needs.pose, knows_pose, "{adversary} {attack}");
-                assert_eq!(needs.pose || needs.map_images, adversary.needs_place(), "{adversary} {attack}");
+                assert_eq!(needs.pose || needs.map_images, adversary.needs_map(), "{adversary} {attack}");
             }
         }
     }

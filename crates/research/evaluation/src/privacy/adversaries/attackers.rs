@@ -14,7 +14,7 @@ use veiloc_features::Progress;
 use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
-use super::keypoints::Keypoints;
+use super::keypoints::AttackedKeypoints;
 
 /// Numbers of frames, or of seals of one image, for adversaries with several: limited by the available number.
 const FRAMES: [usize; 2] = [2, 8];
@@ -23,7 +23,7 @@ const SEALS: usize = 8;
 /// The attacked keypoints and the resources of adversaries.
 pub(crate) struct Attackers<'a> {
     /// The attacked keypoints and the knowledge about their scene.
-    pub(crate) keypoints: &'a Keypoints,
+    pub(crate) keypoints: &'a AttackedKeypoints,
     /// Schemes under which they are sent.
     pub(crate) schemes: &'a [Scheme],
     /// Keypoint files of other scenes, the training data of outsiders; without them outsiders are skipped.
@@ -46,9 +46,9 @@ pub(crate) struct Gain {
     /// Its best attack, by gain over the prior-only baseline.
     pub(crate) best: AttackSummary,
     /// The prior-only baseline on the same keypoints.
-    pub(crate) guess: AttackSummary,
+    pub(crate) prior: AttackSummary,
     /// All its attacks, in the order they ran.
-    pub(crate) tried: Vec<Tried>,
+    pub(crate) tried: Vec<TriedAttack>,
     /// Precision of its predicted neighbours; `None` for an oracle, and if no neighbours are used.
     pub(crate) precision: Option<f64>,
     /// Share of all keypoints on which errors are measured.
@@ -57,7 +57,7 @@ pub(crate) struct Gain {
 
 /// One attack of an adversary with its gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Tried {
+pub struct TriedAttack {
     /// Its name.
     pub attack: String,
     /// Frames or seals that it used; absent for attacks on one query.
@@ -69,7 +69,7 @@ pub struct Tried {
     pub bits_over_prior: f64,
 }
 
-impl Tried {
+impl TriedAttack {
     fn of(summary: &AttackSummary) -> Self {
         Self {
             attack: summary.attack.to_string(),
@@ -82,7 +82,7 @@ impl Tried {
 
 impl Attackers<'_> {
     /// Mean error of the prior-only baseline on all images, attacked or not, by scheme, pixels.
-    pub(crate) fn guess(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
+    pub(crate) fn prior_errors(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
         let images: Vec<KeypointImage> = self.keypoints.all().cloned().collect();
         let guessed = run(&self.evaluation(), images, "Guessing", progress)?;
         Ok(guessed.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
@@ -99,7 +99,7 @@ impl Attackers<'_> {
         let extra = if self.thorough { adversary.thorough() } else { &[] };
         attack.attacks =
             adversary.attacks().iter().chain(extra).filter_map(|name| name.parse::<Attack>().ok()).collect();
-        let Some(images) = self.give(adversary, &mut attack)? else { return Ok(BTreeMap::new()) };
+        let Some(images) = self.set_resources(adversary, &mut attack)? else { return Ok(BTreeMap::new()) };
         // A server without a pose under a scheme has no gain there; the other schemes are attacked without it.
         let found = loop {
             match run(&attack, images.clone(), adversary.name(), progress) {
@@ -127,7 +127,7 @@ impl Attackers<'_> {
 
     /// Sets the resources of an adversary, and returns its images, the attacked ones first; `None` if resources are
     /// missing.
-    fn give(
+    fn set_resources(
         &self,
         adversary: Adversary,
         attack: &mut AttackEvaluation,
@@ -136,7 +136,7 @@ impl Attackers<'_> {
         let mut images = keypoints.attacked.clone();
         attack.images = Some(images.len());
         let place = keypoints.place.as_ref();
-        if adversary.needs_place() && place.is_none() {
+        if adversary.needs_map() && place.is_none() {
             return Ok(None);
         }
         // What the map shows is known under every scheme; errors are measured on the rest.
@@ -151,12 +151,12 @@ impl Attackers<'_> {
         match adversary {
             Adversary::OutsiderStatistic if !self.train.is_empty() => {
                 attack.neighbours = NeighbourSource::Predicted { train: self.train.to_vec() };
-                images.extend(self.elsewhere()?);
+                images.extend(self.other_scenes()?);
             }
             Adversary::OutsiderNeighbours => {
                 let Some(model) = self.network else { return Ok(None) };
                 attack.neighbours = NeighbourSource::Network { model: model.to_owned() };
-                images.extend(self.elsewhere()?);
+                images.extend(self.other_scenes()?);
             }
             Adversary::OutsiderNetwork if !self.positions.is_empty() => {
                 attack.positions = self.positions.to_vec();
@@ -191,7 +191,7 @@ impl Attackers<'_> {
     }
 
     /// Keypoints of other scenes, for the density of keypoints; their descriptors are not read again.
-    fn elsewhere(&self) -> Result<Vec<KeypointImage>, EvalError> {
+    fn other_scenes(&self) -> Result<Vec<KeypointImage>, EvalError> {
         let mut images = Vec::new();
         for file in self.train {
             let read = read_keypoints(file).map_err(EvalError::from)?;
@@ -209,11 +209,11 @@ fn gain(found: &AttackDocument, scheme: &str) -> Option<(String, Gain)> {
     let of_scheme = || found.attacks.iter().filter(|a| a.scheme == scheme);
     let tried = || of_scheme().filter(|a| a.attack != Attack::PRIOR);
     let best = tried().max_by(|a, b| a.bits_over_prior.total_cmp(&b.bits_over_prior))?;
-    let guess = of_scheme().find(|a| a.attack == Attack::PRIOR)?;
+    let prior = of_scheme().find(|a| a.attack == Attack::PRIOR)?;
     let gain = Gain {
         best: best.clone(),
-        guess: guess.clone(),
-        tried: tried().map(Tried::of).collect(),
+        prior: prior.clone(),
+        tried: tried().map(TriedAttack::of).collect(),
         precision: found.precision,
         measured: found.server.iter().find(|s| s.scheme == scheme).map_or(1.0, |s| s.measured),
     };
@@ -227,13 +227,13 @@ fn run(
     progress: &dyn Progress,
 ) -> Result<AttackDocument, EvalError> {
     let group = ImageGroup { name: "queries".to_owned(), images };
-    attack_groups(attack, vec![group], &mut Watched(Stage::new(progress, stage)))
+    attack_groups(attack, vec![group], &mut ProgressObserver(Stage::new(progress, stage)))
 }
 
 /// Reports progress.
-struct Watched<'a>(Stage<'a>);
+struct ProgressObserver<'a>(Stage<'a>);
 
-impl AttackObserver for Watched<'_> {
+impl AttackObserver for ProgressObserver<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
         self.0.advance(total);
     }

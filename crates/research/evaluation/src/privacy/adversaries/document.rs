@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::adversary::Adversary;
-use super::attackers::{Gain, Tried};
+use super::attackers::{Gain, TriedAttack};
 use super::options::AdversariesEvaluation;
 
 /// The document that `veiloc eval adversaries --json` prints.
@@ -60,7 +60,7 @@ pub struct AdversaryRow {
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
     /// All its attacks.
-    pub tried: Vec<Tried>,
+    pub tried: Vec<TriedAttack>,
 }
 
 impl AdversariesDocument {
@@ -76,7 +76,7 @@ impl AdversariesDocument {
     }
 
     /// Lists the adversaries without a row.
-    pub(super) fn finish(&mut self, evaluation: &AdversariesEvaluation) {
+    pub(super) fn list_missing(&mut self, evaluation: &AdversariesEvaluation) {
         let there = |a: &Adversary| self.rows.iter().any(|row| row.adversary == a.name());
         self.missing = evaluation.adversaries.iter().copied().filter(|a| !there(a)).collect();
     }
@@ -102,7 +102,7 @@ impl AdversariesDocument {
                 images: gain.best.images,
                 measured: gain.measured,
                 precision: gain.precision,
-                guess_median_px: gain.guess.median_px,
+                guess_median_px: gain.prior.median_px,
                 median_px: gain.best.median_px,
                 under_10px: gain.best.under_10px,
                 under_30px: gain.best.under_30px,

@@ -10,7 +10,7 @@ use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines
 use veiloc_features::Progress;
 
 /// All keypoints of a scene or a file, and the files that attacks read.
-pub(crate) struct Keypoints {
+pub(crate) struct AttackedKeypoints {
     /// Name of the scene or file.
     pub(crate) data: String,
     /// Attacked images, spread evenly over all.
@@ -18,11 +18,11 @@ pub(crate) struct Keypoints {
     /// The other queries.
     pub(crate) others: Vec<KeypointImage>,
     /// Knowledge from a map of the scene; `None` for images without a map.
-    pub(crate) place: Option<PlaceKnowledge>,
+    pub(crate) place: Option<SceneKnowledge>,
 }
 
 /// Knowledge of the operator of a map.
-pub(crate) struct PlaceKnowledge {
+pub(crate) struct SceneKnowledge {
     /// Images of the map, in the frames of their canonical cameras, as queries are.
     pub(crate) map: Vec<KeypointImage>,
     /// Matches of all queries with the map, `problems.jsonl`.
@@ -32,10 +32,10 @@ pub(crate) struct PlaceKnowledge {
     _folder: TempDir,
 }
 
-impl Keypoints {
+impl AttackedKeypoints {
     /// Keypoints of a scene: of its queries, `attacked` of which are attacked (`None` for all), and of its map
     /// images.
-    pub(crate) fn of_place(
+    pub(crate) fn of_scene(
         source: &ProblemSource<'_>,
         attacked: Option<usize>,
         progress: &dyn Progress,
@@ -57,7 +57,7 @@ impl Keypoints {
             Ok::<PathBuf, EvalError>(path)
         };
         let lines: Vec<String> = made.iter().map(|m| m.line.clone()).collect();
-        let place = PlaceKnowledge {
+        let place = SceneKnowledge {
             problems: write("problems.jsonl", json_lines::encode(&lines, false))?,
             map_file: write("map.jsonl", encode_keypoints(&map, false))?,
             map,

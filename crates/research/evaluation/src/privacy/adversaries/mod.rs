@@ -13,11 +13,11 @@ mod table;
 use crate::EvalError;
 use crate::{ProblemSource, masks_of};
 pub(crate) use attackers::{Attackers, Gain};
-pub(crate) use keypoints::Keypoints;
+pub(crate) use keypoints::AttackedKeypoints;
 use veiloc_features::Progress;
 
 pub use adversary::{Adversary, UnknownAdversary};
-pub use attackers::Tried;
+pub use attackers::TriedAttack;
 pub use document::{AdversariesDocument, AdversaryRow};
 pub use options::{AdversariesEvaluation, Place};
 pub use table::adversaries_table;
@@ -43,10 +43,10 @@ pub fn evaluate_adversaries(
             masks: &masks_of(&place.query_list, place.masks.as_deref()),
             seed: evaluation.seed,
         };
-        sets.push(Keypoints::of_place(&source, evaluation.attacked, progress)?);
+        sets.push(AttackedKeypoints::of_scene(&source, evaluation.attacked, progress)?);
     }
     for file in &evaluation.files {
-        sets.push(Keypoints::of_file(file, evaluation.attacked)?);
+        sets.push(AttackedKeypoints::of_file(file, evaluation.attacked)?);
     }
     let mut document = AdversariesDocument::new(evaluation);
     for keypoints in &sets {
@@ -65,6 +65,6 @@ pub fn evaluate_adversaries(
         }
     }
     progress.finish();
-    document.finish(evaluation);
+    document.list_missing(evaluation);
     Ok(document)
 }

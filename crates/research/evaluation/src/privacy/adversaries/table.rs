@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_is_there_and_who_is_missing_is_said() {
+    fn table_has_all_rows_and_lists_missing_adversaries() {
         let rows = vec![
             row("kitchen", Adversary::OutsiderStatistic, "coordinate-permutation", None),
             row("kitchen", Adversary::OutsiderStatistic, "dcl", None),

@@ -112,7 +112,7 @@ mod tests {
 
     /// Ten queries of each; the layout has twice the error, four times in the sparse map, and loses queries there.
     #[test]
-    fn ratios_are_of_the_same_queries_and_lost_ones_are_infinite() {
+    fn ratios_use_the_same_queries_and_lost_ones_are_infinite() {
         let mut queries = Vec::new();
         for i in 1..=10 {
             let error = f64::from(i);

@@ -74,7 +74,7 @@ impl LayoutRow {
             error_over_points: accuracy.mean(|c| c.error_over_points),
             tail_over_points: accuracy.mean(|c| c.tail_over_points),
             rotation_over_points: accuracy.mean(|c| c.rotation_over_points),
-            prior_mean_px: finite(privacy.guess(&scheme)),
+            prior_mean_px: finite(privacy.prior_error(&scheme)),
             other_pencil_neighbours: finite(privacy.other_pencil(&scheme)),
             bits: adversaries.iter().map(|a| (a.adversary, a.bits)).collect(),
             protects_as_paper: None,
@@ -90,13 +90,13 @@ impl LayoutRow {
 
     /// Whether it protects at least as well as another row.
     fn protects_as(&self, other: &Self) -> bool {
-        let guess = self.prior_mean_px.zip(other.prior_mean_px).is_some_and(|(own, least)| own >= least);
+        let prior = self.prior_mean_px.zip(other.prior_mean_px).is_some_and(|(own, least)| own >= least);
         // An adversary with a negative gain would use the prior-only baseline instead.
         let gain = |bits: f64| bits.max(0.0);
         let holds = |a: &AdversaryFigures| {
             other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + LEEWAY_BITS)
         };
-        guess && self.adversaries.iter().filter(|a| a.realistic).all(holds)
+        prior && self.adversaries.iter().filter(|a| a.realistic).all(holds)
     }
 }
 
@@ -117,7 +117,7 @@ pub(super) mod tests {
     pub(in crate::privacy::layouts) fn row(
         layout: &str,
         error: f64,
-        guess: f64,
+        prior: f64,
         bits: [f64; 2],
     ) -> LayoutRow {
         let figures = |adversary, realistic, bits| AdversaryFigures {
@@ -136,7 +136,7 @@ pub(super) mod tests {
             error_over_points: Some(error),
             tail_over_points: None,
             rotation_over_points: Some(error),
-            prior_mean_px: Some(guess),
+            prior_mean_px: Some(prior),
             other_pencil_neighbours: Some(0.02),
             bits: adversaries.iter().map(|a| (a.adversary, a.bits)).collect(),
             protects_as_paper: None,
@@ -161,7 +161,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_layout_protects_as_the_papers_when_guess_and_realistic_adversaries_say_so() {
+    fn layout_protects_as_paper_by_prior_and_realistic_adversaries() {
         let paper = || row(super::super::PAPER, 2.8, 80.0, [-0.1, 4.0]);
         let mut all = document(vec![
             paper(),
@@ -170,8 +170,8 @@ pub(super) mod tests {
             row("c", 1.4, 90.0, [0.06, 4.0]),
         ]);
         all.compare();
-        let says: Vec<_> = all.rows.iter().map(|r| r.protects_as_paper).collect();
-        assert_eq!(says, [Some(true), Some(true), Some(false), Some(false)]);
+        let results: Vec<_> = all.rows.iter().map(|r| r.protects_as_paper).collect();
+        assert_eq!(results, [Some(true), Some(true), Some(false), Some(false)]);
         assert_eq!(all.rows[1].worst_realistic(), Some(0.04));
         let mut alone = document(vec![row("a", 1.4, 80.0, [0.0, 6.0])]);
         alone.compare();

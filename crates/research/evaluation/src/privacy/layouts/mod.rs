@@ -19,7 +19,7 @@ use crate::stress::{StressQuery, evaluate_stress};
 use veiloc_features::Progress;
 use veiloc_protocol::{DclLayout, Scheme};
 
-use crate::privacy::adversaries::Keypoints;
+use crate::privacy::adversaries::AttackedKeypoints;
 use accuracy::Accuracy;
 use privacy::Privacy;
 
@@ -50,8 +50,8 @@ pub fn evaluate_layouts(
         masks: &BTreeMap::new(),
         seed: stress.seed,
     };
-    let keypoints = Keypoints::of_place(&source, evaluation.attacked, progress)?;
-    let mut stressed = Stressed { place: String::new(), queries: Vec::new() };
+    let keypoints = AttackedKeypoints::of_scene(&source, evaluation.attacked, progress)?;
+    let mut stressed = StressedQueries { place: String::new(), queries: Vec::new() };
     for seed in evaluation.seeds() {
         let mut stress = evaluation.stress.clone();
         stress.schemes = std::iter::once(Scheme::Points)
@@ -82,7 +82,7 @@ pub fn evaluate_layouts(
 }
 
 /// All queries under all conditions, layouts and seeds.
-struct Stressed {
+struct StressedQueries {
     place: String,
     queries: Vec<StressQuery>,
 }

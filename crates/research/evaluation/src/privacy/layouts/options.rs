@@ -59,12 +59,12 @@ impl LayoutsEvaluation {
     }
 
     pub(super) fn check(&self) -> Result<(), EvalError> {
-        let asked = !self.layouts.is_empty()
+        let selected = !self.layouts.is_empty()
             && !self.stress.query_list.is_empty()
             && self.seeds > 0
             && self.k > 0
             && self.attacked != Some(0);
-        if !asked {
+        if !selected {
             return Err(EvalError::Options("no layout, query, seed or neighbour to evaluate".to_owned()));
         }
         let twice = self.layouts.iter().enumerate().find(|(i, own)| self.layouts[..*i].contains(own));
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_default_layouts_are_read_and_differ() {
+    fn default_layouts_parse_and_differ() {
         let evaluation = || {
             let lists = (vec!["a".to_owned()], vec!["b".to_owned()]);
             LayoutsEvaluation::new(PosedImages::default(), "images".into(), lists.0, lists.1)

@@ -11,7 +11,7 @@ use veiloc_protocol::{DclLayout, Scheme};
 
 use super::options::LayoutsEvaluation;
 use crate::EvalError;
-use crate::privacy::adversaries::{Adversary, Attackers, Gain, Keypoints};
+use crate::privacy::adversaries::{Adversary, AttackedKeypoints, Attackers, Gain};
 
 /// One adversary on all attacked queries, with its best attack.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -50,7 +50,7 @@ impl AdversaryFigures {
 /// Results of all layouts.
 pub(super) struct Privacy {
     /// By scheme.
-    guess: BTreeMap<String, f64>,
+    prior_error: BTreeMap<String, f64>,
     /// By scheme.
     others: BTreeMap<String, f64>,
     /// By scheme, in the order of [`Adversary::ALL`].
@@ -60,7 +60,7 @@ pub(super) struct Privacy {
 impl Privacy {
     pub(super) fn of(
         evaluation: &LayoutsEvaluation,
-        keypoints: &Keypoints,
+        keypoints: &AttackedKeypoints,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let schemes: Vec<Scheme> = evaluation.layouts.iter().copied().map(Scheme::Dcl).collect();
@@ -82,7 +82,7 @@ impl Privacy {
         };
         let all: Vec<&KeypointImage> = keypoints.all().collect();
         let mut found = Self {
-            guess: attackers.guess(progress)?,
+            prior_error: attackers.prior_errors(progress)?,
             others: evaluation.layouts.iter().map(|l| of_layout(*l, &all, evaluation.k)).collect(),
             adversaries: BTreeMap::new(),
         };
@@ -96,8 +96,8 @@ impl Privacy {
     }
 
     /// Mean error of the prior-only baseline, pixels; NaN for a layout that was not evaluated.
-    pub(super) fn guess(&self, scheme: &str) -> f64 {
-        self.guess.get(scheme).copied().unwrap_or(f64::NAN)
+    pub(super) fn prior_error(&self, scheme: &str) -> f64 {
+        self.prior_error.get(scheme).copied().unwrap_or(f64::NAN)
     }
 
     /// Share of the nearest neighbours in another pencil; NaN as for [`Self::prior_error`].

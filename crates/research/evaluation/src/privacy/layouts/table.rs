@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_tables_have_a_row_a_layout() {
+    fn both_tables_have_one_row_per_layout() {
         let rows = vec![
             row("dcl:paper", 2.8, 80.0, [-0.1, 4.0]),
             row("dcl:axis=1:sectors=2:anchors=0/0+1/1", 1.4, 90.0, [0.25, 5.0]),

@@ -3,8 +3,8 @@
 use crate::EvalError;
 use rayon::prelude::*;
 use veiloc_attacks::multi_view::{
-    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, select_frames_matched, resting_camera,
-    multi_view_attack_matched,
+    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack_matched, resting_camera,
+    select_frames_matched,
 };
 use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
 use veiloc_descriptor::{MatchOptions, match_descriptors};
@@ -13,8 +13,8 @@ use veiloc_obfuscation::SessionAnchors;
 use veiloc_protocol::AngleBits;
 
 use super::SessionsEvaluation;
+use super::localized_frame::{LocalizedFrame, TrustedFrame};
 use super::motion::Motion;
-use super::seen::{Posed, Seen};
 
 /// The attacked keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -53,9 +53,9 @@ impl Method {
 
 /// Result of an attack: errors of the attacked keypoints and of the baseline, pixels.
 #[derive(Default)]
-pub(super) struct Attacked {
+pub(super) struct AttackErrors {
     pub(super) errors: Vec<f64>,
-    pub(super) guess: Vec<f64>,
+    pub(super) prior: Vec<f64>,
     pub(super) size: (u32, u32),
 }
 
@@ -70,26 +70,28 @@ const RATIO: f32 = 0.9;
 pub(super) fn attack(
     evaluation: &SessionsEvaluation,
     (anchors, motion): (SessionAnchors, Motion),
-    seen: &[Seen],
+    localized: &[LocalizedFrame],
     own: usize,
     others: &[usize],
-) -> Result<Vec<Attacked>, EvalError> {
+) -> Result<Vec<AttackErrors>, EvalError> {
     let methods =
         || Measured::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
-    let Some(posed) = &seen[own].posed else {
-        return Ok(methods().flat_map(|_| evaluation.frames.iter().map(|_| Attacked::default())).collect());
+    let Some(posed) = &localized[own].posed else {
+        return Ok(methods()
+            .flat_map(|_| evaluation.frames.iter().map(|_| AttackErrors::default()))
+            .collect());
     };
     let others: Vec<Other<'_>> = others
         .par_iter()
-        .filter_map(|i| seen[*i].posed.as_ref())
+        .filter_map(|i| localized[*i].posed.as_ref())
         .map(|other| Other { posed: other, matches: matches(posed, other) })
         .collect();
-    let name = &seen[own].result.name;
+    let name = &localized[own].result.name;
     let codes = codes(anchors, evaluation);
     let mut all = Vec::new();
     for (measured, method) in methods() {
         let target = Target::new(posed, measured);
-        let of_each = target.attacked(&others, motion, method, &codes, &evaluation.frames);
+        let of_each = target.attack_errors(&others, motion, method, &codes, &evaluation.frames);
         all.extend(of_each.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?);
     }
     Ok(all)
@@ -97,12 +99,12 @@ pub(super) fn attack(
 
 /// Another frame, and its rows that show the keypoints of the attacked frame: `[N]`.
 struct Other<'a> {
-    posed: &'a Posed,
+    posed: &'a TrustedFrame,
     matches: Vec<Option<usize>>,
 }
 
 /// Matches by descriptors: mutual nearest neighbours with ratio test.
-fn matches(from: &Posed, to: &Posed) -> Vec<Option<usize>> {
+fn matches(from: &TrustedFrame, to: &TrustedFrame) -> Vec<Option<usize>> {
     let options = MatchOptions::default().with_max_ratio(Some(RATIO));
     let mut matches = vec![None; from.lines.len()];
     for m in match_descriptors(from.query.descriptors(), to.query.descriptors(), &options) {
@@ -113,19 +115,20 @@ fn matches(from: &Posed, to: &Posed) -> Vec<Option<usize>> {
 
 /// The attacked frame.
 struct Target<'a> {
-    posed: &'a Posed,
+    posed: &'a TrustedFrame,
     observations: Vec<Observation>,
-    asked: Vec<bool>,
+    attacked: Vec<bool>,
     options: FramesOptions,
 }
 
 impl<'a> Target<'a> {
-    fn new(posed: &'a Posed, measured: Measured) -> Self {
-        let told = |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !posed.private[i]);
+    fn new(posed: &'a TrustedFrame, measured: Measured) -> Self {
+        let known_to_server =
+            |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !posed.private[i]);
         let observations = (0..posed.lines.len())
-            .map(|i| told(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
+            .map(|i| known_to_server(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
             .collect();
-        let asked = match measured {
+        let attacked = match measured {
             Measured::Private => posed.private.clone(),
             Measured::Matched => {
                 (0..posed.lines.len()).map(|i| posed.known[i].is_some() && posed.truth[i].is_some()).collect()
@@ -133,9 +136,14 @@ impl<'a> Target<'a> {
         };
         let depths = || posed.known.iter().flatten().map(|k| k.1);
         let (least, most) = depths().fold((f64::INFINITY, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
-        let beside: Vec<(Pixel, f64)> = (0..posed.lines.len()).filter_map(told).collect();
+        let known_points: Vec<(Pixel, f64)> = (0..posed.lines.len()).filter_map(known_to_server).collect();
         let options = FramesOptions::with_depths([NEARER * least, FARTHER * most]);
-        Self { posed, observations, options: options.beside(beside).for_keypoints(asked.clone()), asked }
+        Self {
+            posed,
+            observations,
+            options: options.with_known_points(known_points).for_keypoints(attacked.clone()),
+            attacked,
+        }
     }
 
     fn size(&self) -> (u32, u32) {
@@ -147,14 +155,14 @@ impl<'a> Target<'a> {
     }
 
     /// Attacks with the number of frames of each row.
-    fn attacked(
+    fn attack_errors(
         &self,
         others: &[Other<'_>],
         motion: Motion,
         method: Method,
         codes: &RestingOptions,
         counts: &[usize],
-    ) -> Result<Vec<Attacked>, AttackError> {
+    ) -> Result<Vec<AttackErrors>, AttackError> {
         let longest = counts.iter().copied().max().unwrap_or(2);
         let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
         let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
@@ -165,7 +173,7 @@ impl<'a> Target<'a> {
             Motion::Walking | Motion::Resting => (0..others.len()).collect(),
         };
         let (width, height) = self.size();
-        let guess = prior_only(&self.observations, width, height);
+        let prior = prior_only(&self.observations, width, height);
         counts
             .iter()
             .map(|count| {
@@ -175,16 +183,17 @@ impl<'a> Target<'a> {
                     Method::SeveralFrames => Some(self.by_planes(&chosen)?),
                     Method::RestingCamera => Some(self.by_scatter(&chosen, codes)?),
                 };
-                let answer =
-                    |i: usize| found.as_ref().and_then(|f: &Vec<TriangulatedKeypoint>| f[i].pixel).unwrap_or(guess[i]);
-                let judged: Vec<(usize, Pixel)> = (0..self.asked.len())
-                    .filter(|i| self.asked[*i])
+                let answer = |i: usize| {
+                    found.as_ref().and_then(|f: &Vec<TriangulatedKeypoint>| f[i].pixel).unwrap_or(prior[i])
+                };
+                let evaluated: Vec<(usize, Pixel)> = (0..self.attacked.len())
+                    .filter(|i| self.attacked[*i])
                     .filter_map(|i| Some((i, self.posed.truth[i]?)))
                     .collect();
-                let truth: Vec<Pixel> = judged.iter().map(|j| j.1).collect();
-                Ok(Attacked {
-                    errors: errors_px(judged.iter().map(|j| answer(j.0)), &truth),
-                    guess: errors_px(judged.iter().map(|j| guess[j.0]), &truth),
+                let truth: Vec<Pixel> = evaluated.iter().map(|j| j.1).collect();
+                Ok(AttackErrors {
+                    errors: errors_px(evaluated.iter().map(|j| answer(j.0)), &truth),
+                    prior: errors_px(evaluated.iter().map(|j| prior[j.0]), &truth),
                     size: (width, height),
                 })
             })
@@ -198,14 +207,18 @@ impl<'a> Target<'a> {
         multi_view_attack_matched(&all, &matches, &self.options)
     }
 
-    fn by_scatter(&self, chosen: &[&Other<'_>], codes: &RestingOptions) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
+    fn by_scatter(
+        &self,
+        chosen: &[&Other<'_>],
+        codes: &RestingOptions,
+    ) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
         let of = |o: &&Other<'_>| o.matches.iter().map(|m| m.map(|j| o.posed.lines[j])).collect();
         let others: Vec<Vec<Option<Observation>>> = chosen.iter().map(of).collect();
         resting_camera(&self.observations, &others, self.size(), codes)
     }
 }
 
-impl Posed {
+impl TrustedFrame {
     /// The frame as it was sent.
     fn frame(&self) -> Frame<'_> {
         Frame {

@@ -1,6 +1,6 @@
 //! The device: the frames of a session sealed in order, with simulated orientation errors.
 
-use crate::road::Upright;
+use crate::pipeline::SimulatedGravity;
 use rand::SeedableRng;
 use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
 use veiloc_datasets::problem_files::seed_for;
@@ -12,7 +12,7 @@ use veiloc_protocol::Scheme;
 use veiloc_synthetic::problems::normal;
 
 use super::SessionsEvaluation;
-use super::frames::Shown;
+use super::frames::DeviceFrame;
 
 /// Errors of orientations.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,13 +38,13 @@ pub(super) struct Sealed {
 ///
 /// The first orientation is exact, since all others are relative to it. Sessions of all schemes have equal errors.
 pub(super) fn sealed_in_session(
-    frames: &[Shown],
+    frames: &[DeviceFrame],
     scheme: Scheme,
     anchors: SessionAnchors,
     gyroscope: &Gyroscope,
     evaluation: &SessionsEvaluation,
     map: &MapFile,
-    upright: &Upright,
+    gravity_source: &SimulatedGravity,
 ) -> (Vec<Result<Sealed, String>>, u32) {
     let seed = evaluation.place.seed;
     let first = frames.first().map_or("", |f| &f.name);
@@ -53,7 +53,7 @@ pub(super) fn sealed_in_session(
     let options = evaluation.session.with_anchors(anchors).with_most_starts(None);
     let mut session = Session::new(options, &mut key);
     let mut drift = Rotation3::identity();
-    let down = Vector3::from(upright.down().in_world());
+    let down = Vector3::from(gravity_source.down().in_world());
     let seal = options_for(scheme);
     let sealed = frames
         .iter()

@@ -8,7 +8,7 @@ use veiloc_obfuscation::SessionAnchors;
 use veiloc_protocol::Scheme;
 
 use super::SessionsEvaluation;
-use super::attack::{Attacked, Measured, Method};
+use super::attack::{AttackErrors, Measured, Method};
 use super::device::{Gyroscope, Sealed};
 use super::motion::Motion;
 
@@ -135,7 +135,7 @@ pub struct SessionRow {
     #[serde(skip)]
     errors: Vec<f64>,
     #[serde(skip)]
-    guess: Vec<f64>,
+    prior: Vec<f64>,
     /// Bits times keypoints.
     #[serde(skip)]
     bits: f64,
@@ -169,7 +169,7 @@ impl SessionRow {
                     under_10px: None,
                     bits_over_prior: None,
                     errors: Vec::new(),
-                    guess: Vec::new(),
+                    prior: Vec::new(),
                     bits: 0.0,
                 }));
             }
@@ -178,24 +178,24 @@ impl SessionRow {
     }
 
     /// Adds an image.
-    pub(super) fn add(&mut self, attacked: &Attacked) {
+    pub(super) fn add(&mut self, attacked: &AttackErrors) {
         if attacked.errors.is_empty() {
             return;
         }
         let (width, height) = attacked.size;
-        let bits = bits_over_prior(&attacked.errors, &attacked.guess, width, height);
+        let bits = bits_over_prior(&attacked.errors, &attacked.prior, width, height);
         self.bits += bits * attacked.errors.len() as f64;
         self.images += 1;
         self.errors.extend(&attacked.errors);
-        self.guess.extend(&attacked.guess);
+        self.prior.extend(&attacked.prior);
     }
 
     /// The row with its final figures.
     pub(super) fn finished(mut self) -> Self {
-        let (errors, guess) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.guess));
+        let (errors, prior) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.prior));
         self.rows = errors.count;
         if errors.count > 0 {
-            self.prior_median_px = finite(guess.median_px);
+            self.prior_median_px = finite(prior.median_px);
             self.median_px = finite(errors.median_px);
             self.under_10px = finite(errors.under_10px);
             self.bits_over_prior = finite(self.bits / errors.count as f64);

@@ -2,7 +2,7 @@
 
 use crate::EvalError;
 use crate::audit::person;
-use crate::road::PosedQuery;
+use crate::pipeline::PosedQuery;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::seed_for;
@@ -16,7 +16,7 @@ use veiloc_synthetic::problems::normal;
 
 /// A frame as the device has it.
 #[derive(Clone)]
-pub(super) struct Shown {
+pub(super) struct DeviceFrame {
     pub(super) name: String,
     pub(super) features: Features,
     pub(super) camera: Intrinsics,
@@ -27,7 +27,12 @@ pub(super) struct Shown {
 }
 
 /// The frame of a query's own image.
-pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) -> Result<Shown, EvalError> {
+pub(super) fn shown(
+    query: &PosedQuery,
+    map: &MapFile,
+    private: f64,
+    seed: u64,
+) -> Result<DeviceFrame, EvalError> {
     let image = load_gray(&query.path)?;
     let mut shown = extracted(query, &query.name, image, map)?;
     let pixels: Vec<Pixel> = shown.features.keypoints.iter().map(|k| k.pixel).collect();
@@ -37,14 +42,14 @@ pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) 
 }
 
 /// Frames of a stationary camera: the image itself, and copies with new sensor noise, gray levels of 255.
-pub(super) fn rested(
+pub(super) fn stationary_frames(
     query: &PosedQuery,
-    own: &Shown,
+    own: &DeviceFrame,
     frames: usize,
     noise: f64,
     map: &MapFile,
     seed: u64,
-) -> Result<Vec<Shown>, EvalError> {
+) -> Result<Vec<DeviceFrame>, EvalError> {
     let image = load_gray(&query.path)?;
     let again = (1..frames).map(|k| {
         let name = format!("{} again {k}", query.name);
@@ -60,11 +65,16 @@ fn with_noise(image: &GrayImage, noise: f64, rng: &mut impl Rng) -> GrayImage {
     GrayImage::from_luma8(image.width(), image.height(), &bytes).expect("as many samples as before")
 }
 
-fn extracted(query: &PosedQuery, name: &str, image: GrayImage, map: &MapFile) -> Result<Shown, EvalError> {
+fn extracted(
+    query: &PosedQuery,
+    name: &str,
+    image: GrayImage,
+    map: &MapFile,
+) -> Result<DeviceFrame, EvalError> {
     let options = options_for(Scheme::default());
     let (features, camera) =
         extract_loaded(Image::from(image), &query.path, &query.camera, map.profile(), &options)?;
-    Ok(Shown {
+    Ok(DeviceFrame {
         name: name.to_owned(),
         features,
         camera,

@@ -18,14 +18,14 @@ mod attack;
 mod device;
 mod document;
 mod frames;
+mod localized_frame;
 mod motion;
-mod seen;
 mod table;
 
 use crate::EvalError;
+use crate::pipeline::{PosedQuery, SceneMap, SimulatedGravity, queries_of_scene};
 use crate::results::{QueryResult, summarize};
-use crate::road::{PlaceMap, PosedQuery, Upright, queries_of_place};
-use crate::{SceneEvaluation, walk_of};
+use crate::{SceneEvaluation, sequence_of};
 use rayon::prelude::*;
 use veiloc_features::Progress;
 use veiloc_geometry::CameraFromWorld;
@@ -34,10 +34,10 @@ use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 
 use crate::privacy::spread::spread;
-use attack::{Attacked, attack};
+use attack::{AttackErrors, attack};
 use device::{Gyroscope, Sealed, sealed_in_session};
-use frames::{Shown, rested, shown};
-use seen::Seen;
+use frames::{DeviceFrame, shown, stationary_frames};
+use localized_frame::LocalizedFrame;
 
 pub use document::{FramesFigures, SessionRow, SessionsDocument};
 pub use motion::{Motion, MotionError};
@@ -118,7 +118,7 @@ pub fn evaluate_sessions(
 ) -> Result<SessionsDocument, EvalError> {
     evaluation.check()?;
     let place = &evaluation.place;
-    let queries = queries_of_place(
+    let queries = queries_of_scene(
         &place.posed,
         &place.images,
         &place.map_list,
@@ -127,23 +127,30 @@ pub fn evaluate_sessions(
     )?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let attacked = attacked(evaluation, &poses)?;
-    let upright = Upright::of(&place.posed, &place.map_list, 1.0)?;
+    let gravity_source = SimulatedGravity::of(&place.posed, &place.map_list, 1.0)?;
     let input = Input::new(&place.posed, &place.images).with_names(&place.map_list);
-    let PlaceMap { file: map, summary, .. } =
-        &PlaceMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
+    let SceneMap { file: map, summary, .. } =
+        &SceneMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());
-    let mut walk: Vec<Shown> = Vec::with_capacity(queries.len());
+    let mut trajectory: Vec<DeviceFrame> = Vec::with_capacity(queries.len());
     for query in &queries {
-        walk.push(shown(query, map, evaluation.private, place.seed)?);
+        trajectory.push(shown(query, map, evaluation.private, place.seed)?);
         progress.advance(1);
     }
     progress.finish();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(2);
-    let mut resting: Vec<Vec<Shown>> = Vec::new();
+    let mut resting: Vec<Vec<DeviceFrame>> = Vec::new();
     if evaluation.motions.contains(&Motion::Resting) {
         progress.start("Extracting frames of a camera at rest", attacked.len());
         for &i in &attacked {
-            resting.push(rested(&queries[i], &walk[i], longest, evaluation.sensor_noise, map, place.seed)?);
+            resting.push(stationary_frames(
+                &queries[i],
+                &trajectory[i],
+                longest,
+                evaluation.sensor_noise,
+                map,
+                place.seed,
+            )?);
             progress.advance(1);
         }
         progress.finish();
@@ -158,24 +165,26 @@ pub fn evaluate_sessions(
     let mut document = SessionsDocument::new(evaluation, summary.clone());
     progress.start("Attacking sessions", conditions.len() * (1 + attacked.len() * evaluation.motions.len()));
     for (scheme, anchors, gyroscope) in conditions {
-        let seal = |frames: &[Shown]| {
-            sealed_in_session(frames, scheme, anchors, &gyroscope, evaluation, map, &upright)
+        let seal = |frames: &[DeviceFrame]| {
+            sealed_in_session(frames, scheme, anchors, &gyroscope, evaluation, map, &gravity_source)
         };
-        let localized =
-            |sealed: &[Result<Sealed, String>], shown: &[Shown], of: &[&PosedQuery]| -> Vec<Seen> {
-                let frames = sealed.par_iter().zip(shown).zip(of);
-                frames
-                    .map(|((sealed, shown), query)| {
-                        Seen::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
-                    })
-                    .collect()
-            };
-        let of_walk: Vec<&PosedQuery> = queries.iter().collect();
-        let (sealed, starts) = seal(&walk);
-        let seen = localized(&sealed, &walk, &of_walk);
+        let localized = |sealed: &[Result<Sealed, String>],
+                         shown: &[DeviceFrame],
+                         of: &[&PosedQuery]|
+         -> Vec<LocalizedFrame> {
+            let frames = sealed.par_iter().zip(shown).zip(of);
+            frames
+                .map(|((sealed, shown), query)| {
+                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
+                })
+                .collect()
+        };
+        let of_trajectory: Vec<&PosedQuery> = queries.iter().collect();
+        let (sealed, starts) = seal(&trajectory);
+        let seen = localized(&sealed, &trajectory, &of_trajectory);
         let visits = if evaluation.motions.contains(&Motion::Visiting) {
-            let alone = walk.iter().flat_map(|frame| seal(std::slice::from_ref(frame)).0);
-            localized(&alone.collect::<Vec<_>>(), &walk, &of_walk)
+            let alone = trajectory.iter().flat_map(|frame| seal(std::slice::from_ref(frame)).0);
+            localized(&alone.collect::<Vec<_>>(), &trajectory, &of_trajectory)
         } else {
             Vec::new()
         };
@@ -186,7 +195,7 @@ pub fn evaluate_sessions(
         for motion in &evaluation.motions {
             let mut rows = SessionRow::of(evaluation, scheme, anchors, *motion, &gyroscope);
             for (k, &i) in attacked.iter().enumerate() {
-                let all_others = || (0..walk.len()).filter(|j| *j != i).collect::<Vec<_>>();
+                let all_others = || (0..trajectory.len()).filter(|j| *j != i).collect::<Vec<_>>();
                 let under = (anchors, *motion);
                 let tried = match motion {
                     Motion::Resting => {
@@ -195,7 +204,7 @@ pub fn evaluate_sessions(
                         attack(evaluation, under, &still, 0, &(1..still.len()).collect::<Vec<_>>())?
                     }
                     Motion::Walking => {
-                        let before = walk_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
+                        let before = sequence_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
                         // The nearest first.
                         let others: Vec<usize> = before.iter().rev().copied().filter(|j| *j != i).collect();
                         attack(evaluation, under, &seen, i, &others)?
@@ -205,7 +214,7 @@ pub fn evaluate_sessions(
                 };
                 rows.iter_mut()
                     .zip(&tried)
-                    .for_each(|(row, tried): (&mut SessionRow, &Attacked)| row.add(tried));
+                    .for_each(|(row, tried): (&mut SessionRow, &AttackErrors)| row.add(tried));
                 progress.advance(1);
             }
             document.rows.extend(rows.into_iter().map(SessionRow::finished));
@@ -222,13 +231,13 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
         evaluation.motions.iter().all(|motion| match motion {
             Motion::Resting => true,
             Motion::Turning | Motion::Visiting => poses.len() >= longest,
-            Motion::Walking => walk_of(poses, *i, longest, evaluation.reach).is_some(),
+            Motion::Walking => sequence_of(poses, *i, longest, evaluation.reach).is_some(),
         })
     };
     let able: Vec<usize> = (0..poses.len()).filter(has_enough).collect();
     if able.is_empty() {
         return Err(EvalError::DataSet(format!(
-            "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a walk; \
+            "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a trajectory; \
              ask for fewer frames, a longer --reach, or --motion resting alone",
             poses.len(),
             evaluation.reach

@@ -51,7 +51,7 @@ mod tests {
     use super::Motion;
 
     #[test]
-    fn motions_read_what_they_print() {
+    fn motions_round_trip() {
         for (motion, word) in Motion::WORDS {
             assert_eq!((word.parse(), motion.to_string()), (Ok(motion), word.to_owned()));
         }

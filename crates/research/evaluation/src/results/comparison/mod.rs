@@ -70,12 +70,12 @@ pub struct RowComparison {
     /// Queries whose translation error is larger in the second.
     pub farther_in_b: usize,
     /// One entry per figure.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<ComparedFigure>,
 }
 
 /// One figure of both runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figure {
+pub struct ComparedFigure {
     /// `recall T/DEG`, `median translation`, `median rotation`, `median time`.
     pub figure: String,
     /// `share`, `map units`, `deg` or `ms`.
@@ -91,13 +91,13 @@ pub struct Figure {
     /// Upper end; null when it is infinity.
     pub high: Option<f64>,
     /// Whether the interval excludes zero, and which run is better.
-    pub verdict: Verdict,
+    pub verdict: ComparisonResult,
 }
 
 /// Result of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum ComparisonResult {
     /// The second is better, with an interval that excludes zero.
     BBetter,
     /// The first is better, with an interval that excludes zero.
@@ -106,7 +106,7 @@ pub enum Verdict {
     NotShown,
 }
 
-impl Verdict {
+impl ComparisonResult {
     /// Text for tables.
     pub const fn name(self) -> &'static str {
         match self {
@@ -185,7 +185,7 @@ pub fn compare(a: &Run, b: &Run, options: &ComparisonOptions) -> Result<Comparis
 fn pairs<'a>(
     a: &'a Run,
     b: &'a Run,
-    asked: &[Option<String>; 2],
+    requested: &[Option<String>; 2],
 ) -> Result<Vec<(&'a str, &'a str)>, EvalError> {
     let none = || {
         let list = |run: &Run| run.rows().collect::<Vec<_>>().join("; ");
@@ -200,7 +200,7 @@ fn pairs<'a>(
             exact
         }
     }
-    let [first, second] = asked;
+    let [first, second] = requested;
     let of_a: Vec<&str> = first.as_ref().map_or_else(|| a.rows().collect(), |name| named(a, name));
     let found: Vec<(&str, &str)> = match second {
         Some(second) => {
@@ -266,13 +266,13 @@ fn row(
             let at = |share: f64| drawn[((share * drawn.len() as f64) as usize).min(drawn.len() - 1)];
             let (low, high) = (at((1.0 - LEVEL) / 2.0), at(f64::midpoint(1.0, LEVEL)));
             let verdict = match (low > 0.0, high < 0.0, measure.more_is_better()) {
-                (true, _, true) | (_, true, false) => Verdict::BBetter,
-                (true, _, false) | (_, true, true) => Verdict::ABetter,
-                _ => Verdict::NotShown,
+                (true, _, true) | (_, true, false) => ComparisonResult::BBetter,
+                (true, _, false) | (_, true, true) => ComparisonResult::ABetter,
+                _ => ComparisonResult::NotShown,
             };
             let (figure, unit) = measure.name();
             let (a, b) = (finite(measure.of(&of_a)), finite(measure.of(&of_b)));
-            Figure {
+            ComparedFigure {
                 figure,
                 unit,
                 a,
@@ -323,7 +323,7 @@ impl Comparison {
     }
 }
 
-impl Figure {
+impl ComparedFigure {
     fn cells(&self) -> Vec<String> {
         let number = |value: f64| match self.unit {
             "share" => format!("{:.1}", 100.0 * value),

@@ -35,36 +35,36 @@ fn errors(of: impl Fn(usize) -> f64) -> Vec<(&'static str, u64, f64)> {
     NAMES.iter().enumerate().map(|(i, name)| (*name, 0, of(i))).collect()
 }
 
-fn figure<'a>(comparison: &'a Comparison, name: &str) -> &'a Figure {
+fn figure<'a>(comparison: &'a Comparison, name: &str) -> &'a ComparedFigure {
     comparison.rows[0].figures.iter().find(|f| f.figure == name).expect("a figure")
 }
 
 /// Difficult queries are difficult for both runs: a small gain on each query is detected in spite of a spread a
 /// hundred times as large.
 #[test]
-fn a_gain_on_every_query_is_seen_through_the_spread() {
+fn small_gain_on_every_query_is_significant() {
     let a = read("dcl", &errors(|i| 0.01 * (i + 1) as f64));
     let b = read("dcl", &errors(|i| 0.0099 * (i + 1) as f64));
     let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
     let translation = figure(&found, "median translation");
-    assert_eq!(translation.verdict, Verdict::BBetter);
+    assert_eq!(translation.verdict, ComparisonResult::BBetter);
     assert!((translation.a.unwrap() - 0.065).abs() < 1e-12 && translation.difference.unwrap() < 0.0);
     assert!(translation.low.unwrap() <= translation.high.unwrap());
     assert_eq!((found.rows[0].nearer_in_b, found.rows[0].farther_in_b), (12, 0));
-    assert_eq!(figure(&found, "median time").verdict, Verdict::NotShown);
+    assert_eq!(figure(&found, "median time").verdict, ComparisonResult::NotShown);
     assert_eq!(figure(&found, "recall 0.05/5").a, Some(5.0 / 12.0));
     // In the other order the other run is better.
     let back = compare(&b, &a, &ComparisonOptions::default()).expect("compared");
-    assert_eq!(figure(&back, "median translation").verdict, Verdict::ABetter);
+    assert_eq!(figure(&back, "median translation").verdict, ComparisonResult::ABetter);
 }
 
 /// Symmetric noise is not a difference, and neither is a run compared with itself.
 #[test]
-fn noise_is_not_shown_as_a_difference() {
+fn symmetric_noise_is_not_significant() {
     let a = read("dcl", &errors(|i| 0.01 + 0.001 * (i % 5) as f64));
     let b = read("dcl", &errors(|i| 0.01 + 0.001 * ((i * 7 + 3) % 5) as f64));
     let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
-    assert!(found.rows[0].figures.iter().all(|f| f.verdict == Verdict::NotShown), "{found:?}");
+    assert!(found.rows[0].figures.iter().all(|f| f.verdict == ComparisonResult::NotShown), "{found:?}");
     let same = compare(&a, &a, &ComparisonOptions::default()).expect("compared");
     assert!(same.rows[0].figures.iter().all(|f| (f.low, f.high) == (Some(0.0), Some(0.0))));
     assert_eq!((same.rows[0].nearer_in_b, same.rows[0].farther_in_b), (0, 0));
@@ -72,7 +72,7 @@ fn noise_is_not_shown_as_a_difference() {
 
 /// Coverage of the interval: a run compared with one that has independent noise of the same spread.
 #[test]
-fn intervals_hold_what_they_say() {
+fn intervals_have_nominal_coverage() {
     let mut draw = ChaCha8Rng::seed_from_u64(1);
     let names: Vec<String> = (0..40).map(|i| i.to_string()).collect();
     let mut noise = || -> Vec<(&str, u64, f64)> {
@@ -82,14 +82,14 @@ fn intervals_hold_what_they_say() {
     let held = (0..200)
         .filter(|_| {
             let found = compare(&read("dcl", &noise()), &read("dcl", &noise()), &options).expect("compared");
-            figure(&found, "median translation").verdict == Verdict::NotShown
+            figure(&found, "median translation").verdict == ComparisonResult::NotShown
         })
         .count();
     assert!((180..=199).contains(&held), "{held} of 200");
 }
 
 #[test]
-fn who_gives_up_is_never_better() {
+fn missing_poses_are_never_better() {
     let a = read("dcl", &errors(|_| 0.5));
     let b = read("dcl", &errors(|i| if i < 8 { f64::INFINITY } else { 0.001 }));
     let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
@@ -101,7 +101,7 @@ fn who_gives_up_is_never_better() {
 
 /// Seeds of a query are drawn together: repeating a run does not narrow the interval.
 #[test]
-fn seeds_of_one_query_count_once() {
+fn seeds_of_a_query_are_resampled_together() {
     let width = |seeds: u64| {
         let of = |scale: f64| -> Vec<(&str, u64, f64)> {
             let one = |i: usize, name| {
@@ -118,17 +118,17 @@ fn seeds_of_one_query_count_once() {
 }
 
 #[test]
-fn rows_are_paired_by_name_or_as_asked() {
+fn rows_are_paired_by_name_or_option() {
     let a = read("points", &errors(|_| 0.01));
     let b = read("dcl", &errors(|_| 0.02));
     let only = compare(&a, &b, &ComparisonOptions::default()).expect("one row each");
     assert_eq!((only.rows[0].a.as_str(), only.rows[0].b.as_str()), ("points, likelihood", "dcl, likelihood"));
-    let asked = |rows: [Option<&str>; 2]| ComparisonOptions {
+    let options_for = |rows: [Option<&str>; 2]| ComparisonOptions {
         rows: rows.map(|row| row.map(str::to_owned)),
         ..ComparisonOptions::default()
     };
-    assert!(compare(&a, &b, &asked([Some("points"), Some("dcl, likelihood")])).is_ok());
-    let error = compare(&a, &b, &asked([Some("dcl"), None])).unwrap_err();
+    assert!(compare(&a, &b, &options_for([Some("points"), Some("dcl, likelihood")])).is_ok());
+    let error = compare(&a, &b, &options_for([Some("dcl"), None])).unwrap_err();
     assert_eq!(
         error.to_string(),
         "no rows to compare: the first has points, likelihood; the second has dcl, likelihood"
@@ -139,7 +139,7 @@ fn rows_are_paired_by_name_or_as_asked() {
 }
 
 #[test]
-fn other_documents_are_refused_by_what_they_are() {
+fn other_documents_are_refused_with_their_command() {
     let good = run("dcl", &errors(|_| 0.01));
     assert!(matches!(Run::parse(&good[..good.len() / 2]), Err(EvalError::Document(_))));
     assert!(matches!(Run::parse("[]"), Err(EvalError::Document(_))));

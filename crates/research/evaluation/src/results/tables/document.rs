@@ -31,7 +31,7 @@ pub struct TableData {
 }
 
 #[derive(Deserialize)]
-struct Document {
+struct ParsedDocument {
     version: u64,
     command: String,
     data: Vec<String>,
@@ -46,7 +46,7 @@ impl TableData {
     /// # Errors
     /// [`EvalError`]: the text is not a document, or it has another command or version.
     pub fn parse(json: &str) -> Result<Self, EvalError> {
-        let document: Document =
+        let document: ParsedDocument =
             serde_json::from_str(json).map_err(|e| EvalError::Document(e.to_string()))?;
         if document.version != 1 {
             return Err(EvalError::Version(document.version));

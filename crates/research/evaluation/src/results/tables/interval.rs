@@ -32,7 +32,7 @@ mod tests {
     use crate::results::metrics::mean;
 
     #[test]
-    fn of_a_mean_it_is_that_of_the_textbook() {
+    fn bootstrap_interval_of_a_mean_is_normal() {
         // 400 numbers with variance 1/12: the standard deviation of the mean is 0.01443, and the interval is ± 1.96
         // of it.
         let values: Vec<f64> = (0..400).map(|k| (f64::from(k) + 0.5) / 400.0).collect();

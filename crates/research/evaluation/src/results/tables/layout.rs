@@ -15,14 +15,14 @@ pub enum Format {
 }
 
 /// A table with its title and notes.
-pub(super) struct Sheet {
+pub(super) struct FormattedTable {
     title: String,
     head: Vec<String>,
     rows: Vec<Vec<String>>,
     notes: Vec<String>,
 }
 
-impl Sheet {
+impl FormattedTable {
     /// A table with a column for names and these columns.
     pub(super) fn new(title: &str, names: &str, columns: &[String]) -> Self {
         let head = std::iter::once(names.to_owned()).chain(columns.iter().cloned()).collect();

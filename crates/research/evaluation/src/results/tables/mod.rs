@@ -13,7 +13,7 @@ use crate::results::document::QueryResult;
 use crate::results::metrics::{PoseError, Threshold, median, recall};
 use crate::results::table::STAGES;
 use interval::interval;
-use layout::Sheet;
+use layout::FormattedTable;
 
 pub use document::{ErrorCurve, TableData};
 pub use layout::Format;
@@ -153,14 +153,14 @@ fn meaning(cells: Cells, thresholds: &[Threshold]) -> String {
 }
 
 /// Errors of every row in every column, below the published figures for the same data.
-fn errors(data: &TableData, options: &TableOptions) -> Sheet {
+fn errors(data: &TableData, options: &TableOptions) -> FormattedTable {
     let (cells, thresholds) = (cells_of(data, options), thresholds_of(data, options));
     let columns = data.columns();
     let counts = data.rows().first().map(|row| {
         let count = |column: &String| data.cell(row, column).len().to_string();
         columns.iter().map(count).collect::<Vec<_>>()
     });
-    let mut sheet = Sheet::new(&format!("{}.", meaning(cells, &thresholds)), "method", &columns);
+    let mut sheet = FormattedTable::new(&format!("{}.", meaning(cells, &thresholds)), "method", &columns);
     sheet.push("queries", counts.unwrap_or_default());
     let places = published::places(&data.data_set);
     let official = |column: &str| data.is_official(column);
@@ -194,9 +194,9 @@ fn errors(data: &TableData, options: &TableOptions) -> Sheet {
 }
 
 /// 95 % intervals of the median position error, by a bootstrap over the queries.
-fn intervals(data: &TableData, options: &TableOptions) -> Sheet {
+fn intervals(data: &TableData, options: &TableOptions) -> FormattedTable {
     let columns = data.columns();
-    let mut sheet = Sheet::new(
+    let mut sheet = FormattedTable::new(
         "95 % interval of the median position error (cm), queries drawn with replacement.",
         "method",
         &columns,
@@ -215,7 +215,7 @@ fn intervals(data: &TableData, options: &TableOptions) -> Sheet {
 
 /// Means over the scenes for the schemes of the paper's ablations, and the queries that could not be sealed because
 /// all keypoints lie on one side; `None` if only one of the schemes was run.
-fn ablation(data: &TableData, options: &TableOptions) -> Option<Sheet> {
+fn ablation(data: &TableData, options: &TableOptions) -> Option<FormattedTable> {
     let schemes = ["dcl", "dcl:s=2", "dcl:s=3", "dcl:horizontal"];
     let rows: Vec<String> = data
         .rows()
@@ -231,7 +231,7 @@ fn ablation(data: &TableData, options: &TableOptions) -> Option<Sheet> {
         options.published && all_official && published::places(&data.data_set).len() == columns.len();
     let mut heads = vec!["mean of medians, cm/°".to_owned(), "one-sided queries".to_owned(), "of".to_owned()];
     heads.extend(show_paper.then(|| "the paper".to_owned()));
-    let mut sheet = Sheet::new(
+    let mut sheet = FormattedTable::new(
         "Distance between the anchors (H, 2H, 3H) and direction of the partition: mean over the places.",
         "scheme",
         &heads,
@@ -261,9 +261,9 @@ fn ablation(data: &TableData, options: &TableOptions) -> Option<Sheet> {
 }
 
 /// Median milliseconds of every stage, over all scenes.
-fn times(data: &TableData) -> Sheet {
+fn times(data: &TableData) -> FormattedTable {
     let heads: Vec<String> = STAGES.iter().map(|stage| format!("{stage} ms")).collect();
-    let mut sheet = Sheet::new("Median time of each stage of a query.", "scheme", &heads);
+    let mut sheet = FormattedTable::new("Median time of each stage of a query.", "scheme", &heads);
     for (row, stages) in data.stage_times() {
         let cell = |stage: &&str| {
             let time = stages.iter().find(|own| own.0 == *stage);

@@ -1,7 +1,7 @@
 //! Published figures from the paper; they are shown only beside figures of the same images.
 
 /// A method on one data set.
-pub(super) struct Published {
+pub(super) struct PublishedRow {
     /// Data set, as in the command's name.
     pub(super) data_set: &'static str,
     /// Name of the method in the paper.
@@ -33,12 +33,12 @@ pub(super) fn places(data_set: &str) -> &'static [&'static str] {
 }
 
 /// A line of the paper's table.
-const fn row(data_set: &'static str, method: &'static str, cells: &'static [&'static str]) -> Published {
-    Published { data_set, method, cells }
+const fn row(data_set: &'static str, method: &'static str, cells: &'static [&'static str]) -> PublishedRow {
+    PublishedRow { data_set, method, cells }
 }
 
 /// The paper's tables 2 to 4.
-pub(super) const METHODS: &[Published] = &[
+pub(super) const METHODS: &[PublishedRow] = &[
     row(
         "7scenes",
         "HLoc (SP+SG)",
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_line_has_a_cell_for_every_place() {
+    fn rows_have_a_cell_for_every_scene() {
         for line in METHODS {
             assert_eq!(line.cells.len(), places(line.data_set).len(), "{} {}", line.data_set, line.method);
             assert!(source(line.data_set).is_some());

@@ -40,7 +40,7 @@ fn line<'a>(text: &'a str, begin: &str) -> &'a str {
 }
 
 #[test]
-fn medians_and_recalls_stand_where_they_belong() {
+fn medians_and_recalls_are_in_their_cells() {
     let data = TableData::parse(&document(true)).expect("read");
     let text = tables(&data, &options(Format::Markdown));
     assert_eq!(line(&text, "| queries"), "| queries | 3 | 3 |");
@@ -53,7 +53,7 @@ fn medians_and_recalls_stand_where_they_belong() {
 }
 
 #[test]
-fn figures_of_others_stand_beside_the_same_data_alone() {
+fn published_figures_are_shown_for_the_same_data_only() {
     let data = TableData::parse(&document(true)).expect("read");
     let text = tables(&data, &options(Format::Markdown));
     assert_eq!(line(&text, "| DSAC*"), "| DSAC* | 0.5/0.17/100 |  |", "not of a cut of the stairs");
@@ -66,7 +66,7 @@ fn figures_of_others_stand_beside_the_same_data_alone() {
 }
 
 #[test]
-fn the_same_cells_in_every_format() {
+fn formats_have_equal_cells() {
     let data = TableData::parse(&document(true)).expect("read");
     let latex = tables(&data, &options(Format::Latex));
     assert!(latex.contains("points & 2.00/0.100/100.0 & 4.00/0.100/66.7 \\\\"), "{latex}");
@@ -77,7 +77,7 @@ fn the_same_cells_in_every_format() {
 }
 
 #[test]
-fn other_documents_are_refused_by_name() {
+fn documents_of_other_commands_are_refused() {
     let refused = |json: &str| TableData::parse(json).expect_err("refused").to_string();
     assert!(refused("{").contains("no document"));
     assert!(refused(&document(true).replace("eval 7scenes", "eval crb")).contains("eval crb"));

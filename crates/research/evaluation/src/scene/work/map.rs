@@ -10,7 +10,7 @@ use veiloc_mapping::build_cache::Key;
 use super::key::EvaluationKey as _;
 use super::{Work, io};
 use crate::error::EvalError;
-use crate::road::{PlaceMap, Upright};
+use crate::pipeline::{SceneMap, SimulatedGravity};
 use crate::scene::SceneEvaluation;
 
 impl Work {
@@ -18,14 +18,14 @@ impl Work {
     pub(in crate::scene) fn map_of(
         &self,
         evaluation: &SceneEvaluation,
-        upright: Option<&Upright>,
-    ) -> Result<KeptMap, EvalError> {
+        gravity_source: Option<&SimulatedGravity>,
+    ) -> Result<StoredMap, EvalError> {
         let mut key = Key::new("map");
         let build = &evaluation.build;
         key.text(&build.features);
         key.debug(&build.settings);
         key.debug(&build.device);
-        key.debug(&upright.map(|upright| upright.down().in_world()));
+        key.debug(&gravity_source.map(|gravity_source| gravity_source.down().in_world()));
         key.behaviour(evaluation)?;
         for point in evaluation.posed.points() {
             key.numbers(point.coords.iter().copied());
@@ -41,21 +41,21 @@ impl Work {
         }
         let name = key.hex();
         let path = |ending: &str| self.folder.join(format!("map-{}.{ending}", &name[..16]));
-        Ok(KeptMap { map: path("vmap"), facts: path("json") })
+        Ok(StoredMap { map: path("vmap"), facts: path("json") })
     }
 }
 
 /// A stored map.
-pub(in crate::scene) struct KeptMap {
+pub(in crate::scene) struct StoredMap {
     map: PathBuf,
     facts: PathBuf,
 }
 
-impl KeptMap {
+impl StoredMap {
     /// The map, if it was built and completely stored.
-    pub(in crate::scene) fn open(&self) -> Option<Result<PlaceMap, EvalError>> {
+    pub(in crate::scene) fn open(&self) -> Option<Result<SceneMap, EvalError>> {
         let facts: MapSummary = serde_json::from_slice(&fs::read(&self.facts).ok()?).ok()?;
-        self.map.is_file().then(|| PlaceMap::kept(&self.map, facts))
+        self.map.is_file().then(|| SceneMap::opened(&self.map, facts))
     }
 
     pub(in crate::scene) fn path(&self) -> &Path {
@@ -63,7 +63,7 @@ impl KeptMap {
     }
 
     /// Written last, so that a description without a complete map never exists.
-    pub(in crate::scene) fn remember(&self, facts: &MapSummary) -> Result<(), EvalError> {
+    pub(in crate::scene) fn store(&self, facts: &MapSummary) -> Result<(), EvalError> {
         let bytes = serde_json::to_vec(facts).map_err(|e| io(&self.facts)(e.into()))?;
         write_whole(&self.facts, &bytes).map_err(io(&self.facts))
     }

@@ -15,7 +15,7 @@ use veiloc_mapping::build_cache::Key;
 use super::key::EvaluationKey as _;
 use super::{QUERIES, Work, io};
 use crate::error::EvalError;
-use crate::road::AskedQuery;
+use crate::pipeline::EvaluatedQuery;
 use crate::scene::SceneEvaluation;
 
 impl Work {
@@ -82,7 +82,7 @@ impl Finished {
     /// The stored result of a query, or the computed one, which is then stored.
     pub(in crate::scene) fn get_or(
         &self,
-        query: &AskedQuery,
+        query: &EvaluatedQuery,
         evaluation: &SceneEvaluation,
         compute: impl FnOnce() -> Result<Vec<QueryResult>, EvalError>,
     ) -> Result<Vec<QueryResult>, EvalError> {

@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn an_eighth_of_the_light_is_left() {
+    fn one_eighth_of_the_light_remains() {
         let image = texture(320, 240);
         let worse = dark(&image, &mut ChaCha8Rng::seed_from_u64(1));
         let light = |of: &GrayImage| {
@@ -73,7 +73,7 @@ mod tests {
 
     /// For a flat gray image the variance of the electrons is their mean plus that of the readout.
     #[test]
-    fn noise_is_that_of_photons_and_readout() {
+    fn noise_variance_is_shot_noise_plus_readout() {
         for stored in [0.3, 0.5, 0.8] {
             let flat = GrayImage::new(400, 300, vec![stored; 120_000]).expect("an image");
             let worse = dark(&flat, &mut ChaCha8Rng::seed_from_u64(2));
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn poisson_numbers_have_their_mean_for_variance() {
+    fn poisson_variance_equals_mean() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for mean in [0.0, 0.7, 12.0, 49.0, 51.0, 400.0] {
             let drawn: Vec<f64> = (0..20_000).map(|_| poisson(mean, &mut rng)).collect();

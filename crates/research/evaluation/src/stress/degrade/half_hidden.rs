@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn cuts_go_in_all_directions_and_sides_are_two() {
+    fn cuts_cover_all_directions_and_sides_are_left_or_right() {
         let image = texture(32, 32);
         let drawn = |seed| ChaCha8Rng::seed_from_u64(seed);
         // Covered corners: over all directions each corner is covered sometimes, and at least one is always visible.

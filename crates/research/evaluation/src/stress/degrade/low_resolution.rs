@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn fine_detail_is_lost_and_coarse_detail_stays() {
+    fn fine_detail_is_lost_and_coarse_detail_kept() {
         let left = |period| contrast(&low_resolution(&wave(period))) / contrast(&wave(period));
         assert!(left(4.0) < 0.05, "{}", left(4.0));
         assert!(left(80.0) > 0.97, "{}", left(80.0));
@@ -72,7 +72,7 @@ mod tests {
 
     /// No shift: a ramp keeps its position, except for the outermost pixels.
     #[test]
-    fn nothing_moves() {
+    fn low_resolution_does_not_shift() {
         let slope: Vec<f32> = (0..480)
             .flat_map(|v| (0..640).map(move |u| (0.1 + 0.001 * f64::from(u) + 0.0002 * f64::from(v)) as f32))
             .collect();
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn small_images_stay() {
+    fn small_images_are_unchanged() {
         let image = texture(120, 160);
         let same = low_resolution(&image);
         assert!(same.data().iter().zip(image.data()).all(|(a, b)| (a - b).abs() < 0.0025));

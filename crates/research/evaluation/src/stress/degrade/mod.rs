@@ -16,7 +16,7 @@ use veiloc_datasets::problem_files::seed_for;
 use veiloc_features::GrayImage;
 use veiloc_geometry::Intrinsics;
 
-use super::kind::Stress;
+use super::condition::Stress;
 
 /// The image under a stress; `None` if the stress does not change images. Equal seeds and names give equal images.
 pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64) -> Option<GrayImage> {
@@ -24,7 +24,7 @@ pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64)
     match stress {
         Stress::None | Stress::SparseMap | Stress::FewKeypoints | Stress::Focal(_) => None,
         Stress::Dark => Some(dark::dark(image, &mut rng)),
-        Stress::Motion => Some(motion::moved(image, &mut rng)),
+        Stress::Motion => Some(motion::motion_blurred(image, &mut rng)),
         Stress::HalfHidden => Some(half_hidden::half_hidden(image, &mut rng)),
         Stress::SideHidden => Some(half_hidden::side_hidden(image, &mut rng)),
         Stress::LowResolution => Some(low_resolution::low_resolution(image)),
@@ -33,7 +33,7 @@ pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64)
 
 /// The camera that a device assumes under a stress; `None` when it is right. Too long and too short are equally
 /// likely.
-pub(super) fn mistaken(camera: &Intrinsics, stress: Stress, name: &str, seed: u64) -> Option<Intrinsics> {
+pub(super) fn wrong_camera(camera: &Intrinsics, stress: Stress, name: &str, seed: u64) -> Option<Intrinsics> {
     let Stress::Focal(percent) = stress else { return None };
     let factor = 1.0 + f64::from(percent) / 100.0;
     let longer = rng_of(stress, name, seed).random();
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_seeds_give_equal_images_and_others_do_not() {
+    fn degradation_depends_on_seed() {
         let image = texture(96, 64);
         for stress in Stress::DEFAULT {
             let of = |name: &str, seed| degraded(&image, stress, name, seed);
@@ -84,21 +84,21 @@ mod tests {
     }
 
     #[test]
-    fn a_mistaken_focal_length_is_too_long_or_too_short() {
+    fn wrong_focal_length_is_too_long_or_too_short() {
         let camera = Intrinsics::new("OPENCV", 640, 480, &[500.0, 510.0, 320.0, 240.0, 0.1, 0.0, 0.0, 0.0])
             .expect("a camera");
         let factors: Vec<f64> = (0..20)
-            .filter_map(|seed| mistaken(&camera, Stress::Focal(10), "a", seed))
+            .filter_map(|seed| wrong_camera(&camera, Stress::Focal(10), "a", seed))
             .map(|wrong| wrong.pinhole().mean_focal() / camera.pinhole().mean_focal())
             .collect();
         let count = |factor: f64| factors.iter().filter(|f| (*f / factor - 1.0).abs() < 1e-12).count();
         assert!(count(1.1) > 4 && count(1.0 / 1.1) > 4 && count(1.1) + count(1.0 / 1.1) == 20, "{factors:?}");
-        assert_eq!(mistaken(&camera, Stress::Dark, "a", 0), None);
+        assert_eq!(wrong_camera(&camera, Stress::Dark, "a", 0), None);
     }
 
     /// One-pixel images are valid input.
     #[test]
-    fn one_pixel_is_enough() {
+    fn one_pixel_images_are_valid() {
         let image = GrayImage::new(1, 1, vec![0.5]).expect("an image");
         for stress in Stress::DEFAULT {
             let worse = degraded(&image, stress, "a", 0);

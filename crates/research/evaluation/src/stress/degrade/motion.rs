@@ -17,7 +17,7 @@ const LENGTH: f64 = 13.0 / 640.0;
 const STEPS_A_PIXEL: f64 = 2.0;
 
 /// The image moved along a random direction.
-pub(super) fn moved(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
+pub(super) fn motion_blurred(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
     let length = LENGTH * f64::from(image.width().max(image.height()));
     moved_along(image, length, rng.random_range(0.0..std::f64::consts::PI))
 }
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bright_pixel_becomes_a_streak_as_long_as_the_motion() {
+    fn bright_pixel_becomes_a_streak_of_motion_length() {
         let mut samples = vec![0.0; 101 * 101];
         samples[50 * 101 + 50] = 1.0;
         let image = GrayImage::new(101, 101, samples).expect("an image");
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn light_is_kept_and_edges_are_lost() {
+    fn motion_blur_conserves_light_and_removes_edges() {
         let image = texture(320, 240);
         let worse = moved_along(&image, 6.5, 0.7);
         assert!((light(&worse) / light(&image) - 1.0).abs() < 0.01);

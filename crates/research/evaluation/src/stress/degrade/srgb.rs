@@ -16,7 +16,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn there_and_back() {
+    fn srgb_round_trip() {
         for i in 0..=255 {
             let stored = i as f32 / 255.0;
             assert!((stored_of(light_of(stored)) - stored).abs() < 1e-4, "{i}");

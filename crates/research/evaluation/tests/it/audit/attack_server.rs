@@ -130,7 +130,7 @@ fn row(document: &AttackDocument, attack: Attack, frames: Option<usize>) -> &Att
 }
 
 #[test]
-fn a_server_knows_its_inliers_and_recovers_others() {
+fn server_knows_inliers_and_recovers_others() {
     let (_folder, [keypoints, problems]) = files(6, Matches::Right);
     let attacks = [
         named("server-side"),
@@ -194,7 +194,7 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
 
 /// Without a server or map: the angles of one image sealed several times.
 #[test]
-fn seals_of_one_image_tell_by_their_scatter() {
+fn scatter_of_seals_reveals_positions() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
     let mut asked = evaluation(&keypoints, &problems, &[named("resting-camera")]);
     asked.server = None;
@@ -219,7 +219,7 @@ fn seals_of_one_image_tell_by_their_scatter() {
 }
 
 #[test]
-fn a_private_region_is_in_no_match() {
+fn private_region_has_no_matches() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
     let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
     asked.images = None;
@@ -235,7 +235,7 @@ fn a_private_region_is_in_no_match() {
 }
 
 #[test]
-fn files_that_do_not_fit_and_servers_that_find_no_pose_are_named() {
+fn mismatched_files_and_missing_poses_are_reported() {
     let refused = |matches| {
         let (_folder, [keypoints, problems]) = files(2, matches);
         run(&evaluation(&keypoints, &problems, &[named("iterative")])).expect_err("refused")
@@ -251,7 +251,7 @@ fn files_that_do_not_fit_and_servers_that_find_no_pose_are_named() {
 }
 
 #[test]
-fn what_makes_no_sense_together_is_refused() {
+fn contradictory_options_are_refused() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
     let check = |attack, says: &str, change: fn(&mut AttackEvaluation)| {
         let mut asked = evaluation(&keypoints, &problems, &[attack]);

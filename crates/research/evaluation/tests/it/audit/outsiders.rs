@@ -37,7 +37,7 @@ fn attack(name: &str) -> Attack {
 }
 
 #[test]
-fn a_network_of_positions_attacks_its_scheme() {
+fn position_network_attacks_its_scheme() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let model = data("positions.toml");
     let mut evaluation = AttackEvaluation {
@@ -69,7 +69,7 @@ fn a_network_of_positions_attacks_its_scheme() {
 }
 
 #[test]
-fn a_network_of_neighbours_predicts_them() {
+fn neighbour_network_predicts_neighbours() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let evaluation = AttackEvaluation {
         files: vec![file(folder.path())],

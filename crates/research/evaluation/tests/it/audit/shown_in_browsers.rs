@@ -4,7 +4,7 @@ use veiloc_evaluation::audit::{Attack, AttackEvaluation};
 use veiloc_web::shown::{ATTACKS, NEIGHBOURS};
 
 #[test]
-fn a_page_calls_attacks_what_the_audit_calls_them() {
+fn web_page_uses_names_of_audit_attacks() {
     for (name, words, neighbours) in ATTACKS {
         let attack: Attack = name.parse().expect("known");
         assert_eq!((attack.words, attack.needs.neighbours), (words, neighbours), "{name}");

@@ -19,7 +19,7 @@ fn run(evaluation: &SyntheticEvaluation) -> BoundEvaluation {
 
 /// A median of 120 is accurate to 8 %: outside of 0.75 to 1.35 either the estimator or the bound is wrong.
 #[test]
-fn errors_are_near_the_bound_and_covered() {
+fn errors_are_near_the_bound_and_covariance_covers_them() {
     let document = run(&small());
     assert_eq!(document.cells.len(), 3);
     for cell in &document.cells {
@@ -40,7 +40,7 @@ fn errors_are_near_the_bound_and_covered() {
 
 /// Scaling of the bound: twice the noise, twice the errors; four times the matches, half the errors.
 #[test]
-fn the_bound_scales_with_noise_and_matches() {
+fn bound_scales_with_noise_and_matches() {
     let mut evaluation = small();
     evaluation.schemes = vec![Scheme::Points];
     evaluation.noises_px = vec![2.0, 4.0];
@@ -56,7 +56,7 @@ fn the_bound_scales_with_noise_and_matches() {
 }
 
 #[test]
-fn equal_seeds_give_equal_documents_on_any_number_of_threads() {
+fn document_is_independent_of_threads() {
     let mut evaluation = small();
     evaluation.problems = 12;
     let text = |document: &BoundEvaluation| serde_json::to_string(document).expect("a document");
@@ -68,7 +68,7 @@ fn equal_seeds_give_equal_documents_on_any_number_of_threads() {
 }
 
 #[test]
-fn what_is_impossible_is_refused() {
+fn impossible_options_are_refused() {
     let refused = |change: fn(&mut SyntheticEvaluation), says: &str| {
         let mut evaluation = small();
         change(&mut evaluation);

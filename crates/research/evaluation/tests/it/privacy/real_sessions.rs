@@ -43,7 +43,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
 /// L10: anchors fixed in the world prevent the leakage of several frames that anchors fixed in the image have, at no
 /// cost in pose accuracy.
 #[real_data_test]
-fn anchors_in_the_world_hold_over_a_session(data: &Path) {
+fn world_anchors_protect_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
     println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
     // The better of the methods, which an attacker can find on its own images.
@@ -75,7 +75,7 @@ fn anchors_in_the_world_hold_over_a_session(data: &Path) {
 }
 
 #[real_data_test]
-fn what_makes_no_sense_is_refused(data: &Path) {
+fn invalid_options_are_refused(data: &Path) {
     let refused = |change: &dyn Fn(&mut SessionsEvaluation)| {
         let mut evaluation = kitchen(data);
         change(&mut evaluation);

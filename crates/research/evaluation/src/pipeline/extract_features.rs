@@ -13,7 +13,7 @@ use crate::error::EvalError;
 ///
 /// # Errors
 /// [`EvalError`] when the image or its mask cannot be used.
-pub(crate) fn extracted(
+pub(crate) fn extract_features(
     image: &Path,
     mask: Option<&Path>,
     camera: &Intrinsics,

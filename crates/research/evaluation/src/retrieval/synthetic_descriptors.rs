@@ -11,7 +11,12 @@ use rayon::prelude::*;
 /// of its size, so no two blocks are equal.
 ///
 /// The result does not depend on the number of threads.
-pub(crate) fn draw(all: &mut Vec<i8>, (codes, block): (usize, usize), count: usize, seed: u64) {
+pub(crate) fn extend_with_synthetic(
+    all: &mut Vec<i8>,
+    (codes, block): (usize, usize),
+    count: usize,
+    seed: u64,
+) {
     let there = all.len() / codes;
     if there == 0 || count <= there {
         return;
@@ -38,12 +43,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blocks_are_those_of_images_and_the_same_whatever_the_threads() {
+    fn blocks_come_from_images_and_are_independent_of_threads() {
         let real: Vec<i8> = (0..6 * 8).map(|i| if i / 8 % 2 == 0 { 100 } else { -60 }).collect();
         let grown = |threads: usize| {
             let mut all = real.clone();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| draw(&mut all, (8, 4), 50, 3));
+            pool.install(|| extend_with_synthetic(&mut all, (8, 4), 50, 3));
             all
         };
         let all = grown(1);
@@ -57,9 +62,9 @@ mod tests {
     }
 
     #[test]
-    fn nothing_comes_of_nothing() {
+    fn empty_input_gives_no_descriptors() {
         let mut none = Vec::new();
-        draw(&mut none, (8, 4), 10, 0);
+        extend_with_synthetic(&mut none, (8, 4), 10, 0);
         assert!(none.is_empty());
     }
 }

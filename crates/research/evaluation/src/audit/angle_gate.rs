@@ -36,7 +36,7 @@ pub(crate) fn gate(rows: &[Observation]) -> Result<NeighbourLists, AttackError> 
 /// The `k` likeliest entries of each list, `[N]`, likeliest first: half from the rows that pass the gate, half from
 /// other anchors, for which angles carry no information about distance. A row without an anchor keeps its likeliest
 /// entries.
-pub(crate) fn narrowed(
+pub(crate) fn restricted_by_angle(
     ranked: &NeighbourLists,
     rows: &[Observation],
     k: usize,
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_of_the_named_are_of_near_angles_and_half_of_the_other_anchor() {
+    fn half_of_the_neighbours_pass_the_gate_and_half_have_another_anchor() {
         let image = synthetic_image(400, 3);
         let sent = |scheme: Scheme| {
             let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -110,7 +110,7 @@ mod tests {
         };
         let ranked = NeighbourLists::nearest(&image.keypoints, 399);
         let rows = sent(Scheme::Dcl(DclLayout::VERTICAL));
-        let found = narrowed(&ranked, &rows, 10).expect("lists of these rows");
+        let found = restricted_by_angle(&ranked, &rows, 10).expect("lists of these rows");
         let angles = angles(&rows);
         for i in 0..400 {
             let (anchor, angle) = angles[i].expect("an anchor");
@@ -126,7 +126,8 @@ mod tests {
             assert!(own.iter().all(|j| turn(of(*j).1, angle) <= turns[19]));
         }
         // A random line has no anchor: its likeliest neighbours are kept.
-        let plain = narrowed(&ranked, &sent(Scheme::RandomLines), 10).expect("lists of these rows");
+        let plain =
+            restricted_by_angle(&ranked, &sent(Scheme::RandomLines), 10).expect("lists of these rows");
         assert_eq!(plain.of(7), &ranked.of(7)[..10]);
     }
 }

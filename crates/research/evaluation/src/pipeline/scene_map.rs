@@ -13,7 +13,7 @@ use crate::error::EvalError;
 use crate::results::MapSummary;
 
 /// A map that was built, written and opened again, as a server has it.
-pub struct PlaceMap {
+pub struct SceneMap {
     /// The map.
     pub file: MapFile,
     /// Facts about it.
@@ -22,7 +22,7 @@ pub struct PlaceMap {
     _folder: Option<TempDir>,
 }
 
-impl PlaceMap {
+impl SceneMap {
     /// Builds the map with the down direction `down`; the file is written to `keep`. If `tested`, the map localizes
     /// its own images at the end, as with `veiloc map build`, so that answers have the covariances that they have in
     /// service.
@@ -93,7 +93,7 @@ impl PlaceMap {
     ///
     /// # Errors
     /// [`EvalError::Map`] when the file is not a map.
-    pub(crate) fn kept(path: &Path, summary: MapSummary) -> Result<Self, EvalError> {
+    pub(crate) fn opened(path: &Path, summary: MapSummary) -> Result<Self, EvalError> {
         Ok(Self { file: MapFile::open(path)?, summary, _folder: None })
     }
 

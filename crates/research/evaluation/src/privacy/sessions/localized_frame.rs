@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::pipeline::{PosedQuery, localize_one};
 use crate::results::QueryResult;
-use crate::road::{PosedQuery, localize_one};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{Descriptors, Observation};
@@ -14,18 +14,18 @@ use veiloc_pose::{ScoreKind, State, estimate_pose};
 use veiloc_protocol::{Scheme, SealedQuery};
 
 use super::device::Sealed;
-use super::frames::Shown;
+use super::frames::DeviceFrame;
 
 /// A frame as the server has it, with the error of its pose.
-pub(super) struct Seen {
+pub(super) struct LocalizedFrame {
     /// Its pose compared with the truth.
     pub(super) result: QueryResult,
     /// The query with its pose and known points; `None` if the server does not trust its own pose.
-    pub(super) posed: Option<Posed>,
+    pub(super) posed: Option<TrustedFrame>,
 }
 
 /// A frame whose pose the server trusts. `[N]`: one entry per row.
-pub(super) struct Posed {
+pub(super) struct TrustedFrame {
     pub(super) camera: Pinhole,
     pub(super) cam_from_world: CameraFromWorld,
     /// `[N]`: the sent observations.
@@ -41,10 +41,10 @@ pub(super) struct Posed {
     pub(super) truth: Vec<Option<Pixel>>,
 }
 
-impl Seen {
+impl LocalizedFrame {
     pub(super) fn of(
         sealed: Result<&Sealed, &String>,
-        shown: &Shown,
+        shown: &DeviceFrame,
         query: &PosedQuery,
         scheme: Scheme,
         map: &MapFile,
@@ -54,7 +54,7 @@ impl Seen {
             Ok(sealed) => {
                 let result = localize_one(map, &sealed.bytes, query, scheme, ScoreKind::default(), options);
                 let trusted = result.state == Some(State::Trusted);
-                let posed = if trusted { Posed::of(sealed, shown, map, options) } else { None };
+                let posed = if trusted { TrustedFrame::of(sealed, shown, map, options) } else { None };
                 Self { result, posed }
             }
             Err(error) => {
@@ -67,9 +67,9 @@ impl Seen {
     }
 }
 
-impl Posed {
+impl TrustedFrame {
     /// `None` where no pose is found.
-    fn of(sealed: &Sealed, shown: &Shown, map: &MapFile, options: &LocalizeOptions) -> Option<Self> {
+    fn of(sealed: &Sealed, shown: &DeviceFrame, map: &MapFile, options: &LocalizeOptions) -> Option<Self> {
         let query = SealedQuery::decode(&sealed.bytes).ok()?;
         let matched = match_query(&query, map, options).ok()?;
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);

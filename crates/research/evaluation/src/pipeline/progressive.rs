@@ -5,13 +5,13 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_pose::State;
 use veiloc_protocol::{Enough, Profile, SealedQuery};
 
-use super::ask::Answer;
-use super::served::Served;
+use super::served_map::ServedMap;
+use super::server::LocalizeResult;
 
 /// The answer to a query, and the amount of sent data.
-pub(crate) struct Asked {
+pub(crate) struct SentResult {
     /// The answer to the last message.
-    pub(crate) answer: Answer,
+    pub(crate) answer: LocalizeResult,
     /// Rows that the server has received.
     pub(crate) rows: usize,
     /// Bytes of all messages.
@@ -32,38 +32,38 @@ pub enum Sending {
 }
 
 /// Sends a sealed query; every message is decoded and localized as if it had crossed a network.
-pub(crate) fn send_and_ask(
-    served: &Served<'_>,
+pub(crate) fn send_and_localize(
+    served: &ServedMap<'_>,
     bytes: &[u8],
     profile: &Profile,
     sending: Sending,
     options: &LocalizeOptions,
-) -> Asked {
+) -> SentResult {
     let whole = || {
-        let answer = served.ask(bytes, options);
+        let answer = served.localize(bytes, options);
         let rows = SealedQuery::decode(bytes).map_or(0, |query| query.len());
         let was_trusted = answer.state() == State::Trusted;
-        Asked { answer, rows, bytes: bytes.len(), before_ms: 0.0, was_trusted }
+        SentResult { answer, rows, bytes: bytes.len(), before_ms: 0.0, was_trusted }
     };
     let (Sending::Progressive(enough), Ok(query)) = (sending, SealedQuery::decode(bytes)) else {
         return whole();
     };
-    let mut asked: Option<Asked> = None;
+    let mut latest: Option<SentResult> = None;
     for class in query.step_sizes() {
         let Ok(part) = query.first_rows(class, profile) else { return whole() };
         if part.check_sides().is_err() {
             continue;
         }
         let message = part.encode();
-        let answer = served.ask(&message, options);
+        let answer = served.localize(&message, options);
         let trusted = answer.state() == State::Trusted;
         let sd = answer.found.as_ref().map_or(f64::INFINITY, |found| position_sd(&found.covariance));
         let is_enough = enough.is_met(trusted, sd);
-        asked = Some(Asked {
+        latest = Some(SentResult {
             rows: part.len(),
-            bytes: message.len() + asked.as_ref().map_or(0, |a| a.bytes),
-            before_ms: asked.as_ref().map_or(0.0, |a| a.before_ms + milliseconds(&a.answer)),
-            was_trusted: trusted || asked.as_ref().is_some_and(|a| a.was_trusted),
+            bytes: message.len() + latest.as_ref().map_or(0, |a| a.bytes),
+            before_ms: latest.as_ref().map_or(0.0, |a| a.before_ms + milliseconds(&a.answer)),
+            was_trusted: trusted || latest.as_ref().is_some_and(|a| a.was_trusted),
             answer,
         });
         if is_enough {
@@ -71,10 +71,10 @@ pub(crate) fn send_and_ask(
         }
     }
     // A device does not send a query with unbalanced anchors whole; the evaluation localizes it anyway.
-    asked.unwrap_or_else(whole)
+    latest.unwrap_or_else(whole)
 }
 
-fn milliseconds(answer: &Answer) -> f64 {
+fn milliseconds(answer: &LocalizeResult) -> f64 {
     let times = answer.found.as_ref().map(|found| found.times).unwrap_or_default();
     answer.decode_ms + times.retrieve_ms + times.match_ms + times.pose_ms
 }

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_read_what_they_print() {
+    fn stress_names_round_trip() {
         for stress in Stress::DEFAULT.into_iter().chain([1, 30, 50].map(Stress::Focal)) {
             assert_eq!(stress.to_string().parse(), Ok(stress));
         }

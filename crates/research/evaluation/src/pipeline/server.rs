@@ -9,7 +9,7 @@ use veiloc_protocol::{QueryError, SealedQuery};
 
 /// Why there is no pose.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Unanswered {
+pub(crate) enum LocalizeFailure {
     /// The bytes are not a query.
     #[error(transparent)]
     Query(#[from] QueryError),
@@ -19,14 +19,14 @@ pub(crate) enum Unanswered {
 }
 
 /// The result for one query.
-pub(crate) struct Answer {
+pub(crate) struct LocalizeResult {
     /// The pose, or why there is none.
-    pub(crate) found: Result<Localization, Unanswered>,
+    pub(crate) found: Result<Localization, LocalizeFailure>,
     /// Milliseconds to decode the query.
     pub(crate) decode_ms: f64,
 }
 
-impl Answer {
+impl LocalizeResult {
     /// State of the pose.
     pub(crate) fn state(&self) -> State {
         self.found.as_ref().map_or(State::NotFound, |found| found.state)
@@ -43,7 +43,7 @@ impl Answer {
     pub(crate) fn log_evidence(&self) -> Option<f64> {
         match &self.found {
             Ok(found) => Some(found.confidence.log_evidence),
-            Err(Unanswered::Localize(LocalizeError::NoPose {
+            Err(LocalizeFailure::Localize(LocalizeError::NoPose {
                 source: PoseError::Chance { log_evidence },
                 ..
             })) => Some(*log_evidence),
@@ -53,13 +53,13 @@ impl Answer {
 }
 
 /// Decodes the sent bytes and localizes the query.
-pub(crate) fn ask(map: &MapFile, bytes: &[u8], options: &LocalizeOptions) -> Answer {
+pub(crate) fn decode_and_localize(map: &MapFile, bytes: &[u8], options: &LocalizeOptions) -> LocalizeResult {
     let started = Instant::now();
     let decoded = SealedQuery::decode(bytes);
     let decode_ms = started.elapsed().as_secs_f64() * 1e3;
     let found = match decoded {
-        Ok(query) => localize(&query, map, options).map_err(Unanswered::from),
+        Ok(query) => localize(&query, map, options).map_err(LocalizeFailure::from),
         Err(error) => Err(error.into()),
     };
-    Answer { found, decode_ms }
+    LocalizeResult { found, decode_ms }
 }

@@ -9,11 +9,11 @@ use veiloc_map::{MapFile, MapMemory};
 use veiloc_pose::State;
 use veiloc_protocol::SealedQuery;
 
-use super::ask::{Answer, ask};
+use super::server::{LocalizeResult, decode_and_localize};
 use crate::error::EvalError;
 
 /// A map as it is served.
-pub(crate) struct Served<'a> {
+pub(crate) struct ServedMap<'a> {
     whole: &'a MapFile,
     regions: Option<Regions>,
 }
@@ -29,7 +29,7 @@ struct Regions {
     _folder: TempDir,
 }
 
-impl<'a> Served<'a> {
+impl<'a> ServedMap<'a> {
     /// Serves the whole map, or splits it into regions; a query is then localized in the regions that hold most of
     /// the `retrieve` images that the whole map would retrieve, as a gateway of many machines does ([`rounds`]).
     ///
@@ -52,17 +52,17 @@ impl<'a> Served<'a> {
 
     /// The answer to these bytes: with several regions the pose that a gateway would choose, with the times of its
     /// region alone.
-    pub(crate) fn ask(&self, bytes: &[u8], options: &LocalizeOptions) -> Answer {
+    pub(crate) fn localize(&self, bytes: &[u8], options: &LocalizeOptions) -> LocalizeResult {
         // Invalid bytes are refused by any map.
         let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
-            return ask(self.whole, bytes, options);
+            return decode_and_localize(self.whole, bytes, options);
         };
         let ranked = regions.index.rank(query.global(), regions.retrieve);
-        let mut best: Option<Answer> = None;
+        let mut best: Option<LocalizeResult> = None;
         for round in rounds(ranked.into_iter().map(|one| (one.region, one.held)), ASKED) {
             for map in round.into_iter().filter_map(|region| regions.maps.get(region)) {
-                let answer = ask(map, bytes, options);
-                if best.as_ref().is_none_or(|known| is_better(worth(&answer), worth(known))) {
+                let answer = decode_and_localize(map, bytes, options);
+                if best.as_ref().is_none_or(|known| is_better(rank(&answer), rank(known))) {
                     best = Some(answer);
                 }
             }
@@ -70,7 +70,7 @@ impl<'a> Served<'a> {
                 break;
             }
         }
-        best.unwrap_or_else(|| ask(self.whole, bytes, options))
+        best.unwrap_or_else(|| decode_and_localize(self.whole, bytes, options))
     }
 
     /// Facts about the regions, if there are any.
@@ -80,7 +80,7 @@ impl<'a> Served<'a> {
 }
 
 /// The order by which regions are compared.
-fn worth(answer: &Answer) -> (bool, f64) {
+fn rank(answer: &LocalizeResult) -> (bool, f64) {
     (answer.state() == State::Trusted, answer.log_evidence().unwrap_or(f64::NEG_INFINITY))
 }
 

@@ -26,14 +26,14 @@ pub struct Tile {
 
 /// Tiles in rows and columns.
 #[derive(Debug, Clone, Default)]
-pub struct Sheet {
+pub struct ContactSheet {
     /// Titles of the columns.
     pub columns: Vec<String>,
     /// `[rows][columns]`.
     pub rows: Vec<Vec<Tile>>,
 }
 
-impl Sheet {
+impl ContactSheet {
     /// The sheet as one image; `None` without tiles.
     pub fn image(&self) -> Option<ColourImage> {
         let side = |of: fn(&ColourImage) -> u32| {
@@ -58,7 +58,7 @@ impl Sheet {
     }
 }
 
-impl Sheet {
+impl ContactSheet {
     /// The sheet as a PNG file; `None` without tiles.
     ///
     /// # Errors
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_stand_side_by_side_with_their_boxes() {
+    fn tiles_are_drawn_side_by_side_with_boxes() {
         let tile = |value: u8, boxes: Vec<Detection>| Tile {
             image: ColourImage::new(8, 6, vec![value; 8 * 6 * 3]).expect("three bytes a pixel"),
             boxes,
@@ -116,7 +116,7 @@ mod tests {
         let found = Detection { class: 0, score: 1.0, corners: [2.0, 1.0, 90.0, 4.0] };
         let columns = vec!["a".to_owned(), "b".to_owned()];
         let rows = vec![vec![tile(10, vec![]), tile(20, vec![found])], vec![tile(30, vec![])]];
-        let sheet = Sheet { columns, rows }.image().expect("three tiles");
+        let sheet = ContactSheet { columns, rows }.image().expect("three tiles");
         assert_eq!((sheet.width(), sheet.height()), (2 * 20 + 4, 2 * 16 + 4));
         let at = |x: usize, y: usize| &sheet.data()[3 * (y * 44 + x)..][..3];
         assert_eq!([at(0, 0), at(4, 4), at(19, 15), at(20, 4)], [&[255; 3], &[10; 3], &[10; 3], &[255; 3]]);
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!((alone.width(), alone.height()), (16, 12));
         let at = |x: usize, y: usize| &alone.data()[3 * (y * 16 + x)..][..3];
         assert_eq!([at(0, 0), at(4, 2), at(15, 5), at(5, 3)], [&[20; 3], &BOX, &BOX, &[20; 3]]);
-        assert!(Sheet::default().image().is_none());
-        assert!(Sheet::default().png().expect("nothing to write").is_none());
+        assert!(ContactSheet::default().image().is_none());
+        assert!(ContactSheet::default().png().expect("nothing to write").is_none());
     }
 }

@@ -26,29 +26,29 @@ pub struct Realistic {
 }
 
 /// Attacks with true neighbours from the oracle; the prior-only baseline is always added.
-const TOLD: [&str; 2] = ["closed-form", "graph"];
+const WITH_ORACLE: [&str; 2] = ["closed-form", "graph"];
 /// Attacks that use the statistic, the network and the map.
-const BY_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
-const BY_NETWORK: [&str; 1] = ["trained-positions"];
-const BY_MAP: [&str; 1] = ["transfer"];
+const WITH_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
+const WITH_NETWORK: [&str; 1] = ["trained-positions"];
+const WITH_MAP: [&str; 1] = ["transfer"];
 
 /// Results of an attack on each image under one scheme.
 #[derive(Debug, Clone)]
-pub(super) struct Attacked {
+pub(super) struct RecoveredImages {
     pub(super) scheme: Scheme,
     /// `guess`, `closed-form`, `graph` or `realistic`.
     pub(super) attack: &'static str,
     /// Name of the best realistic attack.
     pub(super) by: Option<String>,
     /// By image.
-    pub(super) images: Vec<Answer>,
+    pub(super) images: Vec<RecoveredImage>,
 }
 
 /// Results for one image, `[N]` each.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Answer {
+pub(super) struct RecoveredImage {
     /// Recovered keypoints.
-    pub(super) places: Vec<Pixel>,
+    pub(super) positions: Vec<Pixel>,
     /// The sent observations.
     pub(super) sent: Vec<Observation>,
     /// Their errors, pixels.
@@ -56,19 +56,19 @@ pub(super) struct Answer {
 }
 
 /// Records every answer and reports progress.
-struct Book<'a> {
-    answers: BTreeMap<(String, &'static str), Vec<Answer>>,
+struct AnswerRecorder<'a> {
+    answers: BTreeMap<(String, &'static str), Vec<RecoveredImage>>,
     progress: &'a dyn Progress,
 }
 
-impl AttackObserver for Book<'_> {
+impl AttackObserver for AnswerRecorder<'_> {
     fn advance(&mut self, _done: usize, _total: usize) {
         self.progress.advance(1);
     }
 
     fn saw(&mut self, trial: &AttackTrial<'_>) {
-        self.answers.entry((trial.scheme.to_string(), trial.attack.name)).or_default().push(Answer {
-            places: trial.answers.to_vec(),
+        self.answers.entry((trial.scheme.to_string(), trial.attack.name)).or_default().push(RecoveredImage {
+            positions: trial.answers.to_vec(),
             sent: trial.observations.to_vec(),
             errors: trial.errors.to_vec(),
         });
@@ -83,7 +83,7 @@ pub(super) fn attack(
     realistic: &Realistic,
     (k, seed): (usize, u64),
     progress: &dyn Progress,
-) -> Result<Vec<Attacked>, EvalError> {
+) -> Result<Vec<RecoveredImages>, EvalError> {
     let schemes: Vec<Scheme> = schemes.iter().copied().filter(|scheme| scheme.hides_positions()).collect();
     if schemes.is_empty() {
         return Ok(Vec::new());
@@ -102,40 +102,42 @@ pub(super) fn attack(
             ..AttackEvaluation::default()
         };
         let all = images.iter().chain(map).cloned().collect();
-        let mut book = Book { answers: BTreeMap::new(), progress };
+        let mut recorder = AnswerRecorder { answers: BTreeMap::new(), progress };
         let groups = vec![ImageGroup { name: "images".to_owned(), images: all }];
-        let document = attack_groups(&evaluation, groups, &mut book)?;
+        let document = attack_groups(&evaluation, groups, &mut recorder)?;
         progress.finish();
-        Ok::<_, EvalError>((document, book.answers))
+        Ok::<_, EvalError>((document, recorder.answers))
     };
 
-    let mut runs = vec![run("Attacking with true neighbours", &TOLD, NeighbourSource::Oracle, &[], &[])?];
+    let mut runs =
+        vec![run("Attacking with true neighbours", &WITH_ORACLE, NeighbourSource::Oracle, &[], &[])?];
     if !realistic.elsewhere.is_empty() {
         let learned = NeighbourSource::Predicted { train: realistic.elsewhere.clone() };
-        runs.push(run("Attacking with a statistic", &BY_STATISTIC, learned, &[], &[])?);
+        runs.push(run("Attacking with a statistic", &WITH_STATISTIC, learned, &[], &[])?);
     }
     if !realistic.positions.is_empty() {
         let (oracle, files) = (NeighbourSource::Oracle, &realistic.positions);
-        runs.push(run("Attacking with a network", &BY_NETWORK, oracle, files, &[])?);
+        runs.push(run("Attacking with a network", &WITH_NETWORK, oracle, files, &[])?);
     }
     if !realistic.map.is_empty() {
         let map = &realistic.map;
-        runs.push(run("Attacking with a map", &BY_MAP, NeighbourSource::Transferred, &[], map)?);
+        runs.push(run("Attacking with a map", &WITH_MAP, NeighbourSource::Transferred, &[], map)?);
     }
     let mut attacked = Vec::new();
     for scheme in schemes {
         let name = scheme.to_string();
-        let answers = |(_, all): &(AttackDocument, BTreeMap<(String, &'static str), Vec<Answer>>), attack| {
+        let answers = |(_, all): &(AttackDocument, BTreeMap<(String, &'static str), Vec<RecoveredImage>>),
+                       attack| {
             all.get(&(name.clone(), attack)).cloned().unwrap_or_default()
         };
-        let mut push = |attack, by, images: Vec<Answer>| {
+        let mut push = |attack, by, images: Vec<RecoveredImage>| {
             if !images.is_empty() {
-                attacked.push(Attacked { scheme, attack, by, images });
+                attacked.push(RecoveredImages { scheme, attack, by, images });
             }
         };
         push("guess", None, answers(&runs[0], Attack::PRIOR.name));
-        for told in TOLD {
-            push(told, None, answers(&runs[0], told));
+        for attack in WITH_ORACLE {
+            push(attack, None, answers(&runs[0], attack));
         }
         let tried = runs[1..].iter().flat_map(|run| {
             let of_scheme = run.0.attacks.iter().filter(|row| row.scheme == name);

@@ -7,7 +7,7 @@ use veiloc_features::detector::{Detection, Detector};
 use crate::EvalError;
 
 /// Boxes of one class that overlap at least this much belong to one object.
-const SAME: f32 = 0.5;
+const MIN_OVERLAP: f32 = 0.5;
 
 /// Networks of the image metrics; PSNR and SSIM need none.
 #[derive(Debug, Default)]
@@ -48,7 +48,7 @@ impl Judges {
 
     /// An original on the grid, with its detected objects and its class: that of its file name, or else the
     /// classifier's answer.
-    pub(super) fn look(&self, image: ColourImage, named: Option<usize>) -> Result<Original, EvalError> {
+    pub(super) fn prepare(&self, image: ColourImage, named: Option<usize>) -> Result<Original, EvalError> {
         let objects = self.objects(&image)?;
         let mut class = None;
         if let Some(classifier) = &self.classifier {
@@ -63,7 +63,7 @@ impl Judges {
     }
 
     /// Compares an image with its original on the same grid.
-    pub(super) fn judge(
+    pub(super) fn compare(
         &self,
         original: &Original,
         rebuilt: &ColourImage,
@@ -115,7 +115,7 @@ fn found(objects: &[Detection], seen: &[Detection]) -> usize {
     for object in objects {
         let overlap = |s: &&Detection| if s.class == object.class { s.overlap(object) } else { 0.0 };
         let best = (0..left.len()).max_by(|a, b| overlap(&left[*a]).total_cmp(&overlap(&left[*b])));
-        if let Some(at) = best.filter(|at| overlap(&left[*at]) >= SAME) {
+        if let Some(at) = best.filter(|at| overlap(&left[*at]) >= MIN_OVERLAP) {
             left.remove(at);
             count += 1;
         }
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_and_the_first_five_count() {
+    fn top_1_and_top_5_are_counted() {
         let found = [7, 3, 9, 1, 4];
         assert_eq!(recognised(7, &found), [true, true]);
         assert_eq!(recognised(4, &found), [false, true]);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_are_found_by_class_and_place_and_once() {
+    fn objects_are_matched_once_by_class_and_position() {
         let objects = [at(0, 0.0), at(0, 1.0), at(1, 50.0)];
         assert_eq!(found(&objects, &objects), 3);
         assert_eq!(found(&objects, &[at(0, 0.5)]), 1, "one is not two");

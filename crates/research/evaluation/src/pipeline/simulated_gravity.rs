@@ -14,12 +14,12 @@ use crate::pose::mean_down;
 
 /// A world with a vertical, and sensors with this noise.
 #[derive(Debug, Clone, Copy)]
-pub struct Upright {
+pub struct SimulatedGravity {
     down: Down,
     sd_deg: f64,
 }
 
-impl Upright {
+impl SimulatedGravity {
     /// Down is the mean of the map images' own down axes. It need not be the true vertical: map and queries use the
     /// same direction, and any direction is sufficient.
     ///
@@ -44,25 +44,26 @@ impl Upright {
     }
 
     /// The gravity that the device sends with a query; equal seeds and names give equal noise.
-    fn told(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
+    fn measured(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
         let exact = cam_from_world.rotation() * Vector3::from(self.down.in_world());
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "gravity"]));
         // A rotation about the direction itself has no effect: what remains is the noise about the two orthogonal
         // axes.
         let turn = Vector3::from_fn(|_, _| self.sd_deg.to_radians() * normal(&mut rng));
-        let felt = Rotation3::from_scaled_axis(turn) * exact;
-        CoarseGravity::new(felt.into(), self.sd_deg).ok()
+        let with_noise = Rotation3::from_scaled_axis(turn) * exact;
+        CoarseGravity::new(with_noise.into(), self.sd_deg).ok()
     }
 
     /// The variants of a query: without gravity, and then with gravity if it is simulated and the pose is known.
-    pub(crate) fn in_turn(
-        asked: Option<&Self>,
+    pub(crate) fn variants(
+        simulated: Option<&Self>,
         name: &str,
         truth: Option<&CameraFromWorld>,
         seed: u64,
     ) -> impl Iterator<Item = Option<CoarseGravity>> {
-        let told = asked.zip(truth).map(|(upright, truth)| upright.told(name, truth, seed));
-        std::iter::once(None).chain(told)
+        let measured =
+            simulated.zip(truth).map(|(gravity_source, truth)| gravity_source.measured(name, truth, seed));
+        std::iter::once(None).chain(measured)
     }
 }
 
@@ -72,28 +73,30 @@ mod tests {
     use veiloc_synthetic::problems::random_pose;
 
     #[test]
-    fn what_is_told_errs_by_what_is_said() {
-        let upright = Upright { down: Down::new([0.3, -0.2, 0.9]).expect("a direction"), sd_deg: 4.0 };
+    fn noise_has_stated_deviation() {
+        let gravity_source =
+            SimulatedGravity { down: Down::new([0.3, -0.2, 0.9]).expect("a direction"), sd_deg: 4.0 };
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let n = 2000;
         let mut sum = 0.0;
         for i in 0..n {
             let (name, truth) = (format!("{i}.jpg"), random_pose(&mut rng));
-            let told: Vec<_> = Upright::in_turn(Some(&upright), &name, Some(&truth), 7).collect();
-            let [None, Some(gravity)] = told[..] else { panic!("nothing, then gravity") };
-            assert_eq!(upright.told(&name, &truth, 7), Some(gravity), "equal seeds, equal noise");
-            let exact = truth.rotation() * Vector3::from(upright.down.in_world());
+            let measured: Vec<_> =
+                SimulatedGravity::variants(Some(&gravity_source), &name, Some(&truth), 7).collect();
+            let [None, Some(gravity)] = measured[..] else { panic!("nothing, then gravity") };
+            assert_eq!(gravity_source.measured(&name, &truth, 7), Some(gravity), "equal seeds, equal noise");
+            let exact = truth.rotation() * Vector3::from(gravity_source.down.in_world());
             sum += exact.angle(&Vector3::from(gravity.in_camera())).to_degrees().powi(2) / 2.0;
-            assert_eq!(Upright::in_turn(None, &name, Some(&truth), 7).collect::<Vec<_>>(), [None]);
+            assert_eq!(SimulatedGravity::variants(None, &name, Some(&truth), 7).collect::<Vec<_>>(), [None]);
         }
         let about_each = (sum / n as f64).sqrt();
         assert!((about_each - 4.0).abs() < 0.2, "{about_each}");
     }
 
     #[test]
-    fn a_deviation_that_cannot_be_told_is_refused() {
+    fn unencodable_deviation_is_refused() {
         for sd_deg in [0.0, -1.0, 17.0, f64::NAN] {
-            let refused = Upright::of(&PosedImages::default(), &[], sd_deg);
+            let refused = SimulatedGravity::of(&PosedImages::default(), &[], sd_deg);
             assert!(matches!(refused, Err(EvalError::Options(_))), "{sd_deg}");
         }
     }

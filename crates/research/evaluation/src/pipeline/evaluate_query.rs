@@ -7,10 +7,10 @@ use veiloc_map::MapFile;
 use veiloc_pose::{ScoreKind, State};
 use veiloc_protocol::Scheme;
 
-use super::ask::{Answer, ask};
-use super::posed_query::{AskedQuery, PosedQuery};
-use super::progressive::{Sending, send_and_ask};
-use super::served::Served;
+use super::posed_query::{EvaluatedQuery, PosedQuery};
+use super::progressive::{Sending, send_and_localize};
+use super::served_map::ServedMap;
+use super::server::{LocalizeResult, decode_and_localize};
 
 /// Localizes the sent bytes and compares with the true pose; a missing pose is a result.
 pub fn localize_one(
@@ -23,32 +23,38 @@ pub fn localize_one(
 ) -> QueryResult {
     let mut options = options.clone();
     options.pose.score = Some(score);
-    judge(&ask(map, bytes, &options), &query.name, Some(&query.cam_from_world), scheme, score)
+    compare_with_truth(
+        &decode_and_localize(map, bytes, &options),
+        &query.name,
+        Some(&query.cam_from_world),
+        scheme,
+        score,
+    )
 }
 
 /// The same for a query that is sent whole or progressively, with the amount of sent data; for several messages, the
 /// time of those before the last is a separate stage.
 pub(crate) fn localize_sent(
-    served: &Served<'_>,
+    served: &ServedMap<'_>,
     bytes: &[u8],
-    query: &AskedQuery,
+    query: &EvaluatedQuery,
     scheme: Scheme,
     sending: Sending,
     options: &LocalizeOptions,
 ) -> QueryResult {
     let score = options.pose.score.unwrap_or_default();
-    let asked = send_and_ask(served, bytes, served.whole().profile(), sending, options);
-    let mut result = judge(&asked.answer, &query.name, query.truth.as_ref(), scheme, score);
-    let exposed = asked.answer.found.as_ref().map_or(0, |found| found.inliers);
-    result.sent = Some(SentDocument { sent_rows: asked.rows, sent_bytes: asked.bytes, exposed });
+    let response = send_and_localize(served, bytes, served.whole().profile(), sending, options);
+    let mut result = compare_with_truth(&response.answer, &query.name, query.truth.as_ref(), scheme, score);
+    let exposed = response.answer.found.as_ref().map_or(0, |found| found.inliers);
+    result.sent = Some(SentDocument { sent_rows: response.rows, sent_bytes: response.bytes, exposed });
     if let Sending::Progressive(_) = sending {
-        result.ms.insert("steps".to_owned(), asked.before_ms);
+        result.ms.insert("steps".to_owned(), response.before_ms);
     }
     result
 }
 
-fn judge(
-    answer: &Answer,
+fn compare_with_truth(
+    answer: &LocalizeResult,
     name: &str,
     truth: Option<&CameraFromWorld>,
     scheme: Scheme,

@@ -11,7 +11,7 @@ use veiloc_protocol::Profile;
 
 /// Adds the extractors of the map, and the extractor of global image descriptors if the map uses them (the owner's
 /// consent is implied).
-pub(crate) fn equipped(
+pub(crate) fn with_extractors(
     options: SealOptions,
     extractors: &Extractors,
     global: Option<&SharedGlobal>,
@@ -24,7 +24,7 @@ pub(crate) fn equipped(
 }
 
 /// A sealed query.
-pub(crate) struct Sent {
+pub(crate) struct SealedBytes {
     /// The sent bytes.
     pub(crate) bytes: Vec<u8>,
     /// The hidden positions, row by row.
@@ -35,15 +35,15 @@ pub(crate) struct Sent {
 ///
 /// A device uses random numbers of the operating system; here they must be reproducible, so they are seeded with the
 /// seed, the query's name and the scheme.
-pub(crate) fn send(
+pub(crate) fn seal_query(
     features: &Features,
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
     name: &str,
     seed: u64,
-) -> Result<Sent, SealError> {
+) -> Result<SealedBytes, SealError> {
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, &options.scheme().to_string()]));
     let (sealed, truth) = seal_with_truth(features.clone(), camera, profile, options, &mut rng)?;
-    Ok(Sent { bytes: sealed.encode(), truth })
+    Ok(SealedBytes { bytes: sealed.encode(), truth })
 }

@@ -1,9 +1,11 @@
 //! Attack on several frames of one file by a server that has localized all of them.
 
-use veiloc_attacks::multi_view::{Frame, FramesOptions, TriangulatedKeypoint, select_frames, multi_view_attack};
+use veiloc_attacks::multi_view::{
+    Frame, FramesOptions, TriangulatedKeypoint, multi_view_attack, select_frames,
+};
 use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
 
-use super::view::View;
+use super::server_view::ServerView;
 
 /// How an attack on several frames chooses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
@@ -23,8 +25,8 @@ const RATIO: f64 = 0.9;
 /// found: `[N]`; `None` when `own`, or every other frame, has no pose.
 ///
 /// `views`, `images`: `[images]` of the file.
-pub(super) fn sighted(
-    views: &[View],
+pub(super) fn multi_view_answers(
+    views: &[ServerView],
     images: &[KnownImage],
     own: usize,
     frames: usize,

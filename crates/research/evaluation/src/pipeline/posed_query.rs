@@ -23,7 +23,7 @@ pub struct PosedQuery {
 
 /// A query image whose pose may be known.
 #[derive(Debug, Clone)]
-pub struct AskedQuery {
+pub struct EvaluatedQuery {
     /// Its name.
     pub name: String,
     /// Its file.
@@ -34,7 +34,7 @@ pub struct AskedQuery {
     pub truth: Option<CameraFromWorld>,
 }
 
-impl From<PosedQuery> for AskedQuery {
+impl From<PosedQuery> for EvaluatedQuery {
     fn from(query: PosedQuery) -> Self {
         let truth = Some(query.cam_from_world);
         Self { name: query.name, path: query.path, camera: query.camera, truth }
@@ -72,7 +72,7 @@ pub fn posed_queries(
 ///
 /// # Errors
 /// [`EvalError::DataSet`] for an image without a pose, or in both lists.
-pub fn queries_of_place(
+pub fn queries_of_scene(
     posed: &PosedImages,
     images: &Path,
     map_list: &[String],

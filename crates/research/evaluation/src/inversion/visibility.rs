@@ -7,35 +7,35 @@ const WRONG_CELLS: f64 = 2.0;
 
 /// Visibility of correctly and of wrongly placed keypoints.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Beliefs {
+pub(super) struct VisibilityScores {
     right: Vec<f32>,
     wrong: Vec<f32>,
 }
 
-impl Beliefs {
-    /// Adds keypoints of an image: `beliefs` is the visibility of each, NaN if it was not placed, `errors` its
+impl VisibilityScores {
+    /// Adds keypoints of an image: `visibility` is the visibility of each, NaN if it was not placed, `errors` its
     /// position error, pixels. `cell`: side of a cell, pixels. Keypoints with an error between both thresholds are
     /// left out.
-    pub(super) fn add(&mut self, beliefs: &[f32], errors: &[f64], cell: f64) {
-        for (belief, error) in beliefs.iter().zip(errors).filter(|(belief, _)| belief.is_finite()) {
+    pub(super) fn add(&mut self, visibility: &[f32], errors: &[f64], cell: f64) {
+        for (value, error) in visibility.iter().zip(errors).filter(|(value, _)| value.is_finite()) {
             if *error <= RIGHT_CELLS * cell {
-                self.right.push(*belief);
+                self.right.push(*value);
             } else if *error >= WRONG_CELLS * cell {
-                self.wrong.push(*belief);
+                self.wrong.push(*value);
             }
         }
     }
 
     /// ROC AUC: probability that a correct keypoint has a larger visibility than a wrong one; ties count half.
-    pub(super) fn told_apart(&self) -> Option<f64> {
+    pub(super) fn roc_auc(&self) -> Option<f64> {
         if self.right.is_empty() || self.wrong.is_empty() {
             return None;
         }
         let mut wrong = self.wrong.clone();
         wrong.sort_by(f32::total_cmp);
-        let below = |belief: &f32| {
-            let less = wrong.partition_point(|w| w < belief);
-            let equal = wrong.partition_point(|w| w <= belief) - less;
+        let below = |value: &f32| {
+            let less = wrong.partition_point(|w| w < value);
+            let equal = wrong.partition_point(|w| w <= value) - less;
             less as f64 + 0.5 * equal as f64
         };
         let won: f64 = self.right.iter().map(below).sum();
@@ -48,11 +48,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn right_ones_are_believed_more_or_not() {
-        let of = |beliefs: &[f32], errors: &[f64]| {
-            let mut all = Beliefs::default();
-            all.add(beliefs, errors, 8.0);
-            all.told_apart()
+    fn roc_auc_of_visibility() {
+        let of = |visibility: &[f32], errors: &[f64]| {
+            let mut all = VisibilityScores::default();
+            all.add(visibility, errors, 8.0);
+            all.roc_auc()
         };
         assert_eq!(of(&[0.9, 0.8, 0.2], &[0.0, 8.0, 16.0]), Some(1.0));
         assert_eq!(of(&[0.1, 0.8], &[0.0, 90.0]), Some(0.0));

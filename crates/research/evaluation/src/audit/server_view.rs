@@ -5,7 +5,7 @@ use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
 use veiloc_protocol::Observations;
 
 /// One image as the server sees it under one scheme.
-pub(crate) struct View {
+pub(crate) struct ServerView {
     /// The sent observations.
     pub(crate) observed: Observations,
     /// `[N]`: the same as an attacker reads them, nothing else.
@@ -17,11 +17,11 @@ pub(crate) struct View {
     /// `[N]`: whether the error of a keypoint is measured.
     pub(crate) measured: Vec<bool>,
     /// The camera with its pose and depths, if a pose was found.
-    pub(crate) pose: Option<Posed>,
+    pub(crate) pose: Option<PosedView>,
 }
 
 #[derive(Clone)]
-pub(crate) struct Posed {
+pub(crate) struct PosedView {
     pub(crate) camera: Pinhole,
     pub(crate) cam_from_world: CameraFromWorld,
     /// Least and greatest depth of the scene, map units.

@@ -36,7 +36,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     #[test]
-    fn the_region_is_one_upright_ellipse_with_the_share_asked_for() {
+    fn private_region_is_an_ellipse_with_requested_share() {
         let grid: Vec<Pixel> =
             (0..4800).map(|i| Pixel::new(f64::from(i % 80) * 8.0, f64::from(i / 80) * 8.0)).collect();
         let mut rng = ChaCha8Rng::seed_from_u64(2);
