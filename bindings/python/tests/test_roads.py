@@ -180,7 +180,7 @@ def test_attacks_tell_what_leaks(rendered):
     rows = {(row["scheme"], row["attack"]): row["median_px"] for row in found["attacks"]}
     assert rows["random-lines", "closed-form"] < rows["dcl", "closed-form"]
     assert "closed-form" in veiloc.attack_names()
-    with pytest.raises(veiloc.InputError, match="no attack"):
+    with pytest.raises(veiloc.InputError, match="not an attack"):
         veiloc.attack([image], attacks=["guessing"])
     told = veiloc.audit([image], **asked)
     assert told["command"] == "audit" and told["inputs"]["strongest"]

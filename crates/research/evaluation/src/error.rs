@@ -16,14 +16,16 @@ pub enum EvalError {
     #[error("{0}")]
     DataSet(String),
     /// An image attacked by a server has no matches.
-    #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
+    #[error(
+        "{image}: the server's problem file has no matches for this image; it must cover the same images"
+    )]
     NoMatches {
         /// The image.
         image: String,
     },
     /// The matches of an image belong to an image of another size.
     #[error(
-        "{image}: its matches are of {} x {} pixels, its keypoints of {} x {}",
+        "{image}: its matches are for {} x {} pixels, but its keypoints for {} x {}; use one image size",
         size[0], size[1], expected[0], expected[1]
     )]
     OtherSize {
@@ -35,7 +37,7 @@ pub enum EvalError {
         expected: [u32; 2],
     },
     /// A match refers to a keypoint that the image does not have.
-    #[error("{image}: a match is of a keypoint at ({u}, {v}), and the image has none there")]
+    #[error("{image}: a match refers to a keypoint at ({u}, {v}), but the image has none there")]
     NoSuchKeypoint {
         /// The image.
         image: String,
@@ -66,28 +68,28 @@ pub enum EvalError {
     #[error(transparent)]
     Obfuscate(#[from] veiloc_obfuscation::SealError),
     /// Invalid or truncated JSON, or an unknown structure.
-    #[error("this is no document of an evaluation: {0}")]
+    #[error("this is not a document of an evaluation: {0}")]
     Document(String),
     /// A document of a command without tables.
     #[error(
-        "this is a document of {0:?}; tables are made of those of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
+        "this is a document of {0:?}; tables need a document of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
     )]
     NoTables(String),
     /// A document of a command without comparisons.
     #[error(
-        "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
+        "this is a document of {0:?}; only documents of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` can be compared"
     )]
     NotCompared(String),
     /// A document of an unsupported version.
-    #[error("this document is of version {0}, and 1 is known here")]
+    #[error("this document has version {0}, but only version 1 is supported")]
     Version(u64),
     /// No query of a document has a known pose.
     #[error(
-        "no query of this document has a known pose, so that there is nothing to judge; send the file of results to who judges it"
+        "no query of this document has a known pose, so errors cannot be computed; submit the result file to the benchmark"
     )]
     NoTruth,
     /// A query appears twice in one row of a document.
-    #[error("{row}: the query {name:?} is there twice with seed {seed}")]
+    #[error("{row}: the query {name:?} appears twice with seed {seed}")]
     Twice {
         /// The row.
         row: String,
@@ -105,7 +107,7 @@ pub enum EvalError {
         second: String,
     },
     /// Rows without a common query.
-    #[error("{row}: no query is in both")]
+    #[error("{row}: the runs have no query in common")]
     NoQueries {
         /// The row.
         row: String,

@@ -140,7 +140,7 @@ fn line(
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
     else {
-        return Err(EvalError::DataSet(format!("{}: the scheme points sent no points", query.name)));
+        return Err(EvalError::DataSet(format!("{}: the scheme points gave no points", query.name)));
     };
     let camera = sealed.camera();
     Ok(ProblemLine {

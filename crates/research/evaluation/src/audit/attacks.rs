@@ -81,7 +81,7 @@ pub const ATTACKS: [Attack; 17] = [
     Attack::PRIOR,
     Attack {
         name: "learned-prior",
-        words: "guess with a learned density",
+        words: "prior-only baseline with a learned density",
         holds: "keypoints of other images",
         needs: Needs { other_images: true, ..Needs::NOTHING },
         run: |a, _| Ok(a.density.expected_positions(a.observations, a.size.0, a.size.1).into()),
@@ -89,7 +89,7 @@ pub const ATTACKS: [Attack; 17] = [
     Attack::CLOSED_FORM,
     Attack {
         name: "closed-form-in-image",
-        words: "closed form held in the image",
+        words: "closed form restricted to the image",
         holds: "",
         needs: Needs::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::in_image()),
@@ -104,8 +104,8 @@ pub const ATTACKS: [Attack; 17] = [
     },
     Attack {
         name: "trained-positions",
-        words: "network from all rows to positions",
-        holds: "other people's images to train on",
+        words: "position network on all rows",
+        holds: "images of other people for training",
         needs: Needs { trained: true, ..Needs::NOTHING },
         run: |a, _| a.by_training(),
     },
@@ -113,15 +113,15 @@ pub const ATTACKS: [Attack; 17] = [
     Attack::GRAPH,
     Attack {
         name: "graph-near-angles",
-        words: "layout of the graph of neighbours of near angles",
+        words: "layout of the graph of neighbours with similar angles",
         holds: "",
         needs: Needs { near_angles: true, ..Needs::NEIGHBOURS },
         run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
     },
     Attack {
         name: "transfer-graph",
-        words: "layout begun at positions of a map",
-        holds: "other images of the place",
+        words: "graph layout initialized with positions from a map",
+        holds: "other images of the scene",
         needs: Needs { map_images: true, ..Needs::NEIGHBOURS },
         run: |a, rng| laid_out(a, &GraphOptions::default().with_initial_positions(a.transferred()), rng),
     },
@@ -134,7 +134,7 @@ pub const ATTACKS: [Attack; 17] = [
     },
     Attack {
         name: "server-side-points",
-        words: "server-side attack by points alone",
+        words: "server-side attack with points only",
         holds: SERVER,
         needs: OF_SERVER,
         run: |a, _| served(a, LineNeighbours::Ignored),
@@ -148,7 +148,7 @@ pub const ATTACKS: [Attack; 17] = [
     },
     Attack {
         name: "guided-transfer",
-        words: "positions taken over along the flow of inliers",
+        words: "positions transferred along the flow of inliers",
         holds: "a server that has found the pose, with the keypoints of its map images",
         needs: Needs { map_images: true, pose: true, ..Needs::NOTHING },
         run: |a, _| guided(a),
@@ -156,7 +156,7 @@ pub const ATTACKS: [Attack; 17] = [
     Attack {
         name: "several-frames",
         words: "triangulation of several frames",
-        holds: "several queries of one place whose poses a server has found",
+        holds: "several queries of one scene whose poses a server has found",
         needs: Needs { pose: true, frames: true, ..Needs::NOTHING },
         run: |a, _| a.by_frames(),
     },
@@ -197,8 +197,8 @@ impl Attack {
     /// Positions transferred from the best matching map images and projected on the lines.
     pub const TRANSFER: Self = Self {
         name: "transfer",
-        words: "positions taken over from a map",
-        holds: "other images of the place, with keypoints and descriptors",
+        words: "positions transferred from a map",
+        holds: "other images of the scene, with keypoints and descriptors",
         needs: Needs { map_images: true, ..Needs::NOTHING },
         run: |a, _| Ok(a.transferred().into()),
     };
@@ -206,8 +206,8 @@ impl Attack {
     /// The scatter of the angles of several seals.
     pub const RESTING_CAMERA: Self = Self {
         name: "resting-camera",
-        words: "scatter of angles from a camera at rest",
-        holds: "several queries of a camera at rest, or of one image",
+        words: "scatter of angles from a stationary camera",
+        holds: "several queries of a stationary camera, or of one image",
         needs: Needs { seals: true, ..Needs::NOTHING },
         run: |a, _| a.by_scatter(),
     };
@@ -289,7 +289,7 @@ impl Serialize for Attack {
 
 /// No attack has this name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no attack is called {name:?}; there are {}", ATTACKS.map(|a| a.name).join(", "))]
+#[error("{name:?} is not an attack; use one of {}", ATTACKS.map(|a| a.name).join(", "))]
 pub struct UnknownAttack {
     name: String,
 }

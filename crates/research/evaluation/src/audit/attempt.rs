@@ -107,7 +107,7 @@ impl Attempt<'_> {
         let frames = self.frames.unwrap_or(0);
         if self.views.len() < frames {
             return Err(EvalError::Options(format!(
-                "{frames} frames are asked for, and the file of {} has {} images",
+                "{frames} frames are requested, but the file of {} has {} images",
                 self.name,
                 self.views.len()
             )));

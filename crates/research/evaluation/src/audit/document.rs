@@ -119,7 +119,7 @@ pub fn attacks_table(document: &AttackDocument) -> String {
     let tables = if document.has_both() {
         let oracle = |a: &AttackSummary| document.uses_oracle(a.attack);
         format!(
-            "{}\nTold the true neighbours by an oracle, which nobody is\n{}",
+            "{}\nAttacks with true neighbours from an oracle, which no real attacker has\n{}",
             rows(document.attacks.iter().filter(|a| !oracle(a))),
             rows(document.attacks.iter().filter(|a| oracle(a) || a.attack == Attack::PRIOR))
         )
@@ -127,7 +127,11 @@ pub fn attacks_table(document: &AttackDocument) -> String {
         rows(document.attacks.iter())
     };
     let precision_text = document.precision.zip(document.chance).map(|(precision, chance)| {
-        format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
+        format!(
+            "\n{} of the neighbours are true; random neighbours: {}\n",
+            percent(precision),
+            percent(chance)
+        )
     });
     tables + &precision_text.unwrap_or_default() + &of_server(document) + &believed(document)
 }
@@ -162,7 +166,7 @@ fn of_server(document: &AttackDocument) -> String {
     let one = |s: &ServerSummary| {
         format!(
             "\n{}: a pose for {} of {} images; the server knows {} of the keypoints (median error {:.1} px, {} under \
-             10 px); errors are of {} of the keypoints\n",
+             10 px); errors are measured on {} of the keypoints\n",
             s.scheme,
             s.posed,
             s.images,
@@ -181,7 +185,7 @@ fn believed(document: &AttackDocument) -> String {
         let (share, median, under) = (a.believed?, a.believed_median_px?, a.believed_under_10px?);
         let frames = a.frames.map_or_else(String::new, |n| format!(", {n} frames"));
         Some(format!(
-            "\n{} on {}{frames}: believes {:.1} % of its answers; of these the median error is {median:.1} px, and \
+            "\n{} on {}{frames}: accepts {:.1} % of its answers; their median error is {median:.1} px, and \
              {:.1} % are under 10 px\n",
             a.attack,
             a.scheme,

@@ -241,7 +241,7 @@ mod tests {
         assert!(spread[0] < 1e-6 && (spread[2] - 15.838681).abs() < 1e-5, "{spread:?}");
         assert!(
             spread[1].is_nan() && spread[3].is_nan(),
-            "itself is parallel, nobody is nothing: {spread:?}"
+            "a line is parallel to itself, and without neighbours there is no spread: {spread:?}"
         );
         // Computed by hand: a horizontal line, intersected at u = 0 and u = 10.
         let level = |u: f64, angle: f64| Observation::Line(PixelLine::through(Pixel::new(u, 5.0), angle));

@@ -26,7 +26,9 @@ impl TrainedPositions {
             let network = PositionNetwork::open(file)?;
             if networks.iter().any(|other| other.scheme() == network.scheme()) {
                 let (file, scheme) = (file.display(), network.scheme());
-                return Err(EvalError::DataSet(format!("{file}: another network of {scheme} is given too")));
+                return Err(EvalError::DataSet(format!(
+                    "{file}: two networks are given for {scheme}; give one per scheme"
+                )));
             }
             networks.push(network);
         }

@@ -135,7 +135,7 @@ pub(super) fn from_others(
 pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
     let Some((bytes, dimension)) = &image.descriptors else {
         return Err(EvalError::Options(format!(
-            "{} comes without descriptors, and this attack reads them",
+            "{} has no descriptors, but this attack needs them",
             image.name
         )));
     };

@@ -29,41 +29,43 @@ pub(super) struct Row {
 pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
     let refuse = |why: String| Err(EvalError::Options(why));
     if evaluation.k == 0 && evaluation.attacks.iter().any(|a| a.needs.neighbours) {
-        return refuse("attacks by neighbours need one neighbour a keypoint at least".to_owned());
+        return refuse("attacks that use neighbours need at least one neighbour per keypoint".to_owned());
     }
     let several = evaluation.attacks.iter().any(|a| a.needs.frames || a.needs.seals);
     if let Some(n) = evaluation.frames.iter().find(|n| several && **n < 2) {
-        return refuse(format!("several frames are two at least, not {n}"));
+        return refuse(format!("an attack on several frames needs at least two, not {n}"));
     }
     if evaluation.positions.is_empty()
         && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.trained)
     {
-        return refuse(format!("{attack} needs a network of positions, as research/train exports them"));
+        return refuse(format!("{attack} needs a position network, as research/train exports it"));
     }
     if matches!(evaluation.neighbours, NeighbourSource::Oracle | NeighbourSource::Transferred)
         && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.near_angles)
     {
         return refuse(format!(
-            "{attack} narrows neighbours that are predicted from descriptors: say by what"
+            "{attack} restricts neighbours that are predicted from descriptors: name the predictor"
         ));
     }
     let needs = evaluation.attacks.iter().find(|a| a.needs.pose);
     let Some(server) = &evaluation.server else {
         return needs.map_or(Ok(()), |attack| {
             refuse(format!(
-                "{attack} is an attack of a server that has localized the query, and needs its matches"
+                "{attack} is an attack of a server that has localized the query; give its matches"
             ))
         });
     };
     if let Some(share) = server.private {
         if !(share > 0.0 && share < 1.0) {
-            return refuse(format!("a private region cannot hold {share} of the keypoints"));
+            return refuse(format!(
+                "a private region cannot hold {share} of the keypoints; give a share between 0 and 1"
+            ));
         }
         let by_map = evaluation.attacks.iter().any(|a| a.needs.map_images);
         if by_map || evaluation.neighbours == NeighbourSource::Transferred {
             // The private region belongs to the scene itself and is visible in the other images, unlike a person.
             return refuse(
-                "what is private is in no map image, so nothing can be transferred to it".to_owned(),
+                "a private region is in no map image, so nothing can be transferred to it".to_owned(),
             );
         }
     }

@@ -70,7 +70,7 @@ pub fn strongest_table(document: &AttackDocument) -> String {
         let attackers = [
             ("baseline", Some(Attack::PRIOR)),
             ("without an oracle", without_oracle),
-            ("given true neighbours", with_oracle),
+            ("with true neighbours", with_oracle),
         ];
         for (attacker, attack) in attackers {
             let Some(row) = attack.and_then(|attack| document.row(&scheme, attack)) else { continue };

@@ -86,9 +86,9 @@ impl ClassesRow {
     pub fn words(&self) -> String {
         let Self { named, named_top_1, named_top_5, answered } = self;
         format!(
-            "Classes: {named} images are named by their ImageNet synset, of which the classifier recognises {named_top_1} \
-             originals (top-1) and {named_top_5} (top-5); of {answered} others the class is the classifier's own answer on the \
-             original."
+            "Classes: {named} images are named by their ImageNet synset; the classifier recognises {named_top_1} of these \
+             originals (top-1) and {named_top_5} (top-5). For {answered} other images the class is the classifier's own \
+             answer on the original."
         )
     }
 }
@@ -229,7 +229,7 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
         "objects",
         "top-1",
         "top-5",
-        "told apart",
+        "ROC AUC",
     ];
     // Only if a network estimates visibility.
     let columns = head.len() - usize::from(document.summary.iter().all(|row| row.told_apart.is_none()));
@@ -257,8 +257,8 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
     }
     let classes = document.classes.map_or_else(String::new, |classes| classes.words() + "\n");
     format!(
-        "{}\n{classes}Means over {} images on the network's grid. Closed form and graph are told the true neighbours; nothing: the network \
-         is given no descriptor.\n",
+        "{}\n{classes}Means over {} images on the network's grid. Closed form and graph use true neighbours; nothing: the \
+         network gets no descriptors.\n",
         table.render(),
         document.images
     )

@@ -73,7 +73,7 @@ pub fn evaluate_inversion(
     let (learned, given) = (network.features(), evaluation.extractor.kind());
     if learned != given.name() {
         return Err(EvalError::Options(format!(
-            "{}: it learned from features {learned}, and these are {}; use --features {learned}",
+            "{}: it was trained on features {learned}, but these are {}; use --features {learned}",
             network.file().display(),
             given.name()
         )));
@@ -95,7 +95,7 @@ pub fn evaluate_inversion(
     jobs.push(Job::without_positions("bag", Input::Unordered));
     jobs.push(Job::without_positions("nothing", Input::Nothing));
 
-    progress.start("Making images", images.len() * jobs.len());
+    progress.start("Reconstructing images", images.len() * jobs.len());
     let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
     let mut visibility_scores = vec![VisibilityScores::default(); jobs.len()];
     let mut classes = metrics.classifier.is_some().then(ClassesRow::default);

@@ -76,7 +76,8 @@ pub fn evaluate_negatives(
 ) -> Result<Negatives, EvalError> {
     if map.image_count() == 0 || map.point_count() == 0 {
         return Err(EvalError::DataSet(
-            "the map is empty, and finds nothing whatever it is asked; add posed images with `veiloc map add`".to_owned(),
+            "the map is empty, so no query can be localized; add posed images with `veiloc map add`"
+                .to_owned(),
         ));
     }
     if evaluation.images.is_empty() || evaluation.schemes.is_empty() {

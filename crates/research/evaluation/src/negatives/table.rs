@@ -34,7 +34,7 @@ pub fn table(negatives: &Negatives) -> String {
     let mut trusted: Vec<_> = negatives.queries.iter().filter(|q| q.state == State::Trusted).collect();
     trusted.sort_by(|a, b| b.log_evidence.unwrap_or(0.0).total_cmp(&a.log_evidence.unwrap_or(0.0)));
     if !trusted.is_empty() {
-        text.push_str("Trusted, each of them wrong:\n");
+        text.push_str("Trusted (each is wrong):\n");
     }
     for query in trusted.iter().take(NAMED) {
         let _ = writeln!(

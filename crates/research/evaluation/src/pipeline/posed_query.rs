@@ -55,7 +55,7 @@ pub fn posed_queries(
         .map(|name| {
             let image = posed.get(name).ok_or_else(|| {
                 EvalError::DataSet(format!(
-                    "{name}: in the query list, but it has no pose; take it from the list or add its pose"
+                    "{name}: it is in the query list but has no pose; remove it from the list or add its pose"
                 ))
             })?;
             Ok(PosedQuery {
@@ -85,7 +85,7 @@ pub fn queries_of_scene(
     }
     if let Some(name) = query_list.iter().find(|q| map_list.contains(q)) {
         return Err(EvalError::DataSet(format!(
-            "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
+            "{name} is in the map list and in the query list; a query must not be in the map; remove it from one of the lists"
         )));
     }
     Ok(queries)

@@ -95,7 +95,7 @@ impl Regions {
             tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
         let regions = cut(whole, options)?;
         let writer = FolderWriter::begin(whole, "place", folder.path())?;
-        progress.start("Cutting regions", regions.len());
+        progress.start("Splitting into regions", regions.len());
         let mut entries = Vec::with_capacity(regions.len());
         for region in &regions {
             entries.push(writer.region(region)?);

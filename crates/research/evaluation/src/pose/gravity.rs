@@ -22,7 +22,7 @@ pub enum GravitySource {
 
 /// A text that is not a source of gravity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no gravity; write file, none, or the degrees from 0 to 180 by which it is to be wrong")]
+#[error("{0:?} is not a source of gravity; write file, none, or an error from 0 to 180 degrees")]
 pub struct GravityError(String);
 
 impl FromStr for GravitySource {

@@ -48,7 +48,7 @@ pub(crate) enum TruthStart {
 /// A text names no recipe.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no recipe; there are paper, likelihood, likelihood+prior, vote, default, optimum and floor"
+    "{0:?} is not a recipe; use one of paper, likelihood, likelihood+prior, vote, default, optimum and floor"
 )]
 pub struct RecipeError(String);
 

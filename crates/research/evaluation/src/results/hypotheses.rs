@@ -17,7 +17,7 @@ const MOST: usize = 10_000_000;
 
 /// A text that is neither `adaptive` nor an allowed number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no number of hypotheses; write a whole number from 1 to {MOST}, or adaptive")]
+#[error("{0:?} is not a number of hypotheses; write a whole number from 1 to {MOST}, or adaptive")]
 pub struct HypothesesError(String);
 
 impl Hypotheses {

@@ -72,8 +72,8 @@ fn sent(rows: &[SchemeSummary]) -> String {
         return String::new();
     }
     format!(
-        "\nOf a query: rows that the server has seen, bytes of all messages, and rows whose position in the image the pose\n\
-         tells (those that agree with it).\n\n{}",
+        "\nPer query: rows that the server received, bytes of all messages, and rows whose image position the pose reveals\n\
+         (its inliers).\n\n{}",
         table.render()
     )
 }

@@ -67,11 +67,11 @@ pub fn evaluate_search(
 ) -> Result<Vec<SearchRow>, EvalError> {
     let Some(vocabulary) = map.profile().vocabulary() else {
         return Err(EvalError::Options(
-            "the map's global descriptors are of whole images; give a map whose global descriptors are made of rows".to_owned(),
+            "the map's global descriptors are computed from whole images; give a map with global descriptors of local features".to_owned(),
         ));
     };
     let largest = evaluation.sizes.iter().copied().max().unwrap_or(0);
-    let nothing = || EvalError::Options("nothing to search, or nothing to search for".to_owned());
+    let nothing = || EvalError::Options("no images to search, or no queries".to_owned());
     if evaluation.sizes.contains(&0) || largest == 0 {
         return Err(nothing());
     }
@@ -89,17 +89,17 @@ pub fn evaluate_search(
         all.map_err(EvalError::Features)
     };
     let codes = vocabulary.global_len();
-    let queries = globals("Looking at queries", &evaluation.queries)?;
+    let queries = globals("Describing queries", &evaluation.queries)?;
     if queries.is_empty() {
         return Err(nothing());
     }
-    let others = globals("Looking at other images", &evaluation.others)?;
+    let others = globals("Describing other images", &evaluation.others)?;
     let mut all: Vec<i8> =
         (0..map.image_count()).flat_map(|image| map.image(image).global()).copied().collect();
     all.extend(others.iter().flat_map(GlobalDescriptor::as_codes));
     let real = all.len() / codes;
     if largest > real {
-        progress.start("Drawing more", 1);
+        progress.start("Generating descriptors", 1);
         extend_with_synthetic(&mut all, (codes, block_of(vocabulary)), largest, evaluation.seed);
         progress.advance(1);
         progress.finish();

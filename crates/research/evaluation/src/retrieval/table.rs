@@ -6,7 +6,7 @@ use crate::retrieval::evaluate::SearchRow;
 
 /// One line per row.
 pub fn table(rows: &[SearchRow]) -> String {
-    let head = ["images", "search", "ready s", "MB", "search ms", "kept", "of the map"];
+    let head = ["images", "search", "build s", "MB", "search ms", "recall", "of the map"];
     let mut table = TextTable::new(head, 2);
     for row in rows {
         table.push(vec![

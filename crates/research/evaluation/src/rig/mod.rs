@@ -49,7 +49,7 @@ impl RigEvaluation {
     fn check(&self) -> Result<(), EvalError> {
         let refuse = |what: String| Err(EvalError::Options(what));
         if self.frames.is_empty() || self.frames.contains(&0) {
-            return refuse("a session has at least one image".to_owned());
+            return refuse("a sequence has at least one image".to_owned());
         }
         for (what, value) in [
             ("the rotation noise", self.rotation_sd_deg),
@@ -105,7 +105,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     }
     progress.finish();
     let mut rows: Vec<Vec<QueryResult>> = Vec::new();
-    progress.start("Localizing sessions", newest.len() * evaluation.frames.len() * place.schemes.len());
+    progress.start("Localizing sequences", newest.len() * evaluation.frames.len() * place.schemes.len());
     for scheme in &place.schemes {
         let sealed: Vec<Result<SealedQuery, String>> = queries
             .iter()

@@ -20,7 +20,7 @@ impl Negatives {
         };
         if same {
             return Err(EvalError::DataSet(format!(
-                "{}: the negatives' images are those of the place itself; give images of another place",
+                "{}: the negatives' images belong to the evaluated scene; give images of another scene",
                 self.images.display()
             )));
         }

@@ -41,7 +41,7 @@ pub enum Stress {
 /// A text that is not a stress.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no stress; there are none, dark, motion, half-hidden, side-hidden, low-resolution, sparse-map, few-keypoints, and focal-N with N from 1 to 50"
+    "{0:?} is not a stress; use one of none, dark, motion, half-hidden, side-hidden, low-resolution, sparse-map, few-keypoints, and focal-N with N from 1 to 50"
 )]
 pub struct StressError(String);
 

@@ -33,7 +33,7 @@ pub fn table(document: &StressDocument) -> String {
     }
     let mut text = side_by_side([found, optimum, floor]);
     text.push_str(
-        "optimum: the engine's own, from the true pose; floor: least squares on the truly right matches;\n\
+        "optimum: the engine's own, from the true pose; floor: least squares on the true matches;\n\
          lost: wrong or without a pose where the optimum is right\n",
     );
     text

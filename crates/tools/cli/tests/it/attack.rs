@@ -74,13 +74,13 @@ fn contradictory_arguments_are_refused() {
         ("attack empty.jsonl", 1, "empty.jsonl"),
         ("attack missing.jsonl", 1, "missing.jsonl"),
         ("attack --synthetic 9 --neighbours predicted", 2, "--train"),
-        ("attack --synthetic 9 --attacks iterative", 1, "needs its matches"),
+        ("attack --synthetic 9 --attacks iterative", 1, "give its matches"),
         ("attack --synthetic 9 --private 10", 2, "--known"),
         ("attack --synthetic 9 --known missing.jsonl --private 101", 2, "from 0 to 100"),
         ("attack --synthetic 9 --known missing.jsonl --private 10 --measure all", 2, "--measure"),
         ("attack --synthetic 9 --known missing.jsonl", 1, "missing.jsonl"),
-        ("attack --synthetic 9 --neighbours transferred", 1, "without descriptors"),
-        ("attack --synthetic 9 --attacks transfer", 1, "without descriptors"),
+        ("attack --synthetic 9 --neighbours transferred", 1, "no descriptors"),
+        ("attack --synthetic 9 --attacks transfer", 1, "no descriptors"),
         ("attack --synthetic 9 --neighbours predicted --train empty.jsonl", 1, "empty.jsonl"),
     ] {
         let run = scene.run(arguments);

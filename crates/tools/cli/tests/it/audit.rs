@@ -105,13 +105,13 @@ fn default_attacks_put_oracles_last() {
         .run("audit a.png b.png --no-synthetic --schemes dcl --max-keypoints 150 --out page.html")
         .succeeded();
     let at = |text: &str| run.stdout.find(text).unwrap_or_else(|| panic!("{text}: {run}"));
-    let oracle = at("Told the true neighbours by an oracle, which nobody is");
+    let oracle = at("Attacks with true neighbours from an oracle, which no real attacker has");
     for attack in ["resting-camera", "transfer"] {
         assert!(at(attack) < oracle, "{run}");
     }
     assert!(at("closed-form") > oracle && at("graph") > oracle, "{run}");
     let strongest = at("The strongest attack on each scheme");
-    for attacker in ["without an oracle", "given true neighbours"] {
+    for attacker in ["without an oracle", "with true neighbours"] {
         assert!(run.stdout[strongest..].contains(attacker), "{run}");
     }
 }

@@ -56,7 +56,7 @@ fn contradictory_arguments_are_refused() {
     scene.write("k.jsonl", "{}\n");
     for (arguments, code, expected_words) in [
         ("", 1, "nothing to attack"),
-        ("--keypoints k.jsonl --schemes points", 1, "points are sent in the clear"),
+        ("--keypoints k.jsonl --schemes points", 1, "points are sent openly"),
         ("--keypoints no-such.jsonl", 1, "no-such.jsonl"),
         ("--keypoints k.jsonl", 1, "k.jsonl"),
         ("--posed p", 2, "--images"),

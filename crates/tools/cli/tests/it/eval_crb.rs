@@ -35,7 +35,7 @@ fn contradictory_arguments_are_refused() {
         ("eval crb --keypoint-noise 0", 2, &["above 0"]),
         ("eval crb --outliers 100", 2, &["below 100"]),
         ("eval crb --problems 0", 2, &["--problems"]),
-        ("eval crb --matches 20 --outliers 80", 1, &["20 matches", "take more matches"]),
+        ("eval crb --matches 20 --outliers 80", 1, &["20 matches", "use more matches"]),
         (&format!("{SMALL} --plot no/such/folder/law.svg"), 1, &["law.svg", "folder"]),
     ];
     for (arguments, code, expected_words) in cases {

@@ -15,7 +15,7 @@ fn layouts_are_compared_on_rendered_scene() {
             EXTRACTION.join(" ")
         ))
         .succeeded();
-    for word in ["  1  dcl:paper", other, "outsider-statistic", "several-seals", "guess px"] {
+    for word in ["  1  dcl:paper", other, "outsider-statistic", "several-seals", "prior px"] {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");

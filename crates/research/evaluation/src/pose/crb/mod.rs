@@ -227,7 +227,7 @@ fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
     let right = |share: f64| ((1.0 - share) * evaluation.matches as f64).round() as usize;
     if let Some(share) = evaluation.outlier_shares.iter().find(|s| right(**s) < FEWEST_RIGHT) {
         return refuse(format!(
-            "{} matches with {:.0} % outliers leave {} right ones; {FEWEST_RIGHT} are the least: take more matches",
+            "{} matches with {:.0} % outliers leave {} right ones, but at least {FEWEST_RIGHT} are needed; use more matches",
             evaluation.matches,
             100.0 * share,
             right(*share)

@@ -25,7 +25,7 @@ pub enum SyntheticScene {
 
 /// A text that is not the name of a synthetic scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no synthetic scene; there are deep, near-planar and narrow")]
+#[error("{0:?} is not a synthetic scene; use one of deep, near-planar and narrow")]
 pub struct SceneError(String);
 
 impl SyntheticScene {

@@ -11,7 +11,7 @@ use crate::results::text_table::TextTable;
 /// Both tables, each with an explanation.
 pub fn table(document: &BoundEvaluation) -> String {
     format!(
-        "Median error over what the Cramér–Rao bound predicts ({} problems a row, {} matches each).\n\
+        "Median error relative to the Cramér–Rao bound ({} problems per row, {} matches each).\n\
          Found: at least half of the right matches agree with the pose; ratios and medians are over those; `all` is\n\
          the mean over the rows above, for ratios the geometric one.\n\n{}\n\
          Share of the true poses (six degrees of freedom) and camera centres (three) within the region of the estimated\n\

@@ -67,15 +67,15 @@ impl Adversary {
     /// Its knowledge beside the query, in words.
     pub const fn knows(self) -> &'static str {
         match self {
-            Self::OutsiderStatistic => "what a statistic of descriptors learned elsewhere",
-            Self::OutsiderNeighbours => "what a network that predicts neighbours learned elsewhere",
-            Self::OutsiderNetwork => "what a network from all rows to positions learned elsewhere",
+            Self::OutsiderStatistic => "a statistic of descriptors, learned on other scenes",
+            Self::OutsiderNeighbours => "a network that predicts neighbours, trained on other scenes",
+            Self::OutsiderNetwork => "a network that predicts positions, trained on other scenes",
             Self::MapServer => "images of the map, with keypoints",
             Self::PoseServer => "the map and the query's pose",
             Self::PoseServerImages => "the query's pose and the map's images",
-            Self::SeveralFrames => "poses of two or eight queries of the place",
+            Self::SeveralFrames => "poses of two or eight queries of the scene",
             Self::SeveralSeals => "eight seals of one image",
-            Self::TrueNeighbours => "true neighbours, told by an oracle",
+            Self::TrueNeighbours => "true neighbours, from an oracle",
         }
     }
 
@@ -126,7 +126,7 @@ impl fmt::Display for Adversary {
 
 /// No adversary has this name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no adversary is called {name:?}; there are {}", Adversary::ALL.map(Adversary::name).join(", "))]
+#[error("{name:?} is not an adversary; use one of {}", Adversary::ALL.map(Adversary::name).join(", "))]
 pub struct UnknownAdversary {
     name: String,
 }

@@ -79,16 +79,16 @@ impl AdversariesEvaluation {
     pub(super) fn check(&self) -> Result<(), EvalError> {
         let refuse = |why: &str| Err(EvalError::Options(why.to_owned()));
         if self.place.as_ref().is_none_or(|place| place.query_list.is_empty()) && self.files.is_empty() {
-            return refuse("nothing to attack: give a place with queries, or files of keypoints");
+            return refuse("nothing to attack: give a scene with queries, or keypoint files");
         }
         if !self.schemes.iter().any(|s| s.hides_positions()) {
-            return refuse("no scheme to attack: points are sent as they are");
+            return refuse("no scheme to attack: points are sent openly");
         }
         if self.adversaries.is_empty() {
-            return refuse("no adversary to attack with");
+            return refuse("no adversary is selected");
         }
         if self.k == 0 || self.attacked == Some(0) {
-            return refuse("no image or neighbour to attack");
+            return refuse("the numbers of images and neighbours must be at least 1");
         }
         Ok(())
     }

@@ -23,18 +23,18 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
     let missing = if missing.is_empty() {
         String::new()
     } else {
-        format!("Not among them, for want of what they know: {}.\n", missing.join(", "))
+        format!("Skipped, because their resources are missing: {}.\n", missing.join(", "))
     };
     format!(
-        "{}\nEach adversary by the best of their attacks; the guess is the best answer from the single line. Of servers\n\
-         that have found the pose only what their map does not show is counted.\n\n{knows}{missing}",
+        "{}\nEach adversary with its best attack; prior: the best answer from the single line. For servers with the pose,\n\
+         errors are measured on keypoints that their map does not show.\n\n{knows}{missing}",
         tables.join("\n")
     )
 }
 
 fn of_data(document: &AdversariesDocument, data: &str) -> String {
     let head =
-        ["adversary", "scheme", "attack", "true", "guess px", "median px", "< 10 px", "< 30 px", "bits"];
+        ["adversary", "scheme", "attack", "true", "prior px", "median px", "< 10 px", "< 30 px", "bits"];
     let mut table = TextTable::new(head, 3);
     let rows = || document.rows.iter().filter(|row| row.data == data);
     let mut last = "";
@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(text.matches("-0.61").count(), 4, "{text}");
         assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
         assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
-        assert!(text.contains("for want of what they know: outsider-neighbours, map-server"), "{text}");
+        assert!(text.contains("their resources are missing: outsider-neighbours, map-server"), "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
     }
 }

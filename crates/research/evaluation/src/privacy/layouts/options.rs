@@ -69,7 +69,7 @@ impl LayoutsEvaluation {
         }
         let twice = self.layouts.iter().enumerate().find(|(i, own)| self.layouts[..*i].contains(own));
         twice.map_or(Ok(()), |(_, own)| {
-            Err(EvalError::Options(format!("{} is asked for twice", super::name(*own))))
+            Err(EvalError::Options(format!("{} is given twice", super::name(*own))))
         })
     }
 
@@ -109,7 +109,7 @@ mod tests {
             change(&mut changed);
             changed.check().expect_err("refused").to_string()
         };
-        assert!(refused(&|e| e.layouts.push(DclLayout::VERTICAL)).contains("dcl:paper is asked for twice"));
+        assert!(refused(&|e| e.layouts.push(DclLayout::VERTICAL)).contains("dcl:paper is given twice"));
         assert!(refused(&|e| e.layouts.clear()).contains("no layout"));
         assert!(refused(&|e| e.seeds = 0).contains("no layout, query, seed"));
         assert!(refused(&|e| e.stress.query_list.clear()).contains("query"));

@@ -12,7 +12,7 @@ pub fn layouts_table(document: &LayoutsDocument) -> String {
         .map_or_else(Vec::new, |row| row.conditions.iter().map(|c| c.stress.as_str()).collect());
     let mut head = vec!["#".to_owned(), "error".to_owned(), "tail".to_owned(), "rotation".to_owned()];
     head.extend(stresses.iter().map(|s| (*s).to_owned()));
-    head.extend(["guess px", "other pencil", "as paper"].map(str::to_owned));
+    head.extend(["prior px", "other pencil", "as paper"].map(str::to_owned));
     let mut poses = TextTable::new(head, 1);
     let adversaries: Vec<Adversary> = Adversary::ALL
         .into_iter()
@@ -32,11 +32,11 @@ pub fn layouts_table(document: &LayoutsDocument) -> String {
     }
     let names = names.concat();
     format!(
-        "{names}\nErrors of poses over those of points on the same {} queries (seeds: {}): medians of the position, its 90 % \
-         quantile,\nand the orientation, geometric means over conditions; then medians and quantiles by condition.\nOther \
-         pencil: of the {} true nearest neighbours.\n\n{}\n\
-         What adversaries gain over the guess, bits a keypoint, and their median error, pixels ({} queries attacked);\n\
-         true neighbours are for comparison: nobody has them.\n\n{}",
+        "{names}\nPose errors relative to points on the same {} queries (seeds: {}): median and 90 % quantile of the position,\n\
+         median of the orientation, geometric means over conditions; then median and quantile by condition.\n\
+         Other pencil: share of the {} true nearest neighbours.\n\n{}\n\
+         Gain of adversaries over the prior-only baseline, bits per keypoint, and their median error, pixels\n\
+         ({} queries attacked); true neighbours are for comparison: no attacker has them.\n\n{}",
         document.queries,
         document.seeds,
         document.k,
@@ -84,6 +84,6 @@ mod tests {
         assert!(text.contains("  2  dcl:axis=1:sectors=2:anchors=0/0+1/1\n"), "{text}");
         assert!(text.contains("+0.25 / 40") && text.contains("1.40") && text.contains('∞'), "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
-        assert!(!text.contains("network"), "nobody had one: {text}");
+        assert!(!text.contains("network"), "no network was given: {text}");
     }
 }

@@ -78,19 +78,17 @@ impl SessionsEvaluation {
             || self.gyro_deg.is_empty()
             || self.drift_deg.is_empty()
         {
-            return refuse(
-                "nothing to evaluate: name anchors, motions and errors of the gyroscope".to_owned(),
-            );
+            return refuse("nothing to evaluate: give anchors, motions and gyroscope errors".to_owned());
         }
         if let Some(n) = self.frames.iter().find(|n| **n < 2) {
-            return refuse(format!("several frames are two at least, not {n}"));
+            return refuse(format!("an attack on several frames needs at least two, not {n}"));
         }
         if !(self.private > 0.0 && self.private < 1.0) {
             return refuse(format!("a private region cannot hold {} of the keypoints", self.private));
         }
         let numbers = self.gyro_deg.iter().chain(&self.drift_deg).chain([&self.reach, &self.sensor_noise]);
         if let Some(x) = numbers.into_iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
-            return refuse(format!("{x} is no standard deviation and no distance: it must not be below 0"));
+            return refuse(format!("{x} is not a standard deviation or distance: it must not be below 0"));
         }
         if let Some(scheme) = self.place.schemes.iter().find(|s| !s.hides_positions()) {
             return refuse(format!("{scheme} hides no position, so there is nothing to attack"));
@@ -141,7 +139,7 @@ pub fn evaluate_sessions(
     let longest = evaluation.frames.iter().copied().max().unwrap_or(2);
     let mut resting: Vec<Vec<DeviceFrame>> = Vec::new();
     if evaluation.motions.contains(&Motion::Resting) {
-        progress.start("Extracting frames of a camera at rest", attacked.len());
+        progress.start("Extracting frames of a stationary camera", attacked.len());
         for &i in &attacked {
             resting.push(stationary_frames(
                 &queries[i],

@@ -34,7 +34,7 @@ impl fmt::Display for Motion {
 
 /// A text that is not a motion.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no motion; write turning, walking, resting or visiting")]
+#[error("{0:?} is not a motion; write turning, walking, resting or visiting")]
 pub struct MotionError(String);
 
 impl FromStr for Motion {

@@ -35,7 +35,7 @@ pub fn table(document: &SessionsDocument) -> String {
     let mut counts: Vec<usize> = document.rows.iter().map(|r| r.frames).collect();
     counts.sort_unstable();
     counts.dedup();
-    let mut head = ["scheme", "anchors", "motion", "gyro °", "drift °", "of", "by", "keypoints", "guess px"]
+    let mut head = ["scheme", "anchors", "motion", "gyro °", "drift °", "of", "by", "keypoints", "prior px"]
         .map(str::to_owned)
         .to_vec();
     head.extend(counts.iter().flat_map(|n| [format!("{n}: bits"), "px".to_owned()]));
@@ -64,8 +64,8 @@ pub fn table(document: &SessionsDocument) -> String {
         attacks.push(row);
     }
     format!(
-        "Single frames of the walk, each localized from its sealed bytes.\n\n{}\n\
-         What several frames give away: bits a keypoint beyond the guess, and the median error, by number of frames.\n\n{}",
+        "Single frames of the trajectory, each localized from its sealed bytes.\n\n{}\n\
+         Leakage of several frames: bits per keypoint over the prior-only baseline, and median error, by number of frames.\n\n{}",
         singles.render(),
         attacks.render()
     )

@@ -162,27 +162,27 @@ fn errors(data: &TableData, options: &TableOptions) -> FormattedTable {
     });
     let mut sheet = FormattedTable::new(&format!("{}.", meaning(cells, &thresholds)), "method", &columns);
     sheet.push("queries", counts.unwrap_or_default());
-    let places = published::places(&data.data_set);
+    let scenes = published::scenes(&data.data_set);
     let official = |column: &str| data.is_official(column);
-    if options.published && columns.iter().any(|column| official(column) && places.contains(&column.as_str()))
+    if options.published && columns.iter().any(|column| official(column) && scenes.contains(&column.as_str()))
     {
         let methods = published::METHODS.iter().filter(|method| method.data_set == data.data_set);
         for method in methods {
             let cell = |column: &String| {
-                let at = places.iter().position(|place| place == column).filter(|_| official(column));
+                let at = scenes.iter().position(|scene| scene == column).filter(|_| official(column));
                 at.map_or(String::new(), |at| method.cells[at].to_owned())
             };
             sheet.push(method.method, columns.iter().map(cell).collect());
         }
         if let Some(source) = published::source(&data.data_set) {
-            sheet.note(&format!("Figures of others: {source}."));
+            sheet.note(&format!("Published figures: {source}."));
         }
     }
     let strange: Vec<&String> = columns.iter().filter(|column| !official(column)).collect();
     if !data.data_set.is_empty() && !strange.is_empty() {
         let names: Vec<&str> = strange.iter().map(|name| name.as_str()).collect();
         sheet.note(&format!(
-            "Not the published data, so that no figures of others stand beside it: {}.",
+            "Not the published data, so published figures are not shown: {}.",
             names.join(", ")
         ));
     }
@@ -228,11 +228,11 @@ fn ablation(data: &TableData, options: &TableOptions) -> Option<FormattedTable> 
     let columns = data.columns();
     let all_official = columns.iter().all(|column| data.is_official(column));
     let show_paper =
-        options.published && all_official && published::places(&data.data_set).len() == columns.len();
+        options.published && all_official && published::scenes(&data.data_set).len() == columns.len();
     let mut heads = vec!["mean of medians, cm/°".to_owned(), "one-sided queries".to_owned(), "of".to_owned()];
     heads.extend(show_paper.then(|| "the paper".to_owned()));
     let mut sheet = FormattedTable::new(
-        "Distance between the anchors (H, 2H, 3H) and direction of the partition: mean over the places.",
+        "Distance between the anchors (H, 2H, 3H) and direction of the partition: mean over the scenes.",
         "scheme",
         &heads,
     );

@@ -6,7 +6,7 @@ pub(super) struct PublishedRow {
     pub(super) data_set: &'static str,
     /// Name of the method in the paper.
     pub(super) method: &'static str,
-    /// One cell per scene of [`places`]; empty if the paper has no value.
+    /// One cell per scene of [`scenes`]; empty if the paper has no value.
     pub(super) cells: &'static [&'static str],
 }
 
@@ -23,7 +23,7 @@ pub(super) fn source(data_set: &str) -> Option<&'static str> {
 }
 
 /// Scenes (and conditions) of a data set in the order of the paper's columns.
-pub(super) fn places(data_set: &str) -> &'static [&'static str] {
+pub(super) fn scenes(data_set: &str) -> &'static [&'static str] {
     match data_set {
         "7scenes" => &["chess", "fire", "heads", "office", "pumpkin", "redkitchen", "stairs"],
         "cambridge" => &["KingsCollege", "OldHospital", "ShopFacade", "StMarysChurch"],
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn rows_have_a_cell_for_every_scene() {
         for line in METHODS {
-            assert_eq!(line.cells.len(), places(line.data_set).len(), "{} {}", line.data_set, line.method);
+            assert_eq!(line.cells.len(), scenes(line.data_set).len(), "{} {}", line.data_set, line.method);
             assert!(source(line.data_set).is_some());
             let parts = line.cells[0].split('/').count();
             assert!(line.cells.iter().all(|cell| cell.split('/').count() == parts), "{}", line.method);

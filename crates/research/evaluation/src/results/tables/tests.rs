@@ -57,7 +57,7 @@ fn published_figures_are_shown_for_the_same_data_only() {
     let data = TableData::parse(&document(true)).expect("read");
     let text = tables(&data, &options(Format::Markdown));
     assert_eq!(line(&text, "| DSAC*"), "| DSAC* | 0.5/0.17/100 |  |", "not of a cut of the stairs");
-    assert!(text.contains("no figures of others stand beside it: stairs"), "{text}");
+    assert!(text.contains("published figures are not shown: stairs"), "{text}");
     assert!(
         !tables(&data, &TableOptions { published: false, ..options(Format::Markdown) }).contains("DSAC*")
     );
@@ -79,7 +79,7 @@ fn formats_have_equal_cells() {
 #[test]
 fn documents_of_other_commands_are_refused() {
     let refused = |json: &str| TableData::parse(json).expect_err("refused").to_string();
-    assert!(refused("{").contains("no document"));
+    assert!(refused("{").contains("not a document"));
     assert!(refused(&document(true).replace("eval 7scenes", "eval crb")).contains("eval crb"));
     assert!(refused(&document(true).replace("\"version\":1", "\"version\":2")).contains("version 2"));
     let mut value: serde_json::Value = serde_json::from_str(&document(true)).expect("JSON");

@@ -261,10 +261,10 @@ fn contradictory_options_are_refused() {
     };
     let private =
         |share| move |e: &mut AttackEvaluation| e.server.as_mut().expect("set").private = Some(share);
-    check(named("iterative"), "needs its matches", |e| e.server = None);
+    check(named("iterative"), "give its matches", |e| e.server = None);
     check(named("iterative"), "one neighbour", |e| e.k = 0);
-    check(named("several-frames"), "two at least", |e| e.frames = vec![1]);
-    check(named("resting-camera"), "two at least", |e| e.frames = vec![1]);
+    check(named("several-frames"), "at least two", |e| e.frames = vec![1]);
+    check(named("resting-camera"), "at least two", |e| e.frames = vec![1]);
     check(named("several-frames"), "has 2 images", |e| e.frames = vec![3]);
     check(named("guided-transfer"), "nothing can be transferred", |e| {
         e.server.as_mut().expect("set").private = Some(0.1);

@@ -56,7 +56,7 @@ fn position_network_attacks_its_scheme() {
 
     evaluation.positions = vec![model.clone(), data("untrained.toml")];
     let twice = evaluate_attacks(&evaluation, |_, _| ()).expect_err("two of one scheme").to_string();
-    assert!(twice.contains("another network of dcl"), "{twice}");
+    assert!(twice.contains("two networks are given for dcl"), "{twice}");
     evaluation.positions = Vec::new();
     let none = evaluate_attacks(&evaluation, |_, _| ()).expect_err("no network").to_string();
     assert!(none.contains("research/train"), "{none}");
@@ -65,7 +65,7 @@ fn position_network_attacks_its_scheme() {
     assert!(other.contains("keypoints.jsonl") && other.contains("does not describe"), "{other}");
     evaluation.positions = vec![data("neighbours.toml")];
     let other = evaluate_attacks(&evaluation, |_, _| ()).expect_err("another kind").to_string();
-    assert!(other.contains("neighbours.toml") && other.contains("\"positions\" is needed"), "{other}");
+    assert!(other.contains("neighbours.toml") && other.contains("\"positions\" is required"), "{other}");
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn impossible_options_are_refused() {
     refused(|e| e.noises_px = vec![f64::NAN], "noise");
     refused(|e| e.noises_px = vec![-1.0], "noise");
     refused(|e| e.outlier_shares = vec![1.0], "outliers");
-    refused(|e| e.matches = 10, "take more matches");
+    refused(|e| e.matches = 10, "use more matches");
     refused(|e| e.schemes.clear(), "no scene, scheme");
     refused(|e| e.problems = 0, "no scene, scheme");
 }

@@ -81,7 +81,7 @@ fn invalid_options_are_refused(data: &Path) {
         change(&mut evaluation);
         evaluate_sessions(&evaluation, &()).expect_err("refused").to_string()
     };
-    assert!(refused(&|e| e.frames = vec![1]).contains("two at least"));
+    assert!(refused(&|e| e.frames = vec![1]).contains("at least two"));
     assert!(refused(&|e| e.frames = vec![2, 20]).contains("6 images"));
     assert!(refused(&|e| e.private = 1.0).contains("private region"));
     assert!(refused(&|e| e.gyro_deg = vec![f64::NAN]).contains("NaN"));
