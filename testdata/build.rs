@@ -1,4 +1,4 @@
-//! Where the real images are, asked once for all crates: `VEILOC_DATA`, relative to the workspace's folder.
+//! Path of the real images, read once for all crates: `VEILOC_DATA`, relative to the workspace's folder.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ fn main() {
     let Some(told) = std::env::var_os("VEILOC_DATA").filter(|told| !told.is_empty()) else { return };
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let folder = workspace.join(&told);
-    // A mistyped folder must not look like no folder: the tests would be ignored.
+    // A mistyped folder must not look like a missing variable, since the tests would then be ignored.
     assert!(folder.is_dir(), "VEILOC_DATA names no folder: {}", folder.display());
     let folder = folder.canonicalize().expect("it was just found");
     println!("cargo::rustc-env=VEILOC_DATA_FOLDER={}", folder.to_str().expect("a folder name in UTF-8"));

@@ -1,20 +1,19 @@
 //! `#[real_data_test]`: a test that needs the real images.
 //!
-//! Without `VEILOC_DATA` such a test is shown as ignored; with it, it runs, and a file that is missing from the folder is
-//! a failure. Whether the variable was set is known when the tests are built (`build.rs`), because that is when the
-//! harness learns what is ignored; changing the variable builds the tests again.
+//! Without `VEILOC_DATA` such a test is shown as ignored; with it, it runs, and a file that is missing from the
+//! folder is a failure. The variable is read when the tests are built (`build.rs`), because the test harness fixes
+//! ignored tests at build time; changing the variable rebuilds the tests.
 //!
-//! This is a crate and not a build script in each crate with such tests, so that the crates that are published have no
-//! build script for the sake of their tests.
+//! This is a separate crate, so that published crates need no build script for their tests.
 
 use proc_macro::{Delimiter, Group, TokenStream, TokenTree};
 
 /// The folder that `VEILOC_DATA` named at build time, absolute.
 const FOLDER: Option<&str> = option_env!("VEILOC_DATA_FOLDER");
 
-/// Stands before `fn name(data: &Path) { … }` and makes a test of it, which gets the folder of the real images.
+/// Attribute of `fn name(data: &Path) { … }`: makes it a test that gets the folder of the real images.
 ///
-/// Without the folder the test is ignored, and fails when it is run all the same (`--include-ignored`).
+/// Without the folder the test is ignored, and fails if it is run anyway (`--include-ignored`).
 #[proc_macro_attribute]
 pub fn real_data_test(arguments: TokenStream, function: TokenStream) -> TokenStream {
     let Some(name) = name_of(&function).filter(|_| arguments.is_empty()) else {
@@ -27,7 +26,7 @@ pub fn real_data_test(arguments: TokenStream, function: TokenStream) -> TokenStr
             "panic!(\"VEILOC_DATA was not set when this test was built\")".to_owned(),
         ),
     };
-    // The function itself goes inside the test of its name, token by token, so that a failure names its line.
+    // The function is nested in the generated test token by token, so that a failure has its original line.
     let unused = tokens("#[allow(dead_code, reason = \"ignored without VEILOC_DATA\")]");
     let body: TokenStream = [unused, function, tokens(&call)].into_iter().collect();
     let mut test = tokens(&format!("#[test] {ignore} fn {name}()"));
@@ -35,7 +34,7 @@ pub fn real_data_test(arguments: TokenStream, function: TokenStream) -> TokenStr
     test
 }
 
-/// The name of a function that takes something: `fn`, the name, parentheses that are not empty.
+/// The name of a function with arguments: `fn`, the name, non-empty parentheses.
 fn name_of(function: &TokenStream) -> Option<String> {
     let tokens: Vec<TokenTree> = function.clone().into_iter().collect();
     tokens.windows(3).find_map(|three| match three {

@@ -17,7 +17,7 @@ pub enum Field {
     Rational(u16, u32, u32),
 }
 
-/// How the image is to be turned.
+/// Orientation of the image.
 pub const ORIENTATION: u16 = 0x0112;
 /// Focal length, millimetres.
 pub const FOCAL_LENGTH: u16 = 0x920A;
@@ -25,16 +25,16 @@ pub const FOCAL_LENGTH: u16 = 0x920A;
 pub const PIXEL_X: u16 = 0xA002;
 /// Height of the image.
 pub const PIXEL_Y: u16 = 0xA003;
-/// Pixels of the sensor a unit of length.
+/// Pixels of the sensor per unit of length.
 pub const PLANE_X_RESOLUTION: u16 = 0xA20E;
 /// The unit of that length.
 pub const PLANE_UNIT: u16 = 0xA210;
 /// Digital zoom.
 pub const DIGITAL_ZOOM: u16 = 0xA404;
-/// Focal length as of 35 mm film, millimetres.
+/// Equivalent focal length for 35 mm film, millimetres.
 pub const FOCAL_35MM: u16 = 0xA405;
 
-/// The bytes behind the marker of the segment.
+/// The content of the EXIF segment after its marker.
 pub fn tiff(first: &[Field], exif: &[Field]) -> Vec<u8> {
     let pointer = Field::Long(0x8769, 0);
     let mut first: Vec<Field> = first.iter().copied().chain([pointer]).collect();
@@ -70,7 +70,7 @@ fn directory(bytes: &mut Vec<u8>, fields: &[Field]) {
     bytes.extend(data);
 }
 
-/// Writes the image with this metadata, as JPEG or PNG by the name of the file.
+/// Writes the image with this metadata, as JPEG or PNG according to the file's name.
 pub fn save(path: &Path, image: &DynamicImage, metadata: Option<Vec<u8>>) {
     let rgb = image.to_rgb8();
     let mut bytes = Vec::new();

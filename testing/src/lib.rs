@@ -1,11 +1,11 @@
-//! What tests of several crates share: a place of random points ([`RandomPlace`]), a map of rooms ([`rooms`]), EXIF made by hand
+//! Shared test helpers: a scene of random points ([`RandomPlace`]), a map of rooms ([`rooms`]), hand-made EXIF
 //! ([`exif`]), and fixtures on disk ([`fixture`]).
 //!
-//! Fixtures are what costs time: made once, kept on disk beside the builds, shared by all processes.
+//! Fixtures are expensive data: created once, stored on disk beside the builds, and shared by all processes.
 //!
-//! A fixture is a folder. It is made under a lock, beside its place, and renamed when it is whole, so that of many processes that
-//! want it one makes it and the others wait. It is kept under a key of what it is made of: the test program itself (a change of the
-//! code makes it anew), and files that are named.
+//! A fixture is a folder. It is created under a lock, in a temporary folder beside its final path, and renamed when
+//! it is complete: of several processes that need it, one creates it and the others wait. Its key is a hash of its
+//! inputs: the test program itself (a change of the code recreates it), and the given files.
 #![forbid(unsafe_code)]
 
 pub mod exif;
@@ -21,16 +21,16 @@ use std::time::{Duration, SystemTime};
 pub use random_place::{RandomPlace, pose_in_place};
 pub use rooms::rooms;
 
-/// How long fixtures of an earlier key stay: another test program may be at work with them.
+/// How long fixtures with an earlier key are kept: another test program may still use them.
 const KEPT: Duration = Duration::from_secs(24 * 3600);
 
-/// The folder of a fixture; `make` fills it where it is not there yet. It is shared: tests copy what they change.
+/// The folder of a fixture; `make` fills it if it does not exist yet. It is shared: tests copy what they change.
 ///
-/// `made_of` names files and folders beside the test program itself: with another length or date of one of them the fixture is made
-/// anew.
+/// `made_of` lists files and folders beside the test program itself: if the length or date of one of them changes,
+/// the fixture is recreated.
 ///
 /// # Panics
-/// When the disk refuses, and when `make` panics; then nothing is kept.
+/// On disk errors, and when `make` panics; then nothing is stored.
 pub fn fixture(name: &str, made_of: &[&Path], make: impl FnOnce(&Path)) -> PathBuf {
     let program = std::env::current_exe().expect("a test program has a path");
     let builds = program.ancestors().nth(3).expect("target/profile/deps/program");
@@ -50,7 +50,7 @@ fn in_folder(folder: &Path, name: &str, made_of: &[&Path], make: impl FnOnce(&Pa
     if !whole.exists() {
         remove_old(folder, name);
         let begun = folder.join(format!("{name}.begun"));
-        // What a killed process left.
+        // Left over from a killed process.
         if begun.exists() {
             fs::remove_dir_all(&begun)?;
         }
@@ -82,16 +82,16 @@ fn remove_old(folder: &Path, name: &str) {
             path.file_name().and_then(|n| n.to_str()).is_some_and(|n| n.starts_with(&format!("{name}-")));
         let written = entry.metadata().and_then(|m| m.modified()).unwrap_or_else(|_| SystemTime::now());
         if is_ours && written.elapsed().is_ok_and(|age| age > KEPT) {
-            // It is in nobody's way.
+            // An old fixture that cannot be removed does no harm.
             let _ = fs::remove_dir_all(path);
         }
     }
 }
 
-/// Copies a folder with all that is in it.
+/// Copies a folder with all its content.
 ///
 /// # Errors
-/// What the disk refuses.
+/// Disk errors.
 pub fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
     fs::create_dir_all(to)?;
     for entry in fs::read_dir(from)? {

@@ -1,4 +1,5 @@
-//! A place of random points with random descriptors, seen exactly: the whole server side without an image.
+//! A scene of random points with random descriptors and exact observations: tests of the whole server side without
+//! images.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,21 +11,21 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Ri
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_protocol::Profile;
 
-/// Points with descriptors, in a box 6 wide, 4 high and from 4 to 9 before the cameras, and the camera that sees them.
+/// Points with descriptors, in a box 6 wide, 4 high and 4 to 9 in front of the cameras, and the camera.
 pub struct RandomPlace {
     /// The camera of all images.
     pub camera: Intrinsics,
-    /// What its maps ask of devices: VLAD.
+    /// The profile of its maps: VLAD.
     pub profile: Profile,
     points: Vec<Point3<World>>,
     descriptors: Vec<[u8; 128]>,
 }
 
 impl RandomPlace {
-    /// With this many points, words of the vocabulary, and camera (as [`Intrinsics`] are written).
+    /// A scene with this many points and visual words, and this camera (in the text format of [`Intrinsics`]).
     ///
     /// # Panics
-    /// When there are fewer points than words, or the camera is none.
+    /// When there are fewer points than words, or the camera's text is invalid.
     pub fn new(seed: u64, points: usize, words: usize, camera: &str) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |a: f64| rng.random_range(-a..a);
@@ -37,7 +38,7 @@ impl RandomPlace {
         Self { camera, profile: Profile::vlad(vocabulary), points: places, descriptors }
     }
 
-    /// What a camera sees: point and pixel.
+    /// The points that a camera sees, with their pixels.
     fn seen(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
         let size = [self.camera.width, self.camera.height].map(f64::from);
         let inside = |p: &Pixel| p.u > 0.0 && p.v > 0.0 && p.u < size[0] && p.v < size[1];
@@ -49,7 +50,7 @@ impl RandomPlace {
             .collect()
     }
 
-    /// Descriptors of these points as one image shows them.
+    /// Descriptors of these points as one image has them.
     fn observed(&self, seen: &[(usize, Pixel)], rng: &mut impl Rng) -> Descriptors {
         let bytes = seen.iter().flat_map(|(p, _)| {
             let noise: [u8; 128] = std::array::from_fn(|_| rng.random_range(0..12));
@@ -58,7 +59,8 @@ impl RandomPlace {
         Descriptors::new(DescriptorKind::ROOT_SIFT, bytes.collect()).expect("whole rows")
     }
 
-    /// A map of this many images, at most ten, in a row and looking along `z`, and of the points that two of them see.
+    /// A map of this many images (at most ten) in a row, all looking along `z`, with the points that at least two of
+    /// them see.
     ///
     /// # Panics
     /// Never.
@@ -93,7 +95,7 @@ impl RandomPlace {
         model
     }
 
-    /// What a device extracts of an image taken from this pose.
+    /// The features that a device extracts from an image with this pose.
     ///
     /// # Panics
     /// Never.
@@ -113,7 +115,7 @@ impl RandomPlace {
     }
 }
 
-/// Looking along `z`, turned (radians) and moved to the side.
+/// A camera looking along `z`, rotated (radians) and moved to the side.
 pub fn pose_in_place(yaw: f64, shift: f64) -> CameraFromWorld {
     Rigid3::new(Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)), Vector3::new(shift, 0.1, 0.4))
 }

@@ -1,4 +1,4 @@
-//! A map of rooms: images in a row, each of which sees the points before it.
+//! A map of rooms: images in a row, each of which sees the points in front of it.
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
@@ -6,11 +6,11 @@ use veiloc_geometry::{CameraFromWorld, Pixel, PlanePoint, Point3};
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_protocol::Profile;
 
-/// Points that are seen by each image at most.
+/// Maximum number of points per image.
 const SEEN: u32 = 12;
 
-/// `rooms` rooms of `images` images each. Image `i` of a room sees points `2i` to `2i + 11` of it, so that it shares two
-/// fewer with each image that is farther away; images of different rooms share none, and look alike.
+/// `rooms` rooms with `images` images each. Image `i` of a room sees its points `2i` to `2i + 11`, so it shares two
+/// points fewer with each image farther away; images of different rooms share no points, but look alike.
 pub fn rooms(rooms: u32, images: u32) -> MapModel {
     let bytes = |seed: u32, count: usize| -> Vec<u8> {
         let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12_345);

@@ -1,7 +1,7 @@
-//! What attackers get out of one's own images, under every scheme that hides positions.
+//! Attacks the user's own images under every scheme that hides positions.
 //!
-//! `cargo run --release -p veiloc --features audit --example attack_own_images -- IMAGE…` (without images: of a rendered
-//! place)
+//! `cargo run --release -p veiloc --features audit --example attack_own_images -- IMAGE…` (without images: on a
+//! rendered scene)
 #![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
 
 mod rendered;
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Attacks these images, or without any one of a rendered place.
+/// Attacks these images, or, without images, those of a rendered scene.
 pub(crate) fn run(mut images: Vec<PathBuf>) -> Result<AttackDocument, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     if images.is_empty() {
@@ -35,7 +35,8 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
     Ok(rendered::render(folder, 11)?.queries.into_iter().take(1).map(|(path, _)| path).collect())
 }
 
-/// The paper's attack and the layout of the neighbour graph, both told the true neighbours, beside the guess.
+/// The paper's attack and the layout of the neighbour graph, both with true neighbours, beside the prior-only
+/// baseline.
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
     let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
     let images = keypoints_of_images(images, &Sift::default(), limits, &())?;

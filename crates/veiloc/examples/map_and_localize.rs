@@ -1,4 +1,4 @@
-//! Maps a place, seals images as a device does, and localizes them: both roads in one program.
+//! Builds a map, seals images as a device does, and localizes them: device and server side in one program.
 //!
 //! `cargo run --release -p veiloc --example map_and_localize`
 #![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     run().map(|_| ())
 }
 
-/// Everything; returns how far off each answer was, metres.
+/// Runs the example; returns the error of each answer, metres.
 pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     println!("rendering a place");
@@ -42,12 +42,12 @@ fn map_place(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<d
         println!("warning: {doubt}");
     }
     println!("{} images, {} points", model.images.len(), model.points.len());
-    // What the covariances of its answers are worth, the map tells by localizing its own images.
+    // The map localizes its own images, which calibrates the covariances of its answers.
     model.self_test = Some(self_test(&model, &SelfTestOptions::default(), &())?);
     Ok(write_map(&model, map)?)
 }
 
-/// Device and server in one; in the field the bytes cross a network (`veiloc::device::Client`).
+/// Device and server in one process; in practice the bytes cross a network (`veiloc::device::Client`).
 fn where_was(image: &Path, camera: &Intrinsics, map: &Path) -> Result<CameraFromWorld, Box<dyn Error>> {
     let map = MapFile::open(map)?;
     let sealed = seal_image(image, camera, map.profile(), &SealOptions::default())?;

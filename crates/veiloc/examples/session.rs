@@ -1,4 +1,4 @@
-//! Seals several images of one place in a session, whose anchors stay in the world: what an app does whose user walks on.
+//! Seals several images of one scene in a session with world-fixed anchors, as an app does while its user moves.
 //!
 //! `cargo run --release -p veiloc --example session`
 #![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     run().map(|_| ())
 }
 
-/// Everything; returns how far off each answer was, metres.
+/// Runs the example; returns the error of each answer, metres.
 pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     println!("rendering a place");
@@ -38,7 +38,7 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     Ok(errors)
 }
 
-/// The device: the session's file is opened for each image, so an app may be closed between two of them.
+/// The device: the session's file is opened for each image, so the app may be closed between two images.
 fn seal(
     image: &Path,
     camera: &Intrinsics,
@@ -46,7 +46,8 @@ fn seal(
     map: &MapFile,
     session: &Path,
 ) -> Result<Vec<u8>, Box<dyn Error>> {
-    // How the camera is turned, in a world of the device's own: from its gyroscope or its odometry. Here from the truth.
+    // Orientation of the camera in the device's own world frame: from its gyroscope or odometry. Here from the true
+    // pose.
     let held = Orientation::in_world(*truth.rotation()).unwrap_or(Orientation::unknown());
     let mut session = SessionFile::open(session, None)?;
     let sealed = session.seal_image(image, camera, map.profile(), &SealOptions::default(), &held)?;

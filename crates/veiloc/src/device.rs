@@ -1,9 +1,9 @@
-//! The device's road: extract, seal, ask.
+//! The device side: extract, seal, localize.
 //!
-//! [`seal_image`] does the first two, [`Client`] the third; several images of one place are sealed in one [`SessionFile`] or
-//! [`Session`]. Who has features of their own begins at [`seal`]; who speaks
-//! HTTP by other means sends [`SealedQuery::encode`] and reads [`Answer::decode`]. What an app must not do, and what leaks
-//! all the same, is in `docs/reference/privacy-rules.md`.
+//! [`seal_image`] extracts and seals, [`Client`] sends the query; several images of one scene are sealed in one
+//! [`SessionFile`] or [`Session`]. Callers with their own features start at [`seal`]; callers with their own HTTP
+//! client send [`SealedQuery::encode`] and read [`Answer::decode`]. `docs/privacy.md` describes what an app must not
+//! do, and the remaining leakage.
 
 pub use veiloc_client::{
     Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealedImage,

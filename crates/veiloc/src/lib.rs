@@ -1,20 +1,20 @@
-//! Find where an image was taken, without anyone seeing the image, or where its keypoints are.
+//! Visual localization without revealing the image or its keypoint positions.
 //!
-//! One crate for both roads; each is a cargo feature, so that an app for devices holds nothing of the server and the other
-//! way round.
+//! One crate for device and server side; each is a cargo feature, so that an app for devices contains no server code,
+//! and vice versa.
 //!
-//! | road | feature | what it does |
+//! | module | feature | what it does |
 //! |---|---|---|
 //! | [`device`] | `device` | image → features → [`SealedQuery`](device::SealedQuery) → the service's answer |
 //! | [`server`] | `server` | posed images → map; sealed query and map → pose |
-//! | `server::self_test` | `self-test` (off) | a map localizes its own images, and learns how far its answers are to be believed |
-//! | `audit` | `audit` (off) | attacks one's own images, and says what leaks |
+//! | `server::self_test` | `self-test` (off) | a map localizes its own images, which calibrates the covariances of its answers |
+//! | `audit` | `audit` (off) | attacks the user's own images and reports what leaks |
 //!
 //! `examples/map_and_localize.rs`, `examples/session.rs` and `examples/attack_own_images.rs` run without any data:
 //! `cargo run --release -p veiloc --example map_and_localize`.
 //!
-//! # Both roads in one program
-//! On a place that is rendered here; everything after the renderer is what real images go through.
+//! # Device and server side in one program
+//! On a rendered scene; all later steps are the same for real images.
 //! ```
 //! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
@@ -53,7 +53,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! How to bring a feature, an attack, a data set and more of one's own: `docs/guide/extending.md`.
+//! How to add your own features, attacks, data sets and more: `docs/extending.md`.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "audit")]
@@ -63,7 +63,7 @@ pub mod device;
 #[cfg(feature = "server")]
 pub mod server;
 
-/// Frames, cameras, poses, lines: what both roads speak in.
+/// Frames, cameras, poses, lines: types that device and server side share.
 pub use veiloc_geometry as geometry;
-/// The sealed query, the profile and the answer: what crosses the network.
+/// The sealed query, the profile and the answer: the messages between device and server.
 pub use veiloc_protocol as query;

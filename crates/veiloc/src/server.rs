@@ -1,11 +1,11 @@
-//! The server's road: posed images to a map, and a sealed query with a map to a pose.
+//! The server side: posed images to a map, and a sealed query with a map to a pose.
 //!
-//! A map can be tested before it is kept: `self_test` gives what belongs into
-//! [`MapModel::self_test`], as `veiloc map build` does it; without it answers have the covariances of other maps.
+//! `self_test` calibrates a map before it is stored: its result is [`MapModel::self_test`], as in `veiloc map build`;
+//! without it, answers have the covariances of other maps.
 //!
-//! [`build`], [`add`], [`remove`] make and change a map, [`write_map`] and [`MapFile`] keep it, [`localize`] asks it. The
-//! HTTP service itself is the crate `veiloc-service`. Building a map extracts features, of map images; localizing depends on
-//! nothing that could name a keypoint of a query.
+//! [`build`], [`add`] and [`remove`] create and change a map, [`write_map`] and [`MapFile`] store it, [`localize`]
+//! uses it. The HTTP service is the crate `veiloc-service`. Building a map extracts features from map images;
+//! localization depends on no type that could hold a keypoint of a query.
 
 pub use veiloc_features::{Extractor, Extractors, Progress};
 pub use veiloc_localization::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};

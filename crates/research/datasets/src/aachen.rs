@@ -2,7 +2,7 @@
 //! Sattler et al., *Benchmarking 6DOF Outdoor Visual Localization in Changing Conditions*, CVPR 2018; Zhang et al.,
 //! *Reference Pose Generation for Long-term Visual Localization via Learned Features and View Synthesis*, IJCV 2021.
 //!
-//! Poses of its queries are not published: <https://www.visuallocalization.net> judges files of results.
+//! The poses of its queries are not published: <https://www.visuallocalization.net> evaluates result files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ impl FromStr for Version {
 }
 
 impl Version {
-    /// The newest of which a model is there; the first one when there is none.
+    /// The newest version that has a model in the folder; the first version if there is none.
     pub fn in_folder(root: &Path) -> Self {
         if Self::V1_1.model(root).is_dir() { Self::V1_1 } else { Self::V1 }
     }
@@ -66,13 +66,14 @@ impl Version {
     }
 }
 
-/// Conditions that queries are taken under, as their lists are named.
+/// Conditions of queries, as their lists are named.
 pub const CONDITIONS: [&str; 2] = ["day", "night"];
 
-/// Reads the data set; `truth` are poses of queries by name, for copies of it whose poses are known ([`read_poses`]).
+/// Reads the data set. `truth`: poses of queries by name, for copies of the data set with known poses
+/// ([`read_poses`]).
 ///
 /// # Errors
-/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] names what is missing and where to get it, or the invalid line.
 pub fn read(
     root: &Path,
     version: Version,
@@ -152,7 +153,7 @@ fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, DatasetError
     Ok(PosedImages::new(images, model.points().to_vec())?)
 }
 
-/// A list of queries as hloc has it too, `name MODEL W H PARAMS…`.
+/// A list of queries in hloc's format, `name MODEL W H PARAMS…`.
 ///
 /// # Errors
 /// [`DatasetError`] naming file and line.
@@ -178,7 +179,7 @@ pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, DatasetE
     Ok(queries)
 }
 
-/// Poses of images as files of results have them, `name qw qx qy qz tx ty tz`, world to camera, by name.
+/// Poses of images in the format of result files, `name qw qx qy qz tx ty tz`, world to camera, by name.
 ///
 /// # Errors
 /// [`DatasetError`] naming file and line.
@@ -198,7 +199,8 @@ pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, Data
     Ok(poses)
 }
 
-/// Writes the data set, with a list of the queries' poses, `queries/poses.txt`, which the published one keeps back.
+/// Writes the data set, with a list of the queries' poses, `queries/poses.txt`, which the published data set does not
+/// contain.
 pub(crate) fn write(
     root: &Path,
     version: Version,

@@ -20,16 +20,16 @@ use crate::write::{Lens, Role, View};
 const GET: &str =
     "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";
 
-/// What a list of images begins with.
+/// First lines of a list of images.
 const HEAD: &str = "Visual Landmark Dataset V1\nImageFile, Camera Position [X Y Z W P Q R]\n\n";
 
-/// Scenes that the paper leaves out because of their many geometric outliers, as earlier works do.
+/// Scenes that the paper leaves out because of their many geometric outliers, like earlier works.
 pub const LEFT_OUT: [&str; 2] = ["GreatCourt", "Street"];
 
-/// Names of the scenes in a folder: those that have both lists, by name.
+/// Sorted names of the scenes in a folder: those that have both lists.
 ///
 /// # Errors
-/// [`DatasetError`] when the folder cannot be read, or holds none.
+/// [`DatasetError`] when the folder cannot be read, or has no scenes.
 pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(root).map_err(DatasetError::io(root))? {
@@ -55,15 +55,16 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
 pub struct Listed {
     /// Its name, relative to the scene's folder.
     pub name: String,
-    /// Where it was taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
 }
 
-/// Reads a list: three lines of head, then `path x y z qw qx qy qz`, centre and the quaternion that turns the world into the
-/// camera. What stands before the scene's own folder in a path (`D:/…/GreatCourt/`) is of the authors' machine.
+/// Reads a list: three head lines, then `path x y z qw qx qy qz`: camera centre, and the quaternion that rotates the
+/// world into the camera. The part of a path before the scene's folder (`D:/…/GreatCourt/`) belongs to the authors'
+/// machine and is removed.
 ///
 /// # Errors
-/// [`DatasetError`] naming file and line.
+/// [`DatasetError`] names file and line.
 pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> {
     let text = read_text(path, "the list of its images", GET)?;
     let mut listed = Vec::new();
@@ -89,7 +90,7 @@ pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> 
 /// Reads a scene. Cameras are those of its `reconstruction.nvm`, or `camera` for all images.
 ///
 /// # Errors
-/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] names what is missing and where to get it, or the invalid line.
 pub fn read_scene(
     root: &Path,
     scene: &str,
@@ -161,7 +162,7 @@ fn model(folder: &Path) -> Result<NvmModel, DatasetError> {
     read_nvm(&path)
 }
 
-/// A name without its ending: lists say `.png` where models say `.jpg`.
+/// A name without its extension: lists have `.png` where models have `.jpg`.
 fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }

@@ -1,4 +1,4 @@
-//! What is wrong with a data set: which file, and what to do.
+//! Errors of data sets: the file and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -9,65 +9,65 @@ pub enum DatasetError {
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: std::io::Error,
     },
-    /// A part of the data set is not there.
+    /// A part of the data set is missing.
     #[error("{}: {what} is missing; {remedy}", path.display())]
     Missing {
-        /// Where it should be.
+        /// Its expected path.
         path: PathBuf,
         /// What it is.
         what: &'static str,
-        /// Where users get it, and what else helps.
+        /// Where to get it, and other remedies.
         remedy: String,
     },
-    /// Images that the lists name are not there.
+    /// Images named by the lists are missing.
     #[error("{}: {missing} of {named} images are missing, the first is {first}; {remedy}", folder.display())]
     MissingImages {
         /// Their folder.
         folder: PathBuf,
-        /// How many.
+        /// Number of missing images.
         missing: usize,
-        /// Of how many.
+        /// Number of images in the lists.
         named: usize,
-        /// The first that is missing, as its list has it.
+        /// The first missing image, as in its list.
         first: String,
-        /// Where users get them, and what else helps.
+        /// Where to get them, and other remedies.
         remedy: String,
     },
-    /// A line of a list, a model or a JSON-lines file is not what it should be.
+    /// A line of a list, a model or a JSON-lines file is invalid.
     #[error("{}:{line}: {reason}", path.display())]
     Line {
-        /// Which file.
+        /// The file.
         path: PathBuf,
         /// Line number, from 1.
         line: usize,
         /// What is wrong with it.
         reason: String,
     },
-    /// A file or folder that should hold something is empty.
+    /// A file or folder is empty.
     #[error("{}: {what}", path.display())]
     Empty {
-        /// Which one.
+        /// The file or folder.
         path: PathBuf,
         /// What is missing, and the remedy.
         what: &'static str,
     },
-    /// There is nothing to do with what is there.
+    /// The data cannot be used.
     #[error("{}: {reason}", path.display())]
     Unusable {
-        /// Which file or folder.
+        /// The file or folder.
         path: PathBuf,
         /// Why, and the remedy.
         reason: String,
     },
-    /// An image is none.
+    /// A file is not a valid image.
     #[error("{}: {source}; get the image again", path.display())]
     Image {
-        /// Which file.
+        /// The file.
         path: PathBuf,
         /// What is wrong with it.
         source: image::ImageError,

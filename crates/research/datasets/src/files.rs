@@ -1,23 +1,23 @@
-//! Files of images that lists name, whatever they were converted to.
+//! Image files that lists name, with any extension.
 
 use std::path::{Path, PathBuf};
 
 use crate::error::DatasetError;
 
-/// What to do about images that a list names and that are not there.
+/// What to do if images named by a list are missing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum MissingImages {
-    /// Nothing is read.
+    /// Refuse the data set.
     #[default]
     Refuse,
-    /// They are left out, and counted in the place's remarks; the place is not the published one then.
+    /// Leave them out, and count them in the scene's remarks; the scene is then not the official one.
     LeaveOut,
 }
 
-/// Endings that images of the data sets were found with; the one of the list is tried first.
+/// Extensions of the data sets' images; that of the list is tried first.
 const ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
 
-/// The name under which an image of a list is there, if it is: as listed, or with another ending.
+/// The name under which an image of a list exists: as listed, or with another extension.
 pub(crate) fn present(folder: &Path, name: &str) -> Option<String> {
     let there = |name: &str| folder.join(name).is_file();
     if there(name) {
@@ -27,7 +27,7 @@ pub(crate) fn present(folder: &Path, name: &str) -> Option<String> {
     ENDINGS.iter().map(|ending| format!("{stem}.{ending}")).find(|other| there(other))
 }
 
-/// Counts what a list names and what is there of it.
+/// Counts the listed and the existing images.
 #[derive(Debug)]
 pub(crate) struct Found {
     folder: PathBuf,
@@ -42,7 +42,7 @@ impl Found {
         Self { folder: folder.to_owned(), policy, named: 0, missing: 0, first: None }
     }
 
-    /// The name under which an image is there.
+    /// The name under which an image exists.
     pub(crate) fn look_for(&mut self, name: &str) -> Option<String> {
         self.named += 1;
         let found = present(&self.folder, name);
@@ -53,7 +53,7 @@ impl Found {
         found
     }
 
-    /// Refuses what is missing, or says what was left out; `None` when all is there.
+    /// Fails on missing images, or returns a remark about those left out; `None` when all exist.
     pub(crate) fn finish(self, get: &str) -> Result<Option<String>, DatasetError> {
         let Some(first) = self.first else { return Ok(None) };
         let (missing, named) = (self.missing, self.named);
@@ -76,7 +76,7 @@ impl Found {
     }
 }
 
-/// Width and height of an image, from its head.
+/// Width and height of an image, from its header.
 pub(crate) fn size(path: &Path) -> Result<(u32, u32), DatasetError> {
     image::image_dimensions(path).map_err(|source| match source {
         image::ImageError::IoError(source) => DatasetError::Io { path: path.to_owned(), source },

@@ -1,14 +1,14 @@
-//! Places of published data sets, in the folders and lists they are handed out in.
+//! Scenes of published data sets, in their original folders and lists.
 //!
 //! - [`seven_scenes`]: 7Scenes, with the poses of its depth camera or the SfM pseudo ground truth.
 //! - [`cambridge`]: Cambridge Landmarks.
 //! - [`aachen`]: Aachen Day-Night v1 and v1.1, whose queries have no published poses.
-//! - [`mod@write`]: the same folders, written: a place of one's own for programs that read only these. Writer and reader of a data
-//!   set stand in one file.
-//! - [`nvm`]: VisualSFM's models, which two of them bring.
+//! - [`mod@write`]: writes the same folders, so that other programs can read a user's own scene. Writer and reader of
+//!   a data set are in one file.
+//! - [`nvm`]: VisualSFM's models, which two of the data sets contain.
 //!
-//! A reader answers a [`Place`]: images with cameras and poses, which of them a map is built from, and which are queries.
-//! What is missing is named with where users get it. Reads lists and sizes of images, never their pixels.
+//! A reader returns a [`Place`]: images with cameras and poses, split into map images and queries. Errors name what
+//! is missing and where to get it. Readers use lists and image sizes, never pixels.
 #![forbid(unsafe_code)]
 
 pub mod aachen;

@@ -1,4 +1,4 @@
-//! Lists of a data set, line by line, with errors that name the line.
+//! Text lists of data sets, line by line, with errors that name the line.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -8,7 +8,7 @@ use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::error::DatasetError;
 
-/// A text file of the data set; when it is not there, the error says what it is and where users get it.
+/// Reads a text file of the data set; the error for a missing file says what it is and where to get it.
 pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result<String, DatasetError> {
     match std::fs::read(path) {
         Ok(bytes) => String::from_utf8(bytes).map_err(|_| DatasetError::Unusable {
@@ -22,7 +22,7 @@ pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result
     }
 }
 
-/// The words of a line, with what it takes to say what is wrong with them.
+/// The words of a line, with its position for error messages.
 pub(crate) struct Line<'a> {
     pub(crate) path: &'a Path,
     pub(crate) number: usize,
@@ -30,7 +30,7 @@ pub(crate) struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// All lines that hold something, numbered from 1.
+    /// All non-empty lines, numbered from 1.
     pub(crate) fn all(path: &'a Path, text: &'a str) -> impl Iterator<Item = Self> {
         let line = move |(number, line): (usize, &'a str)| Self {
             path,
@@ -40,18 +40,18 @@ impl<'a> Line<'a> {
         (1..).zip(text.lines()).map(line).filter(|line| !line.words.is_empty())
     }
 
-    /// A fault of this line.
+    /// An error about this line.
     pub(crate) fn fault(&self, reason: impl Into<String>) -> DatasetError {
         DatasetError::line(self.path, self.number, reason)
     }
 
-    /// The word at this place as a number.
+    /// The word at this index as a number.
     pub(crate) fn number<T: FromStr>(&self, at: usize, what: &str) -> Result<T, DatasetError> {
         let word = self.words.get(at).ok_or_else(|| self.fault(format!("{what} is missing")))?;
         word.parse().map_err(|_| self.fault(format!("{what} is {word:?}, which is no number of its kind")))
     }
 
-    /// `N` finite numbers from this place on.
+    /// `N` finite numbers from this index on.
     pub(crate) fn numbers<const N: usize>(&self, from: usize, what: &str) -> Result<[f64; N], DatasetError> {
         let mut numbers = [0.0; N];
         for (k, number) in numbers.iter_mut().enumerate() {
@@ -64,7 +64,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// The pose of a camera of this centre that turns the world by a quaternion `w x y z`.
+/// The pose of a camera with this centre and a quaternion `w x y z` that rotates the world into the camera.
 pub(crate) fn pose_at(center: [f64; 3], wxyz: [f64; 4]) -> Option<CameraFromWorld> {
     let q = Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
     if !q.norm().is_finite() || q.norm() < 1e-12 {

@@ -1,8 +1,8 @@
-//! VisualSFM's models (`.nvm`), as Aachen and Cambridge Landmarks bring them.
+//! VisualSFM's models (`.nvm`), as in Aachen and Cambridge Landmarks.
 //!
-//! Of each camera: `name focal qw qx qy qz cx cy cz distortion 0`, the quaternion turning the world into the camera (`x`
-//! right, `y` down), `c` its centre. Of each point: position, colour, and the cameras that see it. A file may hold several
-//! models, each in a world of its own. Format: C. Wu, VisualSFM documentation.
+//! For each camera: `name focal qw qx qy qz cx cy cz distortion 0`; the quaternion rotates the world into the camera
+//! (`x` right, `y` down), `c` its centre. For each point: position, colour, and the cameras that see it. A file may
+//! hold several models with different world frames. Format: C. Wu, VisualSFM documentation.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use veiloc_geometry::frames::World;
 use crate::error::DatasetError;
 use crate::lines::{Line, pose_at};
 
-/// Fields behind the name of a camera.
+/// Number of fields after the name of a camera.
 const CAMERA_FIELDS: usize = 10;
 
 /// A camera of a model.
@@ -25,9 +25,9 @@ pub struct NvmCamera {
     pub focal: f64,
     /// `r` of `undistorted = measured (1 + r |measured|²)`, in units of the focal length.
     pub distortion: f64,
-    /// Where it was taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
-    /// Which points it sees, ascending.
+    /// Indices of the points it sees, ascending.
     pub seen: Vec<u32>,
 }
 
@@ -38,12 +38,12 @@ pub struct NvmModel {
     pub cameras: Vec<NvmCamera>,
     /// Its points, model units.
     pub points: Vec<Point3<World>>,
-    /// Cameras of further models in the file: they stand in other worlds, and are not read.
+    /// Number of cameras of further models in the file: they have other world frames, and are not read.
     pub left_out: usize,
 }
 
 impl NvmModel {
-    /// What is to be said of further models in the file, if there are any.
+    /// A remark about further models in the file, if there are any.
     pub(crate) fn remark(&self) -> Option<String> {
         let n = self.left_out;
         (n > 0).then(|| {
@@ -55,15 +55,15 @@ impl NvmModel {
 /// Reads the first model of a file.
 ///
 /// # Errors
-/// [`DatasetError`] naming file and line: no NVM file, one with a fixed calibration, numbers that are none, a file that ends
-/// early, a point that is seen by a camera that is not there.
+/// [`DatasetError`] names file and line: not an NVM file, a fixed calibration, an invalid number, a truncated file,
+/// or a point seen by a camera that does not exist.
 pub fn read_nvm(path: &Path) -> Result<NvmModel, DatasetError> {
     let bytes = std::fs::read(path).map_err(DatasetError::io(path))?;
-    // Names may be in any encoding; only those that are listed elsewhere are looked for.
+    // Names may be in any encoding; only names that other lists contain are used.
     parse(path, &String::from_utf8_lossy(&bytes))
 }
 
-/// The same of its text; `path` is what errors name.
+/// Parses the text of a file; errors name `path`.
 ///
 /// # Errors
 /// As [`read_nvm`].
@@ -106,7 +106,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
             }
         }
     }
-    // Further models, each with its cameras and points; a 0 ends them, and behind it stands what only VisualSFM reads.
+    // Further models follow, each with cameras and points; after a 0 only VisualSFM's own data follows.
     while let Some(line) = lines.next() {
         let count: usize = line.number(0, "the number of cameras of the next model")?;
         if count == 0 {

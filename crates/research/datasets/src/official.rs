@@ -1,9 +1,9 @@
-//! How many images the published places have: map images and queries.
+//! Numbers of map images and queries of the published scenes.
 //!
 //! 7Scenes: its `TrainSplit.txt` and `TestSplit.txt` (1000 or 500 frames a sequence); Cambridge Landmarks: its
 //! `dataset_train.txt` and `dataset_test.txt`; Aachen: `3D-models` and `queries` of v1 and v1.1.
 
-/// Data set, place, map images, queries.
+/// Data set, scene, map images, queries.
 const COUNTS: &[(&str, &str, usize, usize)] = &[
     ("7scenes", "chess", 4000, 2000),
     ("7scenes", "fire", 2000, 2000),
@@ -21,7 +21,7 @@ const COUNTS: &[(&str, &str, usize, usize)] = &[
     ("aachen", "aachen-v1.1", 6697, 1015),
 ];
 
-/// Whether so many map images and queries are the published place.
+/// Whether these numbers of map images and queries are those of the published scene.
 pub(crate) fn is_whole(data_set: &str, place: &str, mapped: usize, queries: usize) -> bool {
     COUNTS.contains(&(data_set, place, mapped, queries))
 }

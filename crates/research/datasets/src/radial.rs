@@ -1,17 +1,18 @@
-//! VisualSFM's lens as one of COLMAP's.
+//! Conversion of VisualSFM's distortion model to COLMAP's.
 //!
-//! VisualSFM undistorts what it measures: with `m` in units of the focal length, relative to the centre,
-//! `u = m (1 + r |m|²)`. COLMAP distorts what it projects: `m = u (1 + k₁ |u|² + k₂ |u|⁴)`. Neither is the inverse of the
-//! other; `k₁ ≈ −r` alone is off by whole pixels in the corners of a wide image. Both coefficients are fitted here over
-//! the image; what is left is at most a fifth of a pixel, in the corners.
+//! VisualSFM undistorts measured positions: with `m` in units of the focal length, relative to the centre, `u = m (1
+//! + r |m|²)`. COLMAP distorts projections: `m = u (1 + k₁ |u|² + k₂ |u|⁴)`. Neither is the inverse of the other; `k₁
+//! ≈ −r` alone has errors of several pixels in the corners of a wide image. Here both coefficients are fitted over
+//! the image; the remaining error is at most a fifth of a pixel, in the corners.
 
 use veiloc_geometry::nalgebra::{Matrix2, Vector2};
 use veiloc_geometry::{Intrinsics, IntrinsicsError};
 
-/// Radii at which the two are held against each other.
+/// Number of radii of the fit.
 const RADII: usize = 64;
 
-/// The camera of an image of this size, centre in its middle, with the focal length (pixels) and the distortion of an NVM file.
+/// The camera of an image with this size, its principal point in the centre, with the focal length (pixels) and
+/// distortion of an NVM file.
 pub(crate) fn camera(focal: f64, distortion: f64, (w, h): (u32, u32)) -> Result<Intrinsics, IntrinsicsError> {
     let (cx, cy) = (f64::from(w) / 2.0, f64::from(h) / 2.0);
     if distortion == 0.0 || focal <= 0.0 {
@@ -21,13 +22,14 @@ pub(crate) fn camera(focal: f64, distortion: f64, (w, h): (u32, u32)) -> Result<
     Intrinsics::new("RADIAL", w, h, &[focal, cx, cy, k1, k2])
 }
 
-/// Least squares over the radii of the image: `m/u − 1 = k₁ u² + k₂ u⁴`, times `u`, so that pixels count.
+/// Least squares over the radii of the image: `m/u − 1 = k₁ u² + k₂ u⁴`, multiplied by `u` so that errors are in
+/// pixels.
 fn fitted(r: f64, corner: f64) -> [f64; 2] {
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for k in 1..=RADII {
         let m = corner * k as f64 / RADII as f64;
         let u = m * (1.0 + r * m * m);
-        // Where the lens folds over, a pixel has no single ray; what lies beyond cannot be told.
+        // Where the distortion folds over, a pixel has no unique ray; larger radii are ignored.
         if 1.0 + 3.0 * r * m * m <= 0.05 {
             break;
         }
@@ -48,7 +50,8 @@ mod tests {
 
     #[test]
     fn rays_are_those_of_the_file_to_a_fifth_of_a_pixel() {
-        // Of the Aachen model: db/1045.jpg, db/4446.jpg; the last two stretched to what phones of that time had.
+        // From the Aachen model: db/1045.jpg, db/4446.jpg; the last two with the larger distortion of phones of that
+        // time.
         for (focal, r, size) in [
             (1084.59, 0.0810989, (1600, 1067)),
             (1556.98, 0.086426, (1600, 1200)),

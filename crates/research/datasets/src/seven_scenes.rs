@@ -1,5 +1,6 @@
-//! 7Scenes: `<scene>/TrainSplit.txt` and `TestSplit.txt` name sequences, `<scene>/seq-XX/frame-XXXXXX.color.png` are the
-//! images. Shotton et al., *Scene Coordinate Regression Forests for Camera Relocalization in RGB-D Images*, CVPR 2013.
+//! 7Scenes: `<scene>/TrainSplit.txt` and `TestSplit.txt` name sequences, `<scene>/seq-XX/frame-XXXXXX.color.png` are
+//! the images. Shotton et al., *Scene Coordinate Regression Forests for Camera Relocalization in RGB-D Images*, CVPR
+//! 2013.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -22,24 +23,25 @@ const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/p
 const GET_LISTS: &str = "get the lists `pgt/sfm/7scenes` of https://github.com/tsattler/visloc_pseudo_gt_limitations and \
                          name their folder with --pseudo-ground-truth, or take the depth camera's poses with --poses depth";
 
-/// Focal length of the colour camera where nothing says it, pixels of images 640 wide: what evaluations of the depth camera's
-/// poses take.
+/// Default focal length of the colour camera, pixels of images 640 wide: the usual value for evaluations with the
+/// depth camera's poses.
 const FOCAL: f64 = 525.0;
 
-/// Whose poses are taken for true.
+/// Source of the ground-truth poses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Truth {
-    /// The depth camera's, by KinectFusion: `frame-XXXXXX.pose.txt`. They are of the depth camera, beside the colour
-    /// camera that took the images, so that nobody's error is below some centimetres.
+    /// Poses of the depth camera, from KinectFusion: `frame-XXXXXX.pose.txt`. The depth camera is mounted beside the
+    /// colour camera that took the images, so errors of any method are at least some centimetres.
     Depth,
-    /// Those of structure from motion, in lists `<scene>_train.txt` and `<scene>_test.txt` in this folder: the pseudo ground
-    /// truth of Brachmann et al., *On the Limits of Pseudo Ground Truth in Visual Camera Re-localisation*, ICCV 2021.
+    /// Poses from structure from motion, in lists `<scene>_train.txt` and `<scene>_test.txt` in this folder: the
+    /// pseudo ground truth of Brachmann et al., *On the Limits of Pseudo Ground Truth in Visual Camera
+    /// Re-localisation*, ICCV 2021.
     Sfm(PathBuf),
 }
 
 impl Truth {
-    /// The lists of structure from motion, in the folders where they are found beside the scenes: `pgt_sfm`, and `pgt/sfm/7scenes`
-    /// as their authors have it.
+    /// The structure-from-motion lists in their usual folders beside the scenes: `pgt_sfm`, and `pgt/sfm/7scenes` as
+    /// distributed by the authors.
     pub fn sfm_beside(root: &Path) -> Self {
         let places = ["pgt_sfm", "pgt/sfm/7scenes"].map(|folder| root.join(folder));
         let [first, _] = &places;
@@ -47,10 +49,10 @@ impl Truth {
     }
 }
 
-/// Names of the scenes in a folder: those that have both splits, by name.
+/// Sorted names of the scenes in a folder: those that have both splits.
 ///
 /// # Errors
-/// [`DatasetError`] when the folder cannot be read, or holds none.
+/// [`DatasetError`] when the folder cannot be read, or has no scenes.
 pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(root).map_err(DatasetError::io(root))? {
@@ -74,7 +76,7 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
 /// Reads a scene.
 ///
 /// # Errors
-/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] names what is missing and where to get it, or the invalid line.
 pub fn read_scene(
     root: &Path,
     scene: &str,
@@ -115,7 +117,7 @@ pub fn read_scene(
     })
 }
 
-/// The folders of the sequences of a split, which names them `sequence3` or `seq-03`.
+/// The folders of the sequences of a split file, which names them `sequence3` or `seq-03`.
 fn sequences(path: &Path) -> Result<BTreeSet<String>, DatasetError> {
     let text = read_text(path, "the list of its sequences", GET)?;
     let of = |line: Line<'_>| {
@@ -163,7 +165,7 @@ fn by_depth(
     Ok(images)
 }
 
-/// The inverse of the 4 × 4 matrix of a file, which takes the camera to the world.
+/// The inverse of the 4 × 4 camera-to-world matrix of a file.
 fn depth_pose(path: &Path) -> Result<CameraFromWorld, DatasetError> {
     let text = read_text(path, "the pose of a frame", GET)?;
     let unusable = |reason: &str| DatasetError::Unusable { path: path.to_owned(), reason: reason.to_owned() };
@@ -174,14 +176,14 @@ fn depth_pose(path: &Path) -> Result<CameraFromWorld, DatasetError> {
     };
     let turned = Matrix3::from_fn(|row, column| [x, y, z][row][column]);
     let center = Vector3::new(x[3], y[3], z[3]);
-    // The rotation is rounded; the centre is kept as it is told.
+    // The rotation is orthonormalized; the centre is used as given.
     CameraFromWorld::from_matrix(turned.transpose(), Vector3::zeros())
         .map(|pose| CameraFromWorld::new(*pose.rotation(), -(pose.rotation() * center)))
         .ok_or_else(|| unusable("turns by no rotation; leave the frame out, or get the sequence again"))
 }
 
-/// The images of a list of pseudo ground truth, `name qw qx qy qz tx ty tz focal`, world to camera; none of them may be of the
-/// other split's sequences.
+/// The images of a pseudo-ground-truth list, `name qw qx qy qz tx ty tz focal`, world to camera; none of them may
+/// belong to the other split's sequences.
 fn by_list(
     path: &Path,
     folder: &Path,
@@ -207,12 +209,12 @@ fn by_list(
         let camera = cameras.of(folder, &name, |_| focal)?;
         images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });
     }
-    // The lists are in no order.
+    // The lists are unsorted.
     images.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(images)
 }
 
-/// Sizes by sequence: all frames of a sequence have one.
+/// Image sizes by sequence: all frames of a sequence have the same size.
 #[derive(Default)]
 struct Cameras(BTreeMap<String, (u32, u32)>);
 
@@ -235,7 +237,7 @@ impl Cameras {
     }
 }
 
-/// Writes a scene: sequence 1 is the map's, sequence 2 the queries'; poses both as matrices and as lists.
+/// Writes a scene: sequence 1 has the map images, sequence 2 the queries; poses as matrices and as lists.
 pub(crate) fn write(
     root: &Path,
     scene: &str,

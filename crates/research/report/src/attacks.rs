@@ -1,4 +1,4 @@
-//! What attacks recover: the strongest on each scheme, all of them, curves of errors, and the figures of one image.
+//! Results of attacks: the strongest on each scheme, all attacks, error curves, and figures of one image.
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
@@ -11,9 +11,9 @@ use crate::numbers::{capital, milliseconds, percent, pixels, scheme_name};
 use crate::page::{facts, figure};
 use crate::table::{Cell, Table, bar, cell, number, words};
 
-/// An attack that puts half of the keypoints to within so many pixels has recovered them.
+/// An attack has recovered the keypoints when their median error is below this, pixels.
 const RECOVERED_PX: f64 = 10.0;
-/// An attack with a median error under so much of the baseline's has narrowed positions down.
+/// An attack has narrowed the positions down when its median error is below this fraction of the baseline's.
 const NARROWED: f64 = 0.75;
 
 /// Schemes in the order of the document.
@@ -22,7 +22,7 @@ pub(crate) fn schemes(document: &AttackDocument) -> Vec<&str> {
     baselines.map(|row| row.scheme.as_str()).collect()
 }
 
-/// The strongest attacks on each scheme, and how to read them.
+/// The strongest attacks on each scheme, with an explanation.
 pub(crate) fn summary(document: &AttackDocument) -> Markup {
     let columns = vec![
         words("Scheme"),
@@ -99,7 +99,8 @@ fn bits(row: &AttackSummary) -> Cell {
     cell(is_known.then(|| format!("{:+.2}", row.bits_over_prior)))
 }
 
-/// All attacks on all schemes; of each scheme first those without an oracle. `bending`: of the document's rows, may be empty.
+/// All attacks on all schemes; for each scheme, first those without an oracle. `bending`: one value per row of the
+/// document, or empty.
 pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
     let columns = vec![
         words("Scheme"),
@@ -159,7 +160,7 @@ pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
     }
 }
 
-/// What each attack of a document needs beside the query.
+/// What each attack of a document requires beside the query.
 pub(crate) fn needs(document: &AttackDocument) -> Markup {
     let mut attacks: Vec<Attack> = Vec::new();
     for row in &document.attacks {
@@ -187,7 +188,7 @@ pub(crate) fn needs(document: &AttackDocument) -> Markup {
     facts(&attacks.iter().map(entry).collect::<Vec<_>>())
 }
 
-/// Curves of the errors of all attacks, a chart a scheme; and of the median error by the share of replaced neighbours.
+/// Error curves of all attacks, one chart per scheme; and median error against the share of replaced neighbours.
 pub(crate) fn error_curves(document: &AttackDocument, gallery: &Gallery) -> Markup {
     let least = document.least_replaced_percent();
     let of_scheme = |scheme: &&str| {
@@ -212,7 +213,7 @@ pub(crate) fn error_curves(document: &AttackDocument, gallery: &Gallery) -> Mark
     }
 }
 
-/// `None` where no attack ran at two shares.
+/// `None` if no attack ran at two shares.
 fn by_replaced_neighbours(document: &AttackDocument, scheme: &str) -> Option<Chart> {
     let rows: Vec<&AttackSummary> = document.attacks.iter().filter(|row| row.scheme == scheme).collect();
     let most = rows.iter().map(|row| row.corrupt).fold(0.0, f64::max);
@@ -247,7 +248,7 @@ fn by_replaced_neighbours(document: &AttackDocument, scheme: &str) -> Option<Cha
     })
 }
 
-/// One image under every scheme and attack, in small figures. `id` tells it from others on the page.
+/// One image under every scheme and attack, in small figures. `id` makes its element ids unique on the page.
 pub(crate) fn gallery(shown: &ShownImage, document: &AttackDocument, id: &str) -> Markup {
     let figures = AttackFigures::new(shown, id);
     html! {

@@ -1,4 +1,4 @@
-//! The report of `veiloc audit`: what attackers get out of what is sent, for operators, developers and reviewers.
+//! The report of `veiloc audit`: what attackers recover from sealed queries, for operators, developers and reviewers.
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
@@ -11,11 +11,11 @@ use crate::drawing::{AttackFigures, error_legend};
 use crate::numbers::{capital, count, scheme_name};
 use crate::page::{Page, Section, fold};
 
-/// Keypoints of the paper's synthetic scene, and how many of them its attack had under 30 px.
+/// Keypoints of the paper's synthetic scene, and how many of them its attack recovered to under 30 px.
 const PAPER_KEYPOINTS: usize = 1500;
 const PAPER_UNDER_30: usize = 8;
 
-/// The report as one HTML document. `options`: what the audit was run with.
+/// The report as one HTML document. `options`: the options of the audit.
 pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     let inputs = audit.document.inputs.as_ref().zip(audit.inputs.as_ref());
     let synthetic = audit.document.synthetic.as_ref().zip(audit.synthetic.as_ref());
@@ -46,11 +46,11 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     page.html()
 }
 
-/// Who gets the file gets what is in it.
+/// A warning about the file's content for those who pass it on.
 fn notice(gallery: &Gallery) -> Option<Markup> {
     let has_photographs = gallery.shown.iter().any(|shown| shown.photograph.is_some());
     let holds = match (gallery.shown.is_empty(), has_photographs) {
-        // Figures alone hold no single keypoint.
+        // Figures alone contain no single keypoint.
         (true, _) => return None,
         (_, true) => "the photographs and the true positions of their keypoints",
         (_, false) => "true positions of keypoints, which the schemes hide",
@@ -82,7 +82,7 @@ fn images_of(part: Option<(&AuditPart, &Gallery)>) -> Markup {
     }
 }
 
-/// The paper's Fig. 4 and Fig. 5 on evenly spread keypoints. `is_main`: its tables are those of the page.
+/// The paper's Fig. 4 and Fig. 5 on uniform keypoints. `is_main`: its tables are the main tables of the page.
 fn synthetic_scene(part: Option<(&AuditPart, &Gallery)>, is_main: bool) -> Markup {
     let Some((part, found)) = part else { return html! {} };
     let Some(shown) = found.shown.first() else { return html! {} };

@@ -1,4 +1,4 @@
-//! Charts as SVG: curves, dots and stacked bars, in the colours of the page or as a file of their own.
+//! Charts as SVG: curves, dots and stacked bars, in the page's colours or as a file of their own.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use maud::{Markup, PreEscaped, html};
 
 use crate::numbers::significant;
 
-/// Width of a chart in its own units, which are about pixels.
+/// Width of a chart in SVG units (about pixels).
 const WIDTH: f64 = 400.0;
 const LEFT: f64 = 50.0;
 const RIGHT: f64 = 14.0;
@@ -15,16 +15,16 @@ const TOP: f64 = 30.0;
 const TALL: f64 = 210.0;
 /// Height of a line of the legend.
 const LINE: f64 = 18.0;
-/// Colours there are; more series use them again.
+/// Number of colours; further series reuse them.
 const COLORS: usize = 8;
-/// An axis has at most this many ticks.
+/// Maximum number of ticks of an axis.
 const MOST_TICKS: usize = 12;
-/// Curves have at most this many corners.
+/// Maximum number of corners of a curve.
 const MOST_CORNERS: usize = 400;
 
 /// A chart with two axes.
 pub(crate) struct Chart {
-    /// What it shows, above it and for those who do not see it.
+    /// Its title, shown above it and used as accessible name.
     pub(crate) title: String,
     pub(crate) x: Axis,
     pub(crate) y: Axis,
@@ -38,19 +38,19 @@ pub(crate) struct Axis {
     pub(crate) is_logarithmic: bool,
 }
 
-/// What is drawn of a series of points.
+/// How a series of points is drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mark {
     Line,
-    /// A dashed grey line, for what the others are compared with.
+    /// A dashed grey line, for the reference of the others.
     Baseline,
     /// Dots joined by a line.
     DottedLine,
-    /// Dots, each with its number, from 1 on.
+    /// Dots numbered from 1.
     NumberedDots,
 }
 
-/// Points and their name; a series without a name is not in the legend.
+/// Points with a name; a series without a name is not in the legend.
 pub(crate) struct Series {
     pub(crate) name: String,
     pub(crate) mark: Mark,
@@ -67,7 +67,7 @@ impl Axis {
         Self { label: label.into(), ends: (low, high.max(1.01 * low)), is_logarithmic: true }
     }
 
-    /// Where a value lies between the ends, 0 to 1.
+    /// Relative position of a value between the ends, 0 to 1.
     fn share(&self, value: f64) -> f64 {
         let ((low, high), value) = (self.ends, if value.is_nan() { self.ends.1 } else { value });
         let share = if self.is_logarithmic {
@@ -93,22 +93,22 @@ impl Axis {
     }
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is no less.
+/// The smallest of 1, 2 and 5 times a power of ten that is not below `least`.
 fn round_step(least: f64) -> f64 {
     let power = 10f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0].into_iter().map(|m| m * power).find(|step| *step >= 0.999 * least).unwrap_or(10.0 * power)
 }
 
 impl Chart {
-    /// The share of values within a bound over the bound, on a logarithmic axis of bounds; values that are not finite are within
-    /// none. The second of each series says whether it is the baseline.
+    /// The cumulative distribution of values on a logarithmic axis of bounds; non-finite values are within no bound.
+    /// The second item of each series says whether it is the baseline.
     pub(crate) fn cumulative(title: &str, bound: &str, series: &[(&str, bool, &[f64])]) -> Self {
         let values = series.iter().flat_map(|(_, _, values)| *values).copied();
         let (mut least, mut most) = (f64::INFINITY, 0.0);
         for value in values.filter(|value| value.is_finite() && *value > 0.0) {
             (least, most) = (least.min(value), value.max(most));
         }
-        // Without any value the axes are empty.
+        // Without values the axes are empty.
         let ends = if most > 0.0 { (least.max(most * 1e-5), 1.1 * most) } else { (0.1, 10.0) };
         let curve = |(name, is_baseline, values): &(&str, bool, &[f64])| Series {
             name: (*name).to_owned(),
@@ -123,7 +123,7 @@ impl Chart {
         }
     }
 
-    /// The drawing, for a page.
+    /// The drawing for a page.
     pub(crate) fn svg(&self) -> Markup {
         let (height, legend) = self.legend();
         let at = |(x, y): (f64, f64)| self.place(x, y);
@@ -152,7 +152,7 @@ impl Chart {
                     @if matches!(series.mark, Mark::DottedLine | Mark::NumberedDots) {
                         @for (index, point) in series.points.iter().enumerate().filter(|(_, point)| !point.0.is_nan()) {
                             @let (x, y) = at(*point);
-                            // Beyond the axis: on its edge, and hollow.
+                            // Values beyond the axis are drawn as hollow dots on its edge.
                             @let solid = if point.1 > self.y.ends.1 { "dot" } else { "dot solid" };
                             circle class={ (solid) " " (style) } cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="3.5" {
                                 title { (significant(point.0)) ", " (significant(point.1)) }
@@ -175,7 +175,7 @@ impl Chart {
         (LEFT + self.x.share(x) * (WIDTH - LEFT - RIGHT), TOP + (1.0 - self.y.share(y)) * TALL)
     }
 
-    /// Height of the drawing, and where each name of the legend stands.
+    /// Height of the drawing, and the position of each legend entry.
     fn legend(&self) -> (f64, Vec<(f64, f64)>) {
         let names: Vec<&str> =
             self.series.iter().map(|s| s.name.as_str()).filter(|n| !n.is_empty()).collect();
@@ -183,7 +183,7 @@ impl Chart {
     }
 }
 
-/// Names from left to right as they fit; widths are guessed from the number of characters.
+/// Names from left to right as they fit; widths are estimated from the number of characters.
 fn legend(top: f64, names: &[&str]) -> (f64, Vec<(f64, f64)>) {
     let (mut x, mut y) = (LEFT - 30.0, top);
     let mut places = Vec::new();
@@ -213,7 +213,7 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     })
 }
 
-/// Corners of the curve of shares, percent, over the bound.
+/// Corners of the cumulative curve: percent over the bound.
 fn shares_within(values: &[f64], (low, high): (f64, f64)) -> Vec<(f64, f64)> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -230,7 +230,7 @@ fn shares_within(values: &[f64], (low, high): (f64, f64)) -> Vec<(f64, f64)> {
     corners
 }
 
-/// Rows of bars, the stages of each one after another: `(row, [(stage, length)])`.
+/// Rows of stacked bars: `(row, [(stage, length)])`.
 pub(crate) fn stacked_bars(title: &str, unit: &str, rows: &[(String, Vec<(&str, f64)>)]) -> Markup {
     let longest = rows.iter().map(|(_, stages)| stages.iter().map(|s| s.1).sum::<f64>()).fold(0.0, f64::max);
     let axis = Axis::linear(unit, 0.0, longest);
@@ -272,9 +272,9 @@ pub(crate) fn stacked_bars(title: &str, unit: &str, rows: &[(String, Vec<(&str, 
     }
 }
 
-/// Drawings side by side as a file of its own, light.
+/// Drawings side by side as one SVG file, in light colours.
 pub(crate) fn standalone(drawings: &[Markup]) -> String {
-    // Each says its size in its `viewBox`.
+    // Each drawing has its size in its `viewBox`.
     let height = |svg: &Markup| -> f64 {
         let size = svg.0.split("viewBox=\"0 0 ").nth(1).and_then(|rest| rest.split('"').next());
         size.and_then(|size| size.split(' ').nth(1)?.parse().ok()).unwrap_or(TALL)

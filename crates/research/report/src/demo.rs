@@ -1,4 +1,4 @@
-//! The report of the demo: a query on its way through the pipeline, stage by stage, and the result of all queries.
+//! The report of the demo: a query in the pipeline, stage by stage, and the results of all queries.
 
 use image::RgbImage;
 use maud::{Markup, html};
@@ -14,20 +14,20 @@ use crate::localization::{
 use crate::numbers::{scheme_explanation, scheme_name};
 use crate::page::{self, Page, Section, fold};
 
-/// What the demo found. Any list may be empty; its section is then left out.
+/// Results of the demo. Any list may be empty; its section is then left out.
 #[derive(Debug, Clone, Default)]
 pub struct DemoReport {
-    /// Heading, lead, large numbers, tables, the scene, the queries. The first query drawn is the one that the stages show.
+    /// Heading, lead, large numbers, tables, the scene, the queries. The stages show the first drawn query.
     pub run: LocalizationReport,
-    /// The same query as the camera saw it, and its keypoints.
+    /// The image of the same query, with its keypoints.
     pub seen: Option<SeenQuery>,
-    /// What attacks recovered of that query.
+    /// Keypoints of that query as recovered by attacks.
     pub attacked: Option<ShownImage>,
     /// The attacks on all queries.
     pub attacks: AttackDocument,
 }
 
-/// What the device sees of a query.
+/// A query on the device.
 #[derive(Debug, Clone)]
 pub struct SeenQuery {
     /// Name of the query.
@@ -69,7 +69,7 @@ pub fn demo_page(report: &DemoReport) -> String {
     page.html()
 }
 
-/// A picture with words beside it.
+/// A picture with text beside it.
 fn beside(picture: &Markup, caption: &Markup, text: &Markup) -> Markup {
     html! { div.see { (page::figure(picture, caption)) div { (text) } } }
 }

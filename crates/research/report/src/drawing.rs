@@ -1,4 +1,4 @@
-//! Keypoints and lines over an image: what was sent, what of it was matched, and where attacks put the keypoints.
+//! Keypoints and lines over an image: sent rows, their matches, and positions recovered by attacks.
 
 use std::fmt::Write as _;
 
@@ -13,13 +13,13 @@ use crate::localization::{MatchState, SentDrawing};
 use crate::numbers::{percent, pixels};
 use crate::page::{figure, legend};
 
-/// Lines drawn at most: more are only a smear.
+/// Maximum number of lines; more are unreadable.
 const MOST_LINES: usize = 400;
-/// Keypoints drawn at most in a figure: more only make the file larger.
+/// Maximum number of keypoints in a figure; more only increase the file.
 const MOST_DOTS: usize = 1600;
-/// Lines from truth to answer drawn at most.
+/// Maximum number of lines from truth to answer.
 const MOST_ERRORS: usize = 300;
-/// Share of answers outside the drawing from which on the view is zoomed out by two, as in the paper's Fig. 5 (d).
+/// Share of answers outside the drawing above which the view is zoomed out by two, as in the paper's Fig. 5 (d).
 const ZOOM_OUT: f64 = 0.1;
 /// Upper ends of the error classes, pixels; the last class is open.
 const CLASSES: [f64; 4] = [5.0, 10.0, 30.0, 100.0];
@@ -27,20 +27,20 @@ const CLASSES: [f64; 4] = [5.0, 10.0, 30.0, 100.0];
 /// The margin around an image.
 #[derive(Clone, Copy)]
 pub(crate) enum Rim {
-    /// Shows anchors and answers just outside.
+    /// A margin for anchors and answers just outside the image.
     Narrow,
-    /// Shows twice the width and height.
+    /// Twice the width and height of the image.
     Wide,
 }
 
 impl Rim {
-    /// Pixels of an image.
+    /// Width of the margin, pixels of the image.
     fn of(self, (width, height): (u32, u32)) -> f64 {
         f64::from(width.max(height)) * if matches!(self, Self::Wide) { 0.5 } else { 0.05 }
     }
 }
 
-/// A drawing in pixels of an image.
+/// A drawing in pixel coordinates of an image.
 pub(crate) fn picture(label: &str, size: (u32, u32), rim: Rim, layers: &Markup) -> Markup {
     let ((w, h), rim) = (size, rim.of(size));
     let view =
@@ -50,7 +50,7 @@ pub(crate) fn picture(label: &str, size: (u32, u32), rim: Rim, layers: &Markup) 
     }
 }
 
-/// An image that drawings refer to by its id.
+/// An image that drawings reference by its id.
 pub(crate) fn shared_image(id: &str, (width, height): (u32, u32), address: &str) -> Markup {
     html! {
         svg.shared width="0" height="0" aria-hidden="true" {
@@ -59,7 +59,7 @@ pub(crate) fn shared_image(id: &str, (width, height): (u32, u32), address: &str)
     }
 }
 
-/// What is sent, and a remark for the caption.
+/// The sent rows, and a remark for the caption.
 pub(crate) fn sent(sent: &Observations, size: (u32, u32)) -> (Markup, String) {
     let every = sent.len().div_ceil(MOST_LINES).max(1);
     let shown = sent.len().div_ceil(every);
@@ -95,19 +95,19 @@ pub(crate) fn sent(sent: &Observations, size: (u32, u32)) -> (Markup, String) {
     }
 }
 
-/// Two colours tell neighbouring anchors apart.
+/// Two alternating colours distinguish neighbouring anchors.
 const fn color_of(anchor: usize) -> &'static str {
     if anchor.is_multiple_of(2) { "first" } else { "second" }
 }
 
-/// What was sent by the match of each row: inliers on top, and a dot where the pose projects the map point of an inlier.
+/// Sent rows coloured by their match: inliers on top, with a dot at the projection of the inlier's map point.
 pub(crate) fn matched(drawing: &SentDrawing) -> Markup {
     let SentDrawing { sent, size, rows, projected, .. } = drawing;
     let has_lines = matches!(sent, Observations::Lines(_) | Observations::Anchored { .. });
     let of_state = |state: MatchState, most: usize| {
         let own: Vec<usize> =
             (0..sent.len()).filter(|row| rows.get(*row).copied().unwrap_or_default() == state).collect();
-        // Dots and crosses stay readable where lines do not.
+        // Dots and crosses stay readable at a density at which lines do not.
         let every = if has_lines { own.len().div_ceil(most).max(1) } else { 1 };
         let own = own.into_iter().step_by(every);
         match sent {
@@ -134,7 +134,7 @@ pub(crate) fn matched(drawing: &SentDrawing) -> Markup {
     }
 }
 
-/// Strokes of one row: the part of its line where the keypoint may be, or a cross.
+/// Strokes of one row: the part of its line that can hold the keypoint, or a cross.
 fn stretches(sent: &Observations, row: usize, size: (u32, u32)) -> Vec<[Pixel; 2]> {
     match sent {
         Observations::Points(_) => Vec::new(),
@@ -157,7 +157,7 @@ fn stretches(sent: &Observations, row: usize, size: (u32, u32)) -> Vec<[Pixel; 2
     }
 }
 
-/// The anchors that are in sight.
+/// The anchors inside the drawing.
 fn anchors(sent: &Observations) -> Markup {
     let Observations::Anchored { pencils, .. } = sent else { return html! {} };
     let [w, h] = pencils.size();
@@ -201,7 +201,7 @@ fn chord(line: &PixelLine, (w, h): (u32, u32)) -> Option<[Pixel; 2]> {
     (near < far).then(|| [near, far].map(|t| Pixel::new(o.u + t * v.x, o.v + t * v.y)))
 }
 
-/// What the colours of recovered keypoints mean.
+/// Legend of the colours of recovered keypoints.
 pub(crate) fn error_legend() -> Markup {
     legend(&[
         ("dot e0", "error under 5 px"),
@@ -213,10 +213,10 @@ pub(crate) fn error_legend() -> Markup {
     ])
 }
 
-/// The figures of one attacked image. Its layers are on the page once, and figures refer to them.
+/// The figures of one attacked image. Its layers are on the page once, and figures reference them.
 pub(crate) struct AttackFigures<'a> {
     shown: &'a ShownImage,
-    /// Tells the layers from those of other images.
+    /// Distinguishes the layers from those of other images.
     id: &'a str,
     photograph: Option<String>,
 }
@@ -226,7 +226,7 @@ impl<'a> AttackFigures<'a> {
         Self { shown, id, photograph: shown.photograph.as_ref().and_then(data_address) }
     }
 
-    /// The layers that figures refer to, to stand before them.
+    /// The shared layers, which must precede the figures.
     pub(crate) fn shared(&self) -> Markup {
         html! {
             @if let Some(address) = &self.photograph {
@@ -251,20 +251,20 @@ impl<'a> AttackFigures<'a> {
         figure(&picture(&label, self.shown.size, rim, layers), &html! { b { (caption) } " " (remark) })
     }
 
-    /// The true keypoints, over the photograph where there is one.
+    /// The true keypoints, over the photograph if there is one.
     pub(crate) fn original(&self) -> Markup {
         let layers = html! { (self.backdrop("photograph")) (self.truth("ring")) (self.truth("keypoint")) };
         let remark = format!("{} keypoints; a scheme must hide their positions.", self.shown.truth.len());
         self.figure("True keypoints", Rim::Narrow, &layers, "True keypoints.", &remark)
     }
 
-    /// What is sent under a scheme.
+    /// The rows sent under a scheme.
     pub(crate) fn sent(&self, scheme: &ShownScheme, caption: &str) -> Markup {
         let (layers, remark) = sent(&scheme.sent, self.shown.size);
         self.figure("What is sent", Rim::Narrow, &layers, caption, &remark)
     }
 
-    /// Where an attack puts the keypoints, some of them joined to the truth.
+    /// Positions recovered by an attack, some of them joined to the truth.
     pub(crate) fn recovered(&self, attack: &ShownAttack, caption: &str) -> Markup {
         let (w, h) = (f64::from(self.shown.size.0), f64::from(self.shown.size.1));
         let outside = |rim: Rim| {
@@ -309,9 +309,10 @@ impl<'a> AttackFigures<'a> {
         self.figure("Error of each keypoint", Rim::Narrow, &layers, caption, &remark)
     }
 
-    /// The standard deviation of where a line crosses those of its neighbours: the paper's Fig. 4 (d).
+    /// The standard deviation of the positions at which a line intersects its neighbours' lines: the paper's Fig. 4
+    /// (d).
     pub(crate) fn crossings(&self, scheme: &ShownScheme, caption: &str) -> Markup {
-        /// Lower ends of the classes, pixels; the last is open below.
+        /// Lower ends of the classes, pixels; the last class is open below.
         const SPREADS: [f64; 4] = [1000.0, 100.0, 10.0, 1.0];
         let rows: Vec<usize> = (0..scheme.crossings.len().min(self.shown.truth.len())).collect();
         let class =
@@ -330,7 +331,7 @@ fn class_of(error: f64) -> usize {
     CLASSES.iter().position(|limit| error < *limit).unwrap_or(4)
 }
 
-/// Dots in the colours of their classes. The last class lies below, so that what is given away stays visible.
+/// Dots in the colours of their classes. The last class is drawn first, so that recovered keypoints stay visible.
 fn by_class(points: impl Iterator<Item = (Pixel, usize)>) -> Markup {
     let mut classes: [Vec<Pixel>; 5] = Default::default();
     points.for_each(|(point, class)| classes[class].push(point));
@@ -341,7 +342,7 @@ fn by_class(points: impl Iterator<Item = (Pixel, usize)>) -> Markup {
     }
 }
 
-/// At most `most` of them, evenly.
+/// At most `most` elements, evenly spaced.
 fn every<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
     all.iter().step_by(all.len().div_ceil(most).max(1))
 }

@@ -1,4 +1,4 @@
-//! Images on pages: as `data:` addresses, and without the distortion of their lens, so that lines that were sent lie over them.
+//! Images on pages: as `data:` addresses, and undistorted, so that the sent lines align with them.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -11,15 +11,15 @@ use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
 /// Longest side of an undistorted image, pixels.
 const LONGEST: u32 = 720;
 
-/// The image of `from` in the camera `to`, reduced to at most 720 pixels a side; black where `from` did not look. Empty for an
-/// empty image or camera.
+/// The image of `from` in the camera `to`, reduced to at most 720 pixels a side; black outside the view of `from`.
+/// Empty for an empty image or camera.
 pub(crate) fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> RgbImage {
     let (width, height) = reduced(to.width, to.height);
     let (w, h) = image.dimensions();
     if w == 0 || h == 0 || to.width == 0 || to.height == 0 || from.width == 0 || from.height == 0 {
         return RgbImage::new(0, 0);
     }
-    // Reduced first, so that fine structure is averaged and not left out.
+    // Reduced first, so that fine structure is averaged and not aliased.
     let (sw, sh) = (width.min(w), height.min(h));
     let small = resize(image, sw, sh, FilterType::Triangle);
     let sx = f64::from(to.width) / f64::from(width);
@@ -32,14 +32,14 @@ pub(crate) fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> 
     })
 }
 
-/// A size with the same shape, at most [`LONGEST`] a side.
+/// A size with the same aspect ratio, at most [`LONGEST`] a side.
 pub(crate) fn reduced(width: u32, height: u32) -> (u32, u32) {
     let shrink = (f64::from(LONGEST) / f64::from(width.max(height).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink).round() as u32).max(1);
     (size(width), size(height))
 }
 
-/// Between four pixels; black outside.
+/// Bilinear interpolation; black outside.
 fn sample(image: &RgbImage, x: f64, y: f64) -> Rgb<u8> {
     let (w, h) = image.dimensions();
     if !(x > -1.0 && y > -1.0 && x < f64::from(w) && y < f64::from(h)) {
@@ -77,8 +77,8 @@ pub(crate) fn data_address(image: &RgbImage) -> Option<String> {
     Some(format!("data:image/jpeg;base64,{}", STANDARD.encode(bytes)))
 }
 
-/// A `data:` address of a small image as PNG, without loss; `pixels`: `[height, width, 3]`. `None` for an empty image, and for
-/// another number of pixels.
+/// A `data:` address of a small image as lossless PNG; `pixels`: `[height, width, 3]`. `None` for an empty image, and
+/// for a wrong number of pixels.
 pub(crate) fn lossless_address([width, height]: [u32; 2], pixels: &[u8]) -> Option<String> {
     let wanted = u64::from(width) * u64::from(height) * 3;
     if wanted == 0 || pixels.len() as u64 != wanted {
@@ -93,7 +93,7 @@ pub(crate) fn lossless_address([width, height]: [u32; 2], pixels: &[u8]) -> Opti
 mod tests {
     use super::*;
 
-    /// A disc where a camera with distortion sees a point lies where one without sees it.
+    /// A disc seen by a camera with distortion moves to where a pinhole camera sees it.
     #[test]
     fn a_disc_moves_to_where_the_pinhole_sees_it() {
         let from: Intrinsics = "SIMPLE_RADIAL,640,480,500,320,240,-0.2".parse().expect("valid");

@@ -1,4 +1,5 @@
-//! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside what a network made of its descriptors.
+//! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside the images reconstructed from
+//! its descriptors.
 
 use maud::{Markup, html};
 use veiloc_evaluation::inversion::{
@@ -27,7 +28,8 @@ const MEASURES: [Measure; 8] = [
     ("Share of the\nkeypoints' gain", |row, rows| cell(gain(rows, row).map(percent))),
 ];
 
-/// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: what a repetition needs.
+/// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: what a repetition
+/// needs.
 pub fn inversion_page(
     document: &InversionDocument,
     [sheet, wide]: &[ContactSheet; 2],
@@ -155,7 +157,7 @@ fn gain(rows: &[SummaryRow], row: &SummaryRow) -> Option<f64> {
     (most - least > 0.1).then(|| (row.psnr - least) / (most - least))
 }
 
-/// Each image of a sheet with what was made of it.
+/// Rows are ordered by column, and within a column by image.
 fn gallery(document: &InversionDocument, sheet: &ContactSheet, view: &str) -> Markup {
     // Rows stand by column, and within it in the order of the images.
     let own = |column: usize, image: usize| document.rows.get(column * document.images + image);

@@ -1,15 +1,16 @@
-//! Reports: each is one HTML page of the same type, and charts are SVG. Nothing here measures, attacks or localizes.
+//! Reports as self-contained HTML pages, and charts as SVG. This crate only presents results; it does not measure,
+//! attack or localize.
 //!
 //! - [`localization_page`]: localized queries ([`LocalizationReport`]): tables, the scene in 3D, single queries.
 //! - [`demo_page`]: a query stage by stage, and what attackers recover ([`DemoReport`]).
 //! - [`audit_page`]: what attackers recover from sealed queries ([`veiloc_evaluation::audit::Audit`]).
-//! - [`inversion_page`]: images that networks make of descriptors.
-//! - [`map_picture`]: a map from above as one small drawing.
+//! - [`inversion_page`]: images reconstructed from descriptors.
+//! - [`map_picture`]: a small drawing of a map from above.
 //! - [`plots`]: documents of evaluations as charts.
 //!
-//! A page loads nothing: no scripts, fonts or images but those inside, and its content security policy forbids others. Templates
-//! are compiled and escape all text (`maud`). A page follows the reader's light or dark setting, prints, fits a telephone, and
-//! shows its tables and drawings without scripts too.
+//! A page loads no external resource: scripts, fonts and images are embedded, and its content security policy forbids
+//! others. Templates are compiled and escape all text (`maud`). A page follows the reader's light or dark setting,
+//! can be printed, fits a phone, and shows its tables and drawings without scripts too.
 #![forbid(unsafe_code)]
 
 mod attacks;

@@ -1,11 +1,11 @@
-//! Numbers and names as they stand on pages.
+//! Formatting of numbers and names on pages.
 
 use veiloc_protocol::Scheme;
 
 /// The unit of lengths of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LengthUnit {
-    /// That of the map: structure from motion knows no scale.
+    /// Map units: structure from motion has no metric scale.
     #[default]
     Map,
     /// Metres.
@@ -13,7 +13,7 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
-    /// A length: of a map unit three significant digits, of metres with its unit.
+    /// A length: three significant digits in map units, or metres with unit.
     pub(crate) fn length(self, value: f64) -> String {
         match self {
             _ if !value.is_finite() => "–".to_owned(),
@@ -24,7 +24,7 @@ impl LengthUnit {
         }
     }
 
-    /// The same with its unit, where no column's head says it.
+    /// The same with its unit, for text outside of tables.
     pub fn in_words(self, value: f64) -> String {
         match self {
             Self::Map if value == 1.0 => "1 map unit".to_owned(),
@@ -33,7 +33,7 @@ impl LengthUnit {
         }
     }
 
-    /// The head of a column of lengths.
+    /// Header of a column of lengths.
     pub(crate) fn head(self, name: &str) -> String {
         match self {
             Self::Map => format!("{name}\n(map units)"),
@@ -42,7 +42,7 @@ impl LengthUnit {
     }
 }
 
-/// Three significant digits, no zeros at the end of a fraction: `0.0123`, `4.2`, `1230`, `1.2e-7`.
+/// Three significant digits without trailing zeros in the fraction: `0.0123`, `4.2`, `1230`, `1.2e-7`.
 pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".to_owned() } else { "–".to_owned() };
@@ -69,7 +69,7 @@ pub(crate) fn pixels(value: f64) -> String {
     }
 }
 
-/// A share of 1 in percent.
+/// A share as percent.
 pub(crate) fn percent(share: f64) -> String {
     match share {
         s if !s.is_finite() => "–".to_owned(),
@@ -88,7 +88,7 @@ pub(crate) fn kilobytes(bytes: f64) -> String {
     format!("{} kB", significant(bytes / 1e3))
 }
 
-/// Counted things: `1 image`, `2 images`; of a query `queries`.
+/// A number with its noun: `1 image`, `2 images`; plural of query: `queries`.
 pub(crate) fn count(n: usize, what: &str) -> String {
     match (n, what.strip_suffix('y')) {
         (1, _) => format!("1 {what}"),
@@ -97,13 +97,13 @@ pub(crate) fn count(n: usize, what: &str) -> String {
     }
 }
 
-/// The text with a capital in front.
+/// The text with a capital first letter.
 pub(crate) fn capital(text: &str) -> String {
     let mut chars = text.chars();
     chars.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + chars.as_str())
 }
 
-/// A scheme's name for people, with its layout. What is no scheme's name is returned as it is.
+/// Display name of a scheme, with its layout. Other texts are returned unchanged.
 pub(crate) fn scheme_name(scheme: &str) -> String {
     let setting = scheme.split_once(':').map(|(_, setting)| setting);
     match (scheme.parse::<Scheme>(), setting) {
@@ -113,7 +113,7 @@ pub(crate) fn scheme_name(scheme: &str) -> String {
     }
 }
 
-/// What a scheme does, in one sentence; empty for what is no scheme's name.
+/// A sentence that explains a scheme; empty for other texts.
 pub(crate) fn scheme_explanation(scheme: &str) -> &'static str {
     scheme.parse::<Scheme>().map_or("", Scheme::explanation)
 }

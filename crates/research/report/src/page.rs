@@ -1,25 +1,26 @@
-//! The page that every report is: head, notices, large numbers, contents, sections, footer.
+//! The page layout of all reports: head, notices, large numbers, contents, sections, footer.
 //!
-//! Its content security policy keeps a browser from fetching anything, and from running any script but the one of the page.
+//! Its content security policy keeps a browser from fetching resources and from running other scripts than that of
+//! the page.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, PreEscaped, html};
 use sha2::{Digest as _, Sha256};
 
-/// How pages look, and the charts in them.
+/// Styles of pages and of charts.
 const STYLE: &str = concat!(include_str!("style.css"), include_str!("chart.css"));
-/// Turns the scene.
+/// The script of the 3D view.
 const SCRIPT: &str = include_str!("space/space.js");
 
 /// A large number with its meaning.
 #[derive(Debug, Clone, Default)]
 pub struct Card {
-    /// With its unit, `"1.2 cm"`.
+    /// The value with its unit, `"1.2 cm"`.
     pub value: String,
-    /// What it is, a few words.
+    /// Its meaning, in a few words.
     pub label: String,
-    /// One sentence for laypeople.
+    /// One sentence for lay readers.
     pub note: String,
 }
 
@@ -30,12 +31,12 @@ pub(crate) struct Page<'a> {
     pub(crate) title: &'a str,
     /// One or two sentences below it.
     pub(crate) lead: &'a str,
-    /// What a reader must know of this file before passing it on.
+    /// Warnings about the file's content.
     pub(crate) notices: Vec<Markup>,
     pub(crate) cards: &'a [Card],
     /// Sections without a body are left out.
     pub(crate) sections: Vec<Section>,
-    /// Name and value of what a repetition needs.
+    /// Name and value of information for a repetition.
     pub(crate) facts: &'a [(String, String)],
 }
 
@@ -120,7 +121,7 @@ pub(crate) fn facts(facts: &[(String, String)]) -> Markup {
     }
 }
 
-/// What is shown on request.
+/// Collapsible content.
 pub(crate) fn fold(summary: &str, open: bool, body: &Markup) -> Markup {
     html! {
         @if !body.0.is_empty() { details.fold open[open] { summary { h3 { (summary) } } (body) } }
@@ -151,7 +152,7 @@ pub(crate) fn legend(entries: &[(&str, &str)]) -> Markup {
     }
 }
 
-/// How a policy names a style or a script.
+/// Hash of a style or script as content security policies write it.
 fn hash(text: &str) -> String {
     format!("'sha256-{}'", STANDARD.encode(Sha256::digest(text)))
 }

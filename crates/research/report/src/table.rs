@@ -1,23 +1,23 @@
-//! Tables: a caption for screen readers, headers of columns and rows, columns that no row fills left out.
+//! Tables: a caption for screen readers, headers of columns and rows, empty columns left out.
 
 use maud::{Markup, html};
 
-/// A table being filled.
+/// A table under construction.
 pub(crate) struct Table {
     label: String,
-    /// The first is of the rows' headers.
+    /// The first column holds the rows' headers.
     columns: Vec<Column>,
     rows: Vec<Row>,
 }
 
-/// Head of a column.
+/// Header of a column.
 pub(crate) struct Column {
-    /// A line break where it holds a newline.
+    /// A newline is a line break.
     name: String,
     is_text: bool,
 }
 
-/// What a cell shows; a dash where a row has nothing to say.
+/// Content of a cell; a dash if empty.
 pub(crate) type Cell = Option<Markup>;
 
 struct Row {
@@ -31,7 +31,7 @@ pub(crate) fn number(name: impl Into<String>) -> Column {
     Column { name: name.into(), is_text: false }
 }
 
-/// A column of words.
+/// A column of text.
 pub(crate) fn words(name: impl Into<String>) -> Column {
     Column { name: name.into(), is_text: true }
 }
@@ -42,18 +42,18 @@ pub(crate) fn cell(text: impl Into<Option<String>>) -> Cell {
 }
 
 impl Table {
-    /// `label`: what it holds, for those who do not see it.
+    /// `label`: accessible name of the table.
     pub(crate) fn new(label: impl Into<String>, columns: Vec<Column>) -> Self {
         Self { label: label.into(), columns, rows: Vec::new() }
     }
 
-    /// Adds a row. `class`: how it looks, may be empty.
+    /// Adds a row. `class`: its CSS class, may be empty.
     pub(crate) fn push(&mut self, class: &'static str, head: Markup, cells: Vec<Cell>) {
         debug_assert_eq!(cells.len() + 1, self.columns.len(), "{}", self.label);
         self.rows.push(Row { class, head, cells });
     }
 
-    /// The table; nothing without rows.
+    /// The table; empty without rows.
     pub(crate) fn html(&self) -> Markup {
         let is_filled = |column: usize| self.rows.iter().any(|row| row.cells[column].is_some());
         let shown: Vec<usize> = (0..self.columns.len() - 1).filter(|column| is_filled(*column)).collect();
@@ -95,7 +95,7 @@ fn head(column: &Column) -> Markup {
     }
 }
 
-/// A bar as long as the share; drawn, since the page's policy takes no styles of elements.
+/// A bar whose length is the share; an SVG, since the page's policy forbids inline styles.
 pub(crate) fn bar(share: f64) -> Markup {
     let width = 46.0 * if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
     html! {

@@ -1,4 +1,4 @@
-//! Reports hold what was measured, load nothing, are accessible, and no name in them becomes markup.
+//! Reports contain the measured values, load nothing, are accessible, and escape all names.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -20,7 +20,7 @@ use super::*;
 
 const HOSTILE: &str = "<script>alert(1)</script>\"'&";
 
-/// An audit of one image of this name, and of the synthetic scene.
+/// An audit of one image with this name, and of the synthetic scene.
 fn audited(image: KeypointImage, synthetic: usize, file: Option<&std::path::Path>) -> (Audit, AuditOptions) {
     let options = AuditOptions {
         evaluation: AttackEvaluation {
@@ -60,7 +60,7 @@ fn summary(scheme: &str, error: Option<f64>) -> SchemeSummary {
     }
 }
 
-/// A demo's report: cameras of a rendered scene, and attacks on evenly spread keypoints. Made once.
+/// A demo report: cameras of a rendered scene, and attacks on uniform keypoints. Created once.
 fn sample() -> DemoReport {
     static SAMPLE: LazyLock<DemoReport> = LazyLock::new(made);
     SAMPLE.clone()
@@ -153,12 +153,12 @@ fn values<'a>(page: &'a str, attribute: &str) -> Vec<&'a str> {
     page.match_indices(&mark).filter_map(|(at, _)| page[at + mark.len()..].split('"').next()).collect()
 }
 
-/// What holds of every page.
+/// Properties of every page.
 fn check(page: &str) {
     let body = body(page);
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
     assert!(page.contains("content=\"default-src 'none'; img-src data:;"));
-    // Nothing is fetched, and nothing is in the way of the page's own policy.
+    // The page fetches nothing and respects its own policy.
     for address in values(body, "src").into_iter().chain(values(body, "href")) {
         assert!(address.starts_with('#') || address.starts_with("data:image/"), "{address}");
     }
@@ -168,14 +168,14 @@ fn check(page: &str) {
         assert!(!body.contains(bad), "{bad}");
     }
     assert_eq!(body.matches("<script").count(), body.matches("<script type=\"application/json\"").count());
-    // Names on the page are unique, and every reference has its name.
+    // Ids are unique, and every reference has a target.
     let mut ids = values(body, "id");
     for reference in values(body, "href").iter().filter_map(|href| href.strip_prefix('#')) {
         assert!(ids.contains(&reference), "{reference}");
     }
     ids.sort_unstable();
     assert!(ids.windows(2).all(|pair| pair[0] != pair[1]), "{ids:?}");
-    // Tables have headers of columns and rows; pictures have names; there is one first heading.
+    // Tables have column and row headers; pictures have names; there is one top-level heading.
     for table in body.split("<table>").skip(1).filter_map(|rest| rest.split("</table>").next()) {
         let rows = table.matches("<tr").count() - 1;
         assert!(table.contains("<thead><tr><th scope=\"col\""), "{table}");
@@ -189,7 +189,7 @@ fn check(page: &str) {
         assert!(head.contains("role=\"img\"") && head.contains("aria-label=\""), "{head}");
     }
     assert_eq!(body.matches("<h1>").count(), 1);
-    // No number that is none was written as one: not inside words, and not inside base64.
+    // No invalid number was written as text; matches within words and base64 are ignored.
     let edge = |c: Option<char>| c.is_none_or(|c| !c.is_ascii_alphanumeric() && c != '+' && c != '/');
     for (at, bad) in ["NaN", "inf"].iter().flat_map(|bad| body.match_indices(bad)) {
         let is_word = !edge(body[..at].chars().next_back()) || !edge(body[at + bad.len()..].chars().next());
@@ -279,7 +279,7 @@ fn the_tables_of_an_audit_have_the_figures_of_its_document() {
     medians.sort_by(f64::total_cmp);
     shown.sort_by(f64::total_cmp);
     assert!(medians.iter().zip(&shown).all(|(a, b)| (a - b).abs() <= 0.5), "{medians:?} {shown:?}");
-    // The strongest attack on each scheme stands in the table at the head.
+    // The table at the top has the strongest attack on each scheme.
     let table = page.split("aria-label=\"The strongest attack on each scheme\"").nth(1).expect("the table");
     let rows = cells(table.split("</table>").next().expect("its end"));
     assert_eq!(rows.len(), 6, "given the true neighbours, and the baseline: {rows:?}");

@@ -1,4 +1,4 @@
-//! A scene from above: where cameras stood, and where the server put them. Also a map as one small drawing, for notebooks.
+//! A scene from above: true and estimated cameras. Also a small drawing of a map for notebooks.
 
 use std::fmt::Write as _;
 
@@ -12,11 +12,11 @@ use crate::numbers::LengthUnit;
 use crate::page::{figure, legend};
 use crate::space::SpaceRow;
 
-/// Map points drawn at most.
+/// Maximum number of drawn map points.
 const MOST_POINTS: usize = 3500;
-/// Cameras of the map drawn at most.
+/// Maximum number of drawn map cameras.
 const MOST_CAMERAS: usize = 300;
-/// Width of the drawing in its own units.
+/// Width of the drawing in SVG units.
 const WIDTH: f64 = 520.0;
 
 /// Cameras and map points seen from above.
@@ -30,7 +30,7 @@ pub(crate) struct TopView<'a> {
     pub(crate) cameras: &'a [CameraFromWorld],
 }
 
-/// Legend and a drawing a row; nothing when there is nothing finite to show. `id`: name of what the drawings share.
+/// A legend and one drawing per row; empty if nothing is finite. `id`: id of the shared layers.
 pub(crate) fn figures(view: &TopView<'_>, id: &str, rows: &[SpaceRow<'_>], unit: LengthUnit) -> Markup {
     let outcomes = || rows.iter().flat_map(|row| row.outcomes.iter().copied());
     let truths: Vec<CameraFromWorld> = outcomes().filter_map(|outcome| outcome.truth).collect();
@@ -51,20 +51,21 @@ pub(crate) fn figures(view: &TopView<'_>, id: &str, rows: &[SpaceRow<'_>], unit:
     }
 }
 
-/// A map from above as an SVG that stands alone; `None` when it has nothing finite to show.
+/// A standalone SVG of a map from above; `None` if nothing is finite.
 ///
-/// `down` is the direction of gravity, in the map's axes. Without it, the cameras are taken to be upright on average.
+/// `down` is the direction of gravity, in the map's axes. Without it, the cameras are assumed to be upright on
+/// average.
 pub fn map_picture(
     points: &[[f64; 3]],
     cameras: &[CameraFromWorld],
     down: Option<[f64; 3]>,
 ) -> Option<String> {
-    /// Colours that can be told apart on light and on dark ground.
+    /// Colours that are distinct on light and dark backgrounds.
     const STYLE: &str =
         ".points{stroke:#8a8f98;stroke-linecap:round;fill:none}.camera{stroke:#2f7fd6;fill:none}";
     let held = || cameras.iter().map(|pose| pose.rotation().inverse() * Vector3::y()).sum::<Vector3<f64>>();
     let down = down.map_or_else(held, Vector3::from).try_normalize(1e-9).unwrap_or_else(|| -Vector3::z());
-    // Seen from above, with the axis up the page that is the least upright of the first two.
+    // Seen from above; the page's up direction is the less vertical of the first two axes.
     let ahead = if down.y.abs() < 0.9 { Vector3::y() } else { -Vector3::z() };
     let up = (ahead - down * down.dot(&ahead)).normalize();
     let view = TopView { points, right: up.cross(&-down), up, cameras };
@@ -78,18 +79,18 @@ pub fn map_picture(
     Some(drawn.into_string())
 }
 
-/// From the map to the page.
+/// Transformation from the map to the page.
 struct Plan {
     right: Vector3<f64>,
     up: Vector3<f64>,
     low: Vector2<f64>,
-    /// Page units of a map unit.
+    /// Page units per map unit.
     scale: f64,
     height: f64,
 }
 
 impl Plan {
-    /// Fits all but the farthest map points, and every camera. `None` when there is nothing finite to show.
+    /// Fits all cameras and all but the farthest map points. `None` if nothing is finite.
     fn new(view: &TopView<'_>, truths: &[CameraFromWorld]) -> Option<Self> {
         let flat = |p: Vector3<f64>| Vector2::new(view.right.dot(&p), view.up.dot(&p));
         let cameras = view.cameras.iter().chain(truths).filter(|pose| pose.is_finite());
@@ -174,7 +175,7 @@ impl Plan {
         (0.0..=WIDTH).contains(&q.x) && (0.0..=self.height).contains(&q.y)
     }
 
-    /// A triangle with its tip in the projection centre, open to where the camera looks; empty off the page.
+    /// A triangle with its tip in the projection centre, open towards the view; empty outside the page.
     fn wedge(&self, pose: &CameraFromWorld, size: f64) -> String {
         let forward = pose.rotation().inverse() * Vector3::z();
         let d = Vector2::new(self.right.dot(&forward), -self.up.dot(&forward));
@@ -188,7 +189,7 @@ impl Plan {
         format!("M{:.1} {:.1}L{:.1} {:.1}L{:.1} {:.1}Z", tip.x, tip.y, a.x, a.y, b.x, b.y)
     }
 
-    /// A bar of a round length.
+    /// A scale bar with a round length.
     fn scale_bar(&self, unit: LengthUnit) -> Markup {
         let wanted = 90.0 / self.scale;
         let power = 10f64.powf(wanted.log10().floor());
@@ -213,7 +214,7 @@ mod tests {
         assert!(drawn.starts_with("<svg xmlns=") && drawn.ends_with("</svg>"));
         assert_eq!(drawn.matches("h0").count(), 50, "every point, and none over another: {drawn}");
         assert_eq!(drawn.matches('Z').count(), 1);
-        // Without a direction: by the camera, whose y axis is the world's.
+        // Without a direction: from the camera, whose y axis is the world's.
         assert!(map_picture(&points, &[camera], None).is_some());
         assert!(map_picture(&[], &[], None).is_none());
         assert!(map_picture(&[[f64::NAN; 3]], &[], None).is_none());

@@ -1,4 +1,4 @@
-//! A place that renders itself: what the examples and tests of this crate work on, so that they need no data.
+//! A rendered scene for the examples and tests of this crate, so that they need no data.
 #![allow(dead_code, reason = "each of them uses what it needs")]
 
 use std::error::Error;
@@ -8,19 +8,19 @@ use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{PosedImage, PosedImages};
 use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
-/// A folder of images, and where each was taken.
+/// A folder of images with their poses.
 pub(crate) struct Rendered {
     /// Folder of the images.
     pub(crate) folder: PathBuf,
-    /// The camera of all of them.
+    /// The camera of all images.
     pub(crate) camera: Intrinsics,
     /// The images for the map.
     pub(crate) posed: PosedImages,
-    /// Files and true poses of the others.
+    /// Files and true poses of the query images.
     pub(crate) queries: Vec<(PathBuf, CameraFromWorld)>,
 }
 
-/// A third of the walk around a room: ten views for the map, three to be localized.
+/// A third of a path around a room: ten views for the map, three queries.
 pub(crate) fn render(folder: &Path, seed: u64) -> Result<Rendered, Box<dyn Error>> {
     let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;
     let place = Place::generate(seed);

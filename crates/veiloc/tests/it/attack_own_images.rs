@@ -1,4 +1,4 @@
-//! The example does what it says: one's own images are attacked, beside the guess.
+//! The example attacks the user's own images, beside the prior-only baseline.
 
 #[path = "../../examples/attack_own_images.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
@@ -14,7 +14,7 @@ fn own_images_are_attacked_beside_the_guess() {
         let row = document.attacks.iter().find(|r| r.scheme == "dcl" && r.attack == attack);
         row.expect("it ran").median_px
     };
-    // The paper's attack is worse than guessing on dcl; the layout of the graph, told the true neighbours, is not.
+    // On dcl the paper's attack is worse than the baseline; the layout of the graph with true neighbours is better.
     assert!(median(Attack::CLOSED_FORM) > median(Attack::PRIOR), "{document:?}");
     assert!(median(Attack::GRAPH) < 0.2 * median(Attack::PRIOR), "{document:?}");
 }

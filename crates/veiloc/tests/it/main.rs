@@ -1,4 +1,4 @@
-//! Tests of `veiloc` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc`; one executable, because linking dominates the build time.
 
 mod attack_own_images;
 mod extending;

@@ -1,4 +1,4 @@
-//! The example does what it says: a place is mapped and its queries are found.
+//! The example builds a map and localizes its queries.
 
 #[path = "../../examples/map_and_localize.rs"]
 #[expect(dead_code, reason = "its own main is not called")]

@@ -1,4 +1,4 @@
-//! The example does what it says: images sealed in one session are found.
+//! The example localizes images sealed in one session.
 
 #[path = "../../examples/session.rs"]
 #[expect(dead_code, reason = "its own main is not called")]

@@ -1,12 +1,12 @@
-//! Halves of a set of images: one to design with, the other untouched until the final figure.
+//! Development and test split of a set of images: one half for design, the other untouched until the final figure.
 //!
-//! The half depends on the name of the file alone (without its folders), so that it is the same on every machine and
-//! stays when images join or leave.
+//! The half depends only on the file's name without folders, so it is the same on every machine and does not change
+//! when images are added or removed.
 
 use std::path::Path;
 
-/// Whether an image belongs to the half for design: of the 64-bit FNV-1a hash of its name, bit 32 (counted from the
-/// lowest, 0) is 0.
+/// Whether an image belongs to the half for design: bit 32 (counted from the lowest, 0) of the 64-bit FNV-1a hash of
+/// its name is 0.
 pub fn is_for_design(file: &Path) -> bool {
     (fnv_1a(file.file_name().unwrap_or_default().as_encoded_bytes()) >> 32).is_multiple_of(2)
 }
@@ -24,7 +24,7 @@ mod tests {
 
     #[test]
     fn halves_are_those_of_the_hash() {
-        // Hashes by an implementation in Python.
+        // Hashes computed by an implementation in Python.
         let known = [
             ("fur-1.jpg", 0x1dc6_cbb9_c70b_ad39, false),
             ("fur-2.jpg", 0xe7b1_a2b0_413d_dae4, true),

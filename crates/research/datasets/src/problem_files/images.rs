@@ -1,4 +1,4 @@
-//! Keypoints of images, as `veiloc attack` and the training of predictors read them.
+//! Keypoints of images, as input of `veiloc attack` and of the training of predictors.
 
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,11 @@ use crate::problem_files::KeypointImage;
 
 /// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
 ///
-/// An image larger than the limit is made smaller first, as a device does it, and positions and size are those of
-/// the smaller one, to a thousandth of a pixel, so that they are read back as they were written. No lens is undistorted.
+/// An image larger than the limit is reduced first, as on a device. Positions and size belong to the reduced image
+/// and are rounded to a thousandth of a pixel, so that a file preserves them exactly. Lens distortion is not removed.
 ///
 /// # Errors
-/// [`DatasetError::Features`] when the file is no image.
+/// [`DatasetError::Features`] when the file is not an image.
 pub fn keypoints_of_image(
     path: &Path,
     extractor: &dyn Extractor,
@@ -39,10 +39,10 @@ fn rounded(p: Pixel) -> Pixel {
     Pixel::new(round(p.u), round(p.v))
 }
 
-/// [`keypoints_of_image`] of many, in their order.
+/// [`keypoints_of_image`] for many images, in their order.
 ///
 /// # Errors
-/// The first in that order, if there is one.
+/// The first error in that order.
 pub fn keypoints_of_images(
     paths: &[PathBuf],
     extractor: &dyn Extractor,
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
     use crate::problem_files::{encode_keypoints, read_keypoints};
 
-    /// Blobs of several sizes on a slope: something to find at several scales.
+    /// Blobs of several sizes on a ramp, so that features exist at several scales.
     fn image(path: &Path) {
         GrayImage::from_fn(160, 120, |x, y| {
             let (x, y) = (f64::from(x), f64::from(y));

@@ -1,4 +1,4 @@
-//! Reads JSON-lines files, plain or gzipped, and says which line is wrong.
+//! Reads JSON-lines files, plain or gzipped, with errors that name the line.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write as _};
@@ -11,15 +11,15 @@ use serde::de::DeserializeOwned;
 
 use crate::error::DatasetError;
 
-/// No honest line is longer; a file that pretends to is refused before it fills the memory.
+/// Maximum length of a line; longer lines are refused before they fill the memory.
 const LONGEST_LINE: u64 = 256 << 20;
 
-/// What a table calls a file: its name without folders.
+/// Name of a file in tables: without folders.
 pub fn display_name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Every line of the file as a `T`, with its number from 1; empty lines are passed over. Gzip is recognised by its first
+/// Every line of the file as a `T`, with its number from 1; empty lines are skipped. Gzip is detected by its first
 /// bytes.
 ///
 /// # Errors
@@ -57,10 +57,10 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<(usize, T)>, Dataset
     Ok(values)
 }
 
-/// The bytes of a JSON-lines file, gzipped if asked for.
+/// The bytes of a JSON-lines file, gzipped if `gzip` is set.
 ///
 /// # Errors
-/// Only when memory cannot be written to.
+/// Never in practice: writing to memory does not fail.
 pub fn encode(lines: &[String], gzip: bool) -> std::io::Result<Vec<u8>> {
     let mut text = lines.join("\n").into_bytes();
     text.push(b'\n');

@@ -24,7 +24,7 @@ pub struct KeypointImage {
     pub height: u32,
     /// Positions, pixels.
     pub keypoints: Vec<Pixel>,
-    /// `[N · dimension]`, row-major, and the dimension; `None` when the file brings none.
+    /// `[N · dimension]`, row-major, and the dimension; `None` if the file has none.
     pub descriptors: Option<(Vec<u8>, usize)>,
 }
 
@@ -40,15 +40,15 @@ struct Line {
     descriptors: Option<String>,
 }
 
-/// Longest image side and largest count of keypoints that are taken for honest.
+/// Limits of image side and number of keypoints; larger values are refused.
 const LARGEST_SIDE: u32 = 1 << 16;
 const MOST_KEYPOINTS: usize = 1 << 17;
 
 /// Reads all images of a `keypoints.jsonl` or `keypoints.jsonl.gz`.
 ///
 /// # Errors
-/// [`DatasetError`] naming file and line when a line is no image: an impossible size, a keypoint that is not finite,
-/// descriptors that do not fit the keypoints.
+/// [`DatasetError`] naming file and line when a line is invalid: an impossible size, a keypoint that is not finite,
+/// or a wrong number of descriptors.
 pub fn read_keypoints(path: &Path) -> Result<Vec<KeypointImage>, DatasetError> {
     json_lines::read::<Line>(path)?
         .into_iter()
@@ -88,10 +88,10 @@ fn image(line: Line) -> Result<KeypointImage, String> {
     Ok(KeypointImage { name: line.name, width: line.width, height: line.height, keypoints, descriptors })
 }
 
-/// The bytes of a `keypoints.jsonl`, gzipped if asked for: what [`read_keypoints`] reads.
+/// The bytes of a `keypoints.jsonl`, gzipped if `gzip` is set, in the format of [`read_keypoints`].
 ///
 /// # Errors
-/// Only when memory cannot be written to.
+/// Never in practice: writing to memory does not fail.
 pub fn encode_keypoints(images: &[KeypointImage], gzip: bool) -> std::io::Result<Vec<u8>> {
     let lines: Vec<String> = images
         .iter()
@@ -110,7 +110,7 @@ pub fn encode_keypoints(images: &[KeypointImage], gzip: bool) -> std::io::Result
     json_lines::encode(&lines, gzip)
 }
 
-/// The paper's Fig. 4: keypoints spread evenly over 640 x 480 pixels.
+/// The paper's Fig. 4: keypoints uniform over 640 x 480 pixels.
 pub fn synthetic_image(keypoints: usize, seed: u64) -> KeypointImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &["synthetic keypoints"]));
     let (width, height) = (640, 480);

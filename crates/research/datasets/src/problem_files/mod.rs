@@ -1,11 +1,11 @@
-//! What evaluations and attacks read, and write for each other: correspondence problems, keypoints of images, lists of images.
+//! Files that evaluations and attacks exchange: correspondence problems, keypoints of images, lists of images.
 //!
 //! - [`problems`]: `problems.jsonl`, 2D–3D matches with the true pose, the input of `veiloc eval pose`.
 //! - [`keypoints`]: `keypoints.jsonl`, keypoints with or without descriptors, the input of `veiloc attack`.
 //! - [`images`]: images of folders, and their keypoints as a device would extract them.
-//! - [`json_lines`]: the files themselves, plain or gzipped, one JSON object a line.
-//! - [`is_for_design`]: halves of a set of images, by their names.
-//! - [`seed_for`]: one seed for each named part of a run, so that no choice of other parts changes it.
+//! - [`json_lines`]: the file format, plain or gzipped, one JSON object per line.
+//! - [`is_for_design`]: the split of a set of images into two halves, by their names.
+//! - [`seed_for`]: one seed for each named part of a run, independent of the other parts.
 #![forbid(unsafe_code)]
 
 mod halves;

@@ -13,14 +13,14 @@ use veiloc_pose::{Gravity, SeenFrom};
 use crate::error::DatasetError;
 use crate::problem_files::json_lines;
 
-/// One query: matches between its keypoints and map points, and where it truly was taken.
+/// One query: matches between its keypoints and map points, and its true pose.
 #[derive(Debug, Clone)]
 pub struct Problem {
     /// Name of the query.
     pub name: String,
-    /// The camera without distortion; [`Self::keypoints`] are its pixels.
+    /// The camera without distortion; [`Self::keypoints`] are pixels of this camera.
     pub camera: Pinhole,
-    /// The keypoints, each once, undistorted.
+    /// The distinct keypoints, undistorted.
     pub keypoints: Vec<Pixel>,
     /// Match to keypoint: `[matches]`, indices into [`Self::keypoints`].
     pub keypoint_of_match: Vec<usize>,
@@ -28,7 +28,7 @@ pub struct Problem {
     pub points: Vec<Point3<World>>,
     /// The true pose.
     pub cam_from_world: CameraFromWorld,
-    /// Name of the features that were matched: it says what matches are worth before geometry is asked.
+    /// Name of the matched features: it selects the model of the matches' prior.
     pub features: String,
     /// Nearest over second-nearest descriptor distance, `[matches]`.
     pub ratio: Option<Vec<f64>>,
@@ -36,14 +36,14 @@ pub struct Problem {
     pub votes: Option<Vec<u32>>,
     /// Map images that see the point, `[matches]`.
     pub track_length: Option<Vec<u32>>,
-    /// From where the map image that proposes each match saw the point, `[matches]`.
+    /// Viewpoint from which the proposing map image of each match saw the point, `[matches]`.
     pub seen_from: Option<Vec<SeenFrom>>,
-    /// Which way is down, if the file says so: `gravity_in_camera` as the device felt it, and `gravity_in_world`, the same
-    /// direction in the map, −z when it is not given. Both point down, the way things fall; any length but zero.
+    /// Direction of gravity, if the file has one: `gravity_in_camera` as the device measured it, and
+    /// `gravity_in_world`, the same direction in the map, −z by default. Both point down; any length but zero.
     pub gravity: Option<Gravity>,
 }
 
-/// One line of the file, as it stands there. `[matches]` in every list.
+/// One line of the file as JSON. All lists have one entry per match.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProblemLine {
     /// Name of the query.
@@ -68,18 +68,19 @@ pub struct ProblemLine {
     /// Map images that see the point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track_length: Option<Vec<u32>>,
-    /// Camera centre (map units) and focal length (pixels) of the map image that proposes the match: `[x, y, z, focal]`.
+    /// Camera centre (map units) and focal length (pixels) of the map image that proposes the match: `[x, y, z,
+    /// focal]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_from: Option<Vec<[f64; 4]>>,
-    /// Down as the device felt it, any length.
+    /// Down direction as the device measured it, any length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_in_camera: Option<[f64; 3]>,
-    /// Down in the map; −z when it is not given.
+    /// Down direction in the map; −z by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_in_world: Option<[f64; 3]>,
 }
 
-/// A camera as a problem line has it.
+/// A camera in a problem line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraLine {
     /// Name of the model.
@@ -92,7 +93,7 @@ pub struct CameraLine {
     pub params: Vec<f64>,
 }
 
-/// A pose as a problem line has it.
+/// A pose in a problem line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PoseLine {
     /// `qw qx qy qz`.
@@ -102,7 +103,7 @@ pub struct PoseLine {
 }
 
 impl Problem {
-    /// Probability that each match is right, before geometry is asked, `[matches]`; `None` when the file brings no ratio.
+    /// Prior probability that each match is right, `[matches]`; `None` if the file has no ratio.
     pub fn prior(&self) -> Option<Vec<f64>> {
         let ratios = self.ratio.as_ref()?;
         let prior = DescriptorKind::match_prior_of(&self.features);
@@ -145,7 +146,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
             .map_err(|e| e.to_string())?;
     let cam_from_world = CameraFromWorld::from_quaternion(line.cam_from_world.q, line.cam_from_world.t)
         .ok_or("cam_from_world is not a finite pose")?;
-    // One keypoint may be matched to several map points; it is one keypoint all the same, and gets one line (L7).
+    // A keypoint may be matched to several map points; it is still one keypoint with one line (L7).
     let mut index: std::collections::BTreeMap<[u64; 2], usize> = std::collections::BTreeMap::new();
     let mut keypoints = Vec::new();
     let mut keypoint_of_match = Vec::with_capacity(n);
@@ -193,7 +194,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     })
 }
 
-/// Down in the world of a map that says nothing else: z points up in most surveyed maps.
+/// Default down direction of a map: z points up in most surveyed maps.
 const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
 
 fn gravity(in_camera: Option<[f64; 3]>, in_world: Option<[f64; 3]>) -> Result<Option<Gravity>, String> {

@@ -1,6 +1,7 @@
-//! Seeds that name what they are for.
+//! Seeds derived from names.
 
-/// A seed made of a suite's seed and names (query, scheme…), so that order and selection of the work change nothing.
+/// A seed derived from a suite's seed and names (query, scheme…), so results do not depend on order and selection of
+/// the work.
 ///
 /// FNV-1a over the names with a separator, then mixed with the suite's seed.
 pub fn seed_for(suite: u64, names: &[&str]) -> u64 {

@@ -1,4 +1,4 @@
-//! What several layouts write alike.
+//! File formats that several layouts share.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,19 +8,19 @@ use veiloc_geometry::CameraFromWorld;
 use super::Lens;
 use crate::error::DatasetError;
 
-/// Makes the folder and writes the file, whole.
+/// Creates the folder and writes the file atomically.
 pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), DatasetError> {
     make_folder_of(path)?;
     veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(DatasetError::io(path))
 }
 
-/// Makes the folder that a file is to lie in.
+/// Creates the folder of a file.
 pub(crate) fn make_folder_of(path: &Path) -> Result<(), DatasetError> {
     let Some(folder) = path.parent() else { return Ok(()) };
     std::fs::create_dir_all(folder).map_err(DatasetError::io(folder))
 }
 
-/// Numbers behind one another, a blank before each, with as many digits as reading them back exactly takes.
+/// Numbers separated by blanks, with enough digits to read them back exactly.
 pub(crate) fn numbers(out: &mut String, numbers: impl IntoIterator<Item = f64>) {
     for number in numbers {
         write!(out, " {number}").expect("a string takes all that is written to it");
@@ -33,7 +33,7 @@ pub(crate) fn quaternion_and_translation(pose: &CameraFromWorld) -> impl Iterato
     pose.quaternion().into_iter().chain([t.x, t.y, t.z])
 }
 
-/// A VisualSFM model of cameras alone.
+/// A VisualSFM model with cameras only.
 pub(crate) fn nvm(cameras: &[(String, CameraFromWorld)], lens: &Lens) -> String {
     let mut out = format!("NVM_V3\n\n{}\n", cameras.len());
     for (name, pose) in cameras {

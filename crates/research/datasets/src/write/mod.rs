@@ -1,4 +1,4 @@
-//! A place written as a data set: the folders and lists that the readers of this crate, and others, read.
+//! Writes a scene as a data set: the folders and lists that the readers of this crate, and other programs, read.
 
 pub(crate) mod lists;
 
@@ -13,7 +13,7 @@ use crate::{aachen, cambridge, radial, seven_scenes};
 /// The layout of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// 7Scenes, with both kinds of poses.
+    /// 7Scenes, with both sources of poses.
     SevenScenes,
     /// Cambridge Landmarks.
     Cambridge,
@@ -49,39 +49,39 @@ impl FromStr for Layout {
     }
 }
 
-/// A view of the place.
+/// A view of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Where it is taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
-    /// What it is for.
+    /// Its purpose.
     pub role: Role,
 }
 
-/// What a view is for.
+/// Purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// The map is built from it.
+    /// A map image.
     Map,
     /// A query.
     Query,
-    /// A query in the dark, where the layout knows such; elsewhere it is like any other.
+    /// A query at night, if the layout has conditions; otherwise an ordinary query.
     NightQuery,
 }
 
-/// A lens as a layout can say it, in pixels of an image of this size.
+/// Camera parameters that a layout can store, in pixels of an image of this size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Focal length, pixels.
     pub focal: f64,
-    /// `r` of an NVM file; 0 for 7Scenes, whose lists have no lens.
+    /// `r` of an NVM file; 0 for 7Scenes, which has no distortion.
     pub distortion: f64,
     /// Width and height, pixels.
     pub size: (u32, u32),
 }
 
 impl Lens {
-    /// What a layout can say of an image of this size, with the field of view of the data set's own.
+    /// Parameters for an image of this size, with the field of view of the data set's own images.
     pub fn of(layout: Layout, size: (u32, u32)) -> Self {
         let (focal, distortion) = match layout {
             Layout::SevenScenes => (525.0 / 640.0, 0.0),
@@ -91,21 +91,21 @@ impl Lens {
         Self { focal: focal * f64::from(size.0), distortion, size }
     }
 
-    /// The camera that a reader makes of it.
+    /// The camera that a reader returns for it.
     ///
     /// # Errors
-    /// [`DatasetError::Unusable`] for an image of no size.
+    /// [`DatasetError::Unusable`] for an empty image.
     pub fn camera(&self) -> Result<Intrinsics, DatasetError> {
         radial::camera(self.focal, self.distortion, self.size)
             .map_err(|e| DatasetError::Unusable { path: PathBuf::new(), reason: e.to_string() })
     }
 }
 
-/// Writes the lists, and has the images saved: `save` is called once for each view, in their order, with the number of the
-/// view and the path of its file, whose folder is there.
+/// Writes the lists and saves the images: `save` is called once for each view, in order, with the number of the view
+/// and the path of its file, whose folder exists.
 ///
 /// # Errors
-/// [`DatasetError::Io`] naming the file, and what `save` answers.
+/// [`DatasetError::Io`] with the file's name, and the errors of `save`.
 pub fn write(
     layout: Layout,
     root: &Path,

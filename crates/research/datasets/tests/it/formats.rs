@@ -1,4 +1,4 @@
-//! Real samples of the data sets, and folders written in their layouts and read back.
+//! Samples of the real data sets, and folders written in their layouts and read back.
 
 use std::path::Path;
 
@@ -20,7 +20,8 @@ fn seven_scenes_as_it_is_unpacked(data: &Path) {
         seven_scenes::read_scene(&root, "stairs", &Truth::Depth, MissingImages::Refuse).expect("read");
     assert_eq!((depth.mapped.images().len(), depth.queries.len()), (6, 6));
     assert!(!depth.is_official && depth.remarks.is_empty());
-    // `frame-000000.pose.txt` of the first sequence, a query, takes the camera to the world: its last column is the centre.
+    // `frame-000000.pose.txt` of the first sequence, a query, is a camera-to-world matrix: its last column is the
+    // centre.
     let first = &depth.queries[0];
     assert_eq!(first.name, "seq-01/frame-000000.color.jpg", "the sample's images are JPEG");
     let center = first.cam_from_world.expect("known").center().coords;
@@ -34,7 +35,7 @@ fn seven_scenes_as_it_is_unpacked(data: &Path) {
     assert!(refused.to_string().contains("rgb-d-dataset-7-scenes"), "{refused}");
     let sfm = seven_scenes::read_scene(&root, "stairs", &sfm, HERE).expect("read");
     assert!(!sfm.is_official && sfm.remarks[0].contains("were left out"), "{:?}", sfm.remarks);
-    // Both kinds of poses are of one place and scale: distances between cameras agree.
+    // Both sources of poses have the same scene and scale: distances between cameras agree.
     let queries: Vec<_> = sfm.queries.iter().filter_map(|q| Some((&q.name, q.cam_from_world?))).collect();
     assert!(queries.len() >= 2);
     let of_depth = |name: &str| {
@@ -52,7 +53,7 @@ fn cambridge_lists_as_they_are_handed_out(data: &Path) {
     let root = data.join("formats/cambridge");
     let names = cambridge::scenes(&root).expect("scenes");
     assert_eq!(names, ["GreatCourt", "KingsCollege", "OldHospital", "ShopFacade", "StMarysChurch"]);
-    // As published; the paper counts 343, 182, 103 and 530 queries of those it evaluates.
+    // As published; the paper counts 343, 182, 103 and 530 queries in the scenes it evaluates.
     let counts = [(1531, 760), (1220, 343), (895, 182), (231, 103), (1487, 530)];
     for (scene, (train, test)) in names.iter().zip(counts) {
         let of = |file: &str| cambridge::read_list(&root.join(scene).join(file), scene).expect("read");
@@ -87,7 +88,8 @@ fn aachen_with_its_models_and_queries(data: &Path) {
     let camera = place.queries[0].camera.to_string();
     assert_eq!(camera, "SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019");
 
-    // The Bundler file has the same cameras: rotation rows and translation, with y and z of camera and world turned about.
+    // The Bundler file has the same cameras: rotation rows and translation, with y and z of camera and world
+    // inverted.
     let bundler = std::fs::read_to_string(root.join("3D-models/aachen_cvpr2018_db.out")).expect("there");
     let lines: Vec<Vec<f64>> = bundler
         .lines()
@@ -117,7 +119,7 @@ fn aachen_with_its_models_and_queries(data: &Path) {
             );
         }
     }
-    // Points project where the model measured them, in the pixels of COLMAP's convention (VisualSFM measures from the centre).
+    // Points project to the model's measurements, in COLMAP's pixel convention (VisualSFM measures from the centre).
     let model = read_nvm(&root.join("3D-models/aachen_cvpr2018_db.nvm")).expect("read");
     assert_eq!((model.cameras.len(), model.points.len(), model.left_out), (3, 5, 0));
     let two = read_nvm(&root.join("3D-models/aachen_two_parts.nvm")).expect("read");
@@ -128,7 +130,7 @@ fn aachen_with_its_models_and_queries(data: &Path) {
     assert!(refused.to_string().contains("visuallocalization.net"), "{refused}");
 }
 
-/// Three views of a place, of which the second and third are queries.
+/// Three views of a scene; the second and third are queries.
 fn views() -> Vec<View> {
     let pose = |x: f64| {
         CameraFromWorld::new(Rotation3::from_euler_angles(0.1 * x, 0.3, -0.2), [x, 1.0, 0.25 * x].into())
@@ -147,7 +149,7 @@ fn written(layout: Layout, root: &Path) -> Lens {
     lens
 }
 
-/// Poses as they were written, map images and queries in their order.
+/// Checks that poses were read as written, with map images and queries in order.
 fn same(place: &Place, lens: &Lens) {
     let near = |a: &CameraFromWorld, b: &CameraFromWorld| {
         a.translation_error(b) < 1e-9 && a.rotation_error_degrees(b) < 1e-5

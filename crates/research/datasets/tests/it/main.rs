@@ -1,4 +1,4 @@
-//! Tests of `veiloc-datasets` from outside, one executable: linking is what costs.
+//! Integration tests of `veiloc-datasets`; one executable, because linking dominates the build time.
 
 mod formats;
 mod problem_files;

@@ -1,4 +1,4 @@
-//! What a report on localization shows: plain data, filled by the caller that localized.
+//! Data of a localization report, filled by the caller.
 
 use image::RgbImage;
 use veiloc_evaluation::results::SchemeSummary;
@@ -10,45 +10,46 @@ use veiloc_protocol::Observations;
 use crate::numbers::LengthUnit;
 use crate::page::Card;
 
-/// Queries of one scene or several, localized by one method or several. Any list may be empty; its section is then left out.
+/// Queries of one or more scenes, localized by one or more methods. Any list may be empty; its section is then left
+/// out.
 #[derive(Debug, Clone, Default)]
 pub struct LocalizationReport {
     /// Heading and browser title.
     pub title: String,
-    /// One or two sentences under it.
+    /// One or two sentences below the heading.
     pub lead: String,
-    /// What a reader must know of this file, a sentence each.
+    /// Warnings about the file's content, one sentence each.
     pub notices: Vec<String>,
     /// A few large numbers.
     pub cards: Vec<Card>,
     /// The unit of all lengths.
     pub unit: LengthUnit,
-    /// Rows of the table: how queries were localized, scene by scene.
+    /// Rows of the table: methods, scene by scene.
     pub methods: Vec<Method>,
     /// The result of every query by every method.
     pub outcomes: Vec<QueryOutcome>,
-    /// The evaluation's document, for curves of errors.
+    /// The evaluation's document, for error curves.
     pub data: Option<TableData>,
     /// The scenes.
     pub scenes: Vec<SceneView>,
-    /// Queries that are drawn; shown worst first.
+    /// Drawn queries, worst first.
     pub drawings: Vec<QueryDrawing>,
-    /// Name and value of what a repetition needs.
+    /// Name and value of information for a repetition.
     pub facts: Vec<(String, String)>,
 }
 
-/// How the queries of a scene were localized.
+/// A localization method on a scene.
 #[derive(Debug, Clone, Default)]
 pub struct Method {
     /// Index of the scene.
     pub scene: usize,
-    /// Capture condition of the queries, where the data set tells conditions apart.
+    /// Capture condition of the queries, if the data set distinguishes conditions.
     pub condition: Option<String>,
     /// Obfuscation scheme.
     pub scheme: String,
-    /// What else tells the method from others, for people; empty when the scheme does.
+    /// Display text that distinguishes the method from others with the same scheme; may be empty.
     pub variant: String,
-    /// Its figures; absent where nothing is summed up.
+    /// Its figures, if there are any.
     pub summary: Option<SchemeSummary>,
 }
 
@@ -59,11 +60,11 @@ pub struct QueryOutcome {
     pub method: usize,
     /// Its name.
     pub name: String,
-    /// True pose, where it is known.
+    /// True pose, if known.
     pub truth: Option<CameraFromWorld>,
     /// Estimated pose.
     pub estimate: Option<CameraFromWorld>,
-    /// Whether the estimator trusts the pose, where it was asked.
+    /// State of the pose according to the estimator, if evaluated.
     pub state: Option<State>,
     /// Error of the position.
     pub position_error: Option<f64>,
@@ -75,13 +76,13 @@ pub struct QueryOutcome {
     pub rotation_sd_deg: Option<f64>,
     /// Matches that agree with the pose.
     pub inliers: usize,
-    /// Matches there were.
+    /// Number of matches.
     pub matches: usize,
     /// Bytes that were sent.
     pub bytes: Option<usize>,
     /// Milliseconds of all stages.
     pub ms: Option<f64>,
-    /// What speaks against the pose, or why there is none.
+    /// Reasons to doubt the pose, or why there is none.
     pub remark: Option<String>,
 }
 
@@ -94,11 +95,11 @@ pub struct SceneView {
     pub points: Vec<[f64; 3]>,
     /// Poses of the images in the map.
     pub cameras: Vec<CameraFromWorld>,
-    /// Direction of the map that points up. Default: the mean of what is up in the images of the map.
+    /// Up direction in the map. Default: the mean up direction of the map's images.
     pub up: Option<[f64; 3]>,
 }
 
-/// A query, and what was sent of it.
+/// A query with its sent rows.
 #[derive(Debug, Clone)]
 pub struct QueryDrawing {
     /// Index of its scene.
@@ -107,35 +108,35 @@ pub struct QueryDrawing {
     pub name: String,
     /// The image; never sent.
     pub image: Option<RgbImage>,
-    /// Whether the distortion of the lens is removed from the image, as it is from the lines.
+    /// Whether lens distortion is removed from the image, as it is from the lines.
     pub is_undistorted: bool,
-    /// What was sent, scheme by scheme.
+    /// Sent rows, scheme by scheme.
     pub sent: Vec<SentDrawing>,
 }
 
-/// What was sent of a query under a scheme, and what the server matched.
+/// The rows of a query sent under a scheme, with the server's matches.
 #[derive(Debug, Clone)]
 pub struct SentDrawing {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// What was sent.
+    /// The sent rows.
     pub sent: Observations,
     /// Size of the camera's image, pixels.
     pub size: (u32, u32),
     /// The match of each row, `[sent]`.
     pub rows: Vec<MatchState>,
-    /// Where the map points of inliers appear under the estimated pose, pixels: known to a server that has the pose.
+    /// Projections of the inliers' map points under the estimated pose, pixels: known to a server that has the pose.
     pub projected: Vec<Pixel>,
 }
 
 /// The match of a row of a query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MatchState {
-    /// None.
+    /// No match.
     #[default]
     Unmatched,
-    /// One that does not agree with the pose.
+    /// A match that does not agree with the pose.
     Outlier,
-    /// One that agrees with the pose.
+    /// A match that agrees with the pose.
     Inlier,
 }

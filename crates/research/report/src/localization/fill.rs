@@ -1,4 +1,4 @@
-//! Fills a report from documents of evaluations, maps, and queries with their answers.
+//! Fills a report from evaluation documents, maps, and queries with their answers.
 
 use veiloc_evaluation::DrawnQuery;
 use veiloc_evaluation::results::metrics::median;
@@ -16,15 +16,15 @@ use crate::images::undistorted;
 use crate::numbers::{degrees, kilobytes, percent, scheme_name};
 use crate::page::Card;
 
-/// Map points kept for drawing; more only make the file larger.
+/// Maximum number of map points in a drawing; more only increase the file.
 const MOST_POINTS: usize = 24_000;
 
-/// What tells methods apart.
+/// Fields that distinguish methods.
 type Key<'a> = (Option<&'a str>, &'a str, &'a str, Option<&'a str>);
 
 impl LocalizationReport {
-    /// Adds a scene with its part of a document: methods and queries, each with its condition where the data set has such.
-    /// `truth` is the true pose of a query, where it is known.
+    /// Adds a scene with its part of a document: methods and queries, each with its condition if the data set has
+    /// conditions. `truth` returns the true pose of a query, if known.
     pub fn add_scene<'a>(
         &mut self,
         view: SceneView,
@@ -59,7 +59,7 @@ impl LocalizationReport {
         }
     }
 
-    /// Fills the large numbers with those of dcl, or of the first scheme there is.
+    /// Fills the large numbers with those of dcl, or of the first scheme.
     pub fn add_cards(&mut self) {
         let is_dcl = |method: &Method| method.scheme.starts_with("dcl");
         let Some(main) = self.methods.iter().find(|m| is_dcl(m)).or(self.methods.first()) else { return };
@@ -109,7 +109,7 @@ impl LocalizationReport {
 }
 
 impl QueryOutcome {
-    /// Of a document's query.
+    /// The outcome of a document's query.
     pub fn of(result: &QueryResult, method: usize, truth: Option<CameraFromWorld>) -> Self {
         let sd = result.uncertainty;
         Self {
@@ -132,7 +132,7 @@ impl QueryOutcome {
 }
 
 impl SceneView {
-    /// Of a map; a part of its points where it has many.
+    /// A view of a map, with a subset of its points if there are many.
     pub fn of_map(name: &str, map: &MapFile) -> Self {
         let step = map.point_count().div_ceil(MOST_POINTS).max(1);
         let points = (0..map.point_count()).step_by(step);
@@ -146,7 +146,7 @@ impl SceneView {
 }
 
 impl SentDrawing {
-    /// Of a sealed query, and its pose where it has one.
+    /// The drawing of a sealed query, with its pose if there is one.
     pub fn of(query: &SealedQuery, found: Option<&Localization>, map: &MapFile) -> Self {
         let camera = query.camera();
         let mut rows = vec![MatchState::Unmatched; query.len()];
@@ -175,7 +175,7 @@ impl SentDrawing {
 }
 
 impl QueryDrawing {
-    /// Of a query of an evaluation, with its image where that is wanted and can be read.
+    /// The drawing of an evaluation's query, with its image if requested and readable.
     pub fn of(drawn: &DrawnQuery, scene: usize, map: &MapFile, with_image: bool) -> Self {
         let camera = drawn.sent.first().map(|sent| sent.query.camera());
         let image = camera.filter(|_| with_image).and_then(|camera| {

@@ -1,5 +1,5 @@
-//! The report of localized queries: tables over all queries, the scenes in 3D, queries worst first. Its parts serve the demo's
-//! report too.
+//! The report of localized queries: tables over all queries, the scenes in 3D, queries worst first. The demo's report
+//! uses its parts too.
 
 mod data;
 mod fill;
@@ -18,7 +18,7 @@ use crate::page::{Page, Section, fold};
 use crate::plots::{ErrorAxis, error_charts};
 use crate::space::{self, Budget, SpaceRow};
 
-/// Map points and queries drawn in 3D, over all scenes of a page.
+/// Maximum number of map points and queries drawn in 3D, over all scenes of a page.
 const BUDGET: Budget = Budget { points: 24_000, queries: 1500 };
 
 /// The report as one HTML document.
@@ -42,7 +42,7 @@ pub(crate) fn scene_title(report: &LocalizationReport) -> &'static str {
     if report.scenes.len() > 1 { "The scenes in 3D" } else { "The scene in 3D" }
 }
 
-/// The name of a method for people.
+/// Display name of a method.
 fn method_name(method: &Method) -> String {
     let name = scheme_name(&method.scheme);
     if method.variant.is_empty() { name } else { format!("{name} · {}", method.variant) }
@@ -110,7 +110,7 @@ pub(crate) fn scenes(report: &LocalizationReport) -> Markup {
                 None => rows.push(SpaceRow { name, outcomes: own.collect() }),
             }
         }
-        // The scheme that the program is for stands first.
+        // The program's main scheme comes first.
         rows.sort_by_key(|row| !row.name.starts_with("Dual convergent lines"));
         let anchor = |name: &str| {
             report.drawings.iter().position(|d| d.scene == index && d.name == name).map(queries::anchor)

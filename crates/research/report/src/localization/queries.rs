@@ -1,4 +1,4 @@
-//! Single queries, worst first: their figures, and what was sent over the image that was not.
+//! Single queries, worst first: their figures, and the sent rows over the image (which is not sent).
 
 use maud::{Markup, html};
 use veiloc_pose::State;
@@ -11,10 +11,10 @@ use crate::numbers::{LengthUnit, degrees, kilobytes, milliseconds, percent, sche
 use crate::page::{self, legend};
 use crate::table::{Table, cell, number, words};
 
-/// Queries in the list of those that are not drawn, at most.
+/// Maximum number of listed queries that are not drawn.
 const MOST_LISTED: usize = 300;
 
-/// Where on the page a drawing is.
+/// Anchor of a drawing on the page.
 pub(super) fn anchor(drawing: usize) -> String {
     format!("query-{drawing}")
 }
@@ -39,7 +39,7 @@ pub(crate) fn section(report: &LocalizationReport) -> Markup {
     }
 }
 
-/// What the colours of rows mean.
+/// Legend of the colours of rows.
 fn match_legend() -> Markup {
     legend(&[
         ("line inlier", "inlier of the pose"),
@@ -49,7 +49,7 @@ fn match_legend() -> Markup {
     ])
 }
 
-/// One query with all that is known of it.
+/// One query with all its data.
 fn query(report: &LocalizationReport, index: usize, open: bool) -> Markup {
     let drawing = &report.drawings[index];
     let own = outcomes_of(report, drawing.scene, &drawing.name);
@@ -81,7 +81,7 @@ fn image(drawing: &QueryDrawing, id: &str, size: (u32, u32)) -> Markup {
     )
 }
 
-/// What was sent under a scheme, by its matches.
+/// The rows sent under a scheme, coloured by their matches.
 pub(crate) fn figure(drawing: &SentDrawing, backdrop: &Markup) -> Markup {
     let name = scheme_name(&drawing.scheme);
     let count = |state| drawing.rows.iter().filter(|row| **row == state).count();
@@ -109,7 +109,7 @@ fn method_of(report: &LocalizationReport, outcome: &QueryOutcome) -> String {
     report.methods.get(outcome.method).map(method_name).unwrap_or_default()
 }
 
-/// The outcome of every method, a few words each.
+/// The outcome of every method, in a few words.
 fn in_words(report: &LocalizationReport, own: &[&QueryOutcome]) -> Markup {
     let words = |outcome: &QueryOutcome| match (outcome.estimate, outcome.position_error, outcome.position_sd)
     {

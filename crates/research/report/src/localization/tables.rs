@@ -12,7 +12,7 @@ use crate::numbers::{
 };
 use crate::table::{Cell, Table, bar, cell, number, words};
 
-/// Methods of each scene and condition that have figures, with what they share.
+/// Methods with figures, grouped by scene and condition.
 pub(super) fn groups(report: &LocalizationReport) -> Vec<(String, Vec<&Method>)> {
     let mut groups: Vec<(String, Vec<&Method>)> = Vec::new();
     for method in report.methods.iter().filter(|method| method.summary.is_some()) {
@@ -70,7 +70,7 @@ fn bound_words(bound: &str, unit: LengthUnit) -> String {
     parsed.map_or_else(|| bound.to_owned(), |(t, d)| format!("{}, {d}°", unit.length(t)))
 }
 
-/// What the estimator says of its poses, and whether that is right; nothing where it was not asked.
+/// States of poses according to the estimator, and whether they are right; empty if states were not evaluated.
 pub(super) fn trust(methods: &[&Method]) -> Markup {
     let columns = vec![
         words("Scheme"),

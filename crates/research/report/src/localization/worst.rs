@@ -1,11 +1,11 @@
-//! Which queries are the worst: those a reader wants to see.
+//! Order of queries by error, worst first.
 
 use std::collections::BTreeMap;
 
 use super::data::{Method, QueryOutcome};
 
-/// Queries of a run, `(scene, name)`, worst first: those that most methods did not localize, then by the largest error of the
-/// position; by the largest ± where nobody knows the truth.
+/// Queries of a run, `(scene, name)`, worst first: first by the number of methods that did not localize them, then by
+/// the largest position error, or by the largest ± if the truth is unknown.
 pub fn worst_first(methods: &[Method], outcomes: &[QueryOutcome]) -> Vec<(usize, String)> {
     let mut queries: BTreeMap<(usize, &str), (usize, f64)> = BTreeMap::new();
     for outcome in outcomes {

@@ -1,4 +1,4 @@
-//! Documents of evaluations as charts, each an SVG file.
+//! Charts of evaluation documents, each an SVG file.
 
 use veiloc_evaluation::pose::crb::{BoundCell, BoundEvaluation};
 use veiloc_evaluation::privacy::layouts::{LayoutRow, LayoutsDocument};
@@ -7,7 +7,7 @@ use veiloc_evaluation::results::tables::{ErrorCurve, TableData};
 use crate::chart::{Axis, Chart, Mark, Series, stacked_bars, standalone};
 use crate::numbers::LengthUnit;
 
-/// The document holds nothing to draw.
+/// The document has nothing to draw.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is nothing to draw: the document has {0}")]
 pub struct PlotError(&'static str);
@@ -15,13 +15,13 @@ pub struct PlotError(&'static str);
 /// Which error is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorAxis {
-    /// Of the position, map units.
+    /// Position error, map units.
     Position,
-    /// Of the orientation, degrees.
+    /// Orientation error, degrees.
     Orientation,
 }
 
-/// Errors of poses as curves: the share of queries within a bound, a panel a scene, a curve a scheme.
+/// Cumulative distributions of pose errors: one panel per scene, one curve per scheme.
 ///
 /// # Errors
 /// [`PlotError`] when no query is judged.
@@ -33,7 +33,7 @@ pub fn errors(data: &TableData, axis: ErrorAxis) -> Result<String, PlotError> {
     Ok(standalone(&charts.iter().map(Chart::svg).collect::<Vec<_>>()))
 }
 
-/// A chart a scene.
+/// One chart per scene.
 pub(crate) fn error_charts(data: &TableData, axis: ErrorAxis, unit: LengthUnit) -> Vec<Chart> {
     let mut scenes: Vec<(String, Vec<ErrorCurve>)> = Vec::new();
     for curve in data.error_curves() {
@@ -57,7 +57,7 @@ pub(crate) fn error_charts(data: &TableData, axis: ErrorAxis, unit: LengthUnit) 
     scenes.iter().map(chart).collect()
 }
 
-/// Median time of each stage of a query, one after another, a bar a scheme.
+/// Median time of each stage of a query, stacked, one bar per scheme.
 ///
 /// # Errors
 /// [`PlotError`] when the document has no times.
@@ -69,14 +69,15 @@ pub fn times(data: &TableData) -> Result<String, PlotError> {
     Ok(standalone(&[stacked_bars("Time of a query, median of each stage", "ms", &rows)]))
 }
 
-/// Median translation error over the Cramér–Rao bound by noise, a panel a scene and share of outliers, a curve a scheme.
+/// Median translation error relative to the Cramér–Rao bound against noise: one panel per scene and share of
+/// outliers, one curve per scheme.
 ///
 /// # Errors
 /// [`PlotError`] when there is no cell.
 pub fn bound(document: &BoundEvaluation) -> Result<String, PlotError> {
     /// Larger ratios are drawn on the upper edge.
     const HIGHEST: f64 = 2.0;
-    /// The ratio that the project aims to stay below.
+    /// The project's target ratio.
     const AIM: f64 = 1.15;
     let noise = 1.08 * document.cells.iter().map(|cell| cell.noise_px).fold(0.1, f64::max);
     let panel = |cell: &BoundCell| format!("{}, {:.0} % outliers", cell.scene, 100.0 * cell.outlier_share);
@@ -110,10 +111,10 @@ pub fn bound(document: &BoundEvaluation) -> Result<String, PlotError> {
     Ok(standalone(&panels.iter().map(of_panel).collect::<Vec<_>>()))
 }
 
-/// What is drawn upwards of layouts.
+/// A panel of the layouts' chart: title and value.
 type LayoutPanel = (&'static str, fn(&LayoutRow) -> Option<f64>);
 
-/// Layouts: what the strongest realistic adversary gains, and the error of the baseline, over the error of poses. Each layout is
+/// Layouts: gain of the strongest realistic adversary, and error of the baseline, against pose error. Each layout is
 /// a dot, numbered as in the table; layouts that lose poses have no error and are left out.
 ///
 /// # Errors
@@ -135,7 +136,7 @@ pub fn layouts(document: &LayoutsDocument) -> Result<String, PlotError> {
             (low - margin, high + margin)
         };
         let ((left, right), (low, high)) = (ends(|d| d.0), ends(|d| d.1));
-        // A layout without an error keeps its number, and lies outside.
+        // A layout without an error keeps its number and is not drawn.
         let points = dots.iter().map(|dot| dot.unwrap_or((f64::NAN, f64::NAN))).collect();
         dots.iter().any(Option::is_some).then(|| {
             Chart {

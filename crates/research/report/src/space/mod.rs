@@ -1,4 +1,4 @@
-//! The scene in 3D: what the page's script turns, and the view from above that stands there without scripts.
+//! The scene in 3D, which the page's script rotates, and the view from above that replaces it without scripts.
 
 mod payload;
 
@@ -18,15 +18,15 @@ pub(crate) struct SpaceRow<'a> {
     pub(crate) outcomes: Vec<&'a QueryOutcome>,
 }
 
-/// How many map points and queries are drawn.
+/// Maximum numbers of drawn map points and queries.
 #[derive(Clone, Copy)]
 pub(crate) struct Budget {
     pub(crate) points: usize,
     pub(crate) queries: usize,
 }
 
-/// The drawing of a scene with its controls; nothing when there is nothing finite to show. `index` tells it from others on the
-/// page, `anchor` is where on the page a query is drawn. The first row is shown first.
+/// The drawing of a scene with its controls; empty if nothing is finite. `index` makes it unique on the page,
+/// `anchor` returns where on the page a query is drawn. The first row is shown first.
 pub(crate) fn figure(
     scene: &SceneView,
     rows: &[SpaceRow<'_>],
@@ -96,7 +96,7 @@ pub(crate) fn figure(
     }
 }
 
-/// What is up: what the scene says, or the mean of what its images have up.
+/// The up direction: that of the scene, or the mean up direction of its images.
 fn up_of(scene: &SceneView) -> Vector3<f64> {
     let up = scene.up.map_or_else(
         || {
@@ -108,7 +108,7 @@ fn up_of(scene: &SceneView) -> Vector3<f64> {
     up.try_normalize(1e-9).unwrap_or_else(Vector3::z)
 }
 
-/// Where the scene is longest, seen from above: that lies level on the page.
+/// The direction of the scene's largest extent, seen from above: it is horizontal on the page.
 fn right_of(scene: &SceneView, up: Vector3<f64>) -> Vector3<f64> {
     let centers = scene.cameras.iter().filter(|pose| pose.is_finite()).map(CameraFromWorld::center);
     let centers: Vec<Vector3<f64>> = centers.map(|center| center.coords).collect();

@@ -1,4 +1,4 @@
-//! What the script draws, as JSON: points on a grid of 16 bits, poses as numbers, names.
+//! Data of the script as JSON: points on a 16-bit grid, poses as numbers, names.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -12,18 +12,18 @@ use super::{Budget, SpaceRow};
 use crate::localization::{QueryOutcome, SceneView};
 use crate::numbers::LengthUnit;
 
-/// Cameras of the map drawn at most.
+/// Maximum number of drawn map cameras.
 const MOST_CAMERAS: usize = 600;
 
-/// What is drawn.
+/// Data of one drawing.
 pub(super) struct Payload {
-    /// For the script; cannot end the element it stands in.
+    /// JSON for the script; it cannot contain the end tag of its element.
     pub(super) json: String,
     /// Names of the drawn queries.
     pub(super) queries: Vec<String>,
-    /// By how much ± is enlarged at first, so that it is seen.
+    /// Initial magnification of ±, so that it is visible.
     pub(super) times: u32,
-    /// What is left out, a sentence or two; empty when nothing is.
+    /// A remark about left-out data; may be empty.
     pub(super) remark: String,
 }
 
@@ -62,7 +62,7 @@ pub(super) fn payload(
         (names.len() < asked, format!("{} of {asked} queries are drawn. ", names.len())),
     ];
     Payload {
-        // A name could otherwise end the script element.
+        // Otherwise a name could end the script element.
         json: json.to_string().replace('<', "\\u003c"),
         queries: names,
         times: times(rows, 65_535.0 * step),
@@ -80,11 +80,11 @@ fn queries(
     let most = rows.iter().max_by_key(|row| row.outcomes.len());
     let all = most.map_or(&[][..], |row| &row.outcomes);
     let every = all.len().div_ceil(budget.queries.max(1)).max(1);
-    // What is drawn elsewhere on the page is drawn here too.
+    // Queries with a drawing on the page are always included.
     let chosen = all.iter().enumerate().filter(|(at, q)| at % every == 0 || anchor(&q.name).is_some());
     let mut names = Vec::new();
     let mut entries = Vec::new();
-    // Rows mostly hold the queries in one order: the search begins where the last ended.
+    // Rows mostly have the queries in the same order, so the search starts where the last one ended.
     let mut cursors = vec![0; rows.len()];
     for (_, query) in chosen {
         let mut found = Vec::new();
@@ -103,7 +103,7 @@ fn queries(
     (names, entries)
 }
 
-/// Row, pose, ±, state (0: none, 1: doubtful, 2: trusted or not asked), errors.
+/// Row, pose, ±, state (0: none, 1: doubtful, 2: trusted or not evaluated), errors.
 fn estimate(row: usize, query: &QueryOutcome, digits: usize) -> Value {
     let pose = query.estimate.filter(CameraFromWorld::is_finite);
     let kind = match (pose, query.state) {
@@ -111,7 +111,7 @@ fn estimate(row: usize, query: &QueryOutcome, digits: usize) -> Value {
         (_, Some(State::Doubtful)) => 1,
         _ => 2,
     };
-    // JSON has no number that is not finite: it becomes null.
+    // JSON has no non-finite numbers: they become null.
     json!([
         row,
         camera(pose.as_ref(), digits),
@@ -142,8 +142,8 @@ fn camera(pose: Option<&CameraFromWorld>, digits: usize) -> Value {
     ])
 }
 
-/// The corner of the points, the step of the grid, and the points on it: three numbers of 16 bits each, low byte first. Points
-/// far from all others are held to the edge.
+/// The corner of the points, the step of the grid, and the points on it: three 16-bit numbers each, low byte first.
+/// Points far from all others are clamped to the edge.
 fn on_grid(points: &[&[f64; 3]]) -> ([f64; 3], f64, Vec<u8>) {
     let range = |axis: usize| {
         let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
@@ -154,7 +154,7 @@ fn on_grid(points: &[&[f64; 3]]) -> ([f64; 3], f64, Vec<u8>) {
     };
     let ranges = [range(0), range(1), range(2)];
     let size = ranges.iter().map(|(low, high)| high - low).fold(1e-6, f64::max);
-    // A rim for what lies a little outside.
+    // A margin for points slightly outside.
     let low = ranges.map(|(low, _)| low - 0.25 * size);
     let step = 1.5 * size / 65_535.0;
     let code = |x: f64, axis: usize| ((x - low[axis]) / step).round().clamp(0.0, 65_535.0) as u16;
@@ -162,12 +162,12 @@ fn on_grid(points: &[&[f64; 3]]) -> ([f64; 3], f64, Vec<u8>) {
     (low, step, codes.collect())
 }
 
-/// Digits behind the point that resolve a tenth of a grid step.
+/// Decimals that resolve a tenth of a grid step.
 fn digits(step: f64) -> usize {
     (-step.log10()).ceil().clamp(0.0, 12.0) as usize + 1
 }
 
-/// A median ± is seen when it is a hundredth of the scene.
+/// The magnification at which the median ± is a hundredth of the scene.
 fn times(rows: &[SpaceRow<'_>], extent: f64) -> u32 {
     let sds: Vec<f64> = rows.iter().flat_map(|row| &row.outcomes).filter_map(|q| q.position_sd).collect();
     let wanted = 0.01 * extent / median(&sds);

@@ -1,11 +1,10 @@
-//! An attack of one's own: a value beside those of the table.
+//! A user-defined attack: a value beside those of the table.
 
 use veiloc::audit::{Answers, Attack, AttackEvaluation, ImageGroup, Needs, attack_groups, attacks_table};
 use veiloc::geometry::Pixel;
 use veiloc::query::Scheme;
 
-/// Puts every keypoint on its own line, nearest to the middle of what the guess says of its neighbours: it needs to be told
-/// who they are.
+/// Projects the mean of the neighbours' prior-only positions on the keypoint's own line; it needs neighbour lists.
 const MIDDLE: Attack = Attack {
     name: "middle-of-neighbours",
     words: "middle of the neighbours' guesses",
@@ -44,7 +43,7 @@ fn an_attack_of_ones_own_stands_in_the_table_beside_the_guess() {
     let row = |scheme: &str, attack: Attack| {
         document.attacks.iter().find(|r| r.scheme == scheme && r.attack == attack).expect("it ran").clone()
     };
-    // Neighbours' guesses surround the keypoint under random lines, whose directions differ.
+    // With random lines the neighbours' prior-only positions surround the keypoint, because the directions differ.
     let (own, guess) = (row("random-lines", MIDDLE), row("random-lines", Attack::PRIOR));
     assert!(own.mean_px < guess.mean_px && own.bits_over_prior > 0.0, "{own:?} {guess:?}");
     assert!(attacks_table(&document).contains("middle-of-neighbours"));

@@ -1,4 +1,4 @@
-//! A data set of one's own: a reader that fills posed images.
+//! A user-defined data set: a reader that returns posed images.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -10,7 +10,7 @@ use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 
 use super::rendered;
 
-/// The layout: one image a line, `name qw qx qy qz tx ty tz`, camera from world, one camera for all.
+/// The layout: one image per line, `name qw qx qy qz tx ty tz`, camera from world, one camera for all images.
 fn read(list: &Path, camera: &Intrinsics) -> Result<PosedImages, Box<dyn Error>> {
     let mut images = Vec::new();
     for (number, line) in (1..).zip(std::fs::read_to_string(list)?.lines()) {

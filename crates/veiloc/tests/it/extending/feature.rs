@@ -1,4 +1,4 @@
-//! A local feature of one's own: an extractor and its descriptor kind.
+//! A user-defined local feature: an extractor and its descriptor kind.
 
 use rand::SeedableRng;
 use veiloc::device::{
@@ -12,7 +12,7 @@ use super::rendered;
 /// Side of the sampled patch, samples.
 const SIDE: i32 = 9;
 
-/// SIFT's keypoints, described by the gray values around them without their mean: signed, 81 numbers.
+/// SIFT's keypoints, described by the surrounding gray values minus their mean: signed, 81 numbers.
 struct Patches;
 
 impl Patches {
@@ -50,7 +50,7 @@ impl Extractor for Patches {
         Ok(features)
     }
 
-    /// To the corner of the square of samples.
+    /// Radius to the corner of the sampled square.
     fn reach(&self) -> f64 {
         f64::from(SIDE / 2) * std::f64::consts::SQRT_2
     }
@@ -76,7 +76,7 @@ fn a_map_of_another_feature_localizes_its_queries_and_refuses_others() {
     let seal_options = SealOptions::default();
     let mut rng = rand_chacha::ChaCha20Rng::seed_from_u64(1);
     for (image, truth) in &place.queries {
-        // A device without this extractor refuses: it sends nothing of another kind.
+        // A device without this extractor refuses: it does not send descriptors of another kind.
         assert!(extract(image, &place.camera, map.profile(), &seal_options).is_err());
         let (features, camera) =
             extract_with(&extractors, image, &place.camera, map.profile(), &seal_options).expect("extracted");

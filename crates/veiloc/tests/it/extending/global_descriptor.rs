@@ -1,6 +1,7 @@
-//! A global descriptor of one's own: computed from the image, known to both sides by name.
+//! A user-defined global descriptor: computed from the image, identified by name on both sides.
 //!
-//! Devices send one with their owners' consent only (`SealOptions::with_image_global`): it tells of more than the rows do.
+//! Devices send one only with their owners' consent (`SealOptions::with_image_global`): it reveals more than the rows
+//! do.
 
 use rand::SeedableRng;
 use veiloc::device::{
@@ -16,7 +17,7 @@ use super::rendered;
 const WIDE: u32 = 16;
 const HIGH: u32 = 12;
 
-/// The image made tiny, without its mean.
+/// The reduced image minus its mean.
 struct Thumbnail;
 
 impl GlobalExtractor for Thumbnail {
@@ -41,7 +42,7 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
     options.global = Some(SharedGlobal::new(Thumbnail));
     let (mut model, _) = build(&Input::new(&place.posed, &place.folder), &options, &()).expect("built");
 
-    // An image that leaves and joins again: with the map's own extractor, and not without.
+    // Removing and adding an image: works with the map's own extractor, and not without it.
     let name = vec![place.posed.names()[3].clone()];
     remove(&mut model, &name, Words::Keep, &()).expect("removed");
     let input = Input::new(&place.posed, &place.folder).with_names(&name);
@@ -55,7 +56,7 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
     assert_eq!(map.profile().global_model().name(), "thumbnail");
 
     let (path, truth) = &place.queries[0];
-    // A device whose owner said nothing sends nothing.
+    // A device without consent refuses to seal.
     let refused = SealOptions::default().bounded(map.profile()).expect_err("no consent");
     assert!(matches!(refused, SealError::GlobalOfImage { .. }), "{refused}");
     let consenting = SealOptions::default().with_image_global(thumbnail);
@@ -66,7 +67,7 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
     let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
     let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");
     assert!(found.cam_from_world.translation_error(truth) < 0.05, "{}", found.inliers);
-    // What is like the query comes first: the nearest map view is among the first three.
+    // The most similar images come first: the nearest map view is among the first three.
     let distance = |name: &str| place.posed.get(name).expect("posed").cam_from_world.translation_error(truth);
     let nearest = place.posed.names().into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let first: Vec<String> =

@@ -1,4 +1,4 @@
-//! A scheme of one's own, judged before it is put on the wire: what it tells, how well it locates, what it leaks.
+//! A user-defined scheme, evaluated before it becomes part of the protocol: pose accuracy and leakage.
 //!
 //! Keypoints of the left half become vertical lines, those of the right half horizontal ones.
 
@@ -15,7 +15,7 @@ use veiloc_evaluation::pose::pose_problem;
 use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
-/// The scheme: keypoints in, what is told of them out. Nothing of a position along its line is used.
+/// The scheme: from keypoints to sent lines. Positions along the lines are not used.
 fn vertical_and_horizontal(keypoints: &[Pixel], width: u32) -> Observations {
     let angle = |p: &Pixel| if p.u < f64::from(width) / 2.0 { FRAC_PI_2 } else { 0.0 };
     Observations::Lines(keypoints.iter().map(|p| PixelLine::through(*p, angle(p))).collect())
@@ -29,7 +29,7 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
     let (width, height) = (made.camera.width, made.camera.height);
     let observations = vertical_and_horizontal(&made.pixels, width);
 
-    // How well it locates.
+    // Pose accuracy.
     let problem = veiloc_datasets::problem_files::Problem {
         name: "made".to_owned(),
         camera: made.camera,
@@ -49,13 +49,13 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
     assert!(found.confidence.is_trusted());
     assert!(found.cam_from_world.rotation_error_degrees(&made.cam_from_world) < 0.5);
 
-    // What it leaks: the paper's attack with true neighbours, beside the guess.
+    // Leakage: the paper's attack with true neighbours, beside the prior-only baseline.
     let sent = Observation::of_sent(&observations);
     let near = NeighbourLists::nearest(&made.pixels, 20);
     let answers = closed_form(&sent, &near, width, height, &ClosedFormOptions::default()).expect("it runs");
     let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &made.pixels)).median_px;
     let attacked = median(answers.iter().map(|a| a.pixel).collect());
     let guessed = median(prior_only(&sent, width, height));
-    // Lines of one half are parallel and never cross: the attack gains nothing over the guess.
+    // Lines of one half are parallel and do not intersect: the attack gains nothing over the baseline.
     assert!(attacked > 0.8 * guessed && guessed > 30.0, "{attacked} {guessed}");
 }

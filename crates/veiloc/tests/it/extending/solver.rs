@@ -1,4 +1,4 @@
-//! A minimal solver of one's own: three lines and a known orientation.
+//! A user-defined minimal solver: three lines and a known orientation.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,10 +8,10 @@ use veiloc::geometry::{CameraFromWorld, PixelLine, PlaneLine, Point3};
 use veiloc_pose::{Correspondences, PoseOptions, PoseProblem, optimize_pose};
 use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
-/// Camera position from three line–point pairs when the orientation is known, of a phone that has a compass.
+/// Camera position from three line–point pairs with known orientation, for example from a phone's compass.
 ///
-/// Solves `l_iᵀ (R X_i + t) = 0`, three linear equations in `t`. No pose for lines through one image point (their normals
-/// are in one plane), and none for points behind the camera.
+/// Solves `l_iᵀ (R X_i + t) = 0`, three linear equations in `t`. Returns no pose for lines through one image point
+/// (their normals are coplanar) and for points behind the camera.
 fn r3lp(
     rotation: &Rotation3<f64>,
     lines: &[PlaneLine; 3],

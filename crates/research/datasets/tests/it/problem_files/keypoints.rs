@@ -1,4 +1,4 @@
-//! Our keypoints beside those of an independent pipeline on the same image. Needs `VEILOC_DATA`.
+//! Our keypoints compared with those of an independent pipeline on the same image. Needs `VEILOC_DATA`.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
 
 #[real_data_test]
 fn descriptors_are_laid_out_as_in_the_problem_files(data: &Path) {
-    // RedKitchen's file has frames of which the images are not there.
+    // The images of some frames in RedKitchen's file are missing.
     let all = read_keypoints(&data.join("problems/herzjesu_keypoints.jsonl.gz")).expect("keypoints");
     let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the image");
     let limits = ExtractionLimits { max_keypoints: 4096, max_image_side: 1024 };
