@@ -5,9 +5,9 @@ use std::path::Path;
 fn main() {
     println!("cargo::rerun-if-env-changed=VEILOC_DATA");
     println!("cargo::rerun-if-changed=build.rs");
-    let Some(told) = std::env::var_os("VEILOC_DATA").filter(|told| !told.is_empty()) else { return };
+    let Some(folder) = std::env::var_os("VEILOC_DATA").filter(|folder| !folder.is_empty()) else { return };
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let folder = workspace.join(&told);
+    let folder = workspace.join(&folder);
     // A mistyped folder must not look like a missing variable, since the tests would then be ignored.
     assert!(folder.is_dir(), "VEILOC_DATA names no folder: {}", folder.display());
     let folder = folder.canonicalize().expect("it was just found");

@@ -22,7 +22,7 @@ pub use random_place::{RandomPlace, pose_in_place};
 pub use rooms::rooms;
 
 /// How long fixtures with an earlier key are kept: another test program may still use them.
-const KEPT: Duration = Duration::from_secs(24 * 3600);
+const OLD_FIXTURE_LIFETIME: Duration = Duration::from_secs(24 * 3600);
 
 /// The folder of a fixture; `make` fills it if it does not exist yet. It is shared: tests copy what they change.
 ///
@@ -81,7 +81,7 @@ fn remove_old(folder: &Path, name: &str) {
         let is_ours =
             path.file_name().and_then(|n| n.to_str()).is_some_and(|n| n.starts_with(&format!("{name}-")));
         let written = entry.metadata().and_then(|m| m.modified()).unwrap_or_else(|_| SystemTime::now());
-        if is_ours && written.elapsed().is_ok_and(|age| age > KEPT) {
+        if is_ours && written.elapsed().is_ok_and(|age| age > OLD_FIXTURE_LIFETIME) {
             // An old fixture that cannot be removed does no harm.
             let _ = fs::remove_dir_all(path);
         }
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn made_once_for_all_threads_and_again_when_what_it_is_made_of_changes() {
+    fn fixture_is_created_once_and_again_when_inputs_change() {
         let folder = tempfile::tempdir().expect("a folder");
         let source = folder.path().join("source");
         fs::write(&source, "a").expect("written");
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_kept_of_one_that_fails() {
+    fn failed_fixture_leaves_nothing() {
         let folder = tempfile::tempdir().expect("a folder");
         let failing = || in_folder(folder.path(), "bad", &[], |_| panic!("cannot be made"));
         assert!(std::panic::catch_unwind(failing).is_err());

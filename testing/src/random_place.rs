@@ -29,13 +29,14 @@ impl RandomPlace {
     pub fn new(seed: u64, points: usize, words: usize, camera: &str) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |a: f64| rng.random_range(-a..a);
-        let places = (0..points).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
+        let points_in_world =
+            (0..points).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
         let descriptors: Vec<[u8; 128]> =
             (0..points).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
         let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
         let vocabulary = Vocabulary::train(rows.view(), words, &mut rng).expect("enough samples");
         let camera = camera.parse().expect("a camera");
-        Self { camera, profile: Profile::vlad(vocabulary), points: places, descriptors }
+        Self { camera, profile: Profile::vlad(vocabulary), points: points_in_world, descriptors }
     }
 
     /// The points that a camera sees, with their pixels.

@@ -22,13 +22,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Runs the example; returns the error of each answer, metres.
 pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
-    println!("rendering a place");
-    let place = rendered::render(folder.path(), 11)?;
+    println!("rendering a scene");
+    let scene = rendered::render(folder.path(), 11)?;
     let map = folder.path().join("place.vmap");
-    map_place(&place.posed, &place.folder, &map)?;
+    build_map(&scene.posed, &scene.folder, &map)?;
     let mut errors = Vec::new();
-    for (image, truth) in &place.queries {
-        let found = where_was(image, &place.camera, &map)?;
+    for (image, truth) in &scene.queries {
+        let found = localize_image(image, &scene.camera, &map)?;
         errors.push(found.translation_error(truth));
         println!("{}: {:.1} mm off", image.display(), 1e3 * found.translation_error(truth));
     }
@@ -36,7 +36,7 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
 }
 
 /// The operator: posed images to a map file.
-fn map_place(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
+fn build_map(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
     let (mut model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
     for doubt in &report.doubts {
         println!("warning: {doubt}");
@@ -48,7 +48,7 @@ fn map_place(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<d
 }
 
 /// Device and server in one process; in practice the bytes cross a network (`veiloc::device::Client`).
-fn where_was(image: &Path, camera: &Intrinsics, map: &Path) -> Result<CameraFromWorld, Box<dyn Error>> {
+fn localize_image(image: &Path, camera: &Intrinsics, map: &Path) -> Result<CameraFromWorld, Box<dyn Error>> {
     let map = MapFile::open(map)?;
     let sealed = seal_image(image, camera, map.profile(), &SealOptions::default())?;
     let bytes = sealed.query.encode();

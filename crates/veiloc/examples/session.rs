@@ -19,17 +19,17 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Runs the example; returns the error of each answer, metres.
 pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
-    println!("rendering a place");
-    let place = rendered::render(folder.path(), 11)?;
-    let (model, _) = build(&Input::new(&place.posed, &place.folder), &BuildOptions::default(), &())?;
+    println!("rendering a scene");
+    let scene = rendered::render(folder.path(), 11)?;
+    let (model, _) = build(&Input::new(&scene.posed, &scene.folder), &BuildOptions::default(), &())?;
     let map = folder.path().join("place.vmap");
     write_map(&model, &map)?;
     let map = MapFile::open(&map)?;
 
     let session = folder.path().join("walk.session");
     let mut errors = Vec::new();
-    for (image, truth) in &place.queries {
-        let bytes = seal(image, &place.camera, truth, &map, &session)?;
+    for (image, truth) in &scene.queries {
+        let bytes = seal(image, &scene.camera, truth, &map, &session)?;
         let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
         errors.push(found.cam_from_world.translation_error(truth));
         println!("{}: {:.1} mm off", image.display(), 1e3 * found.cam_from_world.translation_error(truth));

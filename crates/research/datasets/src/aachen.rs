@@ -13,12 +13,12 @@ use veiloc_map::colmap::{ColmapImage, ColmapModel, read_posed, write_binary};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::error::DatasetError;
-use crate::files::{Found, MissingImages, size};
+use crate::files::{ImageFiles, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::nvm::read_nvm;
 use crate::official::is_whole;
-use crate::place::{Place, Query};
 use crate::radial;
+use crate::scene::{Place, Query};
 use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
 use crate::write::{Lens, Role, View};
 
@@ -82,7 +82,7 @@ pub fn read(
     missing: MissingImages,
 ) -> Result<Place, DatasetError> {
     let images = root.join("images_upright");
-    let mut found = Found::new(&images, missing);
+    let mut found = ImageFiles::new(&images, missing);
     let mut remarks = Vec::new();
     let mapped = match version {
         Version::V1 => by_nvm(&version.model(root), &images, &mut found, &mut remarks)?,
@@ -92,7 +92,7 @@ pub fn read(
     for condition in conditions {
         let path = root.join("queries").join(format!("{condition}_time_queries_with_intrinsics.txt"));
         for (name, camera) in listed_queries(&path)? {
-            if let Some(there) = found.look_for(&name) {
+            if let Some(there) = found.find(&name) {
                 let cam_from_world = truth.and_then(|truth| truth.get(&name)).copied();
                 queries.push(Query {
                     name: there,
@@ -111,7 +111,7 @@ pub fn read(
 fn by_nvm(
     path: &Path,
     folder: &Path,
-    found: &mut Found,
+    found: &mut ImageFiles,
     remarks: &mut Vec<String>,
 ) -> Result<PosedImages, DatasetError> {
     if !path.is_file() {
@@ -123,7 +123,7 @@ fn by_nvm(
     let mut images = Vec::new();
     for known in &model.cameras {
         let listed = known.name.strip_prefix("./").unwrap_or(&known.name);
-        let Some(name) = found.look_for(listed) else { continue };
+        let Some(name) = found.find(listed) else { continue };
         let camera =
             radial::camera(known.focal, known.distortion, size(&folder.join(&name))?).map_err(|e| {
                 DatasetError::Unusable { path: path.to_owned(), reason: format!("{listed}: {e}") }
@@ -138,7 +138,7 @@ fn by_nvm(
     Ok(PosedImages::new(images, model.points)?)
 }
 
-fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, DatasetError> {
+fn by_colmap(path: &Path, found: &mut ImageFiles) -> Result<PosedImages, DatasetError> {
     if !path.is_dir() {
         let remedy = GET.to_owned();
         return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1.1", remedy });
@@ -146,7 +146,7 @@ fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, DatasetError
     let model = read_posed(path)?;
     let mut images = Vec::new();
     for image in model.images() {
-        if let Some(name) = found.look_for(&image.name) {
+        if let Some(name) = found.find(&image.name) {
             images.push(PosedImage { name, ..image.clone() });
         }
     }

@@ -8,12 +8,12 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::error::DatasetError;
-use crate::files::{Found, MissingImages, size};
+use crate::files::{ImageFiles, MissingImages, size};
 use crate::lines::{Line, pose_at, read_text};
 use crate::nvm::{NvmModel, read_nvm};
 use crate::official::is_whole;
-use crate::place::{Place, Query};
 use crate::radial;
+use crate::scene::{Place, Query};
 use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
 use crate::write::{Lens, Role, View};
 
@@ -107,9 +107,9 @@ pub fn read_scene(
     };
     let by_stem: BTreeMap<&str, usize> =
         model.cameras.iter().enumerate().map(|(at, camera)| (stem(&camera.name), at)).collect();
-    let mut found = Found::new(&folder, missing);
+    let mut found = ImageFiles::new(&folder, missing);
     let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, DatasetError> {
-        let Some(name) = found.look_for(&listed.name) else { return Ok(None) };
+        let Some(name) = found.find(&listed.name) else { return Ok(None) };
         let (camera, seen) = if let Some(camera) = camera {
             (*camera, Vec::new())
         } else {

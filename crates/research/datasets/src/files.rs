@@ -29,7 +29,7 @@ pub(crate) fn present(folder: &Path, name: &str) -> Option<String> {
 
 /// Counts the listed and the existing images.
 #[derive(Debug)]
-pub(crate) struct Found {
+pub(crate) struct ImageFiles {
     folder: PathBuf,
     policy: MissingImages,
     named: usize,
@@ -37,13 +37,13 @@ pub(crate) struct Found {
     first: Option<String>,
 }
 
-impl Found {
+impl ImageFiles {
     pub(crate) fn new(folder: &Path, policy: MissingImages) -> Self {
         Self { folder: folder.to_owned(), policy, named: 0, missing: 0, first: None }
     }
 
     /// The name under which an image exists.
-    pub(crate) fn look_for(&mut self, name: &str) -> Option<String> {
+    pub(crate) fn find(&mut self, name: &str) -> Option<String> {
         self.named += 1;
         let found = present(&self.folder, name);
         if found.is_none() {

@@ -18,12 +18,12 @@ mod files;
 mod lines;
 pub mod nvm;
 mod official;
-mod place;
 pub mod problem_files;
 mod radial;
+mod scene;
 pub mod seven_scenes;
 pub mod write;
 
 pub use error::DatasetError;
 pub use files::MissingImages;
-pub use place::{Place, Query};
+pub use scene::{Place, Query};

@@ -22,6 +22,6 @@ const COUNTS: &[(&str, &str, usize, usize)] = &[
 ];
 
 /// Whether these numbers of map images and queries are those of the published scene.
-pub(crate) fn is_whole(data_set: &str, place: &str, mapped: usize, queries: usize) -> bool {
-    COUNTS.contains(&(data_set, place, mapped, queries))
+pub(crate) fn is_whole(data_set: &str, scene: &str, mapped: usize, queries: usize) -> bool {
+    COUNTS.contains(&(data_set, scene, mapped, queries))
 }

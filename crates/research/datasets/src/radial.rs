@@ -49,7 +49,7 @@ mod tests {
     use veiloc_geometry::Pixel;
 
     #[test]
-    fn rays_are_those_of_the_file_to_a_fifth_of_a_pixel() {
+    fn fitted_distortion_error_is_below_a_fifth_of_a_pixel() {
         // From the Aachen model: db/1045.jpg, db/4446.jpg; the last two with the larger distortion of phones of that
         // time.
         for (focal, r, size) in [

@@ -11,10 +11,10 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::error::DatasetError;
-use crate::files::{Found, MissingImages, size};
+use crate::files::{ImageFiles, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::official::is_whole;
-use crate::place::{Place, Query};
+use crate::scene::{Place, Query};
 use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
 use crate::write::{Lens, Role, View};
 
@@ -43,9 +43,9 @@ impl Truth {
     /// The structure-from-motion lists in their usual folders beside the scenes: `pgt_sfm`, and `pgt/sfm/7scenes` as
     /// distributed by the authors.
     pub fn sfm_beside(root: &Path) -> Self {
-        let places = ["pgt_sfm", "pgt/sfm/7scenes"].map(|folder| root.join(folder));
-        let [first, _] = &places;
-        Self::Sfm(places.iter().find(|folder| folder.is_dir()).unwrap_or(first).clone())
+        let folders = ["pgt_sfm", "pgt/sfm/7scenes"].map(|folder| root.join(folder));
+        let [first, _] = &folders;
+        Self::Sfm(folders.iter().find(|folder| folder.is_dir()).unwrap_or(first).clone())
     }
 }
 
@@ -84,7 +84,7 @@ pub fn read_scene(
     missing: MissingImages,
 ) -> Result<Place, DatasetError> {
     let folder = root.join(scene);
-    let mut found = Found::new(&folder, missing);
+    let mut found = ImageFiles::new(&folder, missing);
     let mut sides = Vec::new();
     let splits = [sequences(&folder.join("TrainSplit.txt"))?, sequences(&folder.join("TestSplit.txt"))?];
     for (side, list) in ["train", "test"].into_iter().enumerate() {
@@ -135,7 +135,7 @@ fn sequences(path: &Path) -> Result<BTreeSet<String>, DatasetError> {
 fn by_depth(
     folder: &Path,
     sequences: &BTreeSet<String>,
-    found: &mut Found,
+    found: &mut ImageFiles,
 ) -> Result<Vec<PosedImage>, DatasetError> {
     let mut cameras = Cameras::default();
     let mut images = Vec::new();
@@ -153,10 +153,10 @@ fn by_depth(
             Err(e) => return Err(DatasetError::io(&path)(e)),
         }
         if frames.is_empty() {
-            found.look_for(&format!("{sequence}/frame-000000.color.png"));
+            found.find(&format!("{sequence}/frame-000000.color.png"));
         }
         for frame in frames {
-            let Some(name) = found.look_for(&format!("{sequence}/{frame}.color.png")) else { continue };
+            let Some(name) = found.find(&format!("{sequence}/{frame}.color.png")) else { continue };
             let camera = cameras.of(folder, &name, |width| FOCAL * f64::from(width) / 640.0)?;
             let cam_from_world = depth_pose(&path.join(format!("{frame}.pose.txt")))?;
             images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });
@@ -188,7 +188,7 @@ fn by_list(
     path: &Path,
     folder: &Path,
     others: &BTreeSet<String>,
-    found: &mut Found,
+    found: &mut ImageFiles,
 ) -> Result<Vec<PosedImage>, DatasetError> {
     let text = read_text(path, "the SfM pseudo ground truth", GET_LISTS)?;
     let mut cameras = Cameras::default();
@@ -205,7 +205,7 @@ fn by_list(
         let [focal] = line.numbers(8, "the focal length")?;
         let pose = CameraFromWorld::from_quaternion(wxyz, t);
         let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
-        let Some(name) = found.look_for(listed) else { continue };
+        let Some(name) = found.find(listed) else { continue };
         let camera = cameras.of(folder, &name, |_| focal)?;
         images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });
     }

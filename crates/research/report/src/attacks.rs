@@ -30,7 +30,7 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
         words("Result"),
         number("Median\nerror"),
         number("Within\n10 px"),
-        number("Bits beyond\nthe baseline"),
+        number("Bits over\nthe baseline"),
         words("Strongest attack"),
     ];
     let mut table = Table::new("The strongest attack on each scheme", columns);
@@ -40,7 +40,7 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
         let Some(baseline) = document.row(scheme, Attack::PRIOR) else { continue };
         let attackers = [
             ("without an oracle", *without_oracle),
-            ("given the true neighbours", *with_oracle),
+            ("with true neighbours", *with_oracle),
             ("prior-only baseline", Some(Attack::PRIOR)),
         ];
         let mut is_first = true;
@@ -69,7 +69,7 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
         }
         (table.html())
         p {
-            "Read it so: a scheme protects against an attack as far as the attack is no better than the baseline. One bit halves \
+            "How to read it: a scheme protects against an attack as far as the attack is no better than the baseline. One bit halves \
              the error, on average over keypoints; a negative number is worse than the baseline. A large error shows that this \
              attack fails, not that every attack fails. Only positions are attacked here: descriptors are sent under every scheme."
         }
@@ -105,17 +105,17 @@ pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
     let columns = vec![
         words("Scheme"),
         words("Attack"),
-        words("Given by an\noracle"),
+        words("From an\noracle"),
         number("Neighbours\nreplaced"),
         number("Mean\nerror"),
         number("Median\nerror"),
         number("Within\n5 px"),
         number("Within\n10 px"),
         number("Within\n30 px"),
-        number("Bits beyond\nthe baseline"),
+        number("Bits over\nthe baseline"),
         number("Error of\noffsets"),
         number("Images"),
-        number("Time an\nimage"),
+        number("Time per\nimage"),
     ];
     let mut table = Table::new("Every attack on every scheme", columns);
     let schemes = schemes(document);
@@ -206,7 +206,7 @@ pub(crate) fn error_curves(document: &AttackDocument, gallery: &Gallery) -> Mark
             @for scheme in &schemes { figure { (of_scheme(scheme).svg()) } }
             @for scheme in &schemes {
                 @if let Some(chart) = by_replaced_neighbours(document, scheme) {
-                    (figure(&chart.svg(), &html! { "A share of the neighbours is replaced by keypoints drawn at random." }))
+                    (figure(&chart.svg(), &html! { "A share of the neighbours is replaced by random keypoints." }))
                 }
             }
         }
@@ -259,7 +259,7 @@ pub(crate) fn gallery(shown: &ShownImage, document: &AttackDocument, id: &str) -
             div.gallery {
                 (figures.sent(scheme, "As sent."))
                 @for attack in &scheme.attacks {
-                    @let oracle = if document.uses_oracle(attack.attack) { " (given the true neighbours)" } else { "" };
+                    @let oracle = if document.uses_oracle(attack.attack) { " (with true neighbours)" } else { "" };
                     (figures.recovered(attack, &format!("{}{oracle}.", capital(attack.attack.words))))
                 }
             }

@@ -24,14 +24,14 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     let attacks = &main.attacks;
     let images = attacks.attacks.iter().map(|row| row.images).max().unwrap_or(0);
     let lead = format!(
-        "{} with {}{} obfuscated as a device does it under {}, attacked, and compared with the truth.",
+        "{} with {}{} obfuscated as on a device under {}, attacked, and compared with the truth.",
         count(images, "image"),
         count(main.keypoints, "keypoint"),
         if !scene_is_main && synthetic.is_some() { ", and the paper's synthetic scene," } else { "" },
         count(schemes(attacks).len(), "scheme"),
     );
     let page = Page {
-        title: "What an attacker gets out of sealed queries",
+        title: "What an attacker recovers from sealed queries",
         lead: &lead,
         notices: inputs.and_then(|(_, gallery)| notice(gallery)).into_iter().collect(),
         sections: vec![
@@ -56,7 +56,7 @@ fn notice(gallery: &Gallery) -> Option<Markup> {
         (_, false) => "true positions of keypoints, which the schemes hide",
     };
     Some(html! {
-        b { "This file contains " (holds) "." } " Nothing was sent anywhere to make it; who passes it on passes them on."
+        b { "This file contains " (holds) "." } " Nothing was sent over a network to make it. Anyone who gets the file gets them too."
         @if has_photographs { " " code { "--no-images" } " leaves the photographs out." }
     })
 }
@@ -69,7 +69,7 @@ fn curves_and_table(part: &AuditPart, gallery: &Gallery) -> Markup {
         }
         (error_curves(&part.attacks, gallery))
         (fold("Table: every attack on every scheme", false, &table(&part.attacks, &part.bending)))
-        (fold("The attacks, and what each needs beside the query", false, &needs(&part.attacks)))
+        (fold("The attacks, and what each requires beside the query", false, &needs(&part.attacks)))
     }
 }
 
@@ -91,9 +91,9 @@ fn synthetic_scene(part: Option<(&AuditPart, &Gallery)>, is_main: bool) -> Marku
     let dcl = shown.schemes.iter().find(|scheme| matches!(scheme.scheme, Scheme::Dcl(_)));
     html! {
         p {
-            (n) " keypoints spread evenly over " (w) " × " (h) " pixels"
+            (n) " uniformly distributed keypoints over " (w) " × " (h) " pixels"
             @if n != PAPER_KEYPOINTS { " (the paper: " (PAPER_KEYPOINTS) ")" }
-            "; neighbours are the true ones."
+            "; with true neighbours."
         }
         (figures.shared())
         @if let Some(dcl) = dcl { (fold(&format!("Fig. 4: {} under the paper's attack", dcl.scheme), is_main, &fig_4(&figures, dcl))) }
@@ -116,7 +116,7 @@ fn fig_4(figures: &AttackFigures<'_>, dcl: &ShownScheme) -> Markup {
                 (figures.recovered(attack, "(b) Recovered."))
                 (figures.error_map(attack, "(c) Error map."))
             }
-            (figures.crossings(dcl, "(d) Standard deviation of where a line crosses those of its neighbours."))
+            (figures.crossings(dcl, "(d) Standard deviation of the positions where a line intersects those of its neighbours."))
         }
         @if let Some(attack) = attack {
             p.note {

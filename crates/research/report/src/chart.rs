@@ -301,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round() {
+    fn ticks_are_round_numbers() {
         let texts = |axis: Axis| axis.ticks().into_iter().map(significant).collect::<Vec<_>>();
         assert_eq!(texts(Axis::linear("", 0.0, 1.1)), ["0", "0.5", "1"]);
         assert_eq!(texts(Axis::linear("", 0.1, 0.7)), ["0.2", "0.4", "0.6"]);
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_what_counting_gives() {
+    fn cumulative_curve_equals_counting() {
         let values = [2.0, f64::NAN, 0.5, f64::INFINITY, 8.0];
         let corners = shares_within(&values, (0.5, 8.8));
         assert_eq!(corners.last(), Some(&(8.8, 60.0)), "two values of five are within no bound");
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_text_and_files_stand_alone() {
+    fn names_are_escaped_and_files_standalone() {
         let chart =
             Chart::cumulative("a <b>", "error, px", &[("<script>", false, &[1.0, 3.0]), ("x", true, &[])]);
         let svg = chart.svg();

@@ -61,7 +61,7 @@ pub fn demo_page(report: &DemoReport) -> String {
             Section::new("lines", "3. Lines, sealed", or_nothing(drawing.map(lines))),
             Section::new("matched", "4. Matched to the map", or_nothing(drawing.map(matched))),
             Section::new("pose", "5. The pose", or_nothing((!tables.0.is_empty()).then_some(found))),
-            Section::new("attacks", "6. What attackers get", recovered(report)),
+            Section::new("attacks", "6. What attackers recover", recovered(report)),
             Section::new("queries", "Queries, worst first", queries_section(run)),
         ],
         facts: &run.facts,
@@ -69,8 +69,8 @@ pub fn demo_page(report: &DemoReport) -> String {
     page.html()
 }
 
-/// A picture with text beside it.
-fn beside(picture: &Markup, caption: &Markup, text: &Markup) -> Markup {
+/// A picture with text picture_with_text it.
+fn picture_with_text(picture: &Markup, caption: &Markup, text: &Markup) -> Markup {
     html! { div.see { (page::figure(picture, caption)) div { (text) } } }
 }
 
@@ -84,11 +84,15 @@ fn image(seen: &SeenQuery) -> Option<Markup> {
     };
     let text = html! {
         p {
-            b { "On the device." } " This image is never sent. The stages below follow it: what the device makes of it, what crosses \
-             the network, what the server computes from that, and what an attacker recovers."
+            b { "On the device." } " This image is never sent. The stages below show what the device computes from it, what crosses \
+             the network, what the server computes, and what an attacker recovers."
         }
     };
-    Some(beside(&picture, &html! { b { "What the camera saw." } " Query " (seen.name) "." }, &text))
+    Some(picture_with_text(
+        &picture,
+        &html! { b { "What the camera saw." } " Query " (seen.name) "." },
+        &text,
+    ))
 }
 
 fn keypoints(seen: &SeenQuery) -> Option<Markup> {
@@ -107,13 +111,13 @@ fn keypoints(seen: &SeenQuery) -> Option<Markup> {
     let text = html! {
         p {
             b { "On the device." } " A keypoint is a point of an image that can be found again in other images. Each comes with a \
-             descriptor, a vector that says what its surroundings look like."
+             descriptor, a vector that describes its surroundings."
         }
         p {
-            "From keypoints and descriptors a network can draw the image again: a scheme must hide the positions of the keypoints."
+            "A network can reconstruct the image from keypoints and descriptors: a scheme must hide the positions of the keypoints."
         }
     };
-    Some(beside(&picture, &html! { b { (seen.keypoints.len()) " keypoints." } }, &text))
+    Some(picture_with_text(&picture, &html! { b { (seen.keypoints.len()) " keypoints." } }, &text))
 }
 
 fn lines(query: &QueryDrawing) -> Markup {

@@ -95,7 +95,7 @@ mod tests {
 
     /// A disc seen by a camera with distortion moves to where a pinhole camera sees it.
     #[test]
-    fn a_disc_moves_to_where_the_pinhole_sees_it() {
+    fn undistortion_moves_a_disc_to_its_pinhole_position() {
         let from: Intrinsics = "SIMPLE_RADIAL,640,480,500,320,240,-0.2".parse().expect("valid");
         let to = from.pinhole();
         let point = veiloc_geometry::PlanePoint::new(0.5, -0.4);
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn large_images_are_reduced_and_empty_ones_stay_empty() {
+    fn large_images_are_reduced_and_empty_ones_unchanged() {
         let from: Intrinsics = "SIMPLE_PINHOLE,4000,3000,3000,2000,1500".parse().expect("valid");
         let flat = undistorted(&RgbImage::from_pixel(400, 300, Rgb([9, 8, 7])), &from, &from.pinhole());
         assert_eq!(flat.dimensions(), (720, 540));

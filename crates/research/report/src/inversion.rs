@@ -11,10 +11,10 @@ use crate::numbers::{capital, count, percent, pixels, scheme_name};
 use crate::page::{Card, Page, Section, figure, fold};
 use crate::table::{Cell, Table, cell, number, words};
 
-/// A column of the table: its head, and what a row has in it.
+/// A column of the table: its header, and the cell of a row.
 type Measure = (&'static str, fn(&SummaryRow, &[SummaryRow]) -> Cell);
 
-/// The columns of numbers. One in which no row has a value is left out.
+/// The numeric columns. A column without values is left out.
 const MEASURES: [Measure; 8] = [
     ("Mean error\nof positions", |row, _| cell(row.mean_px.map(pixels))),
     ("PSNR", |row, _| cell(format!("{:.2} dB", row.psnr))),
@@ -24,12 +24,12 @@ const MEASURES: [Measure; 8] = [
     ("Recognised,\ntop-1 / top-5", |row, _| {
         cell(row.top_1.zip(row.top_5).map(|(one, five)| format!("{one} / {five}")))
     }),
-    ("Wrong positions\ntold apart (AUC)", |row, _| cell(row.told_apart.map(|v| format!("{v:.2}")))),
+    ("Wrong positions\ndetected (AUC)", |row, _| cell(row.told_apart.map(|v| format!("{v:.2}")))),
     ("Share of the\nkeypoints' gain", |row, rows| cell(gain(rows, row).map(percent))),
 ];
 
-/// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: what a repetition
-/// needs.
+/// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: information for a
+/// repetition.
 pub fn inversion_page(
     document: &InversionDocument,
     [sheet, wide]: &[ContactSheet; 2],
@@ -37,12 +37,12 @@ pub fn inversion_page(
 ) -> String {
     let images = count(document.images, "image");
     let lead = format!(
-        "{images} went through a network that draws images from descriptors: with the true keypoints, with what attacks recover \
-         from what is sent under each scheme, and with nothing.",
+        "A network reconstructed {images} from descriptors: with the true keypoints, with positions that attacks recover under \
+         each scheme, and without input.",
     );
     let columns =
         [words("Scheme"), words("Attack")].into_iter().chain(MEASURES.map(|(name, _)| number(name)));
-    let mut table = Table::new("Images made of what attacks recover", columns.collect());
+    let mut table = Table::new("Images reconstructed from recovered positions", columns.collect());
     let mut last = None;
     for row in &document.summary {
         let is_first = last != Some(&row.scheme);
@@ -66,12 +66,12 @@ pub fn inversion_page(
         }
     };
     let page = Page {
-        title: "Images made from queries",
+        title: "Images reconstructed from queries",
         lead: &lead,
         notices: if sheet.rows.is_empty() { Vec::new() } else { vec![notice()] },
         cards: &cards(&document.summary),
         sections: vec![
-            Section::new("table", "Table 1: images made of what attacks recover", means),
+            Section::new("table", "Table 1: images reconstructed from recovered positions", means),
             Section::new("images", "Image by image", gallery(document, sheet, "")),
             Section::new(
                 "wide",
@@ -85,11 +85,11 @@ pub fn inversion_page(
     page.html()
 }
 
-/// Who gets the file gets the images.
+/// A warning: the file contains images.
 fn notice() -> Markup {
     html! {
-        b { "This file contains images" } ": the originals, made small, and what was made of their descriptors. It is for their owner. \
-         Nothing was sent anywhere to make it; think of the people and places in them before you pass it on. "
+        b { "This file contains images" } ": reduced originals, and reconstructions from their descriptors. It is for their owner. \
+         Nothing was sent over a network to make it; consider the people and places in them before you share it. "
         code { "--shown 0" } " leaves the images out."
     }
 }
@@ -110,11 +110,11 @@ fn cards(rows: &[SummaryRow]) -> Vec<Card> {
         card(row, "Strongest attack without an oracle", format!("{}: {attack}.", given(&row.scheme)))
     });
     let nothing = of("nothing")
-        .map(|row| card(row, "No descriptor", "What the network answers without any input.".to_owned()));
+        .map(|row| card(row, "No descriptor", "The output of the network without any input.".to_owned()));
     [keypoints, best, nothing].into_iter().flatten().collect()
 }
 
-/// What the network was given, for people.
+/// Display name of the network's input.
 fn given(scheme: &str) -> String {
     match scheme {
         "bag" => "Descriptors alone".to_owned(),
@@ -123,13 +123,13 @@ fn given(scheme: &str) -> String {
     }
 }
 
-/// An attack's name for people.
+/// Display name of an attack.
 fn attack_words(attack: &str, by: Option<&str>) -> String {
     let words = match attack {
         "none" => "none needed",
         "guess" => "prior-only baseline",
-        "closed-form" => "closed form, given the true neighbours",
-        "graph" => "graph, given the true neighbours",
+        "closed-form" => "closed form with true neighbours",
+        "graph" => "graph with true neighbours",
         "realistic" => "strongest without an oracle",
         "lines" => "none: each descriptor spread over its line",
         other => other,
@@ -138,7 +138,7 @@ fn attack_words(attack: &str, by: Option<&str>) -> String {
 }
 
 fn network_words(of: &NetworkRow) -> String {
-    let judges = if of.judges_places { " It also says how likely each position is right." } else { "" };
+    let judges = if of.judges_places { " It also estimates how likely each position is right." } else { "" };
     format!(
         "{}: trained on {} descriptors of {} numbers; images of {} pixels on the longer side.{judges}",
         of.file, of.features, of.dimension, of.side
@@ -149,17 +149,18 @@ fn found_again(found: Option<usize>, all: Option<usize>) -> Option<String> {
     found.zip(all).map(|(found, all)| format!("{found} of {all}"))
 }
 
-/// What share of the gain of true keypoints over nothing a row has, by PSNR; `None` without both of these rows.
+/// Gain of a row in PSNR relative to the gain of true keypoints over no descriptors; `None` without both of these
+/// rows.
 fn gain(rows: &[SummaryRow], row: &SummaryRow) -> Option<f64> {
     let psnr = |scheme: &str| rows.iter().find(|row| row.scheme == scheme).map(|row| row.psnr);
     let (least, most) = (psnr("nothing")?, psnr("points")?);
-    // A network that learned nothing gains nothing.
+    // An untrained network has no gain.
     (most - least > 0.1).then(|| (row.psnr - least) / (most - least))
 }
 
-/// Rows are ordered by column, and within a column by image.
+/// Each image of a sheet with its reconstructions.
 fn gallery(document: &InversionDocument, sheet: &ContactSheet, view: &str) -> Markup {
-    // Rows stand by column, and within it in the order of the images.
+    // Rows are ordered by column, and within a column by image.
     let own = |column: usize, image: usize| document.rows.get(column * document.images + image);
     let column =
         |name: &str| document.summary.iter().position(|row| format!("{} {}", row.scheme, row.attack) == name);
@@ -216,13 +217,13 @@ fn how_to_read() -> Markup {
     html! {
         p {
             "From keypoints and their descriptors a network can draw an image. A scheme hides the positions of the keypoints; an attack \
-             recovers positions, and the network draws an image from those. The more the result resembles the original, the more was \
-             given away."
+             recovers positions, and the network draws an image from those. The more the result resembles the original, the more \
+             information leaked."
         }
         p {
-            b { "A score near that of nothing means that no image was recovered" } ": that row is the network's answer without any \
-             descriptor. The closed form and the graph are given the true neighbours, which no real attacker has; the other rows need \
-             the query alone, or the images of its map. Larger networks, or networks trained longer, make better images: no row is an \
+            b { "A score near that of nothing means that no image was recovered" } ": that row is the network's output without any \
+             descriptor. The closed form and the graph use true neighbours, which no real attacker has; the other rows need \
+             the query alone, or the images of its map. Larger networks, or networks trained longer, reconstruct better images: no row is an \
              upper bound."
         }
         dl {
@@ -231,7 +232,7 @@ fn how_to_read() -> Markup {
             dt { "ST-LPIPS" } dd { "Shift-tolerant perceptual distance in the features of AlexNet, from 0: lower is more alike." }
             dt { "Objects found again" } dd { "Of the objects that a detector finds in the originals, how many it finds again, of the same class at the same position." }
             dt { "Recognised" } dd { "Of how many images an ImageNet classifier names the right class first, and among its five likeliest." }
-            dt { "Wrong positions told apart" } dd { "Area under the ROC curve of the network's confidence in positions; 0.5 is chance." }
+            dt { "Wrong positions detected" } dd { "Area under the ROC curve of the network's confidence in positions; 0.5 is chance." }
             dt { "Share of the keypoints' gain" } dd { "The PSNR between nothing (0 %) and true keypoints (100 %)." }
         }
     }
@@ -313,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_has_the_rows_and_only_columns_with_values() {
+    fn table_has_all_rows_and_only_columns_with_values() {
         let (mut document, sheets) = evaluated();
         let page = inversion_page(&document, &sheets, &[]);
         for text in [
@@ -343,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn images_are_inside_without_loss_and_their_names_are_text() {
+    fn images_are_embedded_losslessly_and_names_escaped() {
         let (document, sheets) = evaluated();
         let page = inversion_page(&document, &sheets, &[("Seed".into(), "7".into())]);
         let images: Vec<&str> =

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_lengths_keep_their_digits_and_units_are_those_of_the_map() {
+    fn lengths_have_significant_digits_and_units() {
         let digits = [
             (0.1 + 0.2, "0.3"),
             (0.000_043_21, "0.0000432"),
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_have_units_and_names_are_for_people() {
+    fn numbers_have_units_and_schemes_display_names() {
         assert_eq!([0.004, 0.5, f64::NAN].map(percent), ["0.4 %", "50 %", "–"]);
         assert_eq!((pixels(f64::INFINITY), milliseconds(f64::NAN)), ("–".into(), "–".into()));
         assert_eq!(

@@ -162,13 +162,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_policy_names_a_text_as_browsers_do() {
+    fn policy_hash_equals_recommendation_example() {
         // The example of the recommendation, Content Security Policy Level 2, section 4.2.5.
         assert_eq!(hash("alert('Hello, world.');"), "'sha256-qznLcsROx4GACP2dm0UCKCzCG+HiZ1guq6ZZDob/Tng='");
     }
 
     #[test]
-    fn empty_sections_are_left_out_and_text_is_no_markup() {
+    fn empty_sections_are_omitted_and_text_is_escaped() {
         let section = |id, body: &str| Section::new(id, format!("<{id}>"), html! { (body) });
         let page = Page {
             title: "<script>alert(1)</script>",

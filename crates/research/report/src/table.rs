@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_that_no_row_fills_are_left_out() {
+    fn empty_columns_are_omitted() {
         let columns = vec![words("Name"), number("First\nvalue"), number("Second"), words("Third")];
         let mut table = Table::new("Values", columns);
         assert_eq!(table.html().0, "");

@@ -198,7 +198,7 @@ fn check(page: &str) {
 }
 
 #[test]
-fn reports_load_nothing_and_are_accessible() {
+fn reports_are_self_contained_and_accessible() {
     let report = sample();
     let (audit, options) = audited(synthetic_image(150, 8), 150, None);
     for page in [demo_page(&report), localization_page(&report.run), audit_page(&audit, &options)] {
@@ -207,7 +207,7 @@ fn reports_load_nothing_and_are_accessible() {
 }
 
 #[test]
-fn tables_are_in_map_units_and_small_lengths_keep_their_digits() {
+fn tables_use_map_units_with_significant_digits() {
     let mut run = sample().run;
     let page = localization_page(&run);
     for text in [
@@ -229,7 +229,7 @@ fn tables_are_in_map_units_and_small_lengths_keep_their_digits() {
 }
 
 #[test]
-fn queries_come_worst_first_and_lists_lead_to_their_drawings() {
+fn queries_are_sorted_worst_first_and_linked_to_drawings() {
     let run = sample().run;
     let page = localization_page(&run);
     let worst = worst_first(&run.methods, &run.outcomes);
@@ -242,7 +242,7 @@ fn queries_come_worst_first_and_lists_lead_to_their_drawings() {
 }
 
 #[test]
-fn the_demo_shows_the_stages_of_the_pipeline_in_order() {
+fn demo_shows_pipeline_stages_in_order() {
     let page = demo_page(&sample());
     let stages =
         ["1. The image", "2. Keypoints", "3. Lines", "4. Matched", "5. The pose", "6. What attackers"];
@@ -264,7 +264,7 @@ fn cells(table: &str) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn the_tables_of_an_audit_have_the_figures_of_its_document() {
+fn audit_tables_equal_document() {
     let (audit, options) = audited(synthetic_image(220, 8), 0, None);
     let page = audit_page(&audit, &options);
     let part = audit.document.inputs.as_ref().expect("inputs");
@@ -282,7 +282,7 @@ fn the_tables_of_an_audit_have_the_figures_of_its_document() {
     // The table at the top has the strongest attack on each scheme.
     let table = page.split("aria-label=\"The strongest attack on each scheme\"").nth(1).expect("the table");
     let rows = cells(table.split("</table>").next().expect("its end"));
-    assert_eq!(rows.len(), 6, "given the true neighbours, and the baseline: {rows:?}");
+    assert_eq!(rows.len(), 6, "with true neighbours, and the baseline: {rows:?}");
     for (entry, rows) in part.strongest.iter().zip(rows.chunks(2)) {
         let strongest = entry.with_oracle.expect("an attack");
         assert!(rows[0][5].eq_ignore_ascii_case(strongest.words), "{entry:?} {rows:?}");
@@ -292,7 +292,7 @@ fn the_tables_of_an_audit_have_the_figures_of_its_document() {
 }
 
 #[test]
-fn photographs_are_in_an_audit_only_where_they_are_asked_for() {
+fn audit_has_photographs_only_on_request() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let file = folder.path().join("a.png");
     RgbImage::from_fn(320, 240, |x, y| Rgb([x as u8, y as u8, 90])).save(&file).expect("written");
@@ -308,7 +308,7 @@ fn photographs_are_in_an_audit_only_where_they_are_asked_for() {
 }
 
 #[test]
-fn names_cannot_become_markup() {
+fn names_are_escaped() {
     let mut report = sample();
     let run = &mut report.run;
     run.title = HOSTILE.into();
@@ -343,7 +343,7 @@ fn names_cannot_become_markup() {
 }
 
 #[test]
-fn empty_reports_and_broken_numbers_are_pages() {
+fn empty_reports_and_invalid_numbers_give_pages() {
     check(&demo_page(&DemoReport::default()));
     let nan = Pixel::new(f64::NAN, f64::INFINITY);
     let broken = QueryOutcome {

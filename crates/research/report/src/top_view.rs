@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_is_drawn_from_above_and_nothing_from_nothing() {
+    fn map_picture_draws_points_and_is_none_for_empty_maps() {
         let points: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i % 7), f64::from(i / 7), 0.1]).collect();
         let camera = CameraFromWorld::identity();
         let drawn = map_picture(&points, &[camera], Some([0.0, 0.0, -1.0])).expect("points");

@@ -23,10 +23,10 @@ pub(crate) struct Rendered {
 /// A third of a path around a room: ten views for the map, three queries.
 pub(crate) fn render(folder: &Path, seed: u64) -> Result<Rendered, Box<dyn Error>> {
     let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;
-    let place = Place::generate(seed);
-    let path = place.camera_path(&PathOptions::with_counts(30, 9));
+    let scene = Place::generate(seed);
+    let path = scene.camera_path(&PathOptions::with_counts(30, 9));
     let save = |name: &str, pose: &CameraFromWorld, seed: u64| {
-        place.render(pose, &camera, &RenderOptions::with_seed(seed)).rgb().save(folder.join(name))
+        scene.render(pose, &camera, &RenderOptions::with_seed(seed)).rgb().save(folder.join(name))
     };
     let mut posed = Vec::new();
     for (seed, pose) in (1..).zip(&path.mapping[..10]) {

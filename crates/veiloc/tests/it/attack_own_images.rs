@@ -8,7 +8,7 @@ mod example;
 use veiloc::audit::Attack;
 
 #[test]
-fn own_images_are_attacked_beside_the_guess() {
+fn example_attacks_own_images() {
     let document = example::run(Vec::new()).expect("it runs");
     let median = |attack: Attack| {
         let row = document.attacks.iter().find(|r| r.scheme == "dcl" && r.attack == attack);

@@ -6,7 +6,7 @@
 mod example;
 
 #[test]
-fn a_place_is_mapped_and_its_queries_are_found() {
+fn example_localizes_its_queries() {
     let errors = example::run().expect("it runs");
     assert_eq!(errors.len(), 3);
     assert!(errors.iter().all(|metres| *metres < 0.02), "{errors:?}");

@@ -6,7 +6,7 @@
 mod example;
 
 #[test]
-fn images_of_a_session_are_found() {
+fn example_localizes_session_images() {
     let errors = example::run().expect("it runs");
     assert_eq!(errors.len(), 3);
     assert!(errors.iter().all(|metres| *metres < 0.05), "{errors:?}");

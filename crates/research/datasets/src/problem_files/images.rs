@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn keypoint_files_round_trip() {
         let folder = tempfile::tempdir().expect("temporary folder");
         for name in ["b.png", "a.PNG"] {
             image(&folder.path().join(name));
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_named() {
+    fn invalid_images_are_reported_by_name() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let says = |error: DatasetError, what: &str| assert!(error.to_string().contains(what), "{error}");
         let file = folder.path().join("a.png");

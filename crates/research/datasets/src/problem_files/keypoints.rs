@@ -133,11 +133,11 @@ mod tests {
     }
 
     #[test]
-    fn images_are_read_and_bad_lines_named() {
+    fn images_are_read_and_invalid_lines_reported() {
         let image = &read(GOOD).expect("well formed")[0];
         assert_eq!(image.keypoints[1], Pixel::new(3.0, 4.5));
         assert_eq!(image.descriptors, Some((vec![1, 2, 3, 4, 5, 6], 3)));
-        for (text, says) in [
+        for (text, expected) in [
             (GOOD.replace("640", "0"), "not possible"),
             (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":2"), "another number"),
             (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":0"), "another number"),
@@ -146,8 +146,8 @@ mod tests {
             (GOOD.replace("[1,2]", "[1e999,2]"), "out of range"),
             (GOOD.replace("[1,2]", "[1]"), "invalid length"),
         ] {
-            let error = read(&format!("{GOOD}\n{text}\n")).expect_err(says).to_string();
-            assert!(error.contains(":2: ") && error.contains(says), "{error}");
+            let error = read(&format!("{GOOD}\n{text}\n")).expect_err(expected).to_string();
+            assert!(error.contains(":2: ") && error.contains(expected), "{error}");
         }
     }
 }

@@ -8,15 +8,15 @@
 //! - [`seed_for`]: one seed for each named part of a run, independent of the other parts.
 #![forbid(unsafe_code)]
 
-mod halves;
 pub mod images;
 pub mod json_lines;
 pub mod keypoints;
 pub mod problems;
 mod seeds;
+mod split;
 
-pub use halves::is_for_design;
 pub use images::{keypoints_of_image, keypoints_of_images};
 pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};
 pub use problems::{Problem, ProblemLine, read_problems};
 pub use seeds::seed_for;
+pub use split::is_for_design;

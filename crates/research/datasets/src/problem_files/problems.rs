@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_keypoint_with_two_map_points_is_one_keypoint() {
+    fn keypoint_with_two_map_points_is_one_keypoint() {
         let problem = &read(GOOD).expect("well formed")[0];
         assert_eq!(problem.keypoints.len(), 2);
         assert_eq!(problem.keypoint_of_match, [0, 0, 1]);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn gravity_points_down_and_the_map_is_upright_unless_told_otherwise() {
+    fn gravity_points_down_and_defaults_to_minus_z() {
         let gravity = |fields: &str| read(&with(fields)).expect("well formed")[0].gravity;
         let felt = gravity("\"gravity_in_camera\":[0,9.81,0]").expect("given");
         assert_eq!((felt.in_camera.y, felt.in_world), (9.81, Vector3::new(0.0, 0.0, -1.0)));
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn matches_are_worth_what_their_features_say() {
+    fn prior_depends_on_feature_kind() {
         let prior = |fields: &str| read(&with(fields)).expect("well formed")[0].prior().expect("ratios");
         let of = |kind: DescriptorKind| prior(&format!("\"features\":\"{}\"", kind.name()));
         assert_eq!(read(GOOD).expect("well formed")[0].prior(), Some(of(DescriptorKind::ROOT_SIFT)));
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_lines_are_named() {
+    fn invalid_lines_are_reported_with_number() {
         let cases = [
             (GOOD.replace("[0,0,1],", ""), "points3d has 2 entries"),
             (GOOD.replace("\"q\":[1,0,0,0]", "\"q\":[0,0,0,0]"), "not a finite pose"),

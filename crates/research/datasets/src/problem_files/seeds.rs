@@ -19,7 +19,7 @@ mod tests {
     use super::seed_for;
 
     #[test]
-    fn seeds_tell_names_apart() {
+    fn seeds_differ_by_name() {
         let seeds = [
             seed_for(0, &["a", "b"]),
             seed_for(0, &["ab"]),

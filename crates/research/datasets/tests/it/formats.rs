@@ -13,7 +13,7 @@ use veiloc_testdata::real_data_test;
 const HERE: MissingImages = MissingImages::LeaveOut;
 
 #[real_data_test]
-fn seven_scenes_as_it_is_unpacked(data: &Path) {
+fn seven_scenes_original_folders_are_read(data: &Path) {
     let root = data.join("formats/7scenes");
     assert_eq!(seven_scenes::scenes(&root).expect("scenes"), ["stairs"]);
     let depth =
@@ -35,7 +35,7 @@ fn seven_scenes_as_it_is_unpacked(data: &Path) {
     assert!(refused.to_string().contains("rgb-d-dataset-7-scenes"), "{refused}");
     let sfm = seven_scenes::read_scene(&root, "stairs", &sfm, HERE).expect("read");
     assert!(!sfm.is_official && sfm.remarks[0].contains("were left out"), "{:?}", sfm.remarks);
-    // Both sources of poses have the same scene and scale: distances between cameras agree.
+    // Both sources of poses have the check_round_trip scene and scale: distances between cameras agree.
     let queries: Vec<_> = sfm.queries.iter().filter_map(|q| Some((&q.name, q.cam_from_world?))).collect();
     assert!(queries.len() >= 2);
     let of_depth = |name: &str| {
@@ -49,7 +49,7 @@ fn seven_scenes_as_it_is_unpacked(data: &Path) {
 }
 
 #[real_data_test]
-fn cambridge_lists_as_they_are_handed_out(data: &Path) {
+fn cambridge_original_lists_are_read(data: &Path) {
     let root = data.join("formats/cambridge");
     let names = cambridge::scenes(&root).expect("scenes");
     assert_eq!(names, ["GreatCourt", "KingsCollege", "OldHospital", "ShopFacade", "StMarysChurch"]);
@@ -77,18 +77,18 @@ fn cambridge_lists_as_they_are_handed_out(data: &Path) {
 }
 
 #[real_data_test]
-fn aachen_with_its_models_and_queries(data: &Path) {
+fn aachen_models_and_queries_are_read(data: &Path) {
     let root = data.join("formats/aachen");
     let version = aachen::Version::in_folder(&root);
     assert_eq!(version, aachen::Version::V1);
     let day = ["day".to_owned()];
-    let place = aachen::read(&root, version, &day, None, MissingImages::Refuse).expect("read");
-    assert_eq!((place.mapped.images().len(), place.queries.len()), (3, 4));
-    assert!(place.queries.iter().all(|query| query.cam_from_world.is_none()));
-    let camera = place.queries[0].camera.to_string();
+    let scene = aachen::read(&root, version, &day, None, MissingImages::Refuse).expect("read");
+    assert_eq!((scene.mapped.images().len(), scene.queries.len()), (3, 4));
+    assert!(scene.queries.iter().all(|query| query.cam_from_world.is_none()));
+    let camera = scene.queries[0].camera.to_string();
     assert_eq!(camera, "SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019");
 
-    // The Bundler file has the same cameras: rotation rows and translation, with y and z of camera and world
+    // The Bundler file has the check_round_trip cameras: rotation rows and translation, with y and z of camera and world
     // inverted.
     let bundler = std::fs::read_to_string(root.join("3D-models/aachen_cvpr2018_db.out")).expect("there");
     let lines: Vec<Vec<f64>> = bundler
@@ -97,7 +97,7 @@ fn aachen_with_its_models_and_queries(data: &Path) {
         .take(15)
         .map(|line| line.split_whitespace().map(|n| n.parse().expect("a number")).collect())
         .collect();
-    for (image, bundler) in place.mapped.images().iter().zip(lines.chunks(5)) {
+    for (image, bundler) in scene.mapped.images().iter().zip(lines.chunks(5)) {
         let rotation = image.cam_from_world.rotation().matrix();
         let t = image.cam_from_world.translation();
         for row in 0..3 {
@@ -150,37 +150,40 @@ fn written(layout: Layout, root: &Path) -> Lens {
 }
 
 /// Checks that poses were read as written, with map images and queries in order.
-fn same(place: &Place, lens: &Lens) {
+fn check_round_trip(scene: &Place, lens: &Lens) {
     let near = |a: &CameraFromWorld, b: &CameraFromWorld| {
         a.translation_error(b) < 1e-9 && a.rotation_error_degrees(b) < 1e-5
     };
     let (map, queries): (Vec<View>, Vec<View>) = views().into_iter().partition(|view| view.role == Role::Map);
-    assert_eq!((place.mapped.images().len(), place.queries.len()), (2, 2));
-    for (image, view) in place.mapped.images().iter().zip(&map) {
+    assert_eq!((scene.mapped.images().len(), scene.queries.len()), (2, 2));
+    for (image, view) in scene.mapped.images().iter().zip(&map) {
         assert!(near(&image.cam_from_world, &view.cam_from_world), "{}", image.name);
         assert_eq!(image.camera, lens.camera().expect("a camera"), "{}", image.name);
-        assert!(place.images.join(&image.name).is_file());
+        assert!(scene.images.join(&image.name).is_file());
     }
-    for (query, view) in place.queries.iter().zip(&queries) {
+    for (query, view) in scene.queries.iter().zip(&queries) {
         assert!(near(&query.cam_from_world.expect("known"), &view.cam_from_world), "{}", query.name);
         assert_eq!(query.camera, lens.camera().expect("a camera"), "{}", query.name);
     }
-    assert!(!place.is_official && place.remarks.is_empty());
+    assert!(!scene.is_official && scene.remarks.is_empty());
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn layouts_round_trip() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let at = |name: &str| folder.path().join(name);
     let lens = written(Layout::SevenScenes, &at("7scenes"));
     for truth in [Truth::Depth, Truth::sfm_beside(&at("7scenes"))] {
-        same(
+        check_round_trip(
             &seven_scenes::read_scene(&at("7scenes"), "room", &truth, MissingImages::Refuse).expect("read"),
             &lens,
         );
     }
     let lens = written(Layout::Cambridge, &at("cambridge"));
-    same(&cambridge::read_scene(&at("cambridge"), "room", None, MissingImages::Refuse).expect("read"), &lens);
+    check_round_trip(
+        &cambridge::read_scene(&at("cambridge"), "room", None, MissingImages::Refuse).expect("read"),
+        &lens,
+    );
     let conditions = aachen::CONDITIONS.map(str::to_owned);
     for (layout, version) in
         [(Layout::Aachen, aachen::Version::V1), (Layout::AachenV1_1, aachen::Version::V1_1)]
@@ -189,21 +192,21 @@ fn what_is_written_is_read_back() {
         let lens = written(layout, &root);
         assert_eq!(aachen::Version::in_folder(&root), version);
         let truth = aachen::read_poses(&root.join("queries/poses.txt")).expect("read");
-        let place =
+        let scene =
             aachen::read(&root, version, &conditions, Some(&truth), MissingImages::Refuse).expect("read");
-        same(&place, &lens);
-        let told: Vec<_> = place.queries.iter().map(|query| query.condition.as_deref()).collect();
-        assert_eq!(told, [Some("day"), Some("night")]);
+        check_round_trip(&scene, &lens);
+        let conditions: Vec<_> = scene.queries.iter().map(|query| query.condition.as_deref()).collect();
+        assert_eq!(conditions, [Some("day"), Some("night")]);
     }
 }
 
 #[test]
-fn damaged_lists_are_named_with_their_line() {
+fn damaged_lists_are_reported_with_line() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let root = folder.path();
     written(Layout::SevenScenes, root);
     let read = || seven_scenes::read_scene(root, "room", &Truth::sfm_beside(root), MissingImages::Refuse);
-    let says = |file: &str, content: &str, what: &str| {
+    let check_error = |file: &str, content: &str, what: &str| {
         let path = root.join(file);
         let old = std::fs::read(&path).expect("there");
         std::fs::write(&path, content).expect("written");
@@ -211,15 +214,15 @@ fn damaged_lists_are_named_with_their_line() {
         assert!(error.contains(what), "{file}: {error}");
         std::fs::write(&path, old).expect("written");
     };
-    says("room/TrainSplit.txt", "sequence1\nsecond\n", "TrainSplit.txt:2: \"second\" is no sequence");
-    says(
+    check_error("room/TrainSplit.txt", "sequence1\nsecond\n", "TrainSplit.txt:2: \"second\" is no sequence");
+    check_error(
         "pgt_sfm/room_train.txt",
         "seq-01/a.png 1 0 0 0 0 0 nan 500\n",
         "room_train.txt:1: the translation is not finite",
     );
-    says("pgt_sfm/room_train.txt", "seq-01/a.png 0 0 0 0 0 0 0 500\n", "no rotation");
-    says("pgt_sfm/room_train.txt", "seq-02/a.png 1 0 0 0 0 0 0 500\n", "of the other split");
-    says("pgt_sfm/room_train.txt", "seq-01/a.png 1 0 0 0 0 0 0\n", "the focal length is missing");
+    check_error("pgt_sfm/room_train.txt", "seq-01/a.png 0 0 0 0 0 0 0 500\n", "no rotation");
+    check_error("pgt_sfm/room_train.txt", "seq-02/a.png 1 0 0 0 0 0 0 500\n", "of the other split");
+    check_error("pgt_sfm/room_train.txt", "seq-01/a.png 1 0 0 0 0 0 0\n", "the focal length is missing");
     std::fs::remove_file(root.join("pgt_sfm/room_test.txt")).expect("there");
     assert!(read().expect_err("refused").to_string().contains("visloc_pseudo_gt_limitations"));
     std::fs::write(root.join("room/seq-01/frame-000000.pose.txt"), "1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1\n")
@@ -229,25 +232,25 @@ fn damaged_lists_are_named_with_their_line() {
 }
 
 #[test]
-fn damaged_models_are_named_with_their_line() {
+fn damaged_models_are_reported_with_line() {
     let camera = "a.jpg 500 1 0 0 0 0 0 0 0 0\n";
-    let says = |text: String, what: &str| {
+    let check_error = |text: String, what: &str| {
         let error = parse(Path::new("a.nvm"), &text).expect_err("refused").to_string();
         assert!(error.contains(what), "{text:?}: {error}");
     };
-    says(String::new(), "ends before its first line");
-    says("NVM_V2\n".to_owned(), "does not begin with NVM_V3");
-    says("NVM_V3 FixedK 1 2 3 4 5\n".to_owned(), "FixedK");
-    says(format!("NVM_V3\n2\n{camera}"), "ends before its cameras");
-    says("NVM_V3\n18446744073709551615\n".to_owned(), "ends before its cameras");
-    says("NVM_V3\n1\na.jpg 500 1 0 0\n".to_owned(), "a.nvm:3: a camera is");
-    says("NVM_V3\n1\na.jpg 500 0 0 0 0 0 0 0 0 0\n".to_owned(), "no rotation");
-    says(format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 1 7 0 0 0\n"), "camera 7, which is not there");
-    says(
+    check_error(String::new(), "ends before its first line");
+    check_error("NVM_V2\n".to_owned(), "does not begin with NVM_V3");
+    check_error("NVM_V3 FixedK 1 2 3 4 5\n".to_owned(), "FixedK");
+    check_error(format!("NVM_V3\n2\n{camera}"), "ends before its cameras");
+    check_error("NVM_V3\n18446744073709551615\n".to_owned(), "ends before its cameras");
+    check_error("NVM_V3\n1\na.jpg 500 1 0 0\n".to_owned(), "a.nvm:3: a camera is");
+    check_error("NVM_V3\n1\na.jpg 500 0 0 0 0 0 0 0 0 0\n".to_owned(), "no rotation");
+    check_error(format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 1 7 0 0 0\n"), "camera 7, which is not there");
+    check_error(
         format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 18446744073709551615 0 0 0 0\n"),
         "a camera's number is missing",
     );
-    says(format!("NVM_V3\n1\n{camera}5\n0 0 0 1 2 3 0\n"), "ends before its points");
+    check_error(format!("NVM_V3\n1\n{camera}5\n0 0 0 1 2 3 0\n"), "ends before its points");
     let named =
         parse(Path::new("a.nvm"), "NVM_V3\n\n1\nmy image.jpg 500 1 0 0 0 0 0 0 0 0\n\n0\n").expect("read");
     assert_eq!(named.cameras[0].name, "my image.jpg");

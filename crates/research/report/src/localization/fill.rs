@@ -102,7 +102,7 @@ impl LocalizationReport {
         }
         if let Some(bytes) = median_of(&|o| o.bytes.map(|bytes| bytes as f64)) {
             let note = "Lines and descriptors; no image and no keypoint.".to_owned();
-            cards.push(card(kilobytes(bytes), "sent for a query", note));
+            cards.push(card(kilobytes(bytes), "sent per query", note));
         }
         self.cards.extend(cards);
     }

@@ -126,10 +126,10 @@ pub(crate) fn scenes(report: &LocalizationReport) -> Markup {
     let judged = report.outcomes.iter().any(|outcome| outcome.truth.is_some());
     html! {
         p {
-            @if judged { "Hollow cameras stand at the true poses, filled ones at the estimates; a red line joins the two. " }
-            @else { "Filled cameras stand at the estimated poses. " }
-            "Green is trusted, yellow doubtful, a red cross has no pose. The disc around an estimate is its ±, enlarged as the \
-             control below the drawing says."
+            @if judged { "Hollow cameras are the true poses, filled ones the estimates; a red line joins the two. " }
+            @else { "Filled cameras are the estimated poses. " }
+            "Green: trusted; yellow: doubtful; red cross: no pose. The disc around an estimate is its ±, enlarged by \
+             the factor in the control below the drawing."
         }
         @for (name, figure) in &drawn {
             @if count > 1 { h3 { (name) } }

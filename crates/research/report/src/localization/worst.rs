@@ -29,7 +29,7 @@ mod tests {
     use veiloc_geometry::CameraFromWorld;
 
     #[test]
-    fn lost_queries_come_before_wrong_ones_and_those_before_right_ones() {
+    fn lost_queries_precede_wrong_and_wrong_precede_right() {
         let outcome = |method: usize, name: &str, error: Option<f64>| QueryOutcome {
             method,
             name: name.to_owned(),

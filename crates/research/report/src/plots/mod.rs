@@ -141,7 +141,7 @@ pub fn layouts(document: &LayoutsDocument) -> Result<String, PlotError> {
         dots.iter().any(Option::is_some).then(|| {
             Chart {
                 title: (*title).to_owned(),
-                x: Axis::linear("error of poses over that of points", left, right),
+                x: Axis::linear("pose error relative to points", left, right),
                 y: Axis::linear("", low, high),
                 series: vec![Series { name: String::new(), mark: Mark::NumberedDots, points }],
             }

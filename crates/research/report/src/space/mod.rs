@@ -59,7 +59,7 @@ pub(crate) fn figure(
                     span.buttons {
                         (button("left", "Turn left", "↺")) (button("right", "Turn right", "↻"))
                         (button("in", "Zoom in", "+")) (button("out", "Zoom out", "−"))
-                        (button("above", "From above", "⊤")) (button("reset", "Start again", "⌂"))
+                        (button("above", "From above", "⊤")) (button("reset", "Reset", "⌂"))
                     }
                     label {
                         "Scheme "
@@ -87,7 +87,7 @@ pub(crate) fn figure(
                 p.status data-part="status" aria-live="polite" {}
                 p.note id=(keys) {
                     "Drag to turn, with shift or two fingers to move, pinch to zoom; after a click the wheel zooms. Keys: arrows \
-                     turn, with shift they move, + and − zoom, 0 starts again. " (drawn.remark)
+                     turn, with shift they move, + and − zoom, 0 resets. " (drawn.remark)
                 }
             }
             div.flat { (flat) }

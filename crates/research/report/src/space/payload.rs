@@ -55,11 +55,11 @@ pub(super) fn payload(
         "map": drawn_cameras,
         "queries": queries,
     });
-    let asked = rows.iter().map(|row| row.outcomes.len()).max().unwrap_or(0);
+    let requested = rows.iter().map(|row| row.outcomes.len()).max().unwrap_or(0);
     let left_out = [
         (every > 1, format!("{} of {} map points are drawn. ", points.len(), finite.len())),
         (every_camera > 1, format!("One camera of the map in {every_camera} is drawn. ")),
-        (names.len() < asked, format!("{} of {asked} queries are drawn. ", names.len())),
+        (names.len() < requested, format!("{} of {requested} queries are drawn. ", names.len())),
     ];
     Payload {
         // Otherwise a name could end the script element.
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_cannot_end_the_element() {
+    fn names_cannot_close_the_script_element() {
         let query =
             QueryOutcome { name: "</script>".into(), position_sd: Some(f64::NAN), ..QueryOutcome::default() };
         let rows = [SpaceRow { name: "<b>".into(), outcomes: vec![&query] }];
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn points_come_back_from_the_grid_and_stray_ones_do_not_coarsen_it() {
+    fn grid_round_trip_is_robust_to_outliers() {
         let mut points: Vec<[f64; 3]> =
             (0..1000).map(|i| [f64::from(i) * 0.01, 3.0, -f64::from(i) * 0.002]).collect();
         points.push([1e9, 0.0, 0.0]);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn deviations_that_are_small_are_drawn_larger() {
+    fn small_deviations_are_magnified() {
         let query = QueryOutcome { position_sd: Some(0.004), ..QueryOutcome::default() };
         let row = |query| [SpaceRow { name: String::new(), outcomes: vec![query] }];
         assert_eq!(times(&row(&query), 10.0), 10);

@@ -5,36 +5,36 @@ use veiloc::geometry::Pixel;
 use veiloc::query::Scheme;
 
 /// Projects the mean of the neighbours' prior-only positions on the keypoint's own line; it needs neighbour lists.
-const MIDDLE: Attack = Attack {
+const NEIGHBOUR_MEAN: Attack = Attack {
     name: "middle-of-neighbours",
-    words: "middle of the neighbours' guesses",
+    words: "mean of the neighbours' prior-only positions",
     holds: "",
     needs: Needs::NEIGHBOURS,
     run: |a, _| {
-        let guess = a.guess();
+        let prior = a.prior_only();
         let middle = |i: usize| {
             let near = a.neighbours.of(i);
             let n = near.len().max(1) as f64;
             let sum = near.iter().fold((0.0, 0.0), |s, j| {
-                let p = guess[*j as usize];
+                let p = prior[*j as usize];
                 (s.0 + p.u / n, s.1 + p.v / n)
             });
             if near.is_empty() {
-                return guess[i];
+                return prior[i];
             }
             let middle = Pixel::new(sum.0, sum.1);
             a.observations[i].lines()[0].map_or(middle, |line| line.closest_point(middle))
         };
-        Ok(Answers::from((0..guess.len()).map(middle).collect::<Vec<_>>()))
+        Ok(Answers::from((0..prior.len()).map(middle).collect::<Vec<_>>()))
     },
 };
 
 #[test]
-fn an_attack_of_ones_own_stands_in_the_table_beside_the_guess() {
+fn user_defined_attack_is_in_the_table() {
     let evaluation = AttackEvaluation {
         synthetic: 400,
         schemes: vec![Scheme::RandomLines, Scheme::default()],
-        attacks: vec![MIDDLE, Attack::CLOSED_FORM],
+        attacks: vec![NEIGHBOUR_MEAN, Attack::CLOSED_FORM],
         seed: 1,
         ..AttackEvaluation::default()
     };
@@ -44,7 +44,7 @@ fn an_attack_of_ones_own_stands_in_the_table_beside_the_guess() {
         document.attacks.iter().find(|r| r.scheme == scheme && r.attack == attack).expect("it ran").clone()
     };
     // With random lines the neighbours' prior-only positions surround the keypoint, because the directions differ.
-    let (own, guess) = (row("random-lines", MIDDLE), row("random-lines", Attack::PRIOR));
-    assert!(own.mean_px < guess.mean_px && own.bits_over_prior > 0.0, "{own:?} {guess:?}");
+    let (own, prior) = (row("random-lines", NEIGHBOUR_MEAN), row("random-lines", Attack::PRIOR));
+    assert!(own.mean_px < prior.mean_px && own.bits_over_prior > 0.0, "{own:?} {prior:?}");
     assert!(attacks_table(&document).contains("middle-of-neighbours"));
 }

@@ -28,15 +28,15 @@ fn read(list: &Path, camera: &Intrinsics) -> Result<PosedImages, Box<dyn Error>>
 }
 
 #[test]
-fn a_place_of_another_layout_is_mapped_and_evaluated() {
+fn user_defined_data_set_is_mapped_and_evaluated() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let place = rendered::render(folder.path(), 11).expect("rendered");
+    let scene = rendered::render(folder.path(), 11).expect("rendered");
     let mut list = String::new();
-    let queries = place
+    let queries = scene
         .queries
         .iter()
         .map(|(path, pose)| (path.file_name().expect("a name").to_string_lossy().into_owned(), *pose));
-    let mapped = place.posed.images().iter().map(|i| (i.name.clone(), i.cam_from_world));
+    let mapped = scene.posed.images().iter().map(|i| (i.name.clone(), i.cam_from_world));
     for (name, pose) in mapped.chain(queries.clone()) {
         let (q, t) = (pose.quaternion(), pose.translation());
         writeln!(list, "{name} {} {} {} {} {} {} {}", q[0], q[1], q[2], q[3], t.x, t.y, t.z)
@@ -45,15 +45,15 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
     let file = folder.path().join("poses.txt");
     std::fs::write(&file, list).expect("written");
 
-    let posed = read(&file, &place.camera).expect("read");
+    let posed = read(&file, &scene.camera).expect("read");
     let result = evaluate_scene(
         &SceneEvaluation {
             schemes: vec!["dcl".parse().expect("a scheme")],
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
             ..SceneEvaluation::of_place(
                 posed,
-                place.folder.clone(),
-                place.posed.names(),
+                scene.folder.clone(),
+                scene.posed.names(),
                 queries.map(|q| q.0).collect(),
             )
         },
@@ -63,5 +63,5 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
     assert_eq!((result.schemes[0].localized, result.schemes[0].recall["0.05/5"]), (3, 1.0));
 
     std::fs::write(&file, "a.png 1 0 0 0 0 0").expect("written");
-    assert!(read(&file, &place.camera).is_err_and(|e| e.to_string().contains("line 1 has 6 numbers")));
+    assert!(read(&file, &scene.camera).is_err_and(|e| e.to_string().contains("line 1 has 6 numbers")));
 }

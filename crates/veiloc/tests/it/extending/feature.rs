@@ -57,14 +57,14 @@ impl Extractor for Patches {
 }
 
 #[test]
-fn a_map_of_another_feature_localizes_its_queries_and_refuses_others() {
+fn map_with_user_defined_feature_localizes_and_refuses_other_features() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let place = rendered::render(folder.path(), 11).expect("rendered");
+    let scene = rendered::render(folder.path(), 11).expect("rendered");
     let extractors = Extractors::default().with(Patches);
 
     let mut options = BuildOptions::default();
     options.features = "patches".to_owned();
-    let input = Input::new(&place.posed, &place.folder);
+    let input = Input::new(&scene.posed, &scene.folder);
     let unknown = build(&input, &options, &()).expect_err("the built-in extractors have no patches");
     assert!(unknown.to_string().contains("patches") && unknown.to_string().contains("sift"), "{unknown}");
     let (model, _) = build(&input.with_extractors(&extractors), &options, &()).expect("built");
@@ -75,11 +75,11 @@ fn a_map_of_another_feature_localizes_its_queries_and_refuses_others() {
 
     let seal_options = SealOptions::default();
     let mut rng = rand_chacha::ChaCha20Rng::seed_from_u64(1);
-    for (image, truth) in &place.queries {
+    for (image, truth) in &scene.queries {
         // A device without this extractor refuses: it does not send descriptors of another kind.
-        assert!(extract(image, &place.camera, map.profile(), &seal_options).is_err());
+        assert!(extract(image, &scene.camera, map.profile(), &seal_options).is_err());
         let (features, camera) =
-            extract_with(&extractors, image, &place.camera, map.profile(), &seal_options).expect("extracted");
+            extract_with(&extractors, image, &scene.camera, map.profile(), &seal_options).expect("extracted");
         let query = seal(features, &camera, map.profile(), &seal_options, &mut rng).expect("sealed");
         let query = veiloc::device::SealedQuery::decode(&query.encode()).expect("its own bytes");
         let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");

@@ -35,17 +35,17 @@ impl GlobalExtractor for Thumbnail {
 }
 
 #[test]
-fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
+fn map_with_user_defined_global_descriptor_retrieves_and_localizes() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let place = rendered::render(folder.path(), 11).expect("rendered");
+    let scene = rendered::render(folder.path(), 11).expect("rendered");
     let mut options = BuildOptions::default();
     options.global = Some(SharedGlobal::new(Thumbnail));
-    let (mut model, _) = build(&Input::new(&place.posed, &place.folder), &options, &()).expect("built");
+    let (mut model, _) = build(&Input::new(&scene.posed, &scene.folder), &options, &()).expect("built");
 
     // Removing and adding an image: works with the map's own extractor, and not without it.
-    let name = vec![place.posed.names()[3].clone()];
+    let name = vec![scene.posed.names()[3].clone()];
     remove(&mut model, &name, Words::Keep, &()).expect("removed");
-    let input = Input::new(&place.posed, &place.folder).with_names(&name);
+    let input = Input::new(&scene.posed, &scene.folder).with_names(&name);
     let lacking = add(&mut model, &input, &()).expect_err("no extractor of whole images");
     assert!(lacking.to_string().contains("thumbnail"), "{lacking}");
     let thumbnail = SharedGlobal::new(Thumbnail);
@@ -55,21 +55,21 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
     let map = MapFile::open(&file).expect("opened");
     assert_eq!(map.profile().global_model().name(), "thumbnail");
 
-    let (path, truth) = &place.queries[0];
+    let (path, truth) = &scene.queries[0];
     // A device without consent refuses to seal.
     let refused = SealOptions::default().bounded(map.profile()).expect_err("no consent");
     assert!(matches!(refused, SealError::GlobalOfImage { .. }), "{refused}");
     let consenting = SealOptions::default().with_image_global(thumbnail);
     let (features, camera) =
-        extract(path, &place.camera, map.profile(), &consenting).expect("extracted, and its thumbnail");
+        extract(path, &scene.camera, map.profile(), &consenting).expect("extracted, and its thumbnail");
     let mut rng = rand_chacha::ChaCha20Rng::seed_from_u64(1);
     let query = seal(features, &camera, map.profile(), &consenting, &mut rng).expect("sealed");
     let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
     let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");
     assert!(found.cam_from_world.translation_error(truth) < 0.05, "{}", found.inliers);
     // The most similar images come first: the nearest map view is among the first three.
-    let distance = |name: &str| place.posed.get(name).expect("posed").cam_from_world.translation_error(truth);
-    let nearest = place.posed.names().into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let distance = |name: &str| scene.posed.get(name).expect("posed").cam_from_world.translation_error(truth);
+    let nearest = scene.posed.names().into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let first: Vec<String> =
         found.retrieved.iter().take(3).map(|r| map.image(r.image).name().to_owned()).collect();
     assert!(first.contains(&nearest.expect("ten of them")), "{first:?}");

@@ -22,7 +22,7 @@ fn vertical_and_horizontal(keypoints: &[Pixel], width: u32) -> Observations {
 }
 
 #[test]
-fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
+fn user_defined_scheme_is_evaluated_by_poses_and_attacks() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let options = PointProblemOptions::exact(300).noise(0.7).outliers(0.4);
     let made = PointProblem::generate(&options, &mut rng);
@@ -55,7 +55,7 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
     let answers = closed_form(&sent, &near, width, height, &ClosedFormOptions::default()).expect("it runs");
     let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &made.pixels)).median_px;
     let attacked = median(answers.iter().map(|a| a.pixel).collect());
-    let guessed = median(prior_only(&sent, width, height));
+    let prior = median(prior_only(&sent, width, height));
     // Lines of one half are parallel and do not intersect: the attack gains nothing over the baseline.
-    assert!(attacked > 0.8 * guessed && guessed > 30.0, "{attacked} {guessed}");
+    assert!(attacked > 0.8 * prior && prior > 30.0, "{attacked} {prior}");
 }

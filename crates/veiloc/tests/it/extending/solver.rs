@@ -26,17 +26,17 @@ fn r3lp(
 }
 
 /// A problem with a random line through every keypoint.
-fn lines_of(made: &PointProblem, rng: &mut ChaCha8Rng) -> Vec<PixelLine> {
+fn random_lines_through(made: &PointProblem, rng: &mut ChaCha8Rng) -> Vec<PixelLine> {
     made.pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..std::f64::consts::PI))).collect()
 }
 
 #[test]
-fn the_truth_is_found_in_thousands_of_random_problems() {
+fn user_defined_solver_finds_truth_in_random_problems() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let (mut found, trials) = (0, 2000);
     for _ in 0..trials {
         let made = PointProblem::generate(&PointProblemOptions::exact(3), &mut rng);
-        let lines = lines_of(&made, &mut rng);
+        let lines = random_lines_through(&made, &mut rng);
         let plane = [0, 1, 2].map(|i| lines[i].back_project(&made.camera));
         let points = [0, 1, 2].map(|i| made.points[i]);
         let pose = r3lp(made.cam_from_world.rotation(), &plane, &points);
@@ -46,10 +46,10 @@ fn the_truth_is_found_in_thousands_of_random_problems() {
 }
 
 #[test]
-fn hypotheses_of_ones_own_are_polished_and_judged_by_the_engine() {
+fn user_defined_hypotheses_are_refined_and_scored() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let made = PointProblem::generate(&PointProblemOptions::exact(200).noise(0.5).outliers(0.3), &mut rng);
-    let lines = lines_of(&made, &mut rng);
+    let lines = random_lines_through(&made, &mut rng);
     let observations = Correspondences::Lines { lines: lines.clone() };
     let problem =
         PoseProblem::new(made.camera, observations, (0..lines.len()).collect(), made.points.clone());

@@ -16,7 +16,7 @@ fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
 }
 
 #[real_data_test]
-fn descriptors_are_laid_out_as_in_the_problem_files(data: &Path) {
+fn descriptor_layout_equals_problem_files(data: &Path) {
     // The images of some frames in RedKitchen's file are missing.
     let all = read_keypoints(&data.join("problems/herzjesu_keypoints.jsonl.gz")).expect("keypoints");
     let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the image");

@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves_are_those_of_the_hash() {
+    fn split_follows_the_hash() {
         // Hashes computed by an implementation in Python.
         let known = [
             ("fur-1.jpg", 0x1dc6_cbb9_c70b_ad39, false),
@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_are_halves() {
+    fn split_has_equal_halves() {
         let design = (0..2000).filter(|i| is_for_design(Path::new(&format!("{i:06}.jpg")))).count();
         assert!((900..1100).contains(&design), "{design} of 2000");
     }
