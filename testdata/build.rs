@@ -9,7 +9,7 @@ fn main() {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let folder = workspace.join(&folder);
     // A mistyped folder must not look like a missing variable, since the tests would then be ignored.
-    assert!(folder.is_dir(), "VEILOC_DATA names no folder: {}", folder.display());
+    assert!(folder.is_dir(), "VEILOC_DATA is not a folder: {}", folder.display());
     let folder = folder.canonicalize().expect("it was just found");
     println!("cargo::rustc-env=VEILOC_DATA_FOLDER={}", folder.to_str().expect("a folder name in UTF-8"));
 }

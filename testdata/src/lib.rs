@@ -17,7 +17,7 @@ const FOLDER: Option<&str> = option_env!("VEILOC_DATA_FOLDER");
 #[proc_macro_attribute]
 pub fn real_data_test(arguments: TokenStream, function: TokenStream) -> TokenStream {
     let Some(name) = name_of(&function).filter(|_| arguments.is_empty()) else {
-        return tokens("compile_error!(\"#[real_data_test] stands before `fn name(data: &Path) { … }`\");");
+        return tokens("compile_error!(\"#[real_data_test] must precede `fn name(data: &Path) { … }`\");");
     };
     let (ignore, call) = match FOLDER {
         Some(folder) => ("", format!("{name}(::std::path::Path::new({folder:?}))")),

@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 pub(crate) fn run(mut images: Vec<PathBuf>) -> Result<AttackDocument, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     if images.is_empty() {
-        println!("no images given: one of a rendered scene is attacked");
+        println!("no images given: attacking an image of a rendered scene");
         images = rendered_images(folder.path())?;
     }
     attack(&images)

@@ -40,7 +40,7 @@ impl FromStr for Version {
         match text {
             "1" | "v1" | "1.0" => Ok(Self::V1),
             "1.1" | "v1.1" => Ok(Self::V1_1),
-            _ => Err(format!("{text:?} is no version; they are 1 and 1.1")),
+            _ => Err(format!("{text:?} is not a version; use 1 or 1.1")),
         }
     }
 }
@@ -158,12 +158,12 @@ fn by_colmap(path: &Path, found: &mut ImageFiles) -> Result<PosedImages, Dataset
 /// # Errors
 /// [`DatasetError`] naming file and line.
 pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, DatasetError> {
-    let remedy = format!("{GET}, or ask for other conditions with --conditions");
+    let remedy = format!("{GET}, or select other conditions with --conditions");
     let text = read_text(path, "the list of queries with their cameras", &remedy)?;
     let mut queries: Vec<(String, Intrinsics)> = Vec::new();
     for line in Line::all(path, &text) {
         let [name, model, ..] = line.words[..] else {
-            return Err(line.fault("a query is its name and its camera"));
+            return Err(line.fault("a query needs its name and its camera"));
         };
         let (w, h) = (line.number(2, "the width")?, line.number(3, "the height")?);
         let params: Vec<f64> = (4..line.words.len())
@@ -173,7 +173,7 @@ pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, DatasetE
         queries.push((name.to_owned(), camera));
     }
     if queries.is_empty() {
-        let reason = format!("lists no query; {GET}");
+        let reason = format!("has no queries; {GET}");
         return Err(DatasetError::Unusable { path: path.to_owned(), reason });
     }
     Ok(queries)
@@ -191,9 +191,9 @@ pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, Data
             line.numbers(1, "the quaternion")?,
             line.numbers(5, "the translation")?,
         );
-        let pose = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        let pose = pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
         if poses.insert(line.words[0].to_owned(), pose).is_some() {
-            return Err(line.fault(format!("{} is there twice", line.words[0])));
+            return Err(line.fault(format!("{} appears twice", line.words[0])));
         }
     }
     Ok(poses)

@@ -73,15 +73,15 @@ pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> 
             continue;
         }
         let at = line.words.len().checked_sub(7).filter(|at| *at > 0);
-        let at = at.ok_or_else(|| line.fault("an image is its path, x y z and a quaternion"))?;
+        let at = at.ok_or_else(|| line.fault("an image needs its path, x y z and a quaternion"))?;
         let path = line.words[..at].join(" ").replace('\\', "/");
         let name = path.rsplit_once(&format!("/{scene}/")).map_or(path.as_str(), |(_, tail)| tail);
         let pose = pose_at(line.numbers(at, "the position")?, line.numbers(at + 3, "the quaternion")?);
-        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
         listed.push(Listed { name: name.to_owned(), cam_from_world });
     }
     if listed.is_empty() {
-        let reason = format!("lists no image; {GET}");
+        let reason = format!("has no images; {GET}");
         return Err(DatasetError::Unusable { path: path.to_owned(), reason });
     }
     Ok(listed)

@@ -59,7 +59,7 @@ impl ImageFiles {
         let (missing, named) = (self.missing, self.named);
         match self.policy {
             MissingImages::LeaveOut if missing < named => {
-                Ok(Some(format!("{missing} of {named} listed images are not there and were left out")))
+                Ok(Some(format!("{missing} of {named} listed images are missing and were left out")))
             }
             MissingImages::LeaveOut | MissingImages::Refuse => Err(DatasetError::MissingImages {
                 folder: self.folder,
@@ -67,7 +67,7 @@ impl ImageFiles {
                 named,
                 first,
                 remedy: if missing < named {
-                    format!("{get}, or evaluate what is there with --available-only")
+                    format!("{get}, or evaluate the existing images with --available-only")
                 } else {
                     get.to_owned()
                 },

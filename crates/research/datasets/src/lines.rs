@@ -48,7 +48,7 @@ impl<'a> Line<'a> {
     /// The word at this index as a number.
     pub(crate) fn number<T: FromStr>(&self, at: usize, what: &str) -> Result<T, DatasetError> {
         let word = self.words.get(at).ok_or_else(|| self.fault(format!("{what} is missing")))?;
-        word.parse().map_err(|_| self.fault(format!("{what} is {word:?}, which is no number of its kind")))
+        word.parse().map_err(|_| self.fault(format!("{what} is {word:?}, which is not a valid number")))
     }
 
     /// `N` finite numbers from this index on.

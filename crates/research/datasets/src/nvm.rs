@@ -47,7 +47,7 @@ impl NvmModel {
     pub(crate) fn remark(&self) -> Option<String> {
         let n = self.left_out;
         (n > 0).then(|| {
-            format!("{n} cameras of further models in the NVM file were left out: they stand in other worlds")
+            format!("{n} cameras of further models in the NVM file were left out: their world frames differ")
         })
     }
 }
@@ -79,7 +79,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
     }
     if head.words.len() > 1 {
         return Err(head.fault(
-            "has one calibration for all cameras, which is not read; write the model without FixedK",
+            "has one calibration for all cameras, which is not supported; write the model without FixedK",
         ));
     }
     let mut model = NvmModel::default();
@@ -91,7 +91,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
     let count: usize = lines.next().map_or(Ok(0), |line| line.number(0, "the number of points"))?;
     for id in 0..count {
         let line = lines.next().ok_or_else(|| early("points"))?;
-        let id = u32::try_from(id).map_err(|_| line.fault("there are more points than can be counted"))?;
+        let id = u32::try_from(id).map_err(|_| line.fault("there are too many points"))?;
         let [x, y, z] = line.numbers(0, "a position")?;
         model.points.push(Point3::new(x, y, z));
         let seen: usize = line.number(6, "the number of measurements")?;
@@ -100,7 +100,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
             let camera = model
                 .cameras
                 .get_mut(camera)
-                .ok_or_else(|| line.fault(format!("is seen by camera {camera}, which is not there")))?;
+                .ok_or_else(|| line.fault(format!("is seen by camera {camera}, which does not exist")))?;
             if camera.seen.last() != Some(&id) {
                 camera.seen.push(id);
             }
@@ -125,7 +125,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
 fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
     let at =
         line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
-            line.fault("a camera is name, focal length, quaternion, centre, distortion and 0")
+            line.fault("a camera needs name, focal length, quaternion, centre, distortion and 0")
         })?;
     let [focal] = line.numbers(at, "the focal length")?;
     let wxyz = line.numbers(at + 1, "the quaternion")?;
@@ -135,7 +135,7 @@ fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
         name: line.words[..at].join(" "),
         focal,
         distortion,
-        cam_from_world: pose_at(center, wxyz).ok_or_else(|| line.fault("the quaternion is no rotation"))?,
+        cam_from_world: pose_at(center, wxyz).ok_or_else(|| line.fault("the quaternion is not a rotation"))?,
         seen: Vec::new(),
     })
 }

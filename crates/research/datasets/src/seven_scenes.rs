@@ -125,7 +125,7 @@ fn sequences(path: &Path) -> Result<BTreeSet<String>, DatasetError> {
         let number = name.strip_prefix("sequence").or_else(|| name.strip_prefix("seq-"));
         let number = number.and_then(|n| n.parse::<u32>().ok());
         let number =
-            number.ok_or_else(|| line.fault(format!("{name:?} is no sequence; one is written sequence3")))?;
+            number.ok_or_else(|| line.fault(format!("{name:?} is not a sequence; write it like sequence3")))?;
         Ok(format!("seq-{number:02}"))
     };
     Line::all(path, &text).map(of).collect()
@@ -172,14 +172,14 @@ fn depth_pose(path: &Path) -> Result<CameraFromWorld, DatasetError> {
     let rows = Line::all(path, &text).map(|line| line.numbers::<4>(0, "a number of the matrix"));
     let rows: Vec<[f64; 4]> = rows.collect::<Result<_, _>>()?;
     let [x, y, z, [0.0, 0.0, 0.0, 1.0]] = rows[..] else {
-        return Err(unusable("is no 4 × 4 matrix with 0 0 0 1 as its last row; get the sequence again"));
+        return Err(unusable("is not a 4 × 4 matrix with 0 0 0 1 as its last row; get the sequence again"));
     };
     let turned = Matrix3::from_fn(|row, column| [x, y, z][row][column]);
     let center = Vector3::new(x[3], y[3], z[3]);
     // The rotation is orthonormalized; the centre is used as given.
     CameraFromWorld::from_matrix(turned.transpose(), Vector3::zeros())
         .map(|pose| CameraFromWorld::new(*pose.rotation(), -(pose.rotation() * center)))
-        .ok_or_else(|| unusable("turns by no rotation; leave the frame out, or get the sequence again"))
+        .ok_or_else(|| unusable("has an invalid rotation; leave the frame out, or get the sequence again"))
 }
 
 /// The images of a pseudo-ground-truth list, `name qw qx qy qz tx ty tz focal`, world to camera; none of them may
@@ -198,13 +198,13 @@ fn by_list(
         let sequence = listed.split('/').next().unwrap_or_default();
         if others.contains(sequence) {
             return Err(line.fault(format!(
-                "{listed} is of a sequence of the other split: map images would be queries; get lists and splits again"
+                "{listed} belongs to a sequence of the other split, so a map image would be a query; get lists and splits again"
             )));
         }
         let (wxyz, t) = (line.numbers(1, "the quaternion")?, line.numbers(5, "the translation")?);
         let [focal] = line.numbers(8, "the focal length")?;
         let pose = CameraFromWorld::from_quaternion(wxyz, t);
-        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
         let Some(name) = found.find(listed) else { continue };
         let camera = cameras.of(folder, &name, |_| focal)?;
         images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });

@@ -51,7 +51,7 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<(usize, T)>, Dataset
     if values.is_empty() {
         return Err(DatasetError::Empty {
             path: path.to_owned(),
-            what: "holds no line; one JSON object a line is expected",
+            what: "is empty; one JSON object per line is expected",
         });
     }
     Ok(values)

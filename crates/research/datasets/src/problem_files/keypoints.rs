@@ -60,10 +60,10 @@ pub fn read_keypoints(path: &Path) -> Result<Vec<KeypointImage>, DatasetError> {
 
 fn image(line: Line) -> Result<KeypointImage, String> {
     if !(1..=LARGEST_SIDE).contains(&line.width) || !(1..=LARGEST_SIDE).contains(&line.height) {
-        return Err(format!("an image of {} x {} pixels is not possible", line.width, line.height));
+        return Err(format!("an image size of {} x {} pixels is not allowed", line.width, line.height));
     }
     if line.keypoints.len() > MOST_KEYPOINTS {
-        return Err(format!("{} keypoints are more than {MOST_KEYPOINTS}", line.keypoints.len()));
+        return Err(format!("{} keypoints exceed the limit of {MOST_KEYPOINTS}", line.keypoints.len()));
     }
     let keypoints: Vec<Pixel> = line.keypoints.iter().map(|k| Pixel::new(k[0], k[1])).collect();
     if let Some(i) = keypoints.iter().position(|p| !p.is_finite()) {
@@ -77,7 +77,7 @@ fn image(line: Line) -> Result<KeypointImage, String> {
             let expected = dimension.checked_mul(keypoints.len());
             if dimension == 0 || expected != Some(bytes.len()) {
                 return Err(format!(
-                    "descriptors hold {} bytes, {} keypoints of dimension {dimension} need another number",
+                    "descriptors have {} bytes, which does not match {} keypoints of dimension {dimension}",
                     bytes.len(),
                     keypoints.len()
                 ));
@@ -138,9 +138,9 @@ mod tests {
         assert_eq!(image.keypoints[1], Pixel::new(3.0, 4.5));
         assert_eq!(image.descriptors, Some((vec![1, 2, 3, 4, 5, 6], 3)));
         for (text, expected) in [
-            (GOOD.replace("640", "0"), "not possible"),
-            (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":2"), "another number"),
-            (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":0"), "another number"),
+            (GOOD.replace("640", "0"), "not allowed"),
+            (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":2"), "does not match"),
+            (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":0"), "does not match"),
             (GOOD.replace("\"descriptor_dim\":3,", ""), "without descriptor_dim"),
             (GOOD.replace("AQID", "A!ID"), "descriptors"),
             (GOOD.replace("[1,2]", "[1e999,2]"), "out of range"),

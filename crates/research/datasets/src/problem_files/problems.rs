@@ -139,7 +139,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     lengths.extend(line.track_length.as_ref().map(|v| ("track_length", v.len())));
     lengths.extend(line.seen_from.as_ref().map(|v| ("seen_from", v.len())));
     if let Some((what, m)) = lengths.into_iter().find(|(_, m)| *m != n) {
-        return Err(format!("{what} has {m} entries, points2d has {n}"));
+        return Err(format!("{what} has {m} entries, but points2d has {n}"));
     }
     let camera =
         Intrinsics::new(&line.camera.model, line.camera.width, line.camera.height, &line.camera.params)
@@ -174,7 +174,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     if let Some(i) =
         line.seen_from.iter().flatten().position(|s| !(s.iter().all(|v| v.is_finite()) && s[3] > 0.0))
     {
-        return Err(format!("seen_from[{i}] is no camera: x, y, z and a focal length above 0"));
+        return Err(format!("seen_from[{i}] is not a camera; give x, y, z and a focal length above 0"));
     }
     let seen_from = |[x, y, z, focal_px]: [f64; 4]| SeenFrom { center: Point3::new(x, y, z), focal_px };
     let gravity = gravity(line.gravity_in_camera, line.gravity_in_world)?;
@@ -201,14 +201,14 @@ fn gravity(in_camera: Option<[f64; 3]>, in_world: Option<[f64; 3]>) -> Result<Op
     let direction = |what: &str, v: [f64; 3]| {
         let v = Vector3::from(v);
         let is_direction = v.norm().is_finite() && v.norm() > 0.0;
-        is_direction.then_some(v).ok_or_else(|| format!("{what} is no direction"))
+        is_direction.then_some(v).ok_or_else(|| format!("{what} is not a direction"))
     };
     match (in_camera, in_world) {
         (Some(camera), world) => Ok(Some(Gravity::felt(
             direction("gravity_in_camera", camera)?,
             direction("gravity_in_world", world.unwrap_or(DOWN))?,
         ))),
-        (None, Some(_)) => Err("gravity_in_world is there without gravity_in_camera".to_owned()),
+        (None, Some(_)) => Err("gravity_in_world is given without gravity_in_camera".to_owned()),
         (None, None) => Ok(None),
     }
 }
@@ -266,9 +266,9 @@ mod tests {
             (GOOD.replace("[0.5,", "[-1,"), "ratio[0]"),
             (GOOD.replace("[3,4]", "[3]"), "invalid length"),
             ("{".to_owned(), "EOF"),
-            (with("\"gravity_in_camera\":[0,0,0]"), "gravity_in_camera is no direction"),
+            (with("\"gravity_in_camera\":[0,0,0]"), "gravity_in_camera is not a direction"),
             (with("\"gravity_in_camera\":[0,1]"), "invalid length"),
-            (with("\"gravity_in_camera\":[0,1,0],\"gravity_in_world\":[0,0,0]"), "gravity_in_world is no"),
+            (with("\"gravity_in_camera\":[0,1,0],\"gravity_in_world\":[0,0,0]"), "gravity_in_world is not"),
             (with("\"gravity_in_world\":[0,0,-1]"), "without gravity_in_camera"),
         ];
         for (text, expected) in cases {

@@ -44,7 +44,7 @@ impl FromStr for Layout {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let known = Self::ALL.into_iter().find(|layout| layout.name() == text);
         known.ok_or_else(|| {
-            format!("{text:?} is no layout; they are 7scenes, cambridge, aachen and aachen-v1.1")
+            format!("{text:?} is not a layout; use 7scenes, cambridge, aachen or aachen-v1.1")
         })
     }
 }

@@ -35,7 +35,7 @@ fn seven_scenes_original_folders_are_read(data: &Path) {
     assert!(refused.to_string().contains("rgb-d-dataset-7-scenes"), "{refused}");
     let sfm = seven_scenes::read_scene(&root, "stairs", &sfm, HERE).expect("read");
     assert!(!sfm.is_official && sfm.remarks[0].contains("were left out"), "{:?}", sfm.remarks);
-    // Both sources of poses have the check_round_trip scene and scale: distances between cameras agree.
+    // Both sources of poses have the same scene and scale: distances between cameras agree.
     let queries: Vec<_> = sfm.queries.iter().filter_map(|q| Some((&q.name, q.cam_from_world?))).collect();
     assert!(queries.len() >= 2);
     let of_depth = |name: &str| {
@@ -88,7 +88,7 @@ fn aachen_models_and_queries_are_read(data: &Path) {
     let camera = scene.queries[0].camera.to_string();
     assert_eq!(camera, "SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019");
 
-    // The Bundler file has the check_round_trip cameras: rotation rows and translation, with y and z of camera and world
+    // The Bundler file has the same cameras: rotation rows and translation, with y and z of camera and world
     // inverted.
     let bundler = std::fs::read_to_string(root.join("3D-models/aachen_cvpr2018_db.out")).expect("there");
     let lines: Vec<Vec<f64>> = bundler
@@ -214,13 +214,13 @@ fn damaged_lists_are_reported_with_line() {
         assert!(error.contains(what), "{file}: {error}");
         std::fs::write(&path, old).expect("written");
     };
-    check_error("room/TrainSplit.txt", "sequence1\nsecond\n", "TrainSplit.txt:2: \"second\" is no sequence");
+    check_error("room/TrainSplit.txt", "sequence1\nsecond\n", "TrainSplit.txt:2: \"second\" is not a sequence");
     check_error(
         "pgt_sfm/room_train.txt",
         "seq-01/a.png 1 0 0 0 0 0 nan 500\n",
         "room_train.txt:1: the translation is not finite",
     );
-    check_error("pgt_sfm/room_train.txt", "seq-01/a.png 0 0 0 0 0 0 0 500\n", "no rotation");
+    check_error("pgt_sfm/room_train.txt", "seq-01/a.png 0 0 0 0 0 0 0 500\n", "not a rotation");
     check_error("pgt_sfm/room_train.txt", "seq-02/a.png 1 0 0 0 0 0 0 500\n", "of the other split");
     check_error("pgt_sfm/room_train.txt", "seq-01/a.png 1 0 0 0 0 0 0\n", "the focal length is missing");
     std::fs::remove_file(root.join("pgt_sfm/room_test.txt")).expect("there");
@@ -228,7 +228,7 @@ fn damaged_lists_are_reported_with_line() {
     std::fs::write(root.join("room/seq-01/frame-000000.pose.txt"), "1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1\n")
         .expect("written");
     let depth = seven_scenes::read_scene(root, "room", &Truth::Depth, MissingImages::Refuse);
-    assert!(depth.expect_err("refused").to_string().contains("turns by no rotation"));
+    assert!(depth.expect_err("refused").to_string().contains("invalid rotation"));
 }
 
 #[test]
@@ -243,9 +243,9 @@ fn damaged_models_are_reported_with_line() {
     check_error("NVM_V3 FixedK 1 2 3 4 5\n".to_owned(), "FixedK");
     check_error(format!("NVM_V3\n2\n{camera}"), "ends before its cameras");
     check_error("NVM_V3\n18446744073709551615\n".to_owned(), "ends before its cameras");
-    check_error("NVM_V3\n1\na.jpg 500 1 0 0\n".to_owned(), "a.nvm:3: a camera is");
-    check_error("NVM_V3\n1\na.jpg 500 0 0 0 0 0 0 0 0 0\n".to_owned(), "no rotation");
-    check_error(format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 1 7 0 0 0\n"), "camera 7, which is not there");
+    check_error("NVM_V3\n1\na.jpg 500 1 0 0\n".to_owned(), "a.nvm:3: a camera needs");
+    check_error("NVM_V3\n1\na.jpg 500 0 0 0 0 0 0 0 0 0\n".to_owned(), "not a rotation");
+    check_error(format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 1 7 0 0 0\n"), "camera 7, which does not exist");
     check_error(
         format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 18446744073709551615 0 0 0 0\n"),
         "a camera's number is missing",

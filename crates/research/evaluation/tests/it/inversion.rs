@@ -100,7 +100,7 @@ fn document_has_rows_for_schemes_and_attacks() {
     }
     for row in &document.rows {
         assert!(row.psnr > 0.0 && row.psnr < 60.0 && row.ssim < 1.0, "{row:?}");
-        assert_eq!((row.st_lpips, row.top_1, row.objects), (None, None, None), "nobody judged it");
+        assert_eq!((row.st_lpips, row.top_1, row.objects), (None, None, None), "no metric was computed");
     }
     let of = |scheme: &str, attack: &str| {
         let own = document.rows.iter().filter(|row| row.scheme == scheme && row.attack == attack);
@@ -145,7 +145,7 @@ fn visibility_output_is_evaluated_by_roc_auc() {
             (_, "guess" | "closed-form") => assert!(row.told_apart.is_some(), "{row:?}"),
             _ => {}
         }
-        assert!(row.told_apart.is_none_or(|told| told > 0.0 && told < 1.0), "{row:?}");
+        assert!(row.told_apart.is_none_or(|auc| auc > 0.0 && auc < 1.0), "{row:?}");
     }
     assert!(evaluation_table(&document).contains("ROC AUC"));
 }
