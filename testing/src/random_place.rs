@@ -40,7 +40,7 @@ impl RandomPlace {
     }
 
     /// The points that a camera sees, with their pixels.
-    fn seen(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
+    fn project(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
         let size = [self.camera.width, self.camera.height].map(f64::from);
         let inside = |p: &Pixel| p.u > 0.0 && p.v > 0.0 && p.u < size[0] && p.v < size[1];
         (0..self.points.len())
@@ -72,7 +72,7 @@ impl RandomPlace {
         let mut tracks = vec![Vec::new(); self.points.len()];
         for i in 0..images {
             let pose = pose_in_place(f64::from(i) * 0.1 - 0.05 * f64::from(images), f64::from(i % 3) * 0.3);
-            let seen = self.seen(&pose);
+            let seen = self.project(&pose);
             let descriptors = self.observed(&seen, &mut rng);
             for (keypoint, (point, _)) in seen.iter().enumerate() {
                 tracks[*point].push(Observation { image: i, keypoint: keypoint as u32 });
@@ -101,7 +101,7 @@ impl RandomPlace {
     /// # Panics
     /// Never.
     pub fn features(&self, pose: &CameraFromWorld) -> Features {
-        let seen = self.seen(pose);
+        let seen = self.project(pose);
         let keypoint = |(i, (_, pixel)): (usize, &(usize, Pixel))| Keypoint {
             pixel: *pixel,
             scale: 2.0,

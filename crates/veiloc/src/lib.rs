@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | [`device`] | `device` | image → features → [`SealedQuery`](device::SealedQuery) → the service's answer |
 //! | [`server`] | `server` | posed images → map; sealed query and map → pose |
-//! | `server::self_test` | `self-test` (off) | a map localizes its own images, which calibrates the covariances of its answers |
+//! | `server::self_test` | `self-test` (off) | a map localizes its own images to calibrate its answers |
 //! | `audit` | `audit` (off) | attacks the user's own images and reports what leaks |
 //!
 //! `examples/map_and_localize.rs`, `examples/session.rs` and `examples/attack_own_images.rs` run without any data:

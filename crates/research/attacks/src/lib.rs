@@ -29,10 +29,10 @@
 //! let sent = lift::random_lines(&keypoints, &mut rng);
 //! let neighbours = NeighbourLists::nearest(&keypoints, 20);
 //! let recovered = closed_form(&sent, &neighbours, 640, 480, &ClosedFormOptions::default())?;
-//! let guessed = prior_only(&sent, 640, 480);
+//! let prior = prior_only(&sent, 640, 480);
 //! let attack = ErrorSummary::of(&errors_px(recovered.iter().map(|r| r.pixel), &keypoints));
-//! let guess = ErrorSummary::of(&errors_px(guessed, &keypoints));
-//! assert!(attack.median_px < 0.5 * guess.median_px);
+//! let baseline = ErrorSummary::of(&errors_px(prior, &keypoints));
+//! assert!(attack.median_px < 0.5 * baseline.median_px);
 //! # Ok::<(), veiloc_attacks::AttackError>(())
 //! ```
 #![forbid(unsafe_code)]

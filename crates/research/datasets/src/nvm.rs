@@ -123,10 +123,9 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
 }
 
 fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
-    let at =
-        line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
-            line.fault("a camera needs name, focal length, quaternion, centre, distortion and 0")
-        })?;
+    let at = line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
+        line.fault("a camera needs name, focal length, quaternion, centre, distortion and 0")
+    })?;
     let [focal] = line.numbers(at, "the focal length")?;
     let wxyz = line.numbers(at + 1, "the quaternion")?;
     let center = line.numbers(at + 5, "the centre")?;
@@ -135,7 +134,8 @@ fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
         name: line.words[..at].join(" "),
         focal,
         distortion,
-        cam_from_world: pose_at(center, wxyz).ok_or_else(|| line.fault("the quaternion is not a rotation"))?,
+        cam_from_world: pose_at(center, wxyz)
+            .ok_or_else(|| line.fault("the quaternion is not a rotation"))?,
         seen: Vec::new(),
     })
 }

@@ -124,8 +124,8 @@ fn sequences(path: &Path) -> Result<BTreeSet<String>, DatasetError> {
         let name = line.words[0];
         let number = name.strip_prefix("sequence").or_else(|| name.strip_prefix("seq-"));
         let number = number.and_then(|n| n.parse::<u32>().ok());
-        let number =
-            number.ok_or_else(|| line.fault(format!("{name:?} is not a sequence; write it like sequence3")))?;
+        let number = number
+            .ok_or_else(|| line.fault(format!("{name:?} is not a sequence; write it like sequence3")))?;
         Ok(format!("seq-{number:02}"))
     };
     Line::all(path, &text).map(of).collect()

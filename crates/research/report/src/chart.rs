@@ -126,7 +126,7 @@ impl Chart {
     /// The drawing for a page.
     pub(crate) fn svg(&self) -> Markup {
         let (height, legend) = self.legend();
-        let at = |(x, y): (f64, f64)| self.place(x, y);
+        let at = |(x, y): (f64, f64)| self.position(x, y);
         let mut color = 0;
         let styles: Vec<String> = self.series.iter().map(|series| class(series, &mut color)).collect();
         html! {
@@ -171,7 +171,7 @@ impl Chart {
         }
     }
 
-    fn place(&self, x: f64, y: f64) -> (f64, f64) {
+    fn position(&self, x: f64, y: f64) -> (f64, f64) {
         (LEFT + self.x.share(x) * (WIDTH - LEFT - RIGHT), TOP + (1.0 - self.y.share(y)) * TALL)
     }
 
@@ -186,16 +186,16 @@ impl Chart {
 /// Names from left to right as they fit; widths are estimated from the number of characters.
 fn legend(top: f64, names: &[&str]) -> (f64, Vec<(f64, f64)>) {
     let (mut x, mut y) = (LEFT - 30.0, top);
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     for name in names {
         let wide = 38.0 + 6.6 * name.chars().count() as f64;
         if x + wide > WIDTH && x > LEFT - 30.0 {
             (x, y) = (LEFT - 30.0, y + LINE);
         }
-        places.push((x, y));
+        positions.push((x, y));
         x += wide;
     }
-    (if names.is_empty() { top - 8.0 } else { y + 10.0 }, places)
+    (if names.is_empty() { top - 8.0 } else { y + 10.0 }, positions)
 }
 
 fn class(series: &Series, color: &mut usize) -> String {
@@ -244,7 +244,7 @@ pub(crate) fn stacked_bars(title: &str, unit: &str, rows: &[(String, Vec<(&str, 
     let left = left.min(170.0);
     let base = TOP + 26.0 * rows.len() as f64;
     let x = |value: f64| left + axis.share(value) * (WIDTH - left - RIGHT);
-    let (height, places) = legend(base + 54.0, &stages);
+    let (height, positions) = legend(base + 54.0, &stages);
     html! {
         svg.chart viewBox=(format!("0 0 {WIDTH} {height:.0}")) role="img" aria-label=(title) {
             text.title x="14" y="18" { (title) }
@@ -264,7 +264,7 @@ pub(crate) fn stacked_bars(title: &str, unit: &str, rows: &[(String, Vec<(&str, 
                 }
             }
             path.axis d=(format!("M{left} {TOP}V{base}H{}", WIDTH - RIGHT)) {}
-            @for (color, ((x, y), stage)) in places.iter().zip(&stages).enumerate() {
+            @for (color, ((x, y), stage)) in positions.iter().zip(&stages).enumerate() {
                 rect class={ "solid c" (color % COLORS) } x=(format!("{x:.0}")) y=(format!("{:.0}", y - 10.0)) width="18" height="10" {}
                 text x=(format!("{:.0}", x + 24.0)) y=(format!("{y:.0}")) { (stage) }
             }

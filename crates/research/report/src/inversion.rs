@@ -330,7 +330,7 @@ mod tests {
             assert!(page.contains(&format!("<td>{share}</td>")), "{share}");
         }
         let heads = |page: &str| page.matches("<th scope=\"col\"").count();
-        assert_eq!(heads(&page), 2 + 4, "judges that were not there have no column");
+        assert_eq!(heads(&page), 2 + 4, "metrics without values have no column");
         for row in &mut document.summary {
             (row.st_lpips, row.top_1, row.top_5) = (Some(0.4321), Some(2), Some(5));
             (row.objects_found, row.objects) = (Some(3), Some(11));

@@ -125,7 +125,7 @@ impl Plan {
     fn ground(&self, view: &TopView<'_>) -> Markup {
         let mut points = String::new();
         for p in view.points.iter().step_by(view.points.len().div_ceil(MOST_POINTS).max(1)) {
-            let q = self.place(Vector3::from(*p));
+            let q = self.project(Vector3::from(*p));
             if self.holds(q) {
                 let _ = write!(points, "M{:.1} {:.1}h0", q.x, q.y);
             }
@@ -145,7 +145,7 @@ impl Plan {
         };
         let lost = row.outcomes.iter().filter(|outcome| localized(outcome).is_none());
         let crosses = lost.filter_map(|outcome| outcome.truth).fold(String::new(), |mut d, truth| {
-            let q = self.place(truth.center().coords);
+            let q = self.project(truth.center().coords);
             let _ = write!(d, "M{:.1} {:.1}l10 10m0 -10l-10 10", q.x - 5.0, q.y - 5.0);
             d
         });
@@ -166,7 +166,7 @@ impl Plan {
         )
     }
 
-    fn place(&self, p: Vector3<f64>) -> Vector2<f64> {
+    fn project(&self, p: Vector3<f64>) -> Vector2<f64> {
         let x = self.scale * (self.right.dot(&p) - self.low.x);
         Vector2::new(x, self.height - self.scale * (self.up.dot(&p) - self.low.y))
     }
@@ -181,7 +181,7 @@ impl Plan {
         let d = Vector2::new(self.right.dot(&forward), -self.up.dot(&forward));
         let d = d.try_normalize(1e-9).unwrap_or_else(Vector2::x);
         let side = Vector2::new(-d.y, d.x) * 0.45;
-        let tip = self.place(pose.center().coords);
+        let tip = self.project(pose.center().coords);
         if !self.holds(tip) {
             return String::new();
         }

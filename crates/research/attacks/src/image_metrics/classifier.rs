@@ -61,7 +61,7 @@ pub fn class_named(path: &Path) -> Option<usize> {
     of(path).or_else(|| of(path.parent()?))
 }
 
-/// The central square at the network's input size, `[3, SIDE, SIDE]` bytes: triangle_filter filter whose width is one
+/// The central square at the network's input size, `[3, SIDE, SIDE]` bytes: triangle filter whose width is one
 /// step, at least two pixels.
 fn center_crop(image: &ColourImage) -> Vec<f32> {
     let [width, height] = [image.width(), image.height()].map(|side| side as usize);

@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | [`psnr`] | pixels | decibels, infinite for equal images |
 //! | [`ssim`] | mean, spread and correlation in small windows | to 1 for equal images |
-//! | [`PerceptualDistance`] | ST-LPIPS: layers of a network, weighted by what people call alike | from 0 for equal images |
-//! | [`Classifier`] | the class that a network of ImageNet's classes gives | right or wrong |
+//! | [`PerceptualDistance`] | ST-LPIPS: layers of a network, weighted by human judgements | from 0 for equal images |
+//! | [`Classifier`] | the class predicted by an ImageNet network | right or wrong |
 //!
 //! PSNR and SSIM agree with scikit-image to all printed digits (`scripts/oracle_judge.py`). The two networks are ONNX
 //! files that the user provides; `scripts/export_onnx.py` exports them from their authors' files.

@@ -159,16 +159,16 @@ fn inverted_image_depends_on_descriptors_in_cells() {
             assert!((found - expected).abs() < 0.51, "{cell:?} {colour}: {found} {expected}");
         }
     }
-    let visibility = made.visibility.expect("it judges positions");
-    for (belief, count) in visibility.iter().zip([2.0f64, 2.0, 1.0]) {
-        assert!((f64::from(*belief) - sigmoid(count.ln_1p())).abs() < 1e-6);
+    let visibility = made.visibility.expect("a visibility output");
+    for (value, count) in visibility.iter().zip([2.0f64, 2.0, 1.0]) {
+        assert!((f64::from(*value) - sigmoid(count.ln_1p())).abs() < 1e-6);
     }
-    assert!(visibility[3].is_nan(), "it stands nowhere");
+    assert!(visibility[3].is_nan(), "it has no cell");
 
     // A view twice as wide and high also shows what lies outside the image.
     let wide = network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 2).expect("made");
     assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
-    assert!(wide.visibility.expect("it judges positions").iter().all(|belief| belief.is_finite()));
+    assert!(wide.visibility.expect("a visibility output").iter().all(|value| value.is_finite()));
     // Without positions, and without descriptors: one colour.
     let none = Descriptors::new(&[], 128).expect("none");
     for (descriptors, known) in
@@ -192,14 +192,14 @@ fn inverted_image_depends_on_descriptors_in_cells() {
 #[test]
 fn invalid_network_outputs_are_refused() {
     let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
-    for (name, says) in [("nan.toml", "values that are not finite"), ("half.toml", "wrong shape")] {
+    for (name, expected) in [("nan.toml", "values that are not finite"), ("half.toml", "wrong shape")] {
         let network = InversionNetwork::open(&data(name)).expect("it can be read");
         let positions = [Pixel::new(5.0, 5.0)];
         let refused = network
             .invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1)
             .expect_err(name)
             .to_string();
-        assert!(refused.contains(says) && refused.contains(&name.replace("toml", "onnx")), "{refused}");
+        assert!(refused.contains(expected) && refused.contains(&name.replace("toml", "onnx")), "{refused}");
     }
 }
 
@@ -279,10 +279,10 @@ fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
             "lacks the input \"descriptors\"",
         ),
     ];
-    for (kind, text, from, to, says) in cases {
+    for (kind, text, from, to, expected) in cases {
         assert!(from.is_empty() || text.contains(from), "{from}");
         let words = refused(folder, kind, &text.replacen(from, to, 1));
-        assert!(words.contains(says), "{says}: {words}");
+        assert!(words.contains(expected), "{expected}: {words}");
         assert!(words.contains("described.toml") || words.contains(".onnx"), "{words}");
     }
     assert!(refused(folder, "neighbours", &"#".repeat(1 << 17)).contains("more than"));

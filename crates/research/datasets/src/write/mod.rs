@@ -43,9 +43,8 @@ impl FromStr for Layout {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let known = Self::ALL.into_iter().find(|layout| layout.name() == text);
-        known.ok_or_else(|| {
-            format!("{text:?} is not a layout; use 7scenes, cambridge, aachen or aachen-v1.1")
-        })
+        known
+            .ok_or_else(|| format!("{text:?} is not a layout; use 7scenes, cambridge, aachen or aachen-v1.1"))
     }
 }
 

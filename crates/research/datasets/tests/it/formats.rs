@@ -214,7 +214,11 @@ fn damaged_lists_are_reported_with_line() {
         assert!(error.contains(what), "{file}: {error}");
         std::fs::write(&path, old).expect("written");
     };
-    check_error("room/TrainSplit.txt", "sequence1\nsecond\n", "TrainSplit.txt:2: \"second\" is not a sequence");
+    check_error(
+        "room/TrainSplit.txt",
+        "sequence1\nsecond\n",
+        "TrainSplit.txt:2: \"second\" is not a sequence",
+    );
     check_error(
         "pgt_sfm/room_train.txt",
         "seq-01/a.png 1 0 0 0 0 0 nan 500\n",

@@ -149,21 +149,21 @@ mod tests {
         let mut own = synthetic_image(200, 9);
         own.name = "own".to_owned();
         let groups = vec![ImageGroup { name: "memory".to_owned(), images: vec![own] }];
-        let mut seen = Recorder::default();
-        let document = attack_groups(&evaluation, groups, &mut seen).expect("it runs");
+        let mut recorder = Recorder::default();
+        let document = attack_groups(&evaluation, groups, &mut recorder).expect("it runs");
         assert_eq!(document.data, ["memory", "synthetic 200"]);
         // Two images, two schemes; the baseline, and the closed form at two shares of false neighbours.
-        assert_eq!(seen.steps, (1..=12).map(|done| (done, 12)).collect::<Vec<_>>());
-        assert_eq!(seen.trials.len(), 12);
-        assert_eq!((seen.trials[0].0, seen.trials[6].0), (0, 1));
-        assert_eq!((&*seen.trials[5].1, &*seen.trials[6].1), ("own", "synthetic"));
-        for (row, (key, errors)) in document.attacks.iter().zip(&seen.errors) {
+        assert_eq!(recorder.steps, (1..=12).map(|done| (done, 12)).collect::<Vec<_>>());
+        assert_eq!(recorder.trials.len(), 12);
+        assert_eq!((recorder.trials[0].0, recorder.trials[6].0), (0, 1));
+        assert_eq!((&*recorder.trials[5].1, &*recorder.trials[6].1), ("own", "synthetic"));
+        for (row, (key, errors)) in document.attacks.iter().zip(&recorder.errors) {
             assert_eq!((&*row.scheme, row.attack.name, row.corrupt as u64), (&*key.0, &*key.1, key.2));
             let sum = ErrorSummary::of(errors);
             assert!((row.mean_px - sum.mean_px).abs() < 1e-9 && row.median_px == sum.median_px, "{row:?}");
             assert_eq!((row.under_5px, row.under_30px), (sum.under_5px, sum.under_30px));
         }
-        assert!((document.attacks[5].bits_over_prior - seen.bits).abs() < 1e-9, "{document:?}");
+        assert!((document.attacks[5].bits_over_prior - recorder.bits).abs() < 1e-9, "{document:?}");
 
         // An evaluation without an observer gives the same document.
         let alone = evaluate_attacks(&evaluation, |_, _| {}).expect("it runs");

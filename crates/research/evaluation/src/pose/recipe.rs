@@ -14,8 +14,8 @@ use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
 /// | `likelihood+prior` | likelihood | `p6lp` | yes |
 /// | `vote` | likelihood | radial vote | yes |
 /// | `default` | the default | the default | yes |
-/// | `optimum` | the default engine's own optimum, from the true pose: what a search that misses nothing finds | | yes |
-/// | `floor` | least squares from the true pose on the truly right matches: nothing can be expected to go under it | | |
+/// | `optimum` | the default engine, started from the true pose: the result of a perfect search | | yes |
+/// | `floor` | least squares from the true pose on the true matches: a lower limit | | |
 ///
 /// Points are always sampled with `p3p`, lines of any direction with `p6lp`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub enum Recipe {
     Default,
     /// The shipped engine's optimum from the true pose, over all matches.
     Optimum,
-    /// Refinement from the true pose on the truly right matches.
+    /// Refinement from the true pose on the true matches.
     Floor,
 }
 

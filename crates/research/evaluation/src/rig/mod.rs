@@ -86,7 +86,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     if newest.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no {longest} queries of the list follow each other within {} map units; list them in the order in which \
-             they were taken, or ask for shorter sessions",
+             they were taken, or use shorter sequences",
             evaluation.reach
         )));
     }

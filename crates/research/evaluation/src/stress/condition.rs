@@ -5,17 +5,17 @@ use std::str::FromStr;
 
 /// A condition that makes localization more difficult.
 ///
-/// | name | what is done |
+/// | name | effect |
 /// |---|---|
 /// | `none` | nothing |
 /// | `dark` | an eighth of the light, with photon noise |
 /// | `motion` | the camera moves by 13 px of 640 during the exposure |
 /// | `half-hidden` | flat gray covers one half of the image, cut through its centre in a random direction |
-/// | `side-hidden` | the same for the left or the right half: along the dividing line of `dcl`, all visible keypoints belong to one anchor |
+/// | `side-hidden` | the same for the left or right half: then all visible keypoints may belong to one anchor of `dcl` |
 /// | `low-resolution` | the image is reduced to 160 pixels along its longer side, and enlarged again |
 /// | `sparse-map` | the map has every tenth image |
 /// | `few-keypoints` | the device sends the smallest size class, 256 rows |
-/// | `focal-N` | the device assumes a focal length `N` percent (1 to 50) too long or too short, and reports it as calibrated |
+/// | `focal-N` | the assumed focal length is `N` percent (1 to 50) too long or too short, reported as calibrated |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stress {
     /// Unmodified images.

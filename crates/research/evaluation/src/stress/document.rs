@@ -324,7 +324,7 @@ pub(super) mod tests {
         assert_eq!((row.right, row.trusted_wrong, row.lost), (2, 1, Some(2)));
         assert_eq!((row.recall["0.05/5"], row.recall["0.25/2"]), (2.0 / 6.0, 2.0 / 6.0));
         assert_eq!(row.median_translation, Some(0.25));
-        assert_eq!(row.optimum.expect("asked").recall["0.05/5"], 5.0 / 6.0);
+        assert_eq!(row.optimum.expect("requested").recall["0.05/5"], 5.0 / 6.0);
         let mut not_asked = queries[0].clone();
         not_asked.from_truth = None;
         let row = StressRow::of(&[not_asked], &evaluation()).expect("a row");

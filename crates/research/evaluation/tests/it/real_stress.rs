@@ -34,7 +34,7 @@ fn stress_conditions_of_redkitchen(data: &Path) {
         let name = format!("{} {}", row.stress, row.scheme);
         assert!(row.recall["0.25/2"] >= 0.8, "{name}: {}", row.recall["0.25/2"]);
         assert_eq!(row.trusted_wrong, 0, "{name}");
-        let optimum = row.optimum.as_ref().expect("it was asked for");
+        let optimum = row.optimum.as_ref().expect("it was requested");
         assert!(optimum.recall["0.25/2"] >= 0.8, "{name}: {}", optimum.recall["0.25/2"]);
         assert!(row.lost <= Some(1), "{name}: {:?} lost", row.lost);
     }

@@ -55,20 +55,20 @@ pub fn position_accuracy(
         let size @ [width, height] = image.size();
         let inside =
             |p: &Pixel| (0.0..f64::from(width)).contains(&p.u) && (0.0..f64::from(height)).contains(&p.v);
-        let kept: Vec<usize> =
+        let inside: Vec<usize> =
             (0..image.keypoints().len()).filter(|i| inside(&image.keypoints()[*i])).collect();
-        if kept.is_empty() {
+        if inside.is_empty() {
             continue;
         }
-        let truth: Vec<Pixel> = kept.iter().map(|i| image.keypoints()[*i]).collect();
-        let descriptors = image.descriptors().select(&kept);
+        let truth: Vec<Pixel> = inside.iter().map(|i| image.keypoints()[*i]).collect();
+        let descriptors = image.descriptors().select(&inside);
         let sent = obfuscate_points(&truth, width, height, &network.scheme(), angle_bits, rng)?;
         let sent = Observation::of_sent(&sent);
 
         let bins = Bins::of(&sent, size, BINS);
         let shares = network.shares(&descriptors, &bins, size)?;
         let held: Vec<usize> =
-            truth.iter().enumerate().filter_map(|(row, place)| bins.bin_of(row, *place)).collect();
+            truth.iter().enumerate().filter_map(|(row, position)| bins.bin_of(row, *position)).collect();
         let own = information(&shares, &bins, &held);
         (gain, gain_rows) = (gain + own, gain_rows + held.len());
         by_image.push(own / (held.len() as f64).max(1.0));

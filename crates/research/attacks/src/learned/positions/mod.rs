@@ -109,9 +109,9 @@ impl PositionNetwork {
             let own = bins.of_row(row);
             for bin in 0..most {
                 let at = own.start + bin.min(own.len() - 1);
-                let place = bins.positions[at];
+                let position = bins.positions[at];
                 let along = |at: f64, side: f64| ((at - side / 2.0) / longer + 0.5) as f32;
-                places.data.extend([along(place.u, width), along(place.v, height)]);
+                places.data.extend([along(position.u, width), along(position.v, height)]);
                 guess.data.push(if bin < own.len() { bins.log_prior[at] } else { NO_BIN });
             }
         }
@@ -182,9 +182,9 @@ mod tests {
             let odds: Vec<f64> = own
                 .clone()
                 .map(|bin| {
-                    let (place, guess) = (bins.positions[bin], f64::from(bins.log_prior[bin]).exp());
-                    let square = (place.u - middle[0]).powi(2) + (place.v - middle[1]).powi(2);
-                    guess * (-50.0 * square / 320.0 / 320.0 + guess).exp()
+                    let (position, prior) = (bins.positions[bin], f64::from(bins.log_prior[bin]).exp());
+                    let square = (position.u - middle[0]).powi(2) + (position.v - middle[1]).powi(2);
+                    prior * (-50.0 * square / 320.0 / 320.0 + prior).exp()
                 })
                 .collect();
             let whole: f64 = odds.iter().sum();

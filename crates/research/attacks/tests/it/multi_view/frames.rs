@@ -70,10 +70,10 @@ impl Scene {
     /// Pixels and exact lines of the points.
     fn project(&mut self) {
         let pencils = Pencils::paper(640, 480);
-        let seen = |pose: &CameraFromWorld| {
+        let project = |pose: &CameraFromWorld| {
             self.points.iter().map(|x| project_point(pose, x).expect("all frames see it")).collect::<Vec<_>>()
         };
-        self.pixels = self.poses.iter().map(seen).collect();
+        self.pixels = self.poses.iter().map(project).collect();
         self.lines = self.pixels.iter().map(|p| lift::dual_convergent(p, &pencils)).collect();
     }
 
@@ -226,11 +226,11 @@ fn translation_needs_known_depth() {
         ErrorSummary::of(&scene.errors(&scene.triangulated(2))).median_px
     };
     let wide = [0.5, 20.0];
-    let [spot, step, walk] = [0.0, 0.05, 0.5].map(|moved| of(moved, wide));
-    assert!(spot < 0.5 * step && step < 0.7 * walk, "{spot} {step} {walk}");
+    let [spot, step, far] = [0.0, 0.05, 0.5].map(|moved| of(moved, wide));
+    assert!(spot < 0.5 * step && step < 0.7 * far, "{spot} {step} {far}");
     // Depth limits are respected: points between 2 and 6 are located better with the limits 2 and 6.
     let narrow = of(0.5, [2.0, 6.0]);
-    assert!(narrow < 0.85 * walk, "{narrow} {walk}");
+    assert!(narrow < 0.85 * far, "{narrow} {far}");
 
     // Map points near the keypoints reveal their depths.
     let mut scene = Scene::new(2, 0.5, 0.2, 33).sent(34);

@@ -3,7 +3,7 @@
 //!
 //! The bound is the inverse Fisher information of the true correspondences at the true pose. Noise is Gaussian on the
 //! keypoints, before obfuscation; obfuscation adds dither (uniform, variance 1/12 px² along any direction) and the
-//! rounding of what is sent (see [`noise`]). The bound assumes Gaussian noise of the same total variance, which least
+//! rounding of the sent values (see [`noise`]). The bound assumes Gaussian noise of the same total variance, which least
 //! squares on the true correspondences would reach. Predicted medians are medians of errors sampled from the normal
 //! distribution of the bound, over all problems of a cell.
 

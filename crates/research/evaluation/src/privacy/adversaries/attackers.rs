@@ -84,8 +84,8 @@ impl Attackers<'_> {
     /// Mean error of the prior-only baseline on all images, attacked or not, by scheme, pixels.
     pub(crate) fn prior_errors(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
         let images: Vec<KeypointImage> = self.keypoints.all().cloned().collect();
-        let guessed = run(&self.evaluation(), images, "Guessing", progress)?;
-        Ok(guessed.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
+        let baseline = run(&self.evaluation(), images, "Computing the baseline", progress)?;
+        Ok(baseline.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
     }
 
     /// Gain of an adversary by scheme; empty if its resources are missing, or if a server finds no pose under the
@@ -135,19 +135,19 @@ impl Attackers<'_> {
         let keypoints = self.keypoints;
         let mut images = keypoints.attacked.clone();
         attack.images = Some(images.len());
-        let place = keypoints.place.as_ref();
-        if adversary.needs_map() && place.is_none() {
+        let scene = keypoints.scene.as_ref();
+        if adversary.needs_map() && scene.is_none() {
             return Ok(None);
         }
         // What the map shows is known under every scheme; errors are measured on the rest.
         let knowing = || {
-            place.map(|place| ServerKnowledge {
-                problems: vec![place.problems.clone()],
+            scene.map(|scene| ServerKnowledge {
+                problems: vec![scene.problems.clone()],
                 private: None,
                 measured: Measured::Hidden,
             })
         };
-        let map = || place.map_or(&[][..], |place| &place.map).iter().cloned();
+        let map = || scene.map_or(&[][..], |scene| &scene.map).iter().cloned();
         match adversary {
             Adversary::OutsiderStatistic if !self.train.is_empty() => {
                 attack.neighbours = NeighbourSource::Predicted { train: self.train.to_vec() };
@@ -170,7 +170,7 @@ impl Attackers<'_> {
             Adversary::PoseServer => {
                 // The server's own map trains the predictor of neighbours.
                 attack.neighbours =
-                    NeighbourSource::Predicted { train: place.iter().map(|p| p.map_file.clone()).collect() };
+                    NeighbourSource::Predicted { train: scene.iter().map(|p| p.map_file.clone()).collect() };
                 attack.server = knowing();
             }
             Adversary::PoseServerImages => {

@@ -18,7 +18,7 @@ pub(crate) struct AttackedKeypoints {
     /// The other queries.
     pub(crate) others: Vec<KeypointImage>,
     /// Knowledge from a map of the scene; `None` for images without a map.
-    pub(crate) place: Option<SceneKnowledge>,
+    pub(crate) scene: Option<SceneKnowledge>,
 }
 
 /// Knowledge of the operator of a map.
@@ -57,7 +57,7 @@ impl AttackedKeypoints {
             Ok::<PathBuf, EvalError>(path)
         };
         let lines: Vec<String> = made.iter().map(|m| m.line.clone()).collect();
-        let place = SceneKnowledge {
+        let scene = SceneKnowledge {
             problems: write("problems.jsonl", json_lines::encode(&lines, false))?,
             map_file: write("map.jsonl", encode_keypoints(&map, false))?,
             map,
@@ -65,14 +65,14 @@ impl AttackedKeypoints {
         };
         let queries = made.into_iter().map(|m| m.keypoints).collect();
         let (attacked, others) = split(queries, attacked);
-        Ok(Self { data, attacked, others, place: Some(place) })
+        Ok(Self { data, attacked, others, scene: Some(scene) })
     }
 
     /// Keypoints of a file without a map.
     pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, EvalError> {
         let images = read_keypoints(path)?;
         let (attacked, others) = split(images, attacked);
-        Ok(Self { data: json_lines::display_name(path), attacked, others, place: None })
+        Ok(Self { data: json_lines::display_name(path), attacked, others, scene: None })
     }
 
     /// All images, the attacked ones first.

@@ -51,7 +51,7 @@ pub fn evaluate_layouts(
         seed: stress.seed,
     };
     let keypoints = AttackedKeypoints::of_scene(&source, evaluation.attacked, progress)?;
-    let mut stressed = StressedQueries { place: String::new(), queries: Vec::new() };
+    let mut stressed = StressedQueries { scene: String::new(), queries: Vec::new() };
     for seed in evaluation.seeds() {
         let mut stress = evaluation.stress.clone();
         stress.schemes = std::iter::once(Scheme::Points)
@@ -59,7 +59,7 @@ pub fn evaluate_layouts(
             .collect();
         stress.seed = seed;
         let found = evaluate_stress(&stress, progress)?;
-        stressed.place = found.data;
+        stressed.scene = found.data;
         stressed.queries.extend(found.queries);
     }
     let accuracy = |layout: &DclLayout| Accuracy::of(&stressed.queries, Scheme::Dcl(*layout));
@@ -68,10 +68,10 @@ pub fn evaluate_layouts(
     let mut document = LayoutsDocument {
         version: 1,
         command: "eval layouts",
-        data: stressed.place,
+        data: stressed.scene,
         queries: evaluation.stress.query_list.len(),
         attacked: keypoints.attacked.len(),
-        map_images: keypoints.place.as_ref().map_or(0, |place| place.map.len()),
+        map_images: keypoints.scene.as_ref().map_or(0, |scene| scene.map.len()),
         k: evaluation.k,
         seed: evaluation.stress.seed,
         seeds: evaluation.seeds,
@@ -83,7 +83,7 @@ pub fn evaluate_layouts(
 
 /// All queries under all conditions, layouts and seeds.
 struct StressedQueries {
-    place: String,
+    scene: String,
     queries: Vec<StressQuery>,
 }
 

@@ -66,8 +66,8 @@ impl Privacy {
         let schemes: Vec<Scheme> = evaluation.layouts.iter().copied().map(Scheme::Dcl).collect();
         // Without training data the predictor is trained on the map: stronger than any outsider, and equal for all
         // layouts.
-        let train = match &keypoints.place {
-            Some(place) if evaluation.train.is_empty() => vec![place.map_file.clone()],
+        let train = match &keypoints.scene {
+            Some(scene) if evaluation.train.is_empty() => vec![scene.map_file.clone()],
             _ => evaluation.train.clone(),
         };
         let attackers = Attackers {

@@ -210,7 +210,7 @@ impl SessionRow {
     }
 
     /// The attacked keypoints, as one word.
-    pub const fn asked(&self) -> &'static str {
+    pub const fn attacked_keypoints(&self) -> &'static str {
         match self.measured {
             Measured::Private => "private",
             Measured::Matched => "matched",

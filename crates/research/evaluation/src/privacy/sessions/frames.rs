@@ -27,7 +27,7 @@ pub(super) struct DeviceFrame {
 }
 
 /// The frame of a query's own image.
-pub(super) fn shown(
+pub(super) fn device_frame(
     query: &PosedQuery,
     map: &MapFile,
     private: f64,

@@ -36,7 +36,7 @@ use veiloc_protocol::Scheme;
 use crate::privacy::spread::spread;
 use attack::{AttackErrors, attack};
 use device::{Gyroscope, Sealed, sealed_in_session};
-use frames::{DeviceFrame, shown, stationary_frames};
+use frames::{DeviceFrame, device_frame, stationary_frames};
 use localized_frame::LocalizedFrame;
 
 pub use document::{FramesFigures, SessionRow, SessionsDocument};
@@ -132,7 +132,7 @@ pub fn evaluate_sessions(
     progress.start("Extracting queries", queries.len());
     let mut trajectory: Vec<DeviceFrame> = Vec::with_capacity(queries.len());
     for query in &queries {
-        trajectory.push(shown(query, map, evaluation.private, place.seed)?);
+        trajectory.push(device_frame(query, map, evaluation.private, place.seed)?);
         progress.advance(1);
     }
     progress.finish();
@@ -179,14 +179,14 @@ pub fn evaluate_sessions(
         };
         let of_trajectory: Vec<&PosedQuery> = queries.iter().collect();
         let (sealed, starts) = seal(&trajectory);
-        let seen = localized(&sealed, &trajectory, &of_trajectory);
+        let localized_frames = localized(&sealed, &trajectory, &of_trajectory);
         let visits = if evaluation.motions.contains(&Motion::Visiting) {
             let alone = trajectory.iter().flat_map(|frame| seal(std::slice::from_ref(frame)).0);
             localized(&alone.collect::<Vec<_>>(), &trajectory, &of_trajectory)
         } else {
             Vec::new()
         };
-        let results: Vec<QueryResult> = seen.iter().map(|s| s.result.clone()).collect();
+        let results: Vec<QueryResult> = localized_frames.iter().map(|s| s.result.clone()).collect();
         let summary = summarize(&results.iter().collect::<Vec<_>>(), &place.thresholds);
         document.frames.push(FramesFigures::new(anchors, &gyroscope, starts, &sealed, summary));
         progress.advance(1);
@@ -205,9 +205,9 @@ pub fn evaluate_sessions(
                         let before = sequence_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
                         // The nearest first.
                         let others: Vec<usize> = before.iter().rev().copied().filter(|j| *j != i).collect();
-                        attack(evaluation, under, &seen, i, &others)?
+                        attack(evaluation, under, &localized_frames, i, &others)?
                     }
-                    Motion::Turning => attack(evaluation, under, &seen, i, &all_others())?,
+                    Motion::Turning => attack(evaluation, under, &localized_frames, i, &all_others())?,
                     Motion::Visiting => attack(evaluation, under, &visits, i, &all_others())?,
                 };
                 rows.iter_mut()
@@ -236,7 +236,7 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
     if able.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a trajectory; \
-             ask for fewer frames, a longer --reach, or --motion resting alone",
+             use fewer frames, a longer --reach, or only --motion resting",
             poses.len(),
             evaluation.reach
         )));

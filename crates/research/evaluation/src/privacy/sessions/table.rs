@@ -51,7 +51,7 @@ pub fn table(document: &SessionsDocument) -> String {
             first.motion.to_string(),
             first.gyro_deg.to_string(),
             first.drift_deg.to_string(),
-            first.asked().to_owned(),
+            first.attacked_keypoints().to_owned(),
             first.by().to_owned(),
             first.rows.to_string(),
             first.prior_median_px.map_or_else(missing, |x| format!("{x:.0}")),

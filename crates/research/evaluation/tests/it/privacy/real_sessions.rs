@@ -48,8 +48,9 @@ fn world_anchors_protect_a_session(data: &Path) {
     println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
     // The better of the methods, which an attacker can find on its own images.
     let bits = |anchors: &str, motion: Motion, asked: &str| {
-        let of =
-            |r: &&SessionRow| (&*r.anchors, r.motion, r.asked(), r.frames) == (anchors, motion, asked, 4);
+        let of = |r: &&SessionRow| {
+            (&*r.anchors, r.motion, r.attacked_keypoints(), r.frames) == (anchors, motion, asked, 4)
+        };
         let all: Vec<f64> = document.rows.iter().filter(of).filter_map(|r| r.bits_over_prior).collect();
         assert!(!all.is_empty(), "{anchors} {motion} {asked}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)
