@@ -168,13 +168,13 @@ impl<'a> ListLikelihood<'a> {
         let soft = width * self.radii[c.i as usize];
         let true_share = 1.0 - self.false_share;
         let steep = true_share * inside * (1.0 - inside) / soft;
-        let (slope, belief) = if c.listed {
+        let (slope, posterior) = if c.listed {
             (steep / p, true_share * inside / p)
         } else {
             (-steep / (1.0 - p), (1.0 - inside) / (1.0 - p))
         };
         let curvature =
-            (inside * (1.0 - inside)).max(0.05 * slope.abs() * soft) / (soft * soft) * belief.min(1.0);
+            (inside * (1.0 - inside)).max(0.05 * slope.abs() * soft) / (soft * soft) * posterior.min(1.0);
         PairCost { i: c.i, j: c.j, slope, curvature }
     }
 

@@ -37,7 +37,7 @@ impl NeighbourNetwork {
     /// [`AttackError::Dimensions`] when the descriptors have another dimension than the network's,
     /// [`AttackError::Features`] when the network cannot run.
     pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
-        self.0.fits(descriptors)?;
+        self.0.check_dimension(descriptors)?;
         let count = descriptors.len();
         if count == 0 {
             return NeighbourLists::from_lists(&[]);

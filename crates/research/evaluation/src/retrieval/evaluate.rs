@@ -12,7 +12,7 @@ use veiloc_features::{Extractor, FeatureError, Limits, Progress, extract_image};
 use veiloc_map::MapFile;
 
 use crate::EvalError;
-use crate::retrieval::draw::draw;
+use crate::retrieval::synthetic_descriptors::extend_with_synthetic;
 
 /// Inputs and options.
 #[derive(Clone)]

@@ -82,18 +82,18 @@ fn drawn_query(
     camera: Intrinsics,
 ) -> Result<DrawnQuery, EvalError> {
     let profile = map.profile();
-    let equipped = |scheme| {
+    let seal_options = |scheme| {
         with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
     let path = evaluation.images.join(name);
-    let extraction = with_extractors(Scheme::default());
+    let extraction = seal_options(Scheme::default());
     let mask = evaluation.mask_of(name);
     let (features, used) = extract_features(&path, mask.as_deref(), &camera, profile, &extraction)?;
     let mut localize_options = evaluation.localize.clone();
     localize_options.pose.score = scores_or_default(&evaluation.scores).first().copied();
     let mut sent = Vec::new();
     for scheme in &evaluation.schemes {
-        let sealed = seal_query(&features, &used, profile, &with_extractors(*scheme), name, evaluation.seed);
+        let sealed = seal_query(&features, &used, profile, &seal_options(*scheme), name, evaluation.seed);
         let query = sealed.ok().and_then(|sealed| SealedQuery::decode(&sealed.bytes).ok());
         let Some(query) = query else { continue };
         let found = localize(&query, map, &localize_options).ok();

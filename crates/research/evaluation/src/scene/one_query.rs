@@ -22,10 +22,10 @@ pub(super) fn localize_query(
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
     let profile = served.whole().profile();
-    let with_extractors = |scheme| {
+    let seal_options = |scheme| {
         with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
-    let extraction = with_extractors(Scheme::default());
+    let extraction = seal_options(Scheme::default());
     let started = Instant::now();
     let mask = evaluation.mask_of(&query.name);
     let (features, camera) =
@@ -37,7 +37,7 @@ pub(super) fn localize_query(
     let mut results = Vec::new();
     for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g))) {
         let started = Instant::now();
-        let options = with_extractors(*scheme).with_gravity(gravity);
+        let options = seal_options(*scheme).with_gravity(gravity);
         let sealed = seal_query(&features, &camera, profile, &options, &query.name, evaluation.seed);
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
         for score in scores_or_default(&evaluation.scores) {

@@ -153,7 +153,7 @@ impl InversionNetwork {
         known: PositionKnowledge<'_>,
         times: u32,
     ) -> Result<Reconstruction, AttackError> {
-        self.network.fits(descriptors)?;
+        self.network.check_dimension(descriptors)?;
         let one = self.grid(size);
         let grid = Grid { width: one.width * times as usize, height: one.height * times as usize };
         let view = size.map(|side| side * times);

@@ -42,7 +42,7 @@ pub fn recover(
     if observations.is_empty() {
         return Ok(Vec::new());
     }
-    network.network.fits(descriptors)?;
+    network.network.check_dimension(descriptors)?;
     if let Some(row) = observations.iter().position(|o| !fits(network.scheme, o)) {
         return Err(AttackError::Scheme {
             found: format!("row {row} was not sent under {}", network.scheme),

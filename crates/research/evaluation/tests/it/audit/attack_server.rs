@@ -126,7 +126,7 @@ fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, EvalError> {
 
 fn row(document: &AttackDocument, attack: Attack, frames: Option<usize>) -> &AttackSummary {
     let found = document.attacks.iter().find(|a| a.attack == attack && a.frames == frames);
-    found.expect("the row was asked for")
+    found.expect("the row was requested")
 }
 
 #[test]
@@ -139,9 +139,9 @@ fn server_knows_inliers_and_recovers_others() {
         named("guided-transfer"),
         named("several-frames"),
     ];
-    let mut asked = evaluation(&keypoints, &problems, &attacks);
-    asked.frames = vec![2, 6];
-    let document = run(&asked).expect("attacked");
+    let mut options = evaluation(&keypoints, &problems, &attacks);
+    options.frames = vec![2, 6];
+    let document = run(&options).expect("attacked");
     let server = &document.server[0];
     assert_eq!((server.images, server.posed, server.scheme.as_str()), (1, 1, "dcl"));
     assert!(
@@ -160,9 +160,9 @@ fn server_knows_inliers_and_recovers_others() {
     assert!(guided.median_px < 10.0 && guided.believed > Some(0.5), "{guided:?}");
 
     // With the known keypoints included, half of the errors are those of projections.
-    asked.attacks = vec![named("iterative")];
-    asked.server.as_mut().expect("set").measured = Measured::All;
-    let all = run(&asked).expect("attacked");
+    options.attacks = vec![named("iterative")];
+    options.server.as_mut().expect("set").measured = Measured::All;
+    let all = run(&options).expect("attacked");
     assert_eq!(all.server[0].measured, 1.0);
     assert!(row(&all, named("iterative"), None).mean_px < mean(named("iterative")));
 }
@@ -171,10 +171,10 @@ fn server_knows_inliers_and_recovers_others() {
 #[test]
 fn matched_keypoints_are_attacked_from_lines_alone() {
     let (_folder, [keypoints, problems]) = files(6, Matches::Right);
-    let mut asked = evaluation(&keypoints, &problems, &[named("several-frames")]);
-    asked.frames = vec![2, 6];
-    asked.server.as_mut().expect("set").measured = Measured::Matched;
-    let document = run(&asked).expect("attacked");
+    let mut options = evaluation(&keypoints, &problems, &[named("several-frames")]);
+    options.frames = vec![2, 6];
+    options.server.as_mut().expect("set").measured = Measured::Matched;
+    let document = run(&options).expect("attacked");
     let server = &document.server[0];
     assert!((server.measured - server.known).abs() < 1e-9 && server.known > 0.4, "{server:?}");
     // The baseline ignores their positions, and the frames recover them.
@@ -185,8 +185,8 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
 
     // Selection by rotation against translation is better than by matches, of which all frames have the same number.
     assert_eq!(document.choice, Some(FrameChoice::Turn));
-    asked.choice = FrameChoice::Nearest;
-    let nearest = run(&asked).expect("attacked");
+    options.choice = FrameChoice::Nearest;
+    let nearest = run(&options).expect("attacked");
     assert_eq!(nearest.choice, Some(FrameChoice::Nearest));
     let near = row(&nearest, named("several-frames"), Some(2));
     assert!(near.bits_over_prior < two.bits_over_prior, "{near:?} {two:?}");
@@ -196,24 +196,24 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
 #[test]
 fn scatter_of_seals_reveals_positions() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
-    let mut asked = evaluation(&keypoints, &problems, &[named("resting-camera")]);
-    asked.server = None;
-    asked.frames = vec![2, 8, 32];
-    let bits = |asked: &AttackEvaluation| {
-        let document = run(asked).expect("attacked");
+    let mut options = evaluation(&keypoints, &problems, &[named("resting-camera")]);
+    options.server = None;
+    options.frames = vec![2, 8, 32];
+    let bits = |options: &AttackEvaluation| {
+        let document = run(options).expect("attacked");
         assert_eq!(document.choice, None);
         [2, 8, 32].map(|n| row(&document, named("resting-camera"), Some(n)).bits_over_prior)
     };
-    let [two, eight, many] = bits(&asked);
+    let [two, eight, many] = bits(&options);
     assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
     // New frames: the detector's noise adds to the dither, and its width does not depend on the distance.
-    asked.resting_noise_px = 0.4;
-    let [_, frames, _] = bits(&asked);
+    options.resting_noise_px = 0.4;
+    let [_, frames, _] = bits(&options);
     assert!(frames > 0.3 && frames < eight, "{frames} {eight}");
     // Random lines intersect.
-    asked.schemes = vec![Scheme::RandomLines];
-    asked.resting_noise_px = 0.0;
-    let document = run(&asked).expect("attacked");
+    options.schemes = vec![Scheme::RandomLines];
+    options.resting_noise_px = 0.0;
+    let document = run(&options).expect("attacked");
     let crossed = row(&document, named("resting-camera"), Some(2));
     assert!(crossed.median_px < 3.0, "{crossed:?}");
 }
@@ -221,17 +221,17 @@ fn scatter_of_seals_reveals_positions() {
 #[test]
 fn private_region_has_no_matches() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
-    let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
-    asked.images = None;
-    let hidden = run(&asked).expect("attacked");
-    asked.server.as_mut().expect("set").private = Some(0.1);
-    let private = run(&asked).expect("attacked");
+    let mut options = evaluation(&keypoints, &problems, &[named("iterative")]);
+    options.images = None;
+    let hidden = run(&options).expect("attacked");
+    options.server.as_mut().expect("set").private = Some(0.1);
+    let private = run(&options).expect("attacked");
     assert!((private.server[0].measured - 0.1).abs() < 1e-9, "{:?}", private.server);
     let known = |d: &AttackDocument| d.server[0].known;
     // About half of the region's keypoints were matched.
     let lost = known(&hidden) - known(&private);
     assert!((0.02..0.08).contains(&lost), "{lost}");
-    assert_eq!(run(&asked).expect("attacked").attacks[1].mean_px, private.attacks[1].mean_px, "equal seeds");
+    assert_eq!(run(&options).expect("attacked").attacks[1].mean_px, private.attacks[1].mean_px, "equal seeds");
 }
 
 #[test]
@@ -254,9 +254,9 @@ fn mismatched_files_and_missing_poses_are_reported() {
 fn contradictory_options_are_refused() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
     let check = |attack, says: &str, change: fn(&mut AttackEvaluation)| {
-        let mut asked = evaluation(&keypoints, &problems, &[attack]);
-        change(&mut asked);
-        let error = run(&asked).expect_err(says).to_string();
+        let mut options = evaluation(&keypoints, &problems, &[attack]);
+        change(&mut options);
+        let error = run(&options).expect_err(says).to_string();
         assert!(error.contains(says), "{error}");
     };
     let private =
@@ -270,8 +270,8 @@ fn contradictory_options_are_refused() {
         e.server.as_mut().expect("set").private = Some(0.1);
     });
     for share in [0.0, 1.0, f64::NAN] {
-        let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
-        private(share)(&mut asked);
-        assert!(matches!(run(&asked), Err(EvalError::Options(_))), "{share}");
+        let mut options = evaluation(&keypoints, &problems, &[named("iterative")]);
+        private(share)(&mut options);
+        assert!(matches!(run(&options), Err(EvalError::Options(_))), "{share}");
     }
 }
