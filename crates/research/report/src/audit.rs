@@ -46,7 +46,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     page.html()
 }
 
-/// A warning about the file's content for those who pass it on.
+/// A warning about the file's content, for readers who share the file.
 fn notice(gallery: &Gallery) -> Option<Markup> {
     let has_photographs = gallery.shown.iter().any(|shown| shown.photograph.is_some());
     let holds = match (gallery.shown.is_empty(), has_photographs) {

@@ -101,7 +101,7 @@ fn round_step(least: f64) -> f64 {
 
 impl Chart {
     /// The cumulative distribution of values on a logarithmic axis of bounds; non-finite values are within no bound.
-    /// The second item of each series says whether it is the baseline.
+    /// The second item of each series is true for the baseline.
     pub(crate) fn cumulative(title: &str, bound: &str, series: &[(&str, bool, &[f64])]) -> Self {
         let values = series.iter().flat_map(|(_, _, values)| *values).copied();
         let (mut least, mut most) = (f64::INFINITY, 0.0);

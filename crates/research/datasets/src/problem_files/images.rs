@@ -106,10 +106,11 @@ mod tests {
     #[test]
     fn invalid_images_are_reported_by_name() {
         let folder = tempfile::tempdir().expect("temporary folder");
-        let says = |error: DatasetError, what: &str| assert!(error.to_string().contains(what), "{error}");
+        let check_message =
+            |error: DatasetError, what: &str| assert!(error.to_string().contains(what), "{error}");
         let file = folder.path().join("a.png");
         std::fs::write(&file, "no image").expect("written");
         let limits = ExtractionLimits::default();
-        says(keypoints_of_image(&file, &Sift::default(), limits).expect_err("no image"), "a.png");
+        check_message(keypoints_of_image(&file, &Sift::default(), limits).expect_err("no image"), "a.png");
     }
 }

@@ -1,7 +1,7 @@
 //! Restriction of predicted neighbours by the angles of rows.
 //!
 //! A row of Dual Convergent Lines carries the angle of its line, and near keypoints of one anchor have similar
-//! angles. An outsider who predicts neighbours restricts those with the same anchor to rows with similar angles (the
+//! angles. The attack predicts neighbours; of those with the same anchor it keeps only rows with similar angles (the
 //! **gate**).
 
 use veiloc_attacks::{AttackError, NeighbourLists, Observation};

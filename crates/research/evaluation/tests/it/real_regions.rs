@@ -98,7 +98,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     // Hardly any region of forty images holds all of the default's ten.
     let mut options = LocalizeOptions::default();
     options.retrieve = 4;
-    let (mut same, mut asked) = (0, 0);
+    let (mut same, mut total) = (0, 0);
     for scheme in [Scheme::Points, Scheme::default()] {
         for name in &queries {
             let camera = posed.get(name).expect("posed").camera;
@@ -114,7 +114,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
             let Ok(of_whole) = localize(&query, &whole, &options) else { continue };
             let retrieved = names_in(&whole, &of_whole);
             for region in &regions {
-                asked += 1;
+                total += 1;
                 let held: Vec<&str> = region.images().map(|image| image.name()).collect();
                 if !retrieved.iter().all(|name| held.contains(&name.as_str())) {
                     continue;
@@ -132,8 +132,8 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
             }
         }
     }
-    println!("{same} of {asked} answers of regions are of all that the whole map retrieves, and equal");
-    assert!(same >= 20, "{same} of {asked}");
+    println!("{same} of {total} answers of regions are of all that the whole map retrieves, and equal");
+    assert!(same >= 20, "{same} of {total}");
 }
 
 /// A pose, bit by bit, and the other fields of an answer.

@@ -155,7 +155,7 @@ fn server_knows_inliers_and_recovers_others() {
     assert!(mean(named("iterative")) < 0.5 * guess && mean(Attack::GRAPH) < 0.2 * guess, "{document:?}");
     let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
     assert!(six.median_px < 0.5 * two.median_px && two.believed == Some(0.0), "{two:?} {six:?}");
-    assert!(six.believed.expect("says so") > 0.3 && six.believed_under_10px > Some(0.9), "{six:?}");
+    assert!(six.believed.expect("reported") > 0.3 && six.believed_under_10px > Some(0.9), "{six:?}");
     let guided = row(&document, named("guided-transfer"), None);
     assert!(guided.median_px < 10.0 && guided.believed > Some(0.5), "{guided:?}");
 
@@ -231,7 +231,11 @@ fn private_region_has_no_matches() {
     // About half of the region's keypoints were matched.
     let lost = known(&hidden) - known(&private);
     assert!((0.02..0.08).contains(&lost), "{lost}");
-    assert_eq!(run(&options).expect("attacked").attacks[1].mean_px, private.attacks[1].mean_px, "equal seeds");
+    assert_eq!(
+        run(&options).expect("attacked").attacks[1].mean_px,
+        private.attacks[1].mean_px,
+        "equal seeds"
+    );
 }
 
 #[test]
@@ -253,11 +257,11 @@ fn mismatched_files_and_missing_poses_are_reported() {
 #[test]
 fn contradictory_options_are_refused() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
-    let check = |attack, says: &str, change: fn(&mut AttackEvaluation)| {
+    let check = |attack, expected: &str, change: fn(&mut AttackEvaluation)| {
         let mut options = evaluation(&keypoints, &problems, &[attack]);
         change(&mut options);
-        let error = run(&options).expect_err(says).to_string();
-        assert!(error.contains(says), "{error}");
+        let error = run(&options).expect_err(expected).to_string();
+        assert!(error.contains(expected), "{error}");
     };
     let private =
         |share| move |e: &mut AttackEvaluation| e.server.as_mut().expect("set").private = Some(share);

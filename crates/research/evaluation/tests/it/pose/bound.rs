@@ -69,12 +69,12 @@ fn document_is_independent_of_threads() {
 
 #[test]
 fn impossible_options_are_refused() {
-    let refused = |change: fn(&mut SyntheticEvaluation), says: &str| {
+    let refused = |change: fn(&mut SyntheticEvaluation), expected: &str| {
         let mut evaluation = small();
         change(&mut evaluation);
         match evaluate_bound(&evaluation, &()) {
-            Err(EvalError::Options(reason)) => assert!(reason.contains(says), "{reason}"),
-            other => panic!("{says}: {:?}", other.map(|d| d.cells.len())),
+            Err(EvalError::Options(reason)) => assert!(reason.contains(expected), "{reason}"),
+            other => panic!("{expected}: {:?}", other.map(|d| d.cells.len())),
         }
     };
     refused(|e| e.noises_px = vec![f64::NAN], "noise");

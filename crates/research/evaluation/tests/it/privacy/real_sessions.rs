@@ -47,12 +47,12 @@ fn world_anchors_protect_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
     println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
     // The better of the methods, which an attacker can find on its own images.
-    let bits = |anchors: &str, motion: Motion, asked: &str| {
+    let bits = |anchors: &str, motion: Motion, keypoints: &str| {
         let of = |r: &&SessionRow| {
-            (&*r.anchors, r.motion, r.attacked_keypoints(), r.frames) == (anchors, motion, asked, 4)
+            (&*r.anchors, r.motion, r.attacked_keypoints(), r.frames) == (anchors, motion, keypoints, 4)
         };
         let all: Vec<f64> = document.rows.iter().filter(of).filter_map(|r| r.bits_over_prior).collect();
-        assert!(!all.is_empty(), "{anchors} {motion} {asked}");
+        assert!(!all.is_empty(), "{anchors} {motion} {keypoints}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
     for motion in [Motion::Turning, Motion::Walking, Motion::Resting] {
