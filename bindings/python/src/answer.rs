@@ -1,4 +1,4 @@
-//! Where a query was taken, whoever says so: a map of this process, or a service.
+//! The answer to a localization query, from a map of this process or from a service.
 
 use std::collections::BTreeMap;
 
@@ -10,25 +10,25 @@ use veiloc_map::MapFile;
 use veiloc_pose::Confidence;
 
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 use crate::pose::CameraPose;
 
-/// Where a sealed query was taken.
+/// The pose of a sealed query, and how far it can be trusted.
 #[pyclass(frozen, module = "veiloc")]
 #[derive(Clone)]
 pub(crate) struct Answer {
     pose: Option<CameraFromWorld>,
     covariance: [[f64; 6]; 6],
-    /// ± of the position, map units.
+    /// Standard deviation of the position, map units.
     #[pyo3(get)]
     position_sd: f64,
     /// `"trusted"` or `"doubtful"`.
     #[pyo3(get)]
     state: String,
-    /// What speaks against the pose, in words.
+    /// The reasons to doubt the pose, as text.
     #[pyo3(get)]
     doubts: Vec<String>,
-    /// Natural logarithm of the evidence against chance.
+    /// Natural logarithm of the evidence for this pose over a chance agreement.
     #[pyo3(get)]
     log_evidence: f64,
     /// Rows of the query that agree with the pose.
@@ -37,44 +37,44 @@ pub(crate) struct Answer {
     /// Rows of the query that were matched.
     #[pyo3(get)]
     matches: usize,
-    /// Samples drawn.
+    /// RANSAC hypotheses that were scored.
     #[pyo3(get)]
     iterations: usize,
-    /// Standard deviation that the agreeing rows show, pixels; None where nobody tells.
+    /// Standard deviation of the inliers, pixels; None when it is not known.
     #[pyo3(get)]
     noise_px: Option<f64>,
-    /// Estimated focal length over the one the query names, 1 when it was not estimated; None where nobody tells.
+    /// Estimated focal length over that of the query; 1 when it was not estimated, None when it is not known.
     #[pyo3(get)]
     focal_scale: Option<f64>,
-    /// What became of gravity: `"used"`, `"unused"` by a map that does not know which way is down; None when not told.
+    /// Use of gravity: `"used"`; `"unused"` when the map has no down direction; None when the query has no gravity.
     #[pyo3(get)]
     gravity: Option<&'static str>,
-    /// Names of the map's images that were matched, best first; empty from a service.
+    /// Names of the map images that were matched, best first; empty in answers of a service.
     #[pyo3(get)]
     retrieved: Vec<String>,
-    /// Milliseconds of `retrieve`, `match` and `pose`.
+    /// Milliseconds spent in `retrieve`, `match` and `pose`.
     #[pyo3(get)]
     ms: BTreeMap<&'static str, f64>,
-    /// Of a rig: the pose of each camera.
+    /// The pose of each camera of a rig; empty for a single query.
     #[pyo3(get)]
     frames: Vec<CameraPose>,
 }
 
 #[pymethods]
 impl Answer {
-    /// The pose in the map; None when a doubtful one was to be withheld. Of a rig it is the rig's.
+    /// Pose in the map (of the rig, for a rig); None when it is doubtful and only a trusted pose was requested.
     #[getter]
     fn pose(&self) -> Option<CameraPose> {
         self.pose.map(CameraPose)
     }
 
-    /// Where the camera is, `[3]`, map units; None without a pose.
+    /// Camera centre in the map, `[3]`, map units; None without a pose.
     #[getter]
     fn center<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         self.pose.map(|pose| arrays::vector3(py, &pose.center().coords))
     }
 
-    /// Covariance, `[6, 6]`: a rotation vector about the camera's axes (radians), then a vector along them (map units).
+    /// Covariance, `[6, 6]`: rotation vector in the camera frame (radians), then translation in it (map units).
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         arrays::matrix(py, self.covariance.into_iter())
@@ -87,7 +87,7 @@ impl Answer {
         self.pose.map(|pose| arrays::matrix(py, of(pose).into_iter())).transpose()
     }
 
-    /// Whether nothing speaks against the pose.
+    /// Whether `state` is `"trusted"`.
     #[getter]
     fn trusted(&self) -> bool {
         self.state == "trusted"
@@ -108,7 +108,7 @@ impl Answer {
 }
 
 impl Answer {
-    fn told(pose: CameraFromWorld, covariance: &[[f64; 6]; 6], confidence: &Confidence) -> Self {
+    fn with_pose(pose: CameraFromWorld, covariance: &[[f64; 6]; 6], confidence: &Confidence) -> Self {
         Self {
             pose: Some(pose),
             covariance: *covariance,
@@ -128,7 +128,7 @@ impl Answer {
         }
     }
 
-    /// Of a query that a map of this process localized.
+    /// From a query that a map of this process localized.
     pub(crate) fn of_localization(found: &Localization, map: &MapFile) -> Self {
         Self {
             inliers: found.inliers,
@@ -143,11 +143,11 @@ impl Answer {
             },
             retrieved: found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect(),
             ms: times(found.times.retrieve_ms, found.times.match_ms, found.times.pose_ms),
-            ..Self::told(found.cam_from_world, &found.covariance, &found.confidence)
+            ..Self::with_pose(found.cam_from_world, &found.covariance, &found.confidence)
         }
     }
 
-    /// Of a rig's queries; the pose is the rig's.
+    /// From the queries of a rig; the pose is the rig's.
     pub(crate) fn of_rig(found: &RigLocalization) -> Self {
         let rig = &found.rig_from_world;
         let sum = |count: fn(&veiloc_localization::FrameLocalization) -> usize| {
@@ -161,7 +161,7 @@ impl Answer {
             focal_scale: found.focal_scale(),
             ms: times(found.times.retrieve_ms, found.times.match_ms, found.times.pose_ms),
             frames: found.frames.iter().map(|f| CameraPose(f.cam_from_world)).collect(),
-            ..Self::told(
+            ..Self::with_pose(
                 CameraFromWorld::new(*rig.rotation(), *rig.translation()),
                 &found.covariance,
                 &found.confidence,
@@ -169,10 +169,10 @@ impl Answer {
         }
     }
 
-    /// What a service answered.
+    /// From the answer of a service.
     pub(crate) fn of_service(answer: &veiloc_protocol::Answer) -> Result<Self> {
         let pose = answer.pose.as_ref();
-        let refused = || Fault::other("the service answered a pose that is none");
+        let refused = || BindingError::other("the service sent an invalid pose");
         let found =
             pose.map(|p| CameraFromWorld::from_quaternion(p.rotation, p.translation).ok_or_else(refused));
         Ok(Self {

@@ -1,6 +1,6 @@
-//! Arrays of Python to values of the libraries and back: shapes and numbers are checked here, and named when they are wrong.
+//! Converts Python arrays to values of the libraries and back; checks shapes, and names the argument in each error.
 //!
-//! An array of doubles is read where it lies; lists and other types of numbers are converted by numpy first.
+//! An array of doubles is read without a copy; numpy converts lists and other number types first.
 
 use numpy::ndarray::Ix2;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike, PyArrayMethods as _};
@@ -9,12 +9,13 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{Pixel, Point3};
 
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
 /// Rows of `K` numbers, `[N, K]`.
 pub(crate) fn rows<const K: usize>(what: &str, array: &Bound<'_, PyAny>) -> Result<Vec<[f64; K]>> {
-    let refused =
-        |shape: &str| Fault::input(format_args!("{what}: an array [N, {K}] of numbers is needed{shape}"));
+    let refused = |shape: &str| {
+        BindingError::input(format_args!("{what}: must be an array [N, {K}] of numbers{shape}"))
+    };
     let array = array.extract::<PyArrayLike<'_, f64, Ix2, AllowTypeChange>>().map_err(|_| refused(""))?;
     let view = array.as_array();
     if view.ncols() != K {
@@ -27,32 +28,34 @@ pub(crate) fn rows<const K: usize>(what: &str, array: &Bound<'_, PyAny>) -> Resu
     })
 }
 
-/// As many rows as a minimal sample has, `[N, K]`.
+/// Rows of a minimal sample, `[N, K]` with fixed `N`.
 pub(crate) fn sample<const N: usize, const K: usize>(
     what: &str,
     array: &Bound<'_, PyAny>,
 ) -> Result<[[f64; K]; N]> {
     let rows = rows::<K>(what, array)?;
     let actual = rows.len();
-    rows.try_into().map_err(|_| Fault::input(format_args!("{what}: {N} rows are needed, not {actual}")))
+    rows.try_into().map_err(|_| BindingError::input(format_args!("{what}: must have {N} rows, not {actual}")))
 }
 
-/// One number each, `[N]`.
+/// Numbers, `[N]`.
 pub(crate) fn numbers<T>(what: &str, array: &Bound<'_, PyAny>) -> Result<Vec<T>>
 where
     T: numpy::Element + Copy + for<'a, 'b> FromPyObject<'a, 'b>,
 {
     let array = (array.extract::<PyArrayLike<'_, T, numpy::ndarray::Ix1, AllowTypeChange>>())
-        .map_err(|_| Fault::input(format_args!("{what}: an array [N] of numbers is needed")))?;
+        .map_err(|_| BindingError::input(format_args!("{what}: must be an array [N] of numbers")))?;
     Ok(array.as_array().iter().copied().collect())
 }
 
 /// `K` numbers, `[K]`.
 pub(crate) fn vector<const K: usize>(what: &str, array: &Bound<'_, PyAny>) -> Result<[f64; K]> {
     let values = numbers::<f64>(what, array)
-        .map_err(|_| Fault::input(format_args!("{what}: {K} numbers are needed")))?;
+        .map_err(|_| BindingError::input(format_args!("{what}: must be {K} numbers")))?;
     let actual = values.len();
-    values.try_into().map_err(|_| Fault::input(format_args!("{what}: {K} numbers are needed, not {actual}")))
+    values
+        .try_into()
+        .map_err(|_| BindingError::input(format_args!("{what}: must be {K} numbers, not {actual}")))
 }
 
 /// Positions in the image, `[N, 2]` pixels.

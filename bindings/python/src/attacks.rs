@@ -1,4 +1,5 @@
-//! Attacks on one's own images: what would leak. Never for devices: it knows the truth.
+//! Attacks on the caller's own images, to measure what their queries leak. Not for devices: attacks need the true
+//! keypoints.
 
 use std::path::PathBuf;
 
@@ -11,8 +12,8 @@ use veiloc_evaluation::audit::{
 use veiloc_features::{Extractors, Progress};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
-use crate::errors::{Fault, Result};
-use crate::waiting::Told;
+use crate::blocking::ProgressCallback;
+use crate::errors::{BindingError, Result};
 
 /// Names of all attacks, weakest first.
 #[pyfunction]
@@ -20,15 +21,15 @@ pub(crate) fn attack_names() -> Vec<&'static str> {
     ATTACKS.map(|attack| attack.name).to_vec()
 }
 
-struct Watched<'a>(Stage<'a>);
+struct StageObserver<'a>(Stage<'a>);
 
-impl AttackObserver for Watched<'_> {
+impl AttackObserver for StageObserver<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
         self.0.advance(total);
     }
 }
 
-/// What is attacked, and how.
+/// The attacks and schemes of one evaluation.
 fn evaluation(
     attacks: Option<Vec<String>>,
     schemes: Option<Vec<String>>,
@@ -36,8 +37,10 @@ fn evaluation(
 ) -> Result<AttackEvaluation> {
     let mut evaluation = AttackEvaluation { seed, ..AttackEvaluation::default() };
     if let Some(names) = attacks {
-        evaluation.attacks =
-            names.iter().map(|name| name.parse::<Attack>().map_err(Fault::input)).collect::<Result<_>>()?;
+        evaluation.attacks = names
+            .iter()
+            .map(|name| name.parse::<Attack>().map_err(BindingError::input))
+            .collect::<Result<_>>()?;
     }
     if let Some(names) = schemes {
         evaluation.schemes = names.iter().map(|name| Ok(name.parse::<Scheme>()?)).collect::<Result<_>>()?;
@@ -48,36 +51,38 @@ fn evaluation(
 fn keypoints(
     images: &[PathBuf],
     features: &str,
-    most: u32,
-    side: u32,
-    told: &Told,
+    max_keypoints: u32,
+    max_image_side: u32,
+    progress: &ProgressCallback,
 ) -> Result<Vec<KeypointImage>> {
     let extractors = Extractors::default();
-    let limits = ExtractionLimits { max_keypoints: most, max_image_side: side };
-    let found = keypoints_of_images(images, extractors.named(features)?, limits, told)?;
+    let limits = ExtractionLimits { max_keypoints, max_image_side };
+    let found = keypoints_of_images(images, extractors.named(features)?, limits, progress)?;
     Ok(found)
 }
 
-/// A document as Python's own dictionaries and lists.
-fn document(py: Python<'_>, text: serde_json::Result<String>) -> Result<Bound<'_, PyAny>> {
-    Ok(py.import("json")?.call_method1("loads", (text.map_err(Fault::other)?,))?)
+/// A JSON document as Python dictionaries and lists.
+fn json_to_python(py: Python<'_>, text: serde_json::Result<String>) -> Result<Bound<'_, PyAny>> {
+    Ok(py.import("json")?.call_method1("loads", (text.map_err(BindingError::other)?,))?)
 }
 
-/// Attacks what would be sent of images, scheme by scheme: how near each attack comes to the true keypoints.
+/// Attacks the queries of the given images under each scheme, and measures the distance to the true keypoints.
 ///
 /// Args:
 ///     images: paths.
-///     attacks: names of `attack_names()`. Default: the paper's.
-///     schemes: which. Default: all.
-///     features, max_keypoints, max_image_side: as of `extract`.
-///     seed: of obfuscation and starts.
+///     attacks: names from `attack_names()`. Default: the attacks of the paper.
+///     schemes: obfuscation schemes. Default: all.
+///     features, max_keypoints, max_image_side: as for `extract`.
+///     seed: for the obfuscation and the attacks' starting points.
 ///     progress: a callable of (stage, done, total).
 ///
 /// Returns:
-///     The document of `veiloc attack --json`.
+///     The report of `veiloc attack --json`.
 ///
 /// Raises:
-///     ImageError, InputError, Error: images, names, or attacks that need more than images.
+///     ImageError: an image cannot be used.
+///     InputError: an unknown attack or scheme.
+///     Error: an attack needs more than images.
 #[pyfunction]
 #[pyo3(signature = (images, *, attacks=None, schemes=None, features="compact", max_keypoints=2048, max_image_side=1600, seed=0, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -93,29 +98,28 @@ pub(crate) fn attack<'py>(
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyAny>> {
     let evaluation = evaluation(attacks, schemes, seed)?;
-    let text = Told::new(py, progress)?.run(py, |told| -> Result<_> {
-        let images = keypoints(&images, features, max_keypoints, max_image_side, told)?;
+    let text = ProgressCallback::new(py, progress)?.run(py, |progress| -> Result<_> {
+        let images = keypoints(&images, features, max_keypoints, max_image_side, progress)?;
         let group = ImageGroup { name: "images".to_owned(), images };
-        let mut watched = Watched(Stage::new(told, "Attacking"));
-        let found = attack_groups(&evaluation, vec![group], &mut watched).map_err(Fault::other)?;
-        told.finish();
+        let mut observer = StageObserver(Stage::new(progress, "Attacking"));
+        let found = attack_groups(&evaluation, vec![group], &mut observer).map_err(BindingError::other)?;
+        progress.finish();
         Ok(serde_json::to_string(&found))
     })??;
-    document(py, text)
+    json_to_python(py, text)
 }
 
-/// Attacks what would be sent of images, and finds the strongest attack on each scheme.
+/// Attacks the queries of the given images, and finds the strongest attack on each scheme.
 ///
 /// Args:
-///     images, attacks, schemes, features, max_keypoints, max_image_side, seed, progress: as of `attack`; the default attacks
-///         are the paper's.
-///     synthetic: keypoints of the paper's synthetic scene, 0 for none.
+///     images, attacks, schemes, features, max_keypoints, max_image_side, seed, progress: as for `attack`.
+///     synthetic: number of keypoints of the paper's synthetic scene, 0 for none.
 ///
 /// Returns:
-///     The document of `veiloc audit --json`; `strongest` of a part has the strongest attacks.
+///     The report of `veiloc audit --json`; each part lists its strongest attacks under `strongest`.
 ///
 /// Raises:
-///     As `attack`.
+///     ImageError, InputError, Error: as for `attack`.
 #[pyfunction]
 #[pyo3(signature = (images, *, attacks=None, schemes=None, features="compact", max_keypoints=2048, max_image_side=1600, seed=0, synthetic=0, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -132,15 +136,15 @@ pub(crate) fn audit<'py>(
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyAny>> {
     let evaluation = AttackEvaluation { synthetic, ..evaluation(attacks, schemes, seed)? };
-    let text = Told::new(py, progress)?.run(py, |told| -> Result<_> {
+    let text = ProgressCallback::new(py, progress)?.run(py, |progress| -> Result<_> {
         let mut groups = Vec::new();
         if !images.is_empty() {
-            let images = keypoints(&images, features, max_keypoints, max_image_side, told)?;
+            let images = keypoints(&images, features, max_keypoints, max_image_side, progress)?;
             groups.push(ImageGroup { name: "images".to_owned(), images });
         }
         let options = AuditOptions { evaluation, groups, shown: 0, command: "veiloc.audit".to_owned() };
-        let found = run_audit(&options, &|_, _| None, told).map_err(Fault::other)?;
+        let found = run_audit(&options, &|_, _| None, progress).map_err(BindingError::other)?;
         Ok(serde_json::to_string(&found.document))
     })??;
-    document(py, text)
+    json_to_python(py, text)
 }

@@ -1,16 +1,16 @@
-//! Cameras as people write them: PoseLib's and COLMAP's dictionaries, or one line of text.
+//! Reads cameras: PoseLib's and COLMAP's dictionaries, pycolmap's objects, or one line of text.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_geometry::{Intrinsics, Pixel};
 
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
 const KEYS: [&str; 4] = ["model", "width", "height", "params"];
 
-/// A camera from `{"model", "width", "height", "params"}`, from `MODEL,WIDTH,HEIGHT,PARAMS…`, or from an object with such
-/// attributes, as pycolmap's are.
+/// A camera from `{"model", "width", "height", "params"}`, from `MODEL,WIDTH,HEIGHT,PARAMS…`, or from an object with
+/// these attributes, such as pycolmap's `Camera`.
 pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
     if let Ok(text) = camera.extract::<String>() {
         return Ok(text.parse::<Intrinsics>()?);
@@ -21,7 +21,7 @@ pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
             Err(_) => camera.getattr(key).ok(),
         };
         value.ok_or_else(|| {
-            Fault::input(format_args!(
+            BindingError::input(format_args!(
                 "camera: no {key:?}; give {{\"model\", \"width\", \"height\", \"params\"}} or \"MODEL,WIDTH,HEIGHT,PARAMS…\""
             ))
         })
@@ -30,26 +30,31 @@ pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
         let unknown =
             fields.keys().iter().map(|key| key.to_string()).find(|key| !KEYS.contains(&key.as_str()));
         if let Some(unknown) = unknown {
-            return Err(Fault::input(format_args!("camera: {unknown:?} is none of {}", KEYS.join(", "))));
+            return Err(BindingError::input(format_args!(
+                "camera: unknown key {unknown:?}; the keys are {}",
+                KEYS.join(", ")
+            )));
         }
     }
     let model = field("model")?;
-    // pycolmap has an enumeration here, whose members have names.
+    // In pycolmap the model is a member of an enumeration, with an attribute `name`.
     let model = model.extract::<String>().or_else(|_| model.getattr("name")?.extract::<String>())?;
     let size = |key: &str| -> Result<u32> {
         field(key)?
             .extract::<u32>()
-            .map_err(|_| Fault::input(format_args!("camera: {key} is a number of pixels")))
+            .map_err(|_| BindingError::input(format_args!("camera: {key} must be a number of pixels")))
     };
     let params = arrays::numbers::<f64>("camera: params", &field("params")?)?;
     Ok(Intrinsics::new(&model, size("width")?, size("height")?, &params)?)
 }
 
-/// Pixels of the image as those of the same camera without distortion.
+/// Undistorts pixels: their positions in the image of the same camera without distortion.
 pub(crate) fn undistorted(camera: &Intrinsics, pixels: Vec<Pixel>) -> Result<Vec<Pixel>> {
     let one = |(index, pixel): (usize, Pixel)| {
         let refused = || {
-            Fault::input(format_args!("points2d: number {index} is finite nowhere in front of the camera"))
+            BindingError::input(format_args!(
+                "points2d: point {index} cannot be undistorted: no ray in front of the camera belongs to it"
+            ))
         };
         camera.undistort_pixel(pixel).ok_or_else(refused)
     };

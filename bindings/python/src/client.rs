@@ -1,4 +1,4 @@
-//! A positioning service, asked from Python.
+//! Client of a localization service.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,24 +11,24 @@ use veiloc_protocol::{PositionHint, SealedQuery};
 
 use crate::answer::Answer;
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::blocking::abandonable;
+use crate::errors::{BindingError, Result};
 use crate::map::frames_of;
 use crate::profile::Profile;
-use crate::waiting::abandonable;
 
-/// A service, and who asks it. It sends sealed queries and nothing else; retries send the same bytes.
+/// A client of a localization service. It sends sealed queries and nothing else; a retry sends the same bytes.
 ///
 /// Args:
-///     server: its address, `https://…`; plain HTTP with this machine only.
-///     token: who asks, if the service wants one.
-///     certificates: PEM of whom to trust beside the system's, bytes.
+///     server: address of the service, `https://…`; plain `http://` only for this machine.
+///     token: bearer token, if the service requires one.
+///     certificates: CA certificates to trust in addition to the system's, PEM, bytes.
 ///     insecure_http: allow plain HTTP to other machines.
-///     timeout: seconds an answer may take.
-///     retries: how often a busy service or a failing network is asked again.
-///     cache: a folder to keep profiles in.
+///     timeout: most seconds to wait for an answer.
+///     retries: how many times to retry when the service is busy or the network fails.
+///     cache: folder in which profiles are cached.
 ///
 /// Raises:
-///     ServiceError: an address, a token or certificates that cannot be used.
+///     ServiceError: the address, the token or the certificates cannot be used.
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct Client {
     client: Arc<veiloc_client::Client>,
@@ -38,7 +38,7 @@ pub(crate) struct Client {
 fn request(trusted_only: bool, near: Option<&Bound<'_, PyAny>>) -> Result<LocalizeRequest> {
     let near = near.map(|near| {
         let [x, y, z, sd] = arrays::vector::<4>("near", near)?;
-        Ok::<_, Fault>(PositionHint::new([x, y, z], sd)?)
+        Ok::<_, BindingError>(PositionHint::new([x, y, z], sd)?)
     });
     let mut request = LocalizeRequest::default();
     (request.trusted_only, request.near) = (trusted_only, near.transpose()?);
@@ -61,33 +61,39 @@ impl Client {
         let mut options = ClientOptions::default();
         options.certificates = certificates;
         options.insecure_http = insecure_http;
-        options.timeout = Duration::try_from_secs_f64(timeout)
-            .map_err(|_| Fault::input(format_args!("timeout: {timeout} is no number of seconds")))?;
+        options.timeout = Duration::try_from_secs_f64(timeout).map_err(|_| {
+            BindingError::input(format_args!("timeout: {timeout} is not a valid number of seconds"))
+        })?;
         options.retry.retries = retries;
         options.cache = cache;
         let client = veiloc_client::Client::new(server, token, options)?;
         Ok(Self { client: Arc::new(client), server: server.to_owned() })
     }
 
-    /// What is needed to seal for a map of the service.
+    /// Fetches the profile of a map of the service; `seal` needs it.
     ///
     /// Raises:
-    ///     ServiceError: the service refuses, or is not reached.
+    ///     ServiceError: the service refused the request or cannot be reached.
     fn profile(&self, py: Python<'_>, map: String) -> Result<Profile> {
         let client = Arc::clone(&self.client);
         Ok(Profile(abandonable(py, move || client.profile(&map))??))
     }
 
-    /// Asks where a sealed query was taken.
+    /// Localizes a sealed query at the service.
     ///
     /// Args:
-    ///     map: the map's name there.
-    ///     query: the query's bytes.
-    ///     trusted_only: a doubtful pose is withheld.
-    ///     near: `(x, y, z, sd)`, where the camera roughly is, map units. The service learns that much.
+    ///     map: name of the map at the service.
+    ///     query: bytes of the sealed query.
+    ///     trusted_only: return no pose when it is doubtful.
+    ///     near: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units. The service
+    ///         learns this position.
     ///
     /// Raises:
-    ///     NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError.
+    ///     NotLocalizedError: the service found no pose.
+    ///     WrongProfileError: the query was sealed for another map.
+    ///     BusyError: the service is busy.
+    ///     RefusedError: the service refused the request.
+    ///     ServiceError: the service cannot be reached, or its answer cannot be read.
     #[pyo3(signature = (map, query, *, trusted_only=false, near=None))]
     fn localize(
         &self,
@@ -102,18 +108,19 @@ impl Client {
         Answer::of_service(&abandonable(py, move || client.localize_with(&map, &query, &request))??)
     }
 
-    /// Asks in steps: no more rows are sent than a trusted pose takes.
+    /// Localizes in steps, and stops sending rows as soon as the pose is trusted.
     ///
     /// Args:
-    ///     map, query, trusted_only, near: as of `localize`.
-    ///     profile: the one that the query was sealed with.
-    ///     position_sd: how exact a position is enough, map units. Default: any that is trusted.
+    ///     map, query, trusted_only, near: as for `localize`.
+    ///     profile: the profile with which the query was sealed.
+    ///     position_sd: stop only when the standard deviation of the position is below this, map units. Default: stop
+    ///         at the first trusted pose.
     ///
     /// Returns:
-    ///     The answer, and a list of dictionaries `rows`, `bytes`, `outcome`, one a step.
+    ///     The answer, and a dictionary with `rows`, `bytes` and `outcome` for each step.
     ///
     /// Raises:
-    ///     As `localize`.
+    ///     NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
     #[pyo3(signature = (map, query, profile, *, position_sd=None, trusted_only=false, near=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn localize_progressive<'py>(
@@ -130,30 +137,30 @@ impl Client {
         let enough = match position_sd {
             None => Enough::default(),
             Some(sd) => Enough::accurate_to(sd)
-                .ok_or_else(|| Fault::input(format_args!("position_sd: {sd} is not above 0")))?,
+                .ok_or_else(|| BindingError::input(format_args!("position_sd: {sd} must be above 0")))?,
         };
         let (client, profile) = (Arc::clone(&self.client), profile.0.clone());
         let found: ProgressiveAnswer =
             abandonable(py, move || client.localize_progressive(&map, &query, &profile, enough, &request))??;
         let step = |step: &veiloc_client::Step| -> PyResult<Bound<'py, PyDict>> {
-            let told = PyDict::new(py);
-            told.set_item("rows", step.rows)?;
-            told.set_item("bytes", step.bytes)?;
-            told.set_item("outcome", step.outcome.name())?;
-            Ok(told)
+            let dict = PyDict::new(py);
+            dict.set_item("rows", step.rows)?;
+            dict.set_item("bytes", step.bytes)?;
+            dict.set_item("outcome", step.outcome.name())?;
+            Ok(dict)
         };
         let steps = found.steps.iter().map(step).collect::<PyResult<_>>()?;
         Ok((Answer::of_service(&found.answer)?, steps))
     }
 
-    /// Asks with several images of one device at once.
+    /// Localizes several images of one device together.
     ///
     /// Args:
-    ///     frames: as of `Map.localize_rig`.
-    ///     map, trusted_only, near: as of `localize`.
+    ///     frames: as for `Map.localize_rig`.
+    ///     map, trusted_only, near: as for `localize`.
     ///
     /// Raises:
-    ///     As `localize`.
+    ///     NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
     #[pyo3(signature = (map, frames, *, trusted_only=false, near=None))]
     fn localize_rig(
         &self,

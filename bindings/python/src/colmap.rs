@@ -1,4 +1,4 @@
-//! COLMAP models, read without COLMAP: what hloc's steps need of one.
+//! Reads the parts of COLMAP models that hloc's localization needs, without COLMAP.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -22,10 +22,10 @@ pub(crate) struct ColmapModel {
 
 #[pymethods]
 impl ColmapModel {
-    /// Reads the model of a folder.
+    /// Reads the model in a folder.
     ///
     /// Raises:
-    ///     MapError: it cannot be read.
+    ///     MapError: the model cannot be read.
     #[staticmethod]
     fn open(py: Python<'_>, folder: PathBuf) -> Result<Self> {
         let model = py.detach(|| read_model(&folder))?;
@@ -33,38 +33,38 @@ impl ColmapModel {
         Ok(Self { model, row_of_point })
     }
 
-    /// Names of its images.
+    /// Names of the images.
     #[getter]
     fn image_names(&self) -> Vec<String> {
         self.model.image_names()
     }
 
-    /// Pose of an image; None without such an image.
+    /// Pose of an image; None when the model has no image of this name.
     fn pose(&self, name: &str) -> Option<CameraPose> {
         self.model.image_by_name(name).map(|image| CameraPose(image.cam_from_world))
     }
 
-    /// Camera of an image, a dictionary; None without such an image.
+    /// Camera of an image, a dictionary; None when the model has no image of this name.
     fn camera<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(image) = self.model.image_by_name(name) else { return Ok(None) };
         let camera = self.model.camera_of(image);
-        let told = PyDict::new(py);
-        told.set_item("model", camera.model.name())?;
-        told.set_item("width", camera.width)?;
-        told.set_item("height", camera.height)?;
-        told.set_item("params", camera.model.params().to_vec())?;
-        Ok(Some(told))
+        let dict = PyDict::new(py);
+        dict.set_item("model", camera.model.name())?;
+        dict.set_item("width", camera.width)?;
+        dict.set_item("height", camera.height)?;
+        dict.set_item("params", camera.model.params().to_vec())?;
+        Ok(Some(dict))
     }
 
-    /// The point that each keypoint of an image sees, `[N]` rows of `points` (int64), -1 where none; None without such an
-    /// image.
+    /// Row in `points` of the point that each keypoint of an image observes, `[N]` int64, -1 for none; None when the
+    /// model has no image of this name.
     fn point_rows<'py>(&self, py: Python<'py>, name: &str) -> Option<Bound<'py, PyArray1<i64>>> {
         let row = |point: Option<u64>| point.and_then(|id| self.row_of_point.get(&id)).copied().unwrap_or(-1);
         let image = self.model.image_by_name(name)?;
         Some(image.points2d.iter().map(|p| row(p.point)).collect::<Vec<i64>>().into_pyarray(py))
     }
 
-    /// Its points, `[N, 3]`, map units.
+    /// The 3D points, `[N, 3]`, map units.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         arrays::matrix(py, self.model.points().iter().map(|p| p.position.coords.into()))
@@ -79,10 +79,10 @@ impl ColmapModel {
     }
 }
 
-/// Pixels of an image as those of the same camera without distortion, `[N, 2]`.
+/// Undistorts pixels, `[N, 2]`: their positions in the image of the same camera without distortion.
 ///
 /// Raises:
-///     InputError: a pixel that no ray belongs to.
+///     InputError: a pixel has no undistorted position.
 #[pyfunction]
 pub(crate) fn undistort<'py>(
     py: Python<'py>,

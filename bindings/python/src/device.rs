@@ -1,4 +1,4 @@
-//! The device's road: extract, obfuscate, seal.
+//! The device side: extract features, obfuscate them, seal a query.
 
 use numpy::{IntoPyArray, PyArrayMethods as _};
 use pyo3::prelude::*;
@@ -14,24 +14,24 @@ use veiloc_pose::Stop;
 use veiloc_protocol::{AngleBits, CoarseGravity, FocalKnowledge, Observations, Scheme, SealedQuery};
 
 use crate::arrays;
+use crate::blocking::interruptible;
 use crate::camera::camera_of;
-use crate::errors::{Fault, Result};
-use crate::images::{Given, mask_of};
+use crate::errors::{BindingError, Result};
+use crate::images::{ImageInput, mask_of};
 use crate::profile::Profile;
-use crate::waiting::released;
 
 /// Keypoints and descriptors of an image.
 ///
 /// Args:
-///     image: a path, or an array `[H, W]` or `[H, W, 3]` of uint8 (red, green, blue), or `[H, W]` of float32 in [0, 1].
+///     image: a path, or an array `[H, W]` or `[H, W, 3]` of uint8 (red, green, blue), or `[H, W]` of float32 (0 to 1).
 ///     features: `"compact"` or `"sift"`.
-///     max_keypoints: most keypoints, strongest first.
-///     max_image_side: larger images are made smaller first, pixels.
-///     mask: a path (black hides) or an array `[H, W]` of bool (True hides): nothing there is looked at.
+///     max_keypoints: most keypoints to return, strongest first.
+///     max_image_side: larger images are scaled down to this side first, pixels.
+///     mask: a path (black hides) or an array `[H, W]` of bool (True hides); hidden pixels are not used.
 ///
 /// Returns:
-///     `keypoints` `[N, 2]` pixels (the first pixel's centre is (0.5, 0.5)), `descriptors` `[N, D]` uint8, `scales` `[N]`
-///     pixels, `orientations` `[N]` radians, `responses` `[N]`, `image_size` `[2]` (width, height).
+///     `keypoints` `[N, 2]` pixels (the first pixel's centre is (0.5, 0.5)), `descriptors` `[N, D]` uint8, `scales`
+///     `[N]` pixels, `orientations` `[N]` radians, `responses` `[N]`, `image_size` `[2]` (width, height).
 ///
 /// Raises:
 ///     ImageError: the image or the mask cannot be used, or `features` is unknown.
@@ -45,47 +45,49 @@ pub(crate) fn extract<'py>(
     max_image_side: u32,
     mask: Option<&Bound<'py, PyAny>>,
 ) -> Result<Bound<'py, PyDict>> {
-    let (image, mask) = (Given::of(image)?, mask.map(mask_of).transpose()?);
+    let (image, mask) = (ImageInput::from_python(image)?, mask.map(mask_of).transpose()?);
     let extractors = Extractors::default();
     let extractor = extractors.named(features)?;
     let limits = Limits { max_keypoints, max_side: max_image_side };
-    let extracted = released(py, &Stop::default(), || -> Result<_> {
+    let extracted = interruptible(py, &Stop::default(), || -> Result<_> {
         let loaded = image.load(mask.as_ref())?;
         Ok(veiloc_features::extract_loaded(loaded, image.name(), None, extractor, limits)?)
     })??;
     let (width, height) = extracted.size_in_file;
     let found: Features = extracted.features_in_file();
     let (count, dim) = (found.keypoints.len(), found.descriptors.kind().dim());
-    let told = PyDict::new(py);
+    let dict = PyDict::new(py);
     let of = |value: fn(&veiloc_features::Keypoint) -> f32| -> Vec<f32> {
         found.keypoints.iter().map(value).collect()
     };
-    told.set_item("keypoints", arrays::matrix(py, found.keypoints.iter().map(|k| [k.pixel.u, k.pixel.v]))?)?;
-    told.set_item("scales", of(|k| k.scale).into_pyarray(py))?;
-    told.set_item("orientations", of(|k| k.orientation).into_pyarray(py))?;
-    told.set_item("responses", of(|k| k.response).into_pyarray(py))?;
+    dict.set_item("keypoints", arrays::matrix(py, found.keypoints.iter().map(|k| [k.pixel.u, k.pixel.v]))?)?;
+    dict.set_item("scales", of(|k| k.scale).into_pyarray(py))?;
+    dict.set_item("orientations", of(|k| k.orientation).into_pyarray(py))?;
+    dict.set_item("responses", of(|k| k.response).into_pyarray(py))?;
     let bytes = found.descriptors.as_bytes().to_vec();
     let columns = bytes.len().checked_div(count).unwrap_or(dim);
-    told.set_item("descriptors", bytes.into_pyarray(py).reshape([count, columns])?)?;
-    told.set_item("image_size", (width, height))?;
-    Ok(told)
+    dict.set_item("descriptors", bytes.into_pyarray(py).reshape([count, columns])?)?;
+    dict.set_item("image_size", (width, height))?;
+    Ok(dict)
 }
 
-/// What a scheme tells of keypoints: the lines that would be sent of them, in their order. For experiments; a device seals.
+/// Obfuscates keypoints under a scheme, in their order. For experiments only; a device calls `seal`.
 ///
 /// Args:
 ///     points2d: `[N, 2]` pixels of an image without distortion.
-///     width, height: of the image, pixels.
-///     scheme: `"dcl"` (and its layouts), `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides nothing.
-///     angle_bits: bits of an angle.
-///     seed: of the generator.
+///     width, height: size of the image, pixels.
+///     scheme: `"dcl"` (and its layouts), `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
+///         nothing.
+///     angle_bits: bits of each quantized angle.
+///     seed: seed of the random generator.
 ///
 /// Returns:
-///     `kind` and its arrays: `"anchored"` with `anchors` `[N]`, `angles` `[N]` and `layout_focal`; `"lines"` with `lines` `[N, 3]`;
-///     `"either"` with `lines` `[N, 2, 3]`, of which one is right; `"points"` with `points` `[N, 2]`.
+///     A dictionary with `kind` and its arrays: `"anchored"` with `anchors` `[N]`, `angles` `[N]` and `layout_focal`;
+///     `"lines"` with `lines` `[N, 3]`; `"either"` with `lines` `[N, 2, 3]`, one of the two is right; `"points"` with
+///     `points` `[N, 2]`.
 ///
 /// Raises:
-///     QueryError: an unknown scheme, or a point that is not finite.
+///     QueryError: the scheme is unknown, or a point is not finite.
 #[pyfunction]
 #[pyo3(signature = (points2d, width, height, scheme="dcl", *, angle_bits=12, seed=0))]
 pub(crate) fn obfuscate<'py>(
@@ -101,36 +103,36 @@ pub(crate) fn obfuscate<'py>(
     let scheme: Scheme = scheme.parse()?;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let sent = obfuscate_points(&pixels, width, height, &scheme, AngleBits::new(angle_bits)?, &mut rng)?;
-    let told = PyDict::new(py);
+    let dict = PyDict::new(py);
     let coefficients = |line: &veiloc_geometry::PixelLine| -> [f64; 3] { (*line.coefficients()).into() };
     match sent {
         Observations::Points(points) => {
-            told.set_item("kind", "points")?;
-            told.set_item("points", arrays::matrix(py, points.iter().map(|p| [p.u, p.v]))?)?;
+            dict.set_item("kind", "points")?;
+            dict.set_item("points", arrays::matrix(py, points.iter().map(|p| [p.u, p.v]))?)?;
         }
         Observations::Lines(lines) => {
-            told.set_item("kind", "lines")?;
-            told.set_item("lines", arrays::matrix(py, lines.iter().map(coefficients))?)?;
+            dict.set_item("kind", "lines")?;
+            dict.set_item("lines", arrays::matrix(py, lines.iter().map(coefficients))?)?;
         }
         Observations::EitherLine(pairs) => {
-            told.set_item("kind", "either")?;
+            dict.set_item("kind", "either")?;
             let flat: Vec<[f64; 3]> = pairs.iter().flatten().map(coefficients).collect();
-            told.set_item("lines", arrays::matrix(py, flat.into_iter())?.reshape([pairs.len(), 2, 3])?)?;
+            dict.set_item("lines", arrays::matrix(py, flat.into_iter())?.reshape([pairs.len(), 2, 3])?)?;
         }
         Observations::Anchored { pencils, lines } => {
-            told.set_item("kind", "anchored")?;
-            told.set_item("layout_focal", pencils.camera().mean_focal())?;
+            dict.set_item("kind", "anchored")?;
+            dict.set_item("layout_focal", pencils.camera().mean_focal())?;
             let anchors: Vec<i64> = lines.iter().map(|l| l.anchor.index() as i64).collect();
             let angles: Vec<f64> = lines.iter().map(|l| l.angle).collect();
-            told.set_item("anchors", anchors.into_pyarray(py))?;
-            told.set_item("angles", angles.into_pyarray(py))?;
+            dict.set_item("anchors", anchors.into_pyarray(py))?;
+            dict.set_item("angles", angles.into_pyarray(py))?;
         }
     }
-    Ok(told)
+    Ok(dict)
 }
 
-/// What a device decides when it seals; all of it, whatever a profile says.
-pub(crate) struct Wishes<'a, 'py> {
+/// The options that the device decides when it seals. A profile cannot change them.
+pub(crate) struct SealArguments<'a, 'py> {
     pub(crate) scheme: &'a str,
     pub(crate) max_keypoints: Option<usize>,
     pub(crate) angle_bits: u8,
@@ -138,81 +140,83 @@ pub(crate) struct Wishes<'a, 'py> {
     pub(crate) focal: Option<&'a str>,
 }
 
-/// One image, ready to be sealed: what to extract from, its camera, and the options.
-pub(crate) struct Ready {
-    image: Given,
+/// One image to seal, with its mask, its camera and the options.
+pub(crate) struct SealInput {
+    image: ImageInput,
     mask: Option<Mask>,
     camera: Intrinsics,
     pub(crate) options: SealOptions,
 }
 
-impl Ready {
+impl SealInput {
     pub(crate) fn new(
         image: &Bound<'_, PyAny>,
         camera: Option<&Bound<'_, PyAny>>,
         mask: Option<&Bound<'_, PyAny>>,
-        wishes: &Wishes<'_, '_>,
+        arguments: &SealArguments<'_, '_>,
     ) -> Result<Self> {
-        let image = Given::of(image)?;
+        let image = ImageInput::from_python(image)?;
         let known = match camera {
             None => KnownCamera::from_exif(image.file()?)?,
-            Some(word) if word.extract::<String>().is_ok_and(|word| word == "unknown") => {
+            Some(text) if text.extract::<String>().is_ok_and(|text| text == "unknown") => {
                 KnownCamera::guessed(image.file()?)?
             }
             Some(camera) => KnownCamera::calibrated(camera_of(camera)?),
         };
-        let focal = match wishes.focal {
-            Some(word) => word.parse::<FocalKnowledge>().map_err(Fault::input)?,
+        let focal = match arguments.focal {
+            Some(name) => name.parse::<FocalKnowledge>().map_err(BindingError::input)?,
             None => known.focal,
         };
-        let scheme: Scheme = wishes.scheme.parse()?;
+        let scheme: Scheme = arguments.scheme.parse()?;
         let options = match scheme {
             Scheme::Points => SealOptions::unprotected_points(),
             hidden => SealOptions::new(hidden)?,
         };
-        let gravity = wishes.gravity.map(coarse_gravity).transpose()?;
+        let gravity = arguments.gravity.map(coarse_gravity).transpose()?;
         let options = options
-            .with_angle_bits(AngleBits::new(wishes.angle_bits)?)
+            .with_angle_bits(AngleBits::new(arguments.angle_bits)?)
             .with_focal(focal)
             .with_gravity(gravity);
-        let options = match wishes.max_keypoints {
+        let options = match arguments.max_keypoints {
             Some(most) => options.with_max_keypoints(most),
             None => options,
         };
         Ok(Self { image, mask: mask.map(mask_of).transpose()?, camera: known.intrinsics, options })
     }
 
-    /// Features of the image as the profile asks for them, and the camera they are in.
+    /// Extracts the features that the profile requests; returns them with the camera of their pixels.
     pub(crate) fn extracted(&self, profile: &Profile) -> Result<(Features, Intrinsics)> {
         let image = self.image.load(self.mask.as_ref())?;
         Ok(extract_loaded(image, self.image.name(), &self.camera, &profile.0, &self.options)?)
     }
 }
 
-/// Down as the device felt it, three numbers and perhaps a deviation in degrees.
+/// The measured down direction: three numbers, optionally followed by a standard deviation in degrees.
 fn coarse_gravity(gravity: &Bound<'_, PyAny>) -> Result<CoarseGravity> {
     let numbers = arrays::numbers::<f64>("gravity", gravity)?;
     match *numbers.as_slice() {
         [x, y, z] => Ok(CoarseGravity::new([x, y, z], CoarseGravity::PHONE_SD_DEG)?),
         [x, y, z, sd] => Ok(CoarseGravity::new([x, y, z], sd)?),
-        _ => Err(Fault::input("gravity: [x, y, z] or [x, y, z, degrees] is needed")),
+        _ => Err(BindingError::input("gravity: must be [x, y, z] or [x, y, z, degrees]")),
     }
 }
 
-/// Seals one image: all that leaves a device. Everything random comes from the operating system; an image is sealed once.
+/// Seals one image into a query: only these bytes leave the device. Randomness comes from the operating system.
 ///
-/// Several images of one place belong in one `Session`.
+/// Seal each image once. For several images of the same scene use one `Session`.
 ///
 /// Args:
-///     image: a path, or an array as of `extract`.
-///     camera: a dictionary or text as of `estimate_absolute_pose`; None takes the focal length of the file's EXIF, `"unknown"`
-///         guesses it.
-///     profile: the map's.
-///     scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides nothing.
-///     max_keypoints: most rows that are sent. Default: as many as the profile asks for, 2048 at most.
-///     angle_bits: bits of an angle.
-///     gravity: `[x, y, z]` or `[x, y, z, degrees]`, down as the device felt it in the camera's axes, and its deviation (2).
-///     focal: `"calibrated"`, `"exif"` or `"unknown"`. Default: by where the camera comes from.
+///     image: a path, or an array as for `extract`.
+///     camera: a dictionary or text as for `estimate_absolute_pose`; None reads the focal length from the file's EXIF,
+///         `"unknown"` sends a guess, which localization corrects.
+///     profile: profile of the map.
+///     scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
+///         nothing.
+///     max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+///     angle_bits: bits of each quantized angle.
+///     gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
+///         deviation (2). It is sent with the query.
+///     focal: `"calibrated"`, `"exif"` or `"unknown"`. Default: follows from `camera`.
 ///     mask: a path (black hides) or an array `[H, W]` of bool (True hides).
 ///
 /// Returns:
@@ -220,8 +224,8 @@ fn coarse_gravity(gravity: &Bound<'_, PyAny>) -> Result<CoarseGravity> {
 ///
 /// Raises:
 ///     ImageError: the image or the mask cannot be used.
-///     QueryError: the profile asks for more than this device gives, or a scheme is unknown.
-///     InputError: other arguments.
+///     QueryError: the profile requests more than this device sends, or the scheme is unknown.
+///     InputError: another argument is invalid.
 #[pyfunction]
 #[pyo3(signature = (image, camera, profile, *, scheme="dcl", max_keypoints=None, angle_bits=12, gravity=None, focal=None, mask=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -237,40 +241,40 @@ pub(crate) fn seal<'py>(
     focal: Option<&str>,
     mask: Option<&Bound<'py, PyAny>>,
 ) -> Result<Bound<'py, PyBytes>> {
-    let wishes = Wishes { scheme, max_keypoints, angle_bits, gravity, focal };
-    let ready = Ready::new(image, camera, mask, &wishes)?;
-    let bytes = released(py, &Stop::default(), || -> Result<Vec<u8>> {
-        let (features, camera) = ready.extracted(profile)?;
+    let arguments = SealArguments { scheme, max_keypoints, angle_bits, gravity, focal };
+    let input = SealInput::new(image, camera, mask, &arguments)?;
+    let bytes = interruptible(py, &Stop::default(), || -> Result<Vec<u8>> {
+        let (features, camera) = input.extracted(profile)?;
         let query: SealedQuery =
-            veiloc_obfuscation::seal(features, &camera, &profile.0, &ready.options, &mut device_rng()?)?;
+            veiloc_obfuscation::seal(features, &camera, &profile.0, &input.options, &mut device_rng()?)?;
         Ok(query.encode())
     })??;
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// What a sealed query says of itself: scheme, rows, bytes, profile; nothing of its content.
+/// Reads the header of a sealed query: scheme, rows, bytes, profile, camera size; no keypoints and no descriptors.
 ///
 /// Raises:
-///     QueryError: the bytes are no sealed query.
+///     QueryError: the bytes are not a sealed query.
 #[pyfunction]
 pub(crate) fn describe_query<'py>(py: Python<'py>, query: &[u8]) -> Result<Bound<'py, PyDict>> {
     let sealed = SealedQuery::decode(query)?;
-    let told = PyDict::new(py);
-    told.set_item("scheme", sealed.scheme().to_string())?;
-    told.set_item("rows", sealed.len())?;
-    told.set_item("bytes", query.len())?;
-    told.set_item("profile", sealed.profile_id().to_string())?;
+    let dict = PyDict::new(py);
+    dict.set_item("scheme", sealed.scheme().to_string())?;
+    dict.set_item("rows", sealed.len())?;
+    dict.set_item("bytes", query.len())?;
+    dict.set_item("profile", sealed.profile_id().to_string())?;
     let camera = sealed.camera();
-    told.set_item("camera_size", (camera.width, camera.height))?;
-    Ok(told)
+    dict.set_item("camera_size", (camera.width, camera.height))?;
+    Ok(dict)
 }
 
-/// How far this device follows a profile.
+/// Upper limits that this device applies to what a profile requests.
 #[pyfunction]
 pub(crate) fn device_limits(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-    let (limits, told) = (DeviceLimits::default(), PyDict::new(py));
-    told.set_item("max_keypoints", limits.max_keypoints)?;
-    told.set_item("max_image_side", limits.max_image_side)?;
-    told.set_item("max_vocabulary_words", limits.max_vocabulary_words)?;
-    Ok(told)
+    let (limits, dict) = (DeviceLimits::default(), PyDict::new(py));
+    dict.set_item("max_keypoints", limits.max_keypoints)?;
+    dict.set_item("max_image_side", limits.max_image_side)?;
+    dict.set_item("max_vocabulary_words", limits.max_vocabulary_words)?;
+    Ok(dict)
 }

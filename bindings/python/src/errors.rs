@@ -1,4 +1,4 @@
-//! Errors of the libraries as exceptions of the package (`veiloc.errors`).
+//! Converts errors of the libraries to exceptions of the package (`veiloc.errors`).
 
 use std::fmt::Display;
 use std::path::Path;
@@ -16,7 +16,7 @@ use veiloc_pose::PoseError;
 use veiloc_protocol::QueryError;
 
 mod python {
-    //! The classes, where Python defines them.
+    //! The exception classes that Python defines.
     pyo3::import_exception!(veiloc.errors, Error);
     pyo3::import_exception!(veiloc.errors, InputError);
     pyo3::import_exception!(veiloc.errors, ImageError);
@@ -29,24 +29,24 @@ mod python {
     pyo3::import_exception!(veiloc.errors, RefusedError);
 }
 
-/// What a call ends with: an exception, made where the cause is known.
+/// A Python exception, created where the cause is known.
 #[derive(Debug)]
-pub(crate) struct Fault(PyErr);
+pub(crate) struct BindingError(PyErr);
 
-pub(crate) type Result<T> = std::result::Result<T, Fault>;
+pub(crate) type Result<T> = std::result::Result<T, BindingError>;
 
-impl Fault {
-    /// An argument that is refused.
+impl BindingError {
+    /// An argument is invalid.
     pub(crate) fn input(message: impl Display) -> Self {
         Self(python::InputError::new_err(message.to_string()))
     }
 
-    /// Something that is none of the others' business.
+    /// Any error without a class of its own.
     pub(crate) fn other(message: impl Display) -> Self {
         Self(python::Error::new_err(message.to_string()))
     }
 
-    /// A file of what crosses the network that cannot be read.
+    /// A query, profile or session file cannot be read.
     pub(crate) fn file(path: &Path, why: impl Display) -> Self {
         Self(python::QueryError::new_err(format!("{}: {why}", path.display())))
     }
@@ -55,7 +55,7 @@ impl Fault {
         Self(python::ImageError::new_err(message.to_string()))
     }
 
-    /// A map that cannot be used.
+    /// A map cannot be used.
     pub(crate) fn map(message: impl Display) -> Self {
         Self(python::MapError::new_err(message.to_string()))
     }
@@ -64,31 +64,31 @@ impl Fault {
         Self(python::ServiceError::new_err(message.to_string()))
     }
 
-    /// Somebody pressed Ctrl-C.
+    /// The user pressed Ctrl-C.
     pub(crate) fn interrupted() -> Self {
         Self(PyKeyboardInterrupt::new_err(()))
     }
 }
 
-impl From<Fault> for PyErr {
-    fn from(fault: Fault) -> Self {
-        fault.0
+impl From<BindingError> for PyErr {
+    fn from(error: BindingError) -> Self {
+        error.0
     }
 }
 
-impl From<PyErr> for Fault {
+impl From<PyErr> for BindingError {
     fn from(error: PyErr) -> Self {
         Self(error)
     }
 }
 
-impl From<IntrinsicsError> for Fault {
+impl From<IntrinsicsError> for BindingError {
     fn from(error: IntrinsicsError) -> Self {
         Self::input(error)
     }
 }
 
-impl From<PoseError> for Fault {
+impl From<PoseError> for BindingError {
     fn from(error: PoseError) -> Self {
         match error {
             PoseError::NoConsensus { .. } | PoseError::Chance { .. } | PoseError::OneSided { .. } => {
@@ -100,7 +100,7 @@ impl From<PoseError> for Fault {
     }
 }
 
-impl From<LocalizeError> for Fault {
+impl From<LocalizeError> for BindingError {
     fn from(error: LocalizeError) -> Self {
         match error {
             LocalizeError::WrongProfile { .. } => Self(python::WrongProfileError::new_err(error.to_string())),
@@ -118,13 +118,13 @@ impl From<LocalizeError> for Fault {
     }
 }
 
-impl From<QueryError> for Fault {
+impl From<QueryError> for BindingError {
     fn from(error: QueryError) -> Self {
         Self(python::QueryError::new_err(error.to_string()))
     }
 }
 
-impl From<SealError> for Fault {
+impl From<SealError> for BindingError {
     fn from(error: SealError) -> Self {
         match error {
             error @ SealError::Image(_) => Self::image(error),
@@ -136,36 +136,36 @@ impl From<SealError> for Fault {
     }
 }
 
-impl From<FeatureError> for Fault {
+impl From<FeatureError> for BindingError {
     fn from(error: FeatureError) -> Self {
         Self::image(error)
     }
 }
 
-impl From<DatasetError> for Fault {
+impl From<DatasetError> for BindingError {
     fn from(error: DatasetError) -> Self {
         Self::image(error)
     }
 }
 
-impl From<MapError> for Fault {
+impl From<MapError> for BindingError {
     fn from(error: MapError) -> Self {
         Self::map(error)
     }
 }
 
-impl From<MappingError> for Fault {
+impl From<MappingError> for BindingError {
     fn from(error: MappingError) -> Self {
         match error {
             MappingError::BadImages(_) => Self::image(format_args!(
-                "{error}; mend these, leave them out of the list, or give skip_bad=True"
+                "{error}; repair these images, remove them from the list, or pass skip_bad=True"
             )),
             error => Self::map(error),
         }
     }
 }
 
-impl From<ClientError> for Fault {
+impl From<ClientError> for BindingError {
     fn from(error: ClientError) -> Self {
         let message = error.to_string();
         match error {
@@ -187,7 +187,7 @@ impl From<ClientError> for Fault {
     }
 }
 
-impl Fault {
+impl BindingError {
     fn with_attributes(error: PyErr, set: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<()>) -> Self {
         Python::attach(|py| set(error.value(py))).map_or_else(Self, |()| Self(error))
     }

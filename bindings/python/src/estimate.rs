@@ -1,4 +1,5 @@
-//! Poses from correspondences, called as PoseLib's are: points, lines of any direction, and anchored lines.
+//! Estimates poses from correspondences with PoseLib's calling convention: points, lines of any direction, anchored
+//! lines.
 
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -14,21 +15,21 @@ use veiloc_pose::{
 use veiloc_protocol::{LayoutTurn, Scheme};
 
 use crate::arrays;
+use crate::blocking::interruptible_on_worker;
 use crate::camera::{camera_of, undistorted};
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::waiting::released_at_once;
 
-/// A pose and what is known of it.
+/// A pose and its `info` dictionary.
 type Estimated<'py> = (CameraPose, Bound<'py, PyDict>);
 
 /// Anchors and angles, `[N]` both.
 type Anchored<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
-/// What a caller may know beside the correspondences.
+/// Optional evidence beside the correspondences.
 #[derive(Default)]
-struct Known<'a, 'py> {
+struct OptionalInputs<'a, 'py> {
     keypoints: Option<&'a Bound<'py, PyAny>>,
     prior: Option<&'a Bound<'py, PyAny>>,
     gravity: Option<&'a Bound<'py, PyAny>>,
@@ -36,30 +37,34 @@ struct Known<'a, 'py> {
     focal: &'a str,
 }
 
-/// Pose of a camera from points of the image and points of the map.
+/// Estimates the pose of a camera from 2D–3D point correspondences.
 ///
 /// Args:
-///     points2d: `[N, 2]` pixels of the image as it was taken (the centre of its first pixel is (0.5, 0.5)).
+///     points2d: `[N, 2]` pixels of the distorted image (the centre of its first pixel is (0.5, 0.5)).
 ///     points3d: `[N, 3]` map units.
 ///     camera: `{"model", "width", "height", "params"}` with COLMAP's models, or `"MODEL,WIDTH,HEIGHT,PARAMS…"`.
 ///     ransac_opt: `max_iterations` (10000), `min_iterations` (200), `success_prob` (0.9999), `seed` (0),
-///         `score` (`"likelihood"`; `"msac"`), `max_reproj_error` (pixels, 4; of `"msac"`), `noise_px` (pixels, 2; of the
-///         likelihood), `expected_inlier_ratio` (0.2), `fixed_iterations` (none), `min_inliers` (10), `anchored_solver`.
-///     bundle_opt: `estimate_noise` (True): the final refinement takes the noise that the inliers show.
-///     keypoints: `[N]` numbers; correspondences of one keypoint share theirs. Default: each has its own.
-///     prior: `[N]` probabilities that a correspondence is right. Default: all alike.
-///     gravity: `(down_in_camera [3], down_in_world [3])` and perhaps a deviation in degrees (2).
-///     position: `(x, y, z, sd)`: where the camera roughly is, map units.
-///     focal: `"calibrated"`, `"exif"` or `"unknown"`: how well the focal length is known; it is estimated unless calibrated.
+///         `score` (`"likelihood"` or `"msac"`), `max_reproj_error` (pixels, 4; only with `"msac"`), `noise_px`
+///         (pixels, 2; only with `"likelihood"`), `expected_inlier_ratio` (0.2), `fixed_iterations` (none),
+///         `min_inliers` (10), `anchored_solver`.
+///     bundle_opt: `estimate_noise` (True): estimate the noise from the inliers in the final refinement.
+///     keypoints: `[N]` keypoint indices; give several correspondences of one keypoint the same index. Default: all
+///         differ.
+///     prior: `[N]` prior probabilities that a correspondence is right. Default: all equal.
+///     gravity: `(down_in_camera [3], down_in_world [3])`, optionally with a standard deviation in degrees (2).
+///     position: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units.
+///     focal: `"calibrated"`, `"exif"` or `"unknown"`: how well the focal length is known; it is estimated unless
+///         calibrated.
 ///
 /// Returns:
-///     The pose and a dictionary: `inliers` `[N]` bool, `num_inliers`, `inlier_ratio`, `iterations`, `refinements`,
-///     `model_score` (lower is better), `noise_px`, `focal_scale`, `covariance` `[6, 6]` (radians, then map units),
-///     `center_covariance` `[3, 3]`, `free_direction` (`[3]`, along which nothing says where the camera is, else None), `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
+///     The pose and a dictionary: `inliers` `[N]` bool, `num_inliers`, `num_inlier_keypoints`, `inlier_ratio`,
+///     `iterations`, `refinements`, `model_score` (lower is better), `noise_px`, `focal_scale`, `covariance` `[6, 6]`
+///     (radians, then map units), `center_covariance` `[3, 3]`, `free_direction` (`[3]`, in which the position is
+///     undetermined, else None), `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
 ///
 /// Raises:
-///     InputError: shapes, numbers or options that are not possible.
-///     NotLocalizedError: no pose is supported by the correspondences.
+///     InputError: a shape, a number or an option is invalid.
+///     NotLocalizedError: the correspondences support no pose.
 #[pyfunction]
 #[pyo3(signature = (points2d, points3d, camera, ransac_opt=None, bundle_opt=None, *, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -78,7 +83,7 @@ pub(crate) fn estimate_absolute_pose<'py>(
 ) -> Result<Estimated<'py>> {
     let camera = camera_of(camera)?;
     let pixels = undistorted(&camera, arrays::pixels("points2d", points2d)?)?;
-    let known = Known { keypoints, prior, gravity, position, focal };
+    let known = OptionalInputs { keypoints, prior, gravity, position, focal };
     estimate(
         py,
         &camera,
@@ -89,19 +94,21 @@ pub(crate) fn estimate_absolute_pose<'py>(
     )
 }
 
-/// Pose of a camera from lines of the image, each through the keypoint of a map point, and those points.
+/// Estimates the pose of a camera from 2D-line–3D-point correspondences.
+///
+/// Each line runs through the keypoint of its map point.
 ///
 /// Args:
-///     lines2d: `[N, 3]`, `a u + b v + c = 0` in pixels of the image without distortion, of any scale.
-///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as of
+///     lines2d: `[N, 3]`, `a u + b v + c = 0` in pixels of the undistorted image, of any scale.
+///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as for
 ///         `estimate_absolute_pose`.
 ///
 /// Returns:
-///     As `estimate_absolute_pose`.
+///     The pose and a dictionary, as for `estimate_absolute_pose`.
 ///
 /// Raises:
-///     InputError: shapes, numbers or options that are not possible.
-///     NotLocalizedError: no pose is supported by the correspondences.
+///     InputError: a shape, a number or an option is invalid.
+///     NotLocalizedError: the correspondences support no pose.
 #[pyfunction]
 #[pyo3(signature = (lines2d, points3d, camera, ransac_opt=None, bundle_opt=None, *, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -120,32 +127,36 @@ pub(crate) fn estimate_absolute_pose_lines<'py>(
 ) -> Result<Estimated<'py>> {
     let camera = camera_of(camera)?;
     let line = |(index, line): (usize, [f64; 3])| {
-        PixelLine::from_homogeneous(Vector3::from(line))
-            .ok_or_else(|| Fault::input(format_args!("lines2d: number {index} is no line")))
+        PixelLine::from_homogeneous(Vector3::from(line)).ok_or_else(|| {
+            BindingError::input(format_args!(
+                "lines2d: line {index} is not a line (a and b are 0, or a number is not finite)"
+            ))
+        })
     };
     let lines = arrays::rows::<3>("lines2d", lines2d)?.into_iter().enumerate().map(line);
     let observations = Correspondences::Lines { lines: lines.collect::<Result<_>>()? };
-    let known = Known { keypoints, prior, gravity, position, focal };
+    let known = OptionalInputs { keypoints, prior, gravity, position, focal };
     estimate(py, &camera, observations, points3d, &known, pose_options(ransac_opt, bundle_opt)?)
 }
 
-/// Pose of a camera from anchored lines (Dual Convergent Lines), each through the keypoint of a map point.
+/// Estimates the pose of a camera from anchored lines (Dual Convergent Lines) and map points.
+///
+/// Each line runs through the keypoint of its map point.
 ///
 /// Args:
-///     anchors: `[N]`, the anchor of each line, from 0.
-///     angles: `[N]` radians, where each half-plane leads from its anchor, as `anchored_lines` measures them.
-///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as of
+///     anchors: `[N]`, index of each line's anchor, from 0.
+///     angles: `[N]` radians, direction of each line at its anchor, as `anchored_lines` returns it.
+///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as for
 ///         `estimate_absolute_pose`.
-///     layout: `"dcl"` or `"dcl:..."`, as schemes are written.
-///     layout_focal: the focal length that the angles were taken with, pixels, where that is not the camera's: `obfuscate`
-///         says which.
+///     layout: `"dcl"` or `"dcl:..."`, the name of a scheme.
+///     layout_focal: focal length of the layout, pixels, as `obfuscate` returns it. Default: the camera's.
 ///
 /// Returns:
-///     As `estimate_absolute_pose`.
+///     The pose and a dictionary, as for `estimate_absolute_pose`.
 ///
 /// Raises:
-///     InputError: shapes, numbers or options that are not possible.
-///     NotLocalizedError: no pose is supported by the correspondences, or all lines run through one anchor.
+///     InputError: a shape, a number or an option is invalid.
+///     NotLocalizedError: the correspondences support no pose.
 #[pyfunction]
 #[pyo3(signature = (anchors, angles, points3d, camera, ransac_opt=None, bundle_opt=None, *, layout="dcl", layout_focal=None, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -171,31 +182,38 @@ pub(crate) fn estimate_absolute_pose_anchored<'py>(
     let angles = arrays::numbers::<f64>("angles", angles)?;
     if anchors.len() != angles.len() {
         let (a, b) = (anchors.len(), angles.len());
-        return Err(Fault::input(format_args!("anchors: {a} of {b}; each line has one")));
+        return Err(BindingError::input(format_args!(
+            "anchors: {a} anchors for {b} angles; give one for each line"
+        )));
     }
     let anchor = |index: i64| {
         let anchor = usize::try_from(index).ok().and_then(Anchor::new).filter(|a| a.index() < pencils.len());
-        anchor.ok_or_else(|| Fault::input(format_args!("anchors: {index} of {} there are", pencils.len())))
+        anchor.ok_or_else(|| {
+            BindingError::input(format_args!(
+                "anchors: {index} is not an anchor; the layout has {}, counted from 0",
+                pencils.len()
+            ))
+        })
     };
     let lines: Result<Vec<_>> =
         anchors.into_iter().zip(angles).map(|(index, angle)| Ok((anchor(index)?, angle))).collect();
     let observations = Correspondences::Anchored { lines: lines?, pencils };
-    let known = Known { keypoints, prior, gravity, position, focal };
+    let known = OptionalInputs { keypoints, prior, gravity, position, focal };
     estimate(py, &camera, observations, points3d, &known, pose_options(ransac_opt, bundle_opt)?)
 }
 
-/// Anchor and angle of each keypoint under a layout of Dual Convergent Lines: what it would tell of them, unrounded.
+/// Anchor and unquantized angle of each keypoint under a layout of Dual Convergent Lines.
 ///
 /// Args:
-///     points2d: `[N, 2]` pixels of the image as it was taken.
-///     camera: as of `estimate_absolute_pose`.
+///     points2d: `[N, 2]` pixels of the distorted image.
+///     camera: as for `estimate_absolute_pose`.
 ///     layout: `"dcl"` or `"dcl:..."`.
 ///
 /// Returns:
 ///     `anchors` `[N]` (int64) and `angles` `[N]` radians in [0, 2π).
 ///
 /// Raises:
-///     InputError: shapes, numbers or a layout that are not possible.
+///     InputError: a shape, a number or the layout is invalid.
 #[pyfunction]
 #[pyo3(signature = (points2d, camera, layout="dcl"))]
 pub(crate) fn anchored_lines<'py>(
@@ -215,15 +233,19 @@ pub(crate) fn anchored_lines<'py>(
     Ok((anchors.into_pyarray(py), angles.into_pyarray(py)))
 }
 
-/// The anchors of a camera; angles are about their directions, and so of the focal length that they were taken with.
+/// The anchors of a layout in a camera. Angles depend on the focal length, so it must be the one they were measured
+/// with.
 fn pencils_of(camera: &Intrinsics, layout: &str, focal: Option<f64>) -> Result<Pencils> {
     let Scheme::Dcl(layout) = layout.parse::<Scheme>()? else {
-        return Err(Fault::input(format_args!("layout: {layout:?} has no anchors; dcl has")));
+        return Err(BindingError::input(format_args!(
+            "layout: {layout:?} has no anchors; give \"dcl\" or one of its layouts"
+        )));
     };
     let own = camera.pinhole();
     let of = Pinhole { focal: focal.map_or(own.focal, |focal| [focal; 2]), ..own };
     let pencils = layout.pencils(&of, LayoutTurn::default());
-    pencils.ok_or_else(|| Fault::input("camera: no layout fits a camera of this size and focal length"))
+    pencils
+        .ok_or_else(|| BindingError::input("camera: no layout fits a camera of this size and focal length"))
 }
 
 fn estimate<'py>(
@@ -231,14 +253,16 @@ fn estimate<'py>(
     camera: &Intrinsics,
     observations: Correspondences,
     points3d: &Bound<'py, PyAny>,
-    known: &Known<'_, 'py>,
+    known: &OptionalInputs<'_, 'py>,
     (options, seed): (PoseOptions, u64),
 ) -> Result<Estimated<'py>> {
     let points = arrays::points("points3d", points3d)?;
     let keypoints = match known.keypoints {
         Some(keypoints) => arrays::numbers::<i64>("keypoints", keypoints)?
             .into_iter()
-            .map(|k| usize::try_from(k).map_err(|_| Fault::input("keypoints: numbers from 0 on are needed")))
+            .map(|k| {
+                usize::try_from(k).map_err(|_| BindingError::input("keypoints: indices must be 0 or more"))
+            })
             .collect::<Result<_>>()?,
         None => (0..points.len()).collect(),
     };
@@ -246,13 +270,14 @@ fn estimate<'py>(
     problem.prior = known.prior.map(|prior| arrays::numbers::<f64>("prior", prior)).transpose()?;
     problem.gravity = known.gravity.map(gravity_of).transpose()?;
     problem.position = known.position.map(position_of).transpose()?;
-    problem.focal = match known.focal.parse::<veiloc_protocol::FocalKnowledge>().map_err(Fault::input)? {
-        veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
-        veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
-        veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
-    };
+    problem.focal =
+        match known.focal.parse::<veiloc_protocol::FocalKnowledge>().map_err(BindingError::input)? {
+            veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
+            veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
+            veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+        };
     let stop = options.stop.clone();
-    let found = released_at_once(py, &stop, move || {
+    let found = interruptible_on_worker(py, &stop, move || {
         estimate_pose(&problem, &options, &mut ChaCha8Rng::seed_from_u64(seed))
     })??;
     Ok((found.cam_from_world.into(), info(py, &found)?))
@@ -260,7 +285,9 @@ fn estimate<'py>(
 
 fn gravity_of(gravity: &Bound<'_, PyAny>) -> Result<Gravity> {
     let refused = || {
-        Fault::input("gravity: (down_in_camera [3], down_in_world [3]) or with a deviation in degrees behind")
+        BindingError::input(
+            "gravity: must be (down_in_camera [3], down_in_world [3]), optionally followed by a standard deviation in degrees",
+        )
     };
     let parts: Vec<Bound<'_, PyAny>> = gravity.try_iter().map_err(|_| refused())?.collect::<PyResult<_>>()?;
     let (camera, world, sd_deg) = match parts.as_slice() {
@@ -273,7 +300,7 @@ fn gravity_of(gravity: &Bound<'_, PyAny>) -> Result<Gravity> {
     Ok(Gravity { in_camera, in_world, sd_deg })
 }
 
-/// Where a camera roughly is, from four numbers.
+/// A position prior from `(x, y, z, sd)`.
 pub(crate) fn position_of(position: &Bound<'_, PyAny>) -> Result<PositionPrior> {
     let [x, y, z, sd] = arrays::vector::<4>("position", position)?;
     Ok(PositionPrior { center: Point3::new(x, y, z), sd })

@@ -1,4 +1,4 @@
-//! Images and masks as Python gives them: files, or arrays of numpy.
+//! Images and masks from Python: files, or numpy arrays.
 
 use std::path::{Path, PathBuf};
 
@@ -7,15 +7,15 @@ use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use veiloc_features::{GrayImage, Image, Mask, load_gray, load_mask};
 
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
-/// An image that is still to be read, or an array: what messages call it, and where it comes from.
-pub(crate) enum Given {
+/// An image file that was not read yet, or an array.
+pub(crate) enum ImageInput {
     File(PathBuf),
     Array(GrayImage),
 }
 
-impl Given {
+impl ImageInput {
     /// A path, or an array `[H, W]` or `[H, W, 3]` of bytes, or `[H, W]` of floats in [0, 1].
     pub(crate) fn of(image: &Bound<'_, PyAny>) -> Result<Self> {
         if let Ok(path) = image.extract::<PathBuf>() {
@@ -31,14 +31,14 @@ impl Given {
             let view = array.as_array();
             GrayImage::new(side(view.ncols())?, side(view.nrows())?, view.iter().copied().collect())
         } else {
-            return Err(Fault::input(
-                "image: a path, or an array [H, W] or [H, W, 3] of uint8 (red, green, blue), or [H, W] of float32 in [0, 1]",
+            return Err(BindingError::input(
+                "image: must be a path, an array [H, W] or [H, W, 3] of uint8 (red, green, blue), or [H, W] of float32 in [0, 1]",
             ));
         };
         Ok(Self::Array(gray?))
     }
 
-    /// What messages call it.
+    /// Name of the image in messages.
     pub(crate) fn name(&self) -> &Path {
         match self {
             Self::File(path) => path,
@@ -46,15 +46,15 @@ impl Given {
         }
     }
 
-    /// The file, where a camera can be read from.
+    /// The file, from which a camera can be read.
     pub(crate) fn file(&self) -> Result<&Path> {
         match self {
             Self::File(path) => Ok(path),
-            Self::Array(_) => Err(Fault::input("camera: an array tells none; give it")),
+            Self::Array(_) => Err(BindingError::input("camera: an array has no EXIF; pass camera=")),
         }
     }
 
-    /// The pixels, without what the mask hides.
+    /// The pixels, without those that the mask hides.
     pub(crate) fn load(&self, mask: Option<&Mask>) -> Result<Image> {
         let gray = match self {
             Self::File(path) => load_gray(path)?,
@@ -73,14 +73,15 @@ pub(crate) fn mask_of(mask: &Bound<'_, PyAny>) -> Result<Mask> {
     if let Ok(path) = mask.extract::<PathBuf>() {
         return Ok(load_mask(&path)?);
     }
-    let refused = |_| Fault::input("mask: a path, or an array [H, W] of bool in which True hides");
+    let refused =
+        |_| BindingError::input("mask: must be a path, or an array [H, W] of bool in which True hides");
     let array = mask.extract::<PyReadonlyArray2<'_, bool>>().map_err(refused)?;
     let view = array.as_array();
     Ok(Mask::new(side(view.ncols())?, side(view.nrows())?, |x, y| view[[y as usize, x as usize]])?)
 }
 
 fn side(length: usize) -> Result<u32> {
-    u32::try_from(length).map_err(|_| Fault::input("image: it is too large"))
+    u32::try_from(length).map_err(|_| BindingError::input("image: too large"))
 }
 
 fn bytes2(view: ArrayView2<'_, u8>) -> Result<(u32, u32, Vec<u8>)> {
@@ -90,8 +91,8 @@ fn bytes2(view: ArrayView2<'_, u8>) -> Result<(u32, u32, Vec<u8>)> {
 fn bytes3(view: ArrayView3<'_, u8>) -> Result<(u32, u32, Vec<u8>)> {
     let (height, width, channels) = view.dim();
     if channels != 3 {
-        return Err(Fault::input(format_args!(
-            "image: [H, W, 3] is needed, not [{height}, {width}, {channels}]"
+        return Err(BindingError::input(format_args!(
+            "image: must be [H, W, 3], not [{height}, {width}, {channels}]"
         )));
     }
     Ok((side(height)?, side(width)?, view.iter().copied().collect()))

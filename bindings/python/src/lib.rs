@@ -1,26 +1,28 @@
-//! The Python package `veiloc`: the libraries behind numpy arrays, and the program.
+//! The Python package `veiloc`: the libraries with numpy arrays, and the program.
 //!
-//! Bindings hold no algorithms: every function converts what it is given, calls one of the libraries without the interpreter's
-//! lock, and converts what comes back. What Python adds (notebooks, hloc's steps) is in `python/veiloc`.
+//! The bindings hold no algorithms. Each function converts its arguments, releases the interpreter's lock, calls one
+//! library function, and converts the result. Code written in Python (notebooks, hloc's steps) is in `python/veiloc`.
 //!
 //! - [`errors`]: the libraries' errors as exceptions. [`arrays`], [`camera`], [`pose`], [`options`]: conversions.
-//! - [`waiting`]: long calls, Ctrl-C, progress.
-//! - [`solvers`], [`estimate`]: poses from correspondences, called as PoseLib's.
-//! - [`images`], [`profile`], [`device`], [`session`]: what a device does. [`map`], [`shares`], [`colmap`], [`answer`]: what a
-//!   server does. [`client`]: how one asks the other. [`attacks`]: what leaks.
-//! - [`rendered`]: a place to try it all on. [`program`]: the command line.
+//! - [`blocking`], [`worker_threads`]: long calls, Ctrl-C, progress.
+//! - [`solvers`], [`estimate`]: poses from correspondences, with PoseLib's calling convention.
+//! - [`images`], [`profile`], [`device`], [`session`]: the device side.
+//! - [`map`], [`build_shares`], [`colmap`], [`answer`]: the server side. [`client`]: HTTP client of a service.
+//! - [`attacks`]: privacy attacks. [`rendered_scene`]: a synthetic scene for experiments. [`program`]: the command
+//!   line.
 #![forbid(unsafe_code)]
 
 mod answer;
 mod arrays;
 mod attacks;
+mod blocking;
+mod build_shares;
 mod camera;
 mod client;
 mod colmap;
 mod device;
 mod errors;
 mod estimate;
-mod hands;
 mod images;
 mod map;
 mod options;
@@ -28,19 +30,20 @@ mod pose;
 mod posed;
 mod profile;
 mod program;
-mod rendered;
+mod rendered_scene;
 mod session;
-mod shares;
 mod solvers;
-mod waiting;
+mod worker_threads;
 
-/// The native part of the package; people import `veiloc`.
+/// The native part of the package; users import `veiloc`.
 #[pyo3::pymodule(gil_used = true)]
 mod _native {
     #[pymodule_export]
     use crate::answer::Answer;
     #[pymodule_export]
     use crate::attacks::{attack, attack_names, audit};
+    #[pymodule_export]
+    use crate::build_shares::prepare;
     #[pymodule_export]
     use crate::client::Client;
     #[pymodule_export]
@@ -60,11 +63,9 @@ mod _native {
     #[pymodule_export]
     use crate::program::run_program;
     #[pymodule_export]
-    use crate::rendered::render_place;
+    use crate::rendered_scene::render_place;
     #[pymodule_export]
     use crate::session::Session;
-    #[pymodule_export]
-    use crate::shares::prepare;
     #[pymodule_export]
     use crate::solvers::{p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p};
 

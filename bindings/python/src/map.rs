@@ -1,4 +1,4 @@
-//! The server's road: posed images to a map, and sealed queries with a map to poses.
+//! The server side: builds maps from posed images, and localizes sealed queries in them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -18,19 +18,19 @@ use veiloc_protocol::SealedQuery;
 
 use crate::answer::Answer;
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::blocking::{ProgressCallback, interruptible};
+use crate::build_shares::{ImageParts, parts_of, trials_of};
+use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
 use crate::posed::{down_of, on_bad, posed_of};
 use crate::profile::Profile;
-use crate::shares::{ImageParts, parts_of, trials_of};
-use crate::waiting::{Told, released};
 
-/// A map: what sealed queries are localized in.
+/// A map, in which sealed queries are localized.
 ///
-/// A map does not change: what adds or removes images returns another one. Maps of `build` and the like are in memory until
-/// `save` writes them.
+/// A map is immutable: `add` and `remove` return a new one. A map that was built or changed is in memory until `save`
+/// writes it.
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct Map {
     file: Arc<MapFile>,
@@ -44,10 +44,16 @@ fn test_options(images: usize) -> SelfTestOptions {
 }
 
 impl Map {
-    /// A model that was built or changed, tested where that is wanted.
-    fn finished(mut model: MapModel, doubts: &[Doubt], wanted: bool, told: &Told) -> Result<Self> {
-        if wanted && is_testable(&model) {
-            model.self_test = Some(self_test(&model, &SelfTestOptions::default(), told).map_err(Fault::map)?);
+    /// The map of a model that was built or changed, with a self-test if one is requested.
+    fn finished(
+        mut model: MapModel,
+        doubts: &[Doubt],
+        with_test: bool,
+        progress: &ProgressCallback,
+    ) -> Result<Self> {
+        if with_test && is_testable(&model) {
+            model.self_test =
+                Some(self_test(&model, &SelfTestOptions::default(), progress).map_err(BindingError::map)?);
         }
         Self::of_model(&model, doubts.iter().map(ToString::to_string).collect())
     }
@@ -59,23 +65,24 @@ impl Map {
 
 #[pymethods]
 impl Map {
-    /// Builds a map of images whose poses are known.
+    /// Builds a map from images with known poses.
     ///
     /// Args:
-    ///     posed: the folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
+    ///     posed: folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
     ///         CameraPose).
-    ///     images: the folder of the images.
-    ///     names: only these, in their order.
+    ///     images: folder of the images.
+    ///     names: use only these images, in this order.
     ///     features: `"compact"` or `"sift"`.
-    ///     down: which way is down in the map's axes, `[x, y, z]` or `"-z"`, if somebody knows.
-    ///     self_test: let the map localize some of its own images, so that its answers know how far to believe themselves.
-    ///     skip_bad: leave out images that cannot be used, instead of refusing.
-    ///     work: a folder for features and matches: what is there is not computed again, what is computed is kept. It holds
-    ///         keypoints and descriptors of the images.
+    ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
+    ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
+    ///     skip_bad: skip images that cannot be used, instead of raising an error.
+    ///     work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
+    ///         images.
     ///     progress: a callable of (stage, done, total).
     ///
     /// Raises:
-    ///     MapError, ImageError: what cannot be read, or makes no map.
+    ///     ImageError: an image cannot be used.
+    ///     MapError: the model cannot be read, or no map can be built from these images.
     #[staticmethod]
     #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, work=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -95,31 +102,31 @@ impl Map {
         let down = down.map(down_of).transpose()?;
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
-        Told::new(py, progress)?.run(py, |told| {
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
-            let keeping = work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose();
-            let keeping = keeping.map_err(Fault::map)?;
-            if let Some(keeping) = &keeping {
-                input = input.with_kept(keeping);
+            let cache = work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose();
+            let cache = cache.map_err(BindingError::map)?;
+            if let Some(cache) = &cache {
+                input = input.with_kept(cache);
             }
-            let (mut model, report) = veiloc_mapping::build(&input, &options, told)?;
-            keeping.map_or(Ok(()), |keeping| keeping.finish()).map_err(Fault::map)?;
+            let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
+            cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
-            Self::finished(model, &report.doubts, self_test, told)
+            Self::finished(model, &report.doubts, self_test, progress)
         })?
     }
 
-    /// Makes a map of a complete COLMAP model: its points and observations are kept.
+    /// Builds a map from a complete COLMAP model; it keeps the model's points and observations.
     ///
     /// Args:
-    ///     model: the model's folder, text or binary.
-    ///     images, features, down, self_test, skip_bad, progress: as of `build`.
+    ///     model: folder of the model, text or binary.
+    ///     images, features, down, self_test, skip_bad, progress: as for `build`.
     ///
     /// Raises:
-    ///     MapError, ImageError: what cannot be read, or makes no map.
+    ///     MapError, ImageError: as for `build`.
     #[staticmethod]
     #[pyo3(signature = (model, images, *, features="compact", down=None, self_test=true, skip_bad=false, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -136,41 +143,42 @@ impl Map {
         let down = down.map(down_of).transpose()?;
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
-        Told::new(py, progress)?.run(py, |told| {
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
             let colmap = read_model(&model)?;
             let posed = PosedImages::from(&colmap);
             let input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
-            let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, told)?;
+            let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
-            Self::finished(model, &report.doubts, self_test, told)
+            Self::finished(model, &report.doubts, self_test, progress)
         })?
     }
 
     /// Opens a map file.
     ///
     /// Raises:
-    ///     MapError: it cannot be read, or is damaged.
+    ///     MapError: the file cannot be read, or is damaged.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> Result<Self> {
         let file = py.detach(|| MapFile::open(&path))?;
         Ok(Self { file: Arc::new(file), warnings: Vec::new() })
     }
 
-    /// Writes the map: the old file or the new one is there, whole, whatever happens.
+    /// Writes the map to a file atomically: a failure leaves the old file unchanged.
     ///
     /// Raises:
-    ///     MapError: it cannot be written.
+    ///     MapError: the file cannot be written.
     fn save(&self, py: Python<'_>, path: PathBuf) -> Result<()> {
         Ok(py.detach(|| MapLock::acquire(&path)?.write(&self.file.to_model()))?)
     }
 
-    /// The map with more posed images; all else stays, the profile too.
+    /// Returns the map with more posed images; the profile stays the same.
     ///
     /// Args:
-    ///     posed, images, names, self_test, skip_bad, progress: as of `build`; the poses are in the map's frame.
+    ///     posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
     ///
     /// Raises:
-    ///     MapError, ImageError: what cannot be read, or an image that is there already.
+    ///     ImageError: an image cannot be used.
+    ///     MapError: the poses cannot be read, or an image is in the map already.
     #[pyo3(signature = (posed, images, *, names=None, self_test=true, skip_bad=false, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn add(
@@ -184,26 +192,26 @@ impl Map {
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let posed = posed_of(posed)?;
-        Told::new(py, progress)?.run(py, |told| {
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
             let mut model = self.file.to_model();
-            let report = veiloc_mapping::add(&mut model, &input, told)?;
-            Self::finished(model, &report.doubts, self_test, told)
+            let report = veiloc_mapping::add(&mut model, &input, progress)?;
+            Self::finished(model, &report.doubts, self_test, progress)
         })?
     }
 
-    /// The map without these images, their keypoints, and the points that only they saw.
+    /// Returns the map without these images, their keypoints, and the points that only they observe.
     ///
     /// Args:
-    ///     names: of the images.
-    ///     retrain: learn the vocabulary again without them; the profile is then another one.
-    ///     self_test, progress: as of `build`.
+    ///     names: names of the images to remove.
+    ///     retrain: train the vocabulary again without them; this changes the profile.
+    ///     self_test, progress: as for `build`.
     ///
     /// Raises:
-    ///     MapError: a name that is not in the map.
+    ///     MapError: a name is not in the map.
     #[pyo3(signature = (names, *, retrain=false, self_test=true, progress=None))]
     fn remove(
         &self,
@@ -214,22 +222,24 @@ impl Map {
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let words = if retrain { Words::Retrain } else { Words::Keep };
-        Told::new(py, progress)?.run(py, |told| {
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut model = self.file.to_model();
-            veiloc_mapping::remove(&mut model, &names, words, told)?;
+            veiloc_mapping::remove(&mut model, &names, words, progress)?;
             model.self_test = None;
-            Self::finished(model, &[], self_test, told)
+            Self::finished(model, &[], self_test, progress)
         })?
     }
 
-    /// Lets the map localize some of its own images, each left out; returns what that came to, a dictionary by scheme:
-    /// `images`, `localized`, `trusted`, `median_rotation_deg`, `median_translation` (map units), `noise_px`, `factor` (by which
-    /// covariances are multiplied), `rotation_floor_deg`, `translation_floor`.
+    /// Localizes some of the map's own images, each against the rest of the map (leave-one-out).
     ///
     /// Args:
-    ///     images: most images.
-    ///     schemes: which. Default: all.
-    ///     progress: as of `build`.
+    ///     images: most images to test.
+    ///     schemes: obfuscation schemes. Default: all.
+    ///     progress: as for `build`.
+    ///
+    /// Returns:
+    ///     A dictionary for each scheme: `images`, `localized`, `trusted`, `median_rotation_deg`, `median_translation`
+    ///     (map units), `noise_px`, `factor` (multiplies covariances), `rotation_floor_deg`, `translation_floor`.
     ///
     /// Raises:
     ///     MapError: no query can be sealed for the map.
@@ -245,23 +255,24 @@ impl Map {
         if let Some(schemes) = schemes {
             options.schemes = schemes.iter().map(|s| Ok(s.parse()?)).collect::<Result<_>>()?;
         }
-        let test =
-            Told::new(py, progress)?.run(py, |told| self_test(&self.file.to_model(), &options, told))?;
-        Ok(test_told(py, &test.map_err(Fault::map)?)?)
+        let test = ProgressCallback::new(py, progress)?
+            .run(py, |progress| self_test(&self.file.to_model(), &options, progress))?;
+        Ok(self_test_dict(py, &test.map_err(BindingError::map)?)?)
     }
 
-    /// A share of a self-test, for `with_self_test`.
+    /// Runs one share of a self-test that several processes divide; `with_self_test` combines the shares.
     ///
     /// Args:
-    ///     share: `(i, n)`: the i-th of n shares, the first being 0.
+    ///     share: `(i, n)`: share `i` of `n`, counted from 0.
     ///     images: most images of the whole test.
-    ///     progress: as of `build`.
+    ///     progress: as for `build`.
     ///
     /// Returns:
-    ///     A list that `with_self_test` takes, and that can be pickled.
+    ///     A list for `with_self_test`; it can be pickled.
     ///
     /// Raises:
-    ///     MapError: no query can be sealed for the map; InputError: no such share.
+    ///     MapError: no query can be sealed for the map.
+    ///     InputError: `share` is invalid.
     #[pyo3(signature = (share, *, images=50, progress=None))]
     fn self_test_share(
         &self,
@@ -272,27 +283,27 @@ impl Map {
     ) -> Result<Vec<ImageParts>> {
         let (part, of) = share;
         if part >= of {
-            return Err(Fault::input(format_args!(
-                "share: ({part}, {of}) is none; the first of n is (0, n)"
+            return Err(BindingError::input(format_args!(
+                "share: ({part}, {of}) is not a share; give (i, n) with 0 <= i < n"
             )));
         }
         let options = test_options(images);
-        Told::new(py, progress)?.run(py, |told| {
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
             let model = self.file.to_model();
             let own: Vec<usize> = chosen(&model, &options).into_iter().skip(part).step_by(of).collect();
-            let tried = trials(&model, &own, &options, told).map_err(Fault::map)?;
+            let tried = trials(&model, &own, &options, progress).map_err(BindingError::map)?;
             Ok(own.into_iter().zip(tried).map(|(image, trials)| parts_of(image, trials)).collect())
         })?
     }
 
-    /// The map with what all shares of a self-test came to: as if one pair of hands had made it.
+    /// Returns the map with a self-test that was run in shares. The result equals that of a test in one process.
     ///
     /// Args:
-    ///     shares: what `self_test_share` returned, each share's, in any order.
-    ///     images: as told them.
+    ///     shares: the results of `self_test_share` for all shares, in any order.
+    ///     images: the same value as for `self_test_share`.
     ///
     /// Raises:
-    ///     InputError: an image of the test is missing, or is there twice.
+    ///     InputError: an image of the test is missing or occurs twice.
     #[pyo3(signature = (shares, *, images=50))]
     fn with_self_test(&self, py: Python<'_>, shares: Vec<Vec<ImageParts>>, images: usize) -> Result<Self> {
         let options = test_options(images);
@@ -301,12 +312,12 @@ impl Map {
         py.detach(|| {
             let mut model = self.file.to_model();
             let wanted = chosen(&model, &options);
-            let (told, tried): (Vec<usize>, Vec<Vec<Option<Trial>>>) =
+            let (tested, tried): (Vec<usize>, Vec<Vec<Option<Trial>>>) =
                 parts.into_iter().map(|(image, parts)| (image, trials_of(parts))).unzip();
-            if told != wanted || tried.iter().any(|trials| trials.len() != options.schemes.len()) {
-                return Err(Fault::input(format_args!(
-                    "shares: {} images are told, and the test has {}; give all shares, each once, of this map",
-                    told.len(),
+            if tested != wanted || tried.iter().any(|trials| trials.len() != options.schemes.len()) {
+                return Err(BindingError::input(format_args!(
+                    "shares: they hold {} images, but the test of this map has {}; give every share once",
+                    tested.len(),
                     wanted.len()
                 )));
             }
@@ -315,25 +326,25 @@ impl Map {
         })
     }
 
-    /// What the map's own test came to when it was built, as `self_test` returns it; None when there was none.
+    /// Result of the self-test that the map stores, as `self_test` returns it; None when it stores none.
     #[getter]
     fn tested<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        self.file.self_test().map(|test| test_told(py, test)).transpose()
+        self.file.self_test().map(|test| self_test_dict(py, test)).transpose()
     }
 
-    /// Finds where a sealed query was taken.
+    /// Localizes a sealed query.
     ///
     /// Args:
-    ///     query: its bytes.
-    ///     retrieve: map images to match with.
-    ///     use_prior: weigh matches by how likely they are before geometry is asked.
-    ///     ransac_opt, bundle_opt: as of `estimate_absolute_pose`, `seed` with them.
-    ///     position: `(x, y, z, sd)`: where the camera roughly is, map units.
+    ///     query: bytes of the sealed query.
+    ///     retrieve: number of retrieved map images to match with.
+    ///     use_prior: weight each match by its prior probability.
+    ///     ransac_opt, bundle_opt: as for `estimate_absolute_pose`, including `seed`.
+    ///     position: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units.
     ///
     /// Raises:
-    ///     NotLocalizedError: no pose is supported by it.
-    ///     WrongProfileError: it was sealed for another map.
-    ///     QueryError: the bytes are no sealed query.
+    ///     NotLocalizedError: the query supports no pose in this map.
+    ///     WrongProfileError: the query was sealed for another map.
+    ///     QueryError: the bytes are not a sealed query.
     #[pyo3(signature = (query, *, retrieve=10, use_prior=true, ransac_opt=None, bundle_opt=None, position=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn localize(
@@ -348,22 +359,24 @@ impl Map {
     ) -> Result<Answer> {
         let query = SealedQuery::decode(query)?;
         let options = options(retrieve, use_prior, ransac_opt, bundle_opt, position)?;
-        let found = released(py, &options.pose.stop, || localize(&query, &self.file, &options))??;
+        let found = interruptible(py, &options.pose.stop, || localize(&query, &self.file, &options))??;
         Ok(Answer::of_localization(&found, &self.file))
     }
 
-    /// Finds where a device was, from several sealed queries and how it moved between them.
+    /// Localizes several sealed queries of one device together, given the relative poses of their cameras (a rig).
     ///
     /// Args:
-    ///     frames: a list of (bytes, CameraPose of the camera on the rig, degrees, map units): `x_cam = R x_rig + t` and the
-    ///         standard deviations of its rotation and place; (bytes, CameraPose) is fixed to the rig.
-    ///     retrieve, use_prior, ransac_opt, bundle_opt, position: as of `localize`.
+    ///     frames: a list of (bytes, CameraPose, degrees, map units): the query, the camera's pose on the rig
+    ///         (`x_cam = R x_rig + t`), and the standard deviations of its rotation and position; (bytes, CameraPose)
+    ///         when the pose on the rig is exact.
+    ///     retrieve, use_prior, ransac_opt, bundle_opt, position: as for `localize`.
     ///
     /// Returns:
-    ///     The pose of the rig; `frames` of it are the poses of the cameras.
+    ///     An answer with the pose of the rig, and the poses of the cameras in `frames`.
     ///
     /// Raises:
-    ///     NotLocalizedError, WrongProfileError, QueryError: as `localize`; InputError: no frames.
+    ///     NotLocalizedError, WrongProfileError, QueryError: as for `localize`.
+    ///     InputError: `frames` is empty or invalid.
     #[pyo3(signature = (frames, *, retrieve=10, use_prior=true, ransac_opt=None, bundle_opt=None, position=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn localize_rig(
@@ -378,23 +391,23 @@ impl Map {
     ) -> Result<Answer> {
         let frames = frames_of(frames)?;
         let options = options(retrieve, use_prior, ransac_opt, bundle_opt, position)?;
-        let found = released(py, &options.pose.stop, || localize_rig(&frames, &self.file, &options))??;
+        let found = interruptible(py, &options.pose.stop, || localize_rig(&frames, &self.file, &options))??;
         Ok(Answer::of_rig(&found))
     }
 
-    /// What a device needs to seal for this map.
+    /// The profile of the map; a device needs it to seal queries.
     #[getter]
     fn profile(&self) -> Profile {
         Profile(self.file.profile().clone())
     }
 
-    /// Names of its images.
+    /// Names of the map's images.
     #[getter]
     fn image_names(&self) -> Vec<String> {
         self.file.images().map(|image| image.name().to_owned()).collect()
     }
 
-    /// Poses of its images, by name.
+    /// Poses of the map's images, by name.
     #[getter]
     fn poses(&self) -> std::collections::BTreeMap<String, CameraPose> {
         let pose =
@@ -402,7 +415,7 @@ impl Map {
         self.file.images().map(pose).collect()
     }
 
-    /// Its points, `[N, 3]`, map units.
+    /// The map's points, `[N, 3]`, map units.
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         arrays::matrix(
@@ -411,19 +424,19 @@ impl Map {
         )
     }
 
-    /// Which way is down, `[3]`; None when nobody said it.
+    /// The down direction, `[3]`; None when it is not known.
     #[getter]
     fn down(&self) -> Option<[f64; 3]> {
         self.file.down().map(|down| down.in_world())
     }
 
-    /// What was doubted when it was built or changed.
+    /// Warnings from when the map was built or changed.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.warnings.clone()
     }
 
-    /// The map from above, for notebooks: its points, and the cameras of its images.
+    /// Top view of the map for notebooks: its points and the cameras of its images.
     fn _repr_svg_(&self, py: Python<'_>) -> Option<String> {
         py.detach(|| {
             let points =
@@ -458,10 +471,13 @@ fn options(
     Ok(options)
 }
 
-/// Sealed queries and where on a rig each image was taken.
+/// Sealed queries and the pose of each camera on the rig.
 pub(crate) fn frames_of(frames: &Bound<'_, PyAny>) -> Result<Vec<SealedFrame>> {
-    let refused =
-        || Fault::input("frames: a list of (bytes, CameraPose) or (bytes, CameraPose, degrees, map units)");
+    let refused = || {
+        BindingError::input(
+            "frames: must be a list of (bytes, CameraPose) or (bytes, CameraPose, degrees, map units)",
+        )
+    };
     let frame = |entry: PyResult<Bound<'_, PyAny>>| -> Result<SealedFrame> {
         let entry = entry?;
         let whole = entry.extract::<(Vec<u8>, CameraPose, f64, f64)>();
@@ -481,8 +497,8 @@ pub(crate) fn frames_of(frames: &Bound<'_, PyAny>) -> Result<Vec<SealedFrame>> {
     frames.try_iter().map_err(|_| refused())?.map(frame).collect()
 }
 
-fn test_told<'py>(py: Python<'py>, test: &SelfTest) -> PyResult<Bound<'py, PyDict>> {
-    let told = PyDict::new(py);
+fn self_test_dict<'py>(py: Python<'py>, test: &SelfTest) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
     for scheme in &test.schemes {
         let entry = PyDict::new(py);
         entry.set_item("images", test.images)?;
@@ -494,7 +510,7 @@ fn test_told<'py>(py: Python<'py>, test: &SelfTest) -> PyResult<Bound<'py, PyDic
         entry.set_item("factor", scheme.calibration.factor)?;
         entry.set_item("rotation_floor_deg", scheme.calibration.rotation_floor.to_degrees())?;
         entry.set_item("translation_floor", scheme.calibration.translation_floor)?;
-        told.set_item(scheme.scheme.name(), entry)?;
+        dict.set_item(scheme.scheme.name(), entry)?;
     }
-    Ok(told)
+    Ok(dict)
 }

@@ -1,31 +1,31 @@
-//! Options of the estimation from dictionaries: PoseLib's names where they mean the same, and what is ours beside them.
+//! Reads options of the pose estimation from dictionaries: PoseLib's names where the meaning is the same, and our own.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_pose::{PoseOptions, ScoreKind};
 
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
-/// What a search may be told, and what it is called in the library.
+/// Names of the options, for messages.
 const RANSAC: &str = "max_iterations, min_iterations, success_prob, seed; score (\"likelihood\" or \"msac\"), \
                       max_reproj_error (with \"msac\"), noise_px (with \"likelihood\"), anchored_solver, \
                       expected_inlier_ratio, fixed_iterations, min_inliers";
 const BUNDLE: &str = "estimate_noise";
 
-/// Options of PoseLib that nothing here answers to, with what there is in their place.
+/// Options of PoseLib that do not exist here, with their replacement.
 const OTHERS: [(&str, &str); 9] = [
-    ("dyn_num_trials_mult", "samples end by success_prob alone"),
-    ("progressive_sampling", "samples are drawn by the prior of each correspondence: give prior="),
-    ("max_prosac_iterations", "samples are drawn by the prior of each correspondence: give prior="),
-    ("max_epipolar_error", "there is no relative pose here"),
-    ("real_focal_check", "there is no relative pose here"),
+    ("dyn_num_trials_mult", "success_prob alone ends the sampling"),
+    ("progressive_sampling", "the prior of each correspondence guides the sampling: give prior="),
+    ("max_prosac_iterations", "the prior of each correspondence guides the sampling: give prior="),
+    ("max_epipolar_error", "only absolute poses are estimated"),
+    ("real_focal_check", "only absolute poses are estimated"),
     ("loss_type", "the loss is the likelihood's own; score=\"msac\" truncates"),
     ("loss_scale", "the scale is the noise: give noise_px"),
     ("max_errors", "give max_reproj_error with score=\"msac\", or noise_px"),
     ("verbose", "nothing is printed"),
 ];
 
-/// Options of an estimation, and the seed of its generator.
+/// Options of the estimation, and the seed of its random generator.
 pub(crate) fn pose_options(
     ransac: Option<&Bound<'_, PyDict>>,
     bundle: Option<&Bound<'_, PyDict>>,
@@ -57,14 +57,14 @@ pub(crate) fn pose_options(
     }
     let score = options.score.unwrap_or_default();
     if threshold && score != ScoreKind::Msac {
-        return Err(Fault::input(
-            "max_reproj_error is the threshold of score=\"msac\", which was not asked for; the likelihood has no threshold but \
-             a scale: give noise_px, the standard deviation of a keypoint (default 2)",
+        return Err(BindingError::input(
+            "max_reproj_error is the threshold of score=\"msac\", but the score is \"likelihood\", which has a scale instead: give \
+             noise_px, the standard deviation of a keypoint (default 2)",
         ));
     }
     if noise && score == ScoreKind::Msac {
-        return Err(Fault::input(
-            "noise_px is the scale of the likelihood; score=\"msac\" has a threshold: give max_reproj_error",
+        return Err(BindingError::input(
+            "noise_px is the scale of score=\"likelihood\"; score=\"msac\" has a threshold instead: give max_reproj_error",
         ));
     }
     Ok((options, seed))
@@ -77,16 +77,20 @@ fn entries<'py>(options: Option<&Bound<'py, PyDict>>) -> Result<Vec<(String, Bou
 }
 
 fn read<T: for<'a, 'py> FromPyObject<'a, 'py>>(name: &str, value: &Bound<'_, PyAny>) -> Result<T> {
-    value.extract::<T>().map_err(|_| Fault::input(format_args!("{name}: {value} is not possible")))
+    value
+        .extract::<T>()
+        .map_err(|_| BindingError::input(format_args!("{name}: {value} is not a valid value")))
 }
 
 fn text<T: std::str::FromStr<Err: std::fmt::Display>>(value: &Bound<'_, PyAny>) -> Result<T> {
-    let text = value.extract::<String>().map_err(|_| Fault::input(format_args!("{value} is no name")))?;
-    text.parse().map_err(Fault::input)
+    let text = value
+        .extract::<String>()
+        .map_err(|_| BindingError::input(format_args!("{value} is not a string")))?;
+    text.parse().map_err(BindingError::input)
 }
 
-fn unknown(of: &str, name: &str, known: &str) -> Fault {
+fn unknown(of: &str, name: &str, known: &str) -> BindingError {
     let why = OTHERS.iter().find(|(other, _)| *other == name);
     let why = why.map_or_else(String::new, |(_, why)| format!(" ({why})"));
-    Fault::input(format_args!("{of}: {name:?} is no option here{why}; there are {known}"))
+    BindingError::input(format_args!("{of}: unknown option {name:?}{why}; the options are {known}"))
 }

@@ -1,4 +1,4 @@
-//! Poses as Python sees them, by PoseLib's names.
+//! Poses in Python, with PoseLib's names.
 
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -8,24 +8,24 @@ use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_pose::solvers::RadialPose;
 
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
-/// A pose of a camera in the world, `x_cam = R x_world + t`.
+/// Pose of a camera in the world, `x_cam = R x_world + t`.
 ///
-/// Made of a quaternion or a rotation matrix; without either it turns nothing.
+/// Give a quaternion or a rotation matrix; the default is the identity.
 ///
 /// Args:
-///     q: quaternion `[w, x, y, z]` of any length.
+///     q: quaternion `[w, x, y, z]`; it is normalized.
 ///     t: translation, `[3]`, map units; zero by default.
 ///     R: rotation matrix, `[3, 3]`, instead of `q`.
 ///
 /// Raises:
-///     InputError: a number is not finite, or `R` is no rotation.
+///     InputError: a number is not finite, `q` is zero, or `R` is not a rotation.
 #[pyclass(frozen, module = "veiloc", eq, from_py_object)]
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct CameraPose(pub(crate) CameraFromWorld);
 
-/// Quaternion and translation, to be made of again.
+/// Quaternion and translation, for pickling.
 type Parts = (Vec<f64>, Vec<f64>);
 
 #[pymethods]
@@ -40,7 +40,7 @@ impl CameraPose {
     ) -> Result<Self> {
         let t = t.map_or(Ok([0.0; 3]), |t| arrays::vector::<3>("t", t))?;
         let pose = match (q, R) {
-            (Some(_), Some(_)) => return Err(Fault::input("give q or R, not both")),
+            (Some(_), Some(_)) => return Err(BindingError::input("give q or R, not both")),
             (_, Some(matrix)) => {
                 let rows = arrays::sample::<3, 3>("R", matrix)?;
                 CameraFromWorld::from_matrix(Matrix3::from_fn(|i, j| rows[i][j]), Vector3::from(t))
@@ -48,7 +48,8 @@ impl CameraPose {
             (Some(q), None) => CameraFromWorld::from_quaternion(arrays::vector::<4>("q", q)?, t),
             (None, None) => CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], t),
         };
-        pose.map(Self).ok_or_else(|| Fault::input("these numbers are not finite, or turn by no rotation"))
+        pose.map(Self)
+            .ok_or_else(|| BindingError::input("the numbers are not finite, or q or R is not a rotation"))
     }
 
     /// Quaternion `[w, x, y, z]` of length 1 with `w >= 0`, `[4]`.
@@ -77,13 +78,13 @@ impl CameraPose {
         arrays::matrix(py, (0..3).map(row))
     }
 
-    /// Where the camera is, `-Rᵀ t`, `[3]`, map units.
+    /// Camera centre, `-Rᵀ t`, `[3]`, map units.
     #[getter]
     fn center<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         arrays::vector3(py, &self.0.center().coords)
     }
 
-    /// How far another pose is: degrees between the orientations, and map units between the centres.
+    /// Errors against another pose: rotation in degrees, and distance of the centres in map units.
     fn error(&self, other: &Self) -> (f64, f64) {
         (self.0.rotation_error_degrees(&other.0), self.0.translation_error(&other.0))
     }
@@ -105,7 +106,7 @@ impl From<CameraFromWorld> for CameraPose {
 }
 
 impl From<RadialPose> for CameraPose {
-    /// The depth along the ray that the lines share is not known, and 0 here, as in PoseLib.
+    /// The depth along the ray that the lines share is unknown; it is set to 0, as in PoseLib.
     fn from(pose: RadialPose) -> Self {
         Self(CameraFromWorld::new(pose.rotation, Vector3::new(pose.offset.x, pose.offset.y, 0.0)))
     }

@@ -1,4 +1,4 @@
-//! Images with poses, as they are given for maps.
+//! Reads posed images from Python, from which maps are built.
 
 use std::path::PathBuf;
 
@@ -9,16 +9,19 @@ use veiloc_mapping::OnBadImage;
 
 use crate::arrays;
 use crate::camera::camera_of;
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 use crate::pose::CameraPose;
 
-/// Where images with poses come from: a COLMAP model's folder, or a list of (name, camera, pose).
+/// Posed images from the folder of a COLMAP model, or from a list of (name, camera, pose).
 pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
     if let Ok(folder) = posed.extract::<PathBuf>() {
         return Ok(read_posed(&folder)?);
     }
-    let refused =
-        || Fault::input("posed: the folder of a COLMAP model, or a list of (name, camera, CameraPose)");
+    let refused = || {
+        BindingError::input(
+            "posed: must be the folder of a COLMAP model, or a list of (name, camera, CameraPose)",
+        )
+    };
     let image = |entry: PyResult<Bound<'_, PyAny>>| -> Result<PosedImage> {
         let entry = entry?.extract::<(String, Bound<'_, PyAny>, CameraPose)>();
         let (name, camera, pose) = entry.map_err(|_| refused())?;
@@ -30,8 +33,8 @@ pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
 
 pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<Down> {
     match down.extract::<String>() {
-        Ok(text) => text.parse::<Down>().map_err(Fault::input),
-        Err(_) => Down::new(arrays::vector::<3>("down", down)?).map_err(Fault::input),
+        Ok(text) => text.parse::<Down>().map_err(BindingError::input),
+        Err(_) => Down::new(arrays::vector::<3>("down", down)?).map_err(BindingError::input),
     }
 }
 

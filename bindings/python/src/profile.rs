@@ -1,36 +1,36 @@
-//! What a device needs to seal for a map, as a value of Python.
+//! Profiles of maps: the device needs one to seal queries.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 
-/// What a device needs to seal a query for a map. It holds no map data, and decides nothing that protects the device.
+/// Profile of a map: the feature type, the vocabulary and the limits with which a device seals queries.
 ///
-/// From `Map.profile`, `Client.profile`, a file (`Profile.open`) or bytes (`Profile.from_bytes`); `bytes(profile)` is what a
-/// file holds.
+/// It holds no map data, and it cannot weaken the protection. Get one from `Map.profile`, `Client.profile`, a file
+/// (`Profile.open`) or bytes (`Profile.from_bytes`); `bytes(profile)` is the content of a profile file.
 #[pyclass(frozen, module = "veiloc", from_py_object)]
 #[derive(Clone)]
 pub(crate) struct Profile(pub(crate) veiloc_protocol::Profile);
 
 #[pymethods]
 impl Profile {
-    /// Reads a profile file, as `veiloc map profile` writes it.
+    /// Reads a profile file that `veiloc map profile` wrote.
     ///
     /// Raises:
-    ///     QueryError: the file cannot be read, or holds no profile.
+    ///     QueryError: the file cannot be read, or is not a profile.
     #[staticmethod]
     fn open(path: PathBuf) -> Result<Self> {
-        let bytes = std::fs::read(&path).map_err(|e| Fault::file(&path, e))?;
-        veiloc_protocol::Profile::decode(&bytes).map(Self).map_err(|e| Fault::file(&path, e))
+        let bytes = std::fs::read(&path).map_err(|e| BindingError::file(&path, e))?;
+        veiloc_protocol::Profile::decode(&bytes).map(Self).map_err(|e| BindingError::file(&path, e))
     }
 
-    /// A profile of its bytes.
+    /// Decodes a profile.
     ///
     /// Raises:
-    ///     QueryError: they are none.
+    ///     QueryError: the bytes are not a profile.
     #[staticmethod]
     fn from_bytes(data: &[u8]) -> Result<Self> {
         Ok(Self(veiloc_protocol::Profile::decode(data)?))
@@ -44,31 +44,31 @@ impl Profile {
         Ok((py.get_type::<Self>().getattr("from_bytes")?, (self.__bytes__(py),)))
     }
 
-    /// Its identity, a text: queries of another one are refused.
+    /// Identifier of the profile. A map refuses queries that were sealed with another one.
     #[getter]
     fn id(&self) -> String {
         self.0.id().to_string()
     }
 
-    /// Name of the features that are sent.
+    /// Name of the local features.
     #[getter]
     fn features(&self) -> String {
         self.0.descriptor_kind().name().to_owned()
     }
 
-    /// Name of what makes the global descriptor.
+    /// Name of the model that computes the global descriptor.
     #[getter]
     fn global_descriptor(&self) -> String {
         self.0.global_model().name().to_owned()
     }
 
-    /// Most keypoints that it asks for.
+    /// Most keypoints that the profile requests.
     #[getter]
     fn max_keypoints(&self) -> u32 {
         self.0.limits().max_keypoints
     }
 
-    /// Longest side of an image that it asks for, pixels.
+    /// Longest image side that the profile requests, pixels.
     #[getter]
     fn max_image_side(&self) -> u32 {
         self.0.limits().max_image_side

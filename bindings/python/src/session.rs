@@ -1,4 +1,4 @@
-//! Several images of one place, sealed so that their lines do not cross in what they show.
+//! Sessions: several images of one scene, sealed so that the lines of one keypoint do not intersect at it.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
@@ -10,26 +10,28 @@ use veiloc_obfuscation::device_rng;
 use veiloc_pose::Stop;
 
 use crate::arrays;
-use crate::device::{Ready, Wishes};
-use crate::errors::{Fault, Result};
+use crate::blocking::interruptible;
+use crate::device::{SealArguments, SealInput};
+use crate::errors::{BindingError, Result};
 use crate::profile::Profile;
-use crate::waiting::released;
 
-/// The images of one place in a row: their anchors stay in the world, and what was told is not told again.
+/// Seals a sequence of images of one scene.
 ///
-/// It holds where keypoints were: `bytes(session)` is for this device alone.
+/// The images share their anchors, and no keypoint is sent under two anchors.
+///
+/// A session holds keypoint positions: `bytes(session)` must not leave the device.
 ///
 /// Args:
-///     anchors: what they are tied to: `"world"`, `"gravity"` or `"image"`.
+///     anchors: the frame in which the anchors are fixed: `"world"`, `"gravity"` or `"image"`.
 ///
 /// Raises:
-///     InputError: another word.
+///     InputError: `anchors` is another string.
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct Session(Mutex<veiloc_client::Session>);
 
 impl Session {
     fn locked(&self) -> std::sync::MutexGuard<'_, veiloc_client::Session> {
-        // A session changes as a whole, when sealing has succeeded.
+        // A poisoned lock is safe: a session changes only after sealing succeeded.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -39,27 +41,27 @@ impl Session {
     #[new]
     #[pyo3(signature = (*, anchors="world"))]
     fn new(anchors: &str) -> Result<Self> {
-        let anchors: SessionAnchors = anchors.parse().map_err(Fault::input)?;
+        let anchors: SessionAnchors = anchors.parse().map_err(BindingError::input)?;
         let options = SessionOptions::default().with_anchors(anchors);
         Ok(Self(Mutex::new(veiloc_client::Session::new(options, &mut device_rng()?))))
     }
 
-    /// A session of its bytes.
+    /// Decodes a session.
     ///
     /// Raises:
-    ///     Error: they are none.
+    ///     Error: the bytes are not a session.
     #[staticmethod]
     fn from_bytes(data: &[u8]) -> Result<Self> {
         Ok(Self(Mutex::new(veiloc_client::Session::from_bytes(data)?)))
     }
 
-    /// Reads a session's file; the program's are the same.
+    /// Reads a session file, also one that `veiloc seal --session` wrote.
     ///
     /// Raises:
-    ///     Error: it cannot be read, or holds none.
+    ///     Error: the file cannot be read, or is not a session.
     #[staticmethod]
     fn open(path: PathBuf) -> Result<Self> {
-        let bytes = std::fs::read(&path).map_err(|e| Fault::file(&path, e))?;
+        let bytes = std::fs::read(&path).map_err(|e| BindingError::file(&path, e))?;
         Self::from_bytes(&bytes)
     }
 
@@ -67,18 +69,19 @@ impl Session {
         PyBytes::new(py, &self.locked().to_bytes())
     }
 
-    /// Seals the next image. Nothing of the session changes when this fails.
+    /// Seals the next image. When this fails, the session does not change.
     ///
     /// Args:
-    ///     orientation: quaternion `[w, x, y, z]` from a frame that stays in the world to the camera (gyroscope, odometry).
-    ///     down: `[x, y, z]`, as the device felt it in the camera's axes; kept here, and not sent.
-    ///     image, camera, profile, scheme, max_keypoints, angle_bits, gravity, focal, mask: as of `veiloc.seal`.
+    ///     orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
+    ///         odometry).
+    ///     down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
+    ///     image, camera, profile, scheme, max_keypoints, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
     ///
     /// Returns:
     ///     The bytes of the sealed query.
     ///
     /// Raises:
-    ///     ImageError, QueryError, InputError: as `veiloc.seal`.
+    ///     ImageError, QueryError, InputError: as for `veiloc.seal`.
     #[pyo3(signature = (image, camera, profile, *, orientation=None, down=None, scheme="dcl", max_keypoints=None, angle_bits=12, gravity=None, focal=None, mask=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn seal<'py>(
@@ -96,17 +99,17 @@ impl Session {
         focal: Option<&str>,
         mask: Option<&Bound<'py, PyAny>>,
     ) -> Result<Bound<'py, PyBytes>> {
-        let wishes = Wishes { scheme, max_keypoints, angle_bits, gravity, focal };
-        let ready = Ready::new(image, camera, mask, &wishes)?;
-        let held = held(orientation, down)?;
-        let bytes = released(py, &Stop::default(), || -> Result<Vec<u8>> {
-            let (features, camera) = ready.extracted(profile)?;
+        let arguments = SealArguments { scheme, max_keypoints, angle_bits, gravity, focal };
+        let input = SealInput::new(image, camera, mask, &arguments)?;
+        let orientation = orientation_of(orientation, down)?;
+        let bytes = interruptible(py, &Stop::default(), || -> Result<Vec<u8>> {
+            let (features, camera) = input.extracted(profile)?;
             let query = self.locked().seal(
                 features,
                 &camera,
                 &profile.0,
-                &ready.options,
-                &held,
+                &input.options,
+                &orientation,
                 &mut device_rng()?,
             )?;
             Ok(query.encode())
@@ -114,34 +117,37 @@ impl Session {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Images that were sealed.
+    /// Number of images that were sealed.
     #[getter]
     fn frames(&self) -> u32 {
         self.locked().frames()
     }
 
-    /// How often the anchors were put somewhere new.
+    /// How many times the session chose new anchors.
     #[getter]
     fn starts(&self) -> u32 {
         self.locked().starts()
     }
 
     fn __repr__(&self) -> String {
-        format!("<Session of {} images, begun {} times>", self.frames(), self.starts())
+        format!("<Session of {} images, {} sets of anchors>", self.frames(), self.starts())
     }
 }
 
-fn held(orientation: Option<&Bound<'_, PyAny>>, down: Option<&Bound<'_, PyAny>>) -> Result<Orientation> {
-    let held = match orientation {
+fn orientation_of(
+    orientation: Option<&Bound<'_, PyAny>>,
+    down: Option<&Bound<'_, PyAny>>,
+) -> Result<Orientation> {
+    let orientation = match orientation {
         None => Orientation::unknown(),
         Some(q) => Orientation::from_quaternion(arrays::vector::<4>("orientation", q)?).ok_or_else(|| {
-            Fault::input("orientation: a quaternion [w, x, y, z] with a direction is needed")
+            BindingError::input("orientation: must be a quaternion [w, x, y, z] that is not zero")
         })?,
     };
     match down {
-        None => Ok(held),
-        Some(down) => held
+        None => Ok(orientation),
+        Some(down) => orientation
             .with_down(arrays::vector::<3>("down", down)?)
-            .ok_or_else(|| Fault::input("down: a vector with a direction is needed")),
+            .ok_or_else(|| BindingError::input("down: must be a vector that is not zero")),
     }
 }

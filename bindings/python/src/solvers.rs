@@ -1,6 +1,6 @@
-//! The minimal solvers, each by its name (PoseLib's grammar): a sample in, all poses that explain it out.
+//! The minimal solvers, named as in PoseLib. Each takes a minimal sample and returns all poses that explain it.
 //!
-//! A degenerate sample, or one that is not finite, has no poses: that is no error.
+//! A degenerate sample, or one that is not finite, gives no poses and no error.
 
 use pyo3::prelude::*;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
@@ -8,10 +8,10 @@ use veiloc_geometry::{CameraFromWorld, PlaneLine, Point3, frames::World};
 use veiloc_pose::solvers::{ArrayVec, GravityAlignment, HalfPlane};
 
 use crate::arrays;
-use crate::errors::{Fault, Result};
+use crate::errors::{BindingError, Result};
 use crate::pose::CameraPose;
 
-/// Down along the camera's and the world's second axis, as PoseLib's upright solvers have it.
+/// Default down direction: the second axis of the camera and of the world, as in PoseLib's upright solvers.
 const DOWN: [f64; 3] = [0.0, 1.0, 0.0];
 
 fn points<const N: usize>(array: &Bound<'_, PyAny>) -> Result<[Point3<World>; N]> {
@@ -22,7 +22,7 @@ fn vectors<const N: usize>(what: &str, array: &Bound<'_, PyAny>) -> Result<[Vect
     Ok(arrays::sample::<N, 3>(what, array)?.map(Vector3::from))
 }
 
-/// Lines of the plane `z = 1`, of any scale; `None` when one is none.
+/// Lines of the plane `z = 1`, of any scale; `None` when one of them is degenerate.
 fn lines<const N: usize>(array: &Bound<'_, PyAny>) -> Result<Option<[PlaneLine; N]>> {
     let lines: Option<Vec<PlaneLine>> =
         vectors::<N>("lines", array)?.into_iter().map(PlaneLine::from_normal).collect();
@@ -38,15 +38,23 @@ fn gravity(
     };
     let alignment =
         GravityAlignment::new(&down("down_in_camera", in_camera)?, &down("down_in_world", in_world)?);
-    alignment
-        .ok_or_else(|| Fault::input("down_in_camera, down_in_world: vectors with a direction are needed"))
+    alignment.ok_or_else(|| {
+        BindingError::input("down_in_camera, down_in_world: must be vectors that are not zero")
+    })
 }
 
 fn found<const N: usize>(poses: ArrayVec<CameraFromWorld, N>) -> Vec<CameraPose> {
     poses.into_iter().map(CameraPose).collect()
 }
 
-/// Poses from three points: `bearings` `[3, 3]` of any length in the camera, `points3d` `[3, 3]`. At most 4.
+/// Poses from three points (P3P).
+///
+/// Args:
+///     bearings: `[3, 3]`, directions of the points in the camera frame, of any length.
+///     points3d: `[3, 3]`, map units.
+///
+/// Returns:
+///     At most 4 poses.
 #[pyfunction]
 pub(crate) fn p3p(bearings: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> Result<Vec<CameraPose>> {
     let mut poses = ArrayVec::new();
@@ -55,8 +63,14 @@ pub(crate) fn p3p(bearings: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> R
     Ok(found(poses))
 }
 
-/// Poses from six lines: `lines` `[6, 3]`, lines of the plane z = 1 (`Kᵀ l` of a line `l` in pixels), `points3d` `[6, 3]`. At
-/// most 8.
+/// Poses from six lines of the image and the points on them.
+///
+/// Args:
+///     lines: `[6, 3]`, lines of the plane z = 1 (`Kᵀ l` for a line `l` in pixels), of any scale.
+///     points3d: `[6, 3]`, map units.
+///
+/// Returns:
+///     At most 8 poses.
 #[pyfunction]
 pub(crate) fn p6lp(lines: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> Result<Vec<CameraPose>> {
     let mut poses = ArrayVec::new();
@@ -67,8 +81,14 @@ pub(crate) fn p6lp(lines: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> Res
     Ok(found(poses))
 }
 
-/// Poses from five half-lines that begin in one point of the image, up to the depth along its ray: `directions` `[5, 2]` in
-/// a camera turned so that the ray is its z axis, `points3d` `[5, 3]`. At most 4, with `t[2] = 0`.
+/// Poses from five half-lines with a common start in the image, up to the depth along its ray.
+///
+/// Args:
+///     directions: `[5, 2]`, directions of the half-lines in a camera whose z axis is the common ray.
+///     points3d: `[5, 3]`, map units.
+///
+/// Returns:
+///     At most 4 poses, with `t[2] = 0`.
 #[pyfunction]
 pub(crate) fn p5lp_radial(
     directions: &Bound<'_, PyAny>,
@@ -80,9 +100,18 @@ pub(crate) fn p5lp_radial(
     Ok(poses.into_iter().map(CameraPose::from).collect())
 }
 
-/// Poses from five half-planes of one anchor and one of another: `anchor` `[3]`, the direction at which the five begin,
-/// `inward` `[5, 3]`, where each leads from there, `sixth_axis` `[3]` and `sixth_inward` `[3]` of the sixth, `points3d`
-/// `[6, 3]`; directions of the camera's frame, of any length. At most 4.
+/// Poses from five half-planes of one anchor and one half-plane of another anchor.
+///
+/// All directions are in the camera frame, of any length.
+///
+/// Args:
+///     anchor: `[3]`, direction of the anchor that five half-planes share.
+///     inward: `[5, 3]`, direction of each half-plane at the anchor.
+///     sixth_axis, sixth_inward: `[3]`, the same two directions for the sixth half-plane.
+///     points3d: `[6, 3]`, map units.
+///
+/// Returns:
+///     At most 4 poses.
 #[pyfunction]
 pub(crate) fn p6lp_dual_radial(
     anchor: &Bound<'_, PyAny>,
@@ -102,8 +131,15 @@ pub(crate) fn p6lp_dual_radial(
     Ok(found(poses))
 }
 
-/// Poses from two points and the vertical: `bearings` `[2, 3]`, `points3d` `[2, 3]`, and one direction in both frames
-/// (default: the second axis of each). At most 2.
+/// Poses from two points and a known vertical (upright P2P).
+///
+/// Args:
+///     bearings: `[2, 3]`, directions of the points in the camera frame, of any length.
+///     points3d: `[2, 3]`, map units.
+///     down_in_camera, down_in_world: `[3]`, the vertical in both frames. Default: the second axis of each.
+///
+/// Returns:
+///     At most 2 poses.
 #[pyfunction]
 #[pyo3(signature = (bearings, points3d, down_in_camera=None, down_in_world=None))]
 pub(crate) fn up2p(
@@ -123,8 +159,15 @@ pub(crate) fn up2p(
     Ok(found(poses))
 }
 
-/// Poses from four lines and the vertical: `lines` `[4, 3]` as of `p6lp`, `points3d` `[4, 3]`, and one direction in both
-/// frames (default: the second axis of each). At most 2.
+/// Poses from four lines and a known vertical.
+///
+/// Args:
+///     lines: `[4, 3]`, as for `p6lp`.
+///     points3d: `[4, 3]`, map units.
+///     down_in_camera, down_in_world: `[3]`, the vertical in both frames. Default: the second axis of each.
+///
+/// Returns:
+///     At most 2 poses.
 #[pyfunction]
 #[pyo3(signature = (lines, points3d, down_in_camera=None, down_in_world=None))]
 pub(crate) fn u4lp(

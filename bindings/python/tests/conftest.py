@@ -1,4 +1,4 @@
-"""What all tests share: problems with known answers, and the real images where they are."""
+"""Shared fixtures: problems with ground truth, and real images if they are present."""
 
 import os
 import shutil
@@ -14,23 +14,23 @@ import veiloc
 CAMERA = {"model": "PINHOLE", "width": 640, "height": 480, "params": [525.0, 530.0, 318.0, 243.0]}
 
 
-def rotation(rng, most=np.pi):
-    """A rotation matrix drawn at random, turning by at most so much."""
+def rotation(rng, max_angle=np.pi):
+    """A random rotation matrix with an angle of at most `max_angle`."""
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
-    angle = rng.uniform(0, most)
+    angle = rng.uniform(0, max_angle)
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
 def near(pose, truth, degrees=2.0, units=0.1):
-    """Whether a pose is within so many degrees, and units of the world, of the truth."""
+    """Whether a pose is within `degrees` and `units` (map units) of the ground truth."""
     off = pose.error(truth)
     return off[0] < degrees and off[1] < units
 
 
 class Problem:
-    """Points of the world and their pixels under a known pose, some of them wrong."""
+    """World points and their pixels under a known pose, with outliers."""
 
     def __init__(self, seed, count=200, noise=0.5, outliers=0.3, camera=CAMERA):
         rng = np.random.default_rng(seed)
@@ -57,7 +57,7 @@ class Problem:
         return np.column_stack([normals, -(normals * self.points2d).sum(1)])
 
     def errors(self, R, t):
-        """Degrees, and units of the world."""
+        """Rotation error in degrees and translation error in map units."""
         return self.pose.error(veiloc.CameraPose(R=np.asarray(R), t=np.asarray(t)))
 
 
@@ -68,21 +68,21 @@ def problem():
 
 @pytest.fixture(scope="session")
 def redkitchen():
-    """The folder of the real images; a test without them is skipped."""
+    """Folder of the real images; without them the test is skipped."""
     data = os.environ.get("VEILOC_DATA")
     if not data or not (Path(data) / "redkitchen").is_dir():
         pytest.skip("VEILOC_DATA does not name a folder with redkitchen")
     return Path(data) / "redkitchen"
 
 
-def every(names, count):
-    """So many of the names, spread evenly."""
+def evenly_spaced(names, count):
+    """`count` of the names, evenly spaced."""
     return names[:: max(1, len(names) // count)][:count]
 
 
 @pytest.fixture(scope="session")
 def program_path():
-    """Where the package's program is."""
+    """Path of the package's program."""
     path = shutil.which("veiloc", path=str(Path(sys.executable).parent))
     assert path, "the package installs a program beside the interpreter"
     return path
@@ -90,7 +90,7 @@ def program_path():
 
 @pytest.fixture(scope="session")
 def program(program_path):
-    """Runs the package's program; returns what it printed, and fails when it did."""
+    """Runs the package's program and returns its stdout; an unexpected exit code fails the test."""
 
     def run(*words, codes=(0,)):
         done = subprocess.run([program_path, *map(str, words)], capture_output=True, text=True)
@@ -100,8 +100,8 @@ def program(program_path):
     return run
 
 
-class Ground:
-    """A place that is mapped, and queries beside it, of which all is known."""
+class MappedScene:
+    """A mapped scene and query images with ground truth."""
 
     def __init__(self, images, views, mapped, queries, **options):
         self.images, self.queries = images, queries
@@ -116,18 +116,18 @@ class Ground:
 
 @pytest.fixture(scope="session")
 def rendered(tmp_path_factory):
-    """A rendered room: it needs no data."""
+    """A rendered room; it needs no data."""
     folder = tmp_path_factory.mktemp("rendered")
     mapped, queries = veiloc.render_place(folder)
     names = lambda views: [view[0] for view in views]
-    return Ground(folder, mapped + queries, names(mapped), names(queries), down=[0, 0, -1])
+    return MappedScene(folder, mapped + queries, names(mapped), names(queries), down=[0, 0, -1])
 
 
 @pytest.fixture(scope="session")
 def kitchen(redkitchen):
-    """A part of RedKitchen."""
+    """A part of 7Scenes RedKitchen."""
     posed = veiloc.ColmapModel.open(redkitchen / "posed")
-    names = lambda file, count: every((redkitchen / file).read_text().split(), count)
+    names = lambda file, count: evenly_spaced((redkitchen / file).read_text().split(), count)
     mapped, queries = names("map.txt", 28), names("query.txt", 6)
     views = [(name, posed.camera(name), posed.pose(name)) for name in mapped + queries]
-    return Ground(redkitchen / "images", views, mapped, queries)
+    return MappedScene(redkitchen / "images", views, mapped, queries)

@@ -1,4 +1,4 @@
-"""`veiloc.hloc`: files as hloc has them in, its results file out, beside the same step done with pycolmap."""
+"""`veiloc.hloc`: reads hloc's files, writes its results file; compared with the same step in pycolmap."""
 
 import pickle
 import runpy
@@ -16,7 +16,7 @@ h5py = pytest.importorskip("h5py")
 
 @pytest.fixture(scope="session")
 def pipeline(redkitchen, tmp_path_factory):
-    """hloc's files of a part of RedKitchen: a model with points, features and matches of OpenCV's SIFT, retrieval pairs."""
+    """hloc's files for a part of RedKitchen: model with points, OpenCV SIFT features and matches, retrieval pairs."""
     cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     root = tmp_path_factory.mktemp("hloc")
     posed = veiloc.ColmapModel.open(redkitchen / "posed")
@@ -49,7 +49,7 @@ def pipeline(redkitchen, tmp_path_factory):
 
 
 def write_model(folder, posed, mapped, seen, match, camera):
-    """A COLMAP model in text whose points are triangulated from pairs of images of known pose."""
+    """Writes a COLMAP text model whose points are triangulated from pairs of posed images."""
     focal, cx, cy = camera["params"][:3]
     points, of = [], {name: np.full(len(seen[name][0]), -1) for name in mapped}
     for first, second in zip(mapped, mapped[1:]):
@@ -97,8 +97,8 @@ def read_results(path):
     return poses
 
 
-def hlocs_own(root, queries):
-    """hloc's `pose_from_cluster` with pycolmap, line for line, for all queries."""
+def hloc_reference(root, queries):
+    """hloc's `pose_from_cluster` with pycolmap for all queries, copied line by line."""
     import pycolmap
     from veiloc.hloc.files import Hdf5, read_queries, read_retrieval
 
@@ -127,14 +127,14 @@ def hlocs_own(root, queries):
 
 
 @pytest.mark.parametrize("scheme", ["points", "dcl", "random-lines", "coordinate-permutation"])
-def test_results_are_hlocs_within_what_lines_cost(pipeline, tmp_path, scheme):
+def test_accuracy_matches_hloc(pipeline, tmp_path, scheme):
     root, posed, queries = pipeline
     files = [root / "sfm", root / "queries.txt", root / "pairs.txt", root / "features.h5", root / "matches.h5"]
     results = tmp_path / "results.txt"
     returned = localize_sfm.main(*files, results, scheme=scheme)
     written = read_results(results)
     assert set(returned) == set(queries) and len(written) == len(queries)
-    theirs = hlocs_own(root, queries)
+    theirs = hloc_reference(root, queries)
     errors = []
     for query in queries:
         ours = written[query.rsplit("/", 1)[-1]]
@@ -142,7 +142,7 @@ def test_results_are_hlocs_within_what_lines_cost(pipeline, tmp_path, scheme):
         errors.append((*ours.error(posed.pose(query)), *theirs[query].error(posed.pose(query))))
     degrees, metres, their_degrees, their_metres = np.median(errors, axis=0)
     assert their_metres < 0.1, "hloc's own steps work on these files"
-    # Of points there is as much as hloc has; of a line half of that, in a map whose points two images saw.
+    # Points give the same information as in hloc; lines give half of it.
     cost = 0.005 if scheme == "points" else 0.02
     assert metres < cost + 2 * their_metres and degrees < 10 * cost + 2 * their_degrees
     logs = pickle.loads((tmp_path / "results.txt_logs.pkl").read_bytes())
@@ -151,7 +151,7 @@ def test_results_are_hlocs_within_what_lines_cost(pipeline, tmp_path, scheme):
     assert len(log["keypoints_query"]) == len(log["points3D_ids"])
 
 
-def test_options_of_hloc_mean_what_they_mean_there(pipeline, tmp_path):
+def test_hloc_options(pipeline, tmp_path):
     root, posed, queries = pipeline
     files = [root / "sfm", root / "quer*.txt", root / "pairs.txt", root / "features.h5", root / "matches.h5"]
     results = tmp_path / "results.txt"
@@ -168,14 +168,14 @@ def test_options_of_hloc_mean_what_they_mean_there(pipeline, tmp_path):
     assert all(log["covisibility_clustering"] for log in logs["loc"].values())
 
 
-def test_the_example_runs_on_such_a_folder(pipeline, capsys):
+def test_hloc_example_runs(pipeline, capsys):
     root, _, queries = pipeline
     example = Path(__file__).parents[3] / "examples/python/hloc_pipeline.py"
     runpy.run_path(str(example))["main"](root)
     assert capsys.readouterr().out.count("points and lines are") == len(queries)
 
 
-def test_files_that_do_not_fit_are_named(pipeline, tmp_path):
+def test_inconsistent_files_are_refused(pipeline, tmp_path):
     root, _, queries = pipeline
     files = [root / "sfm", root / "queries.txt", root / "pairs.txt", root / "features.h5", root / "matches.h5"]
 

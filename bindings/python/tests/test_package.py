@@ -1,4 +1,4 @@
-"""The package itself: its program, its exceptions, Ctrl-C, and that the stubs say what the module has."""
+"""The package: its program, its exceptions, Ctrl-C, and its stubs."""
 
 import ast
 import inspect
@@ -17,14 +17,14 @@ from veiloc import _native
 STUBS = Path(veiloc.__file__).with_name("_native.pyi")
 
 
-def test_the_program_is_there(program):
+def test_program_is_installed(program):
     assert veiloc.__version__ == metadata.version("veiloc")
     assert program("--version").split() == ["veiloc", veiloc.__version__]
     program("map", "info", "none.vmap", codes=(1,))
     program("map", "paint", codes=(2,))
 
 
-def test_every_error_is_one_of_ours():
+def test_exception_hierarchy():
     classes = [c for c in vars(veiloc).values() if isinstance(c, type) and issubclass(c, BaseException)]
     assert len(classes) >= 10 and all(issubclass(c, veiloc.Error) and c.__doc__ for c in classes)
     assert issubclass(veiloc.InputError, ValueError)
@@ -49,9 +49,9 @@ except KeyboardInterrupt:
 
 
 def test_ctrl_c_ends_a_long_call():
-    # Whoever runs the tests in the background ignores SIGINT, and so would a child, without ever asking the handler.
-    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
-    child = subprocess.Popen([sys.executable, "-c", LONG], stdout=subprocess.PIPE, text=True, preexec_fn=heed)
+    # A background test run ignores SIGINT, and child processes inherit that.
+    reset_sigint = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    child = subprocess.Popen([sys.executable, "-c", LONG], stdout=subprocess.PIPE, text=True, preexec_fn=reset_sigint)
     assert child.stdout.readline() == "begun\n"
     time.sleep(0.5)
     assert child.poll() is None, "it would run for hours"
@@ -61,14 +61,15 @@ def test_ctrl_c_ends_a_long_call():
 
 
 def parameters(function):
-    """Names, kinds and defaults as the stub's arguments have them."""
+    """Name, keyword-only flag and default flag of each parameter of a function."""
     return [
         (p.name, p.kind is p.KEYWORD_ONLY, p.default is not p.empty)
         for p in inspect.signature(function).parameters.values()
     ]
 
 
-def of_stub(node):
+def stub_parameters(node):
+    """The same of a function in the stub."""
     a = node.args
     plain = [*a.posonlyargs, *a.args]
     missing = len(plain) - len(a.defaults)
@@ -76,11 +77,16 @@ def of_stub(node):
     return positional + [(arg.arg, True, d is not None) for arg, d in zip(a.kwonlyargs, a.kw_defaults)]
 
 
+def assert_same_docstring(node, native):
+    """IDEs show the docstring of the stub, `help()` that of the Rust source."""
+    assert ast.get_docstring(node) == inspect.getdoc(native) is not None, node.name
+
+
 def public(names):
     return {name for name in names if not name.startswith("_")}
 
 
-def test_the_stubs_say_what_the_module_has():
+def test_stubs_match_the_module():
     tree = ast.parse(STUBS.read_text())
     functions = {n.name: n for n in tree.body if isinstance(n, ast.FunctionDef)}
     classes = {n.name: n for n in tree.body if isinstance(n, ast.ClassDef)}
@@ -88,25 +94,28 @@ def test_the_stubs_say_what_the_module_has():
     values = {n.target.id for n in annotated if getattr(n.annotation, "id", "") != "TypeAlias"}
     assert set(functions) | set(classes) | values == public(vars(_native))
     for name, node in functions.items():
-        assert of_stub(node) == parameters(getattr(_native, name)), name
-        assert getattr(_native, name).__doc__, name
+        assert stub_parameters(node) == parameters(getattr(_native, name)), name
+        assert_same_docstring(node, getattr(_native, name))
     for name, node in classes.items():
         cls = getattr(_native, name)
+        assert_same_docstring(node, cls)
         members = {n.name: n for n in node.body if isinstance(n, ast.FunctionDef)}
         fields = {n.target.id for n in node.body if isinstance(n, ast.AnnAssign)}
         assert public(members) | fields == public(vars(cls)), name
         for member, method in members.items():
             is_property = any(getattr(d, "id", "") == "property" for d in method.decorator_list)
-            if member.startswith("_") or is_property:
+            if member.startswith("_"):
                 continue
-            assert getattr(cls, member).__doc__, f"{name}.{member}"
+            assert_same_docstring(method, getattr(cls, member))
+            if is_property:
+                continue
             is_static = any(getattr(d, "id", "") == "staticmethod" for d in method.decorator_list)
-            expected = of_stub(method)[0 if is_static else 1 :]
+            expected = stub_parameters(method)[0 if is_static else 1 :]
             actual = [p for p in parameters(getattr(cls, member)) if p[0] != "self"]
             assert expected == actual, f"{name}.{member}"
 
 
-def test_what_is_exported_is_documented():
+def test_exports_are_documented():
     assert set(veiloc.__all__) <= set(vars(veiloc))
     for name in public(veiloc.__all__):
         assert getattr(veiloc, name).__doc__, name

@@ -1,4 +1,4 @@
-"""Maps that many hands build: equal, to the byte, to the one that a single pair of hands builds."""
+"""Distributed builds: the map is byte-identical to the map that one process builds."""
 
 import os
 import pickle
@@ -22,7 +22,7 @@ def cluster():
 
 
 def write_model(room, folder):
-    """The room's cameras and poses as a COLMAP model in text, which is what tasks on other machines read."""
+    """Writes the room's cameras and poses as a COLMAP text model, which the tasks read."""
     folder.mkdir(parents=True)
     cameras, images = [], []
     for number, (name, camera, pose) in enumerate(room.mapped, 1):
@@ -36,36 +36,36 @@ def write_model(room, folder):
 
 
 @pytest.fixture(scope="module")
-def alone(rendered, tmp_path_factory):
-    """Its model, its folder of images, and the bytes of the map that one pair of hands builds of it."""
-    folder = tmp_path_factory.mktemp("alone")
+def reference(rendered, tmp_path_factory):
+    """The model, the image folder, and the bytes of the map that one process builds."""
+    folder = tmp_path_factory.mktemp("reference")
     posed = write_model(rendered, folder / "posed")
     built = veiloc.Map.build(posed, rendered.images)
-    built.save(folder / "alone.vmap")
-    return posed, rendered.images, (folder / "alone.vmap").read_bytes()
+    built.save(folder / "reference.vmap")
+    return posed, rendered.images, (folder / "reference.vmap").read_bytes()
 
 
-def test_ray_builds_the_map_that_one_machine_builds(cluster, alone, tmp_path):
-    posed, images, expected = alone
-    told = []
+def test_ray_build_is_byte_identical_to_local_build(cluster, reference, tmp_path):
+    posed, images, expected = reference
+    reports = []
     built = veiloc.ray.build_map(
         posed,
         images,
         tmp_path / "many.vmap",
         work=tmp_path / "work",
         shares=5,
-        progress=lambda *step: told.append(step),
+        progress=lambda *step: reports.append(step),
     )
     assert (tmp_path / "many.vmap").read_bytes() == expected
     assert list(built.seconds) == ["features", "first-pairs", "pairs", "build", "self-test", "write"]
     for stage in ("features", "first-pairs", "pairs", "self-test"):
-        assert (stage, 5, 5) in told
+        assert (stage, 5, 5) in reports
     assert built.map.tested is not None
     assert not (tmp_path / "work" / "untested.vmap").exists()
 
 
 def processes_of_ray(name):
-    """Processes that run a task with this name: Ray writes it into their titles."""
+    """Processes that run a task with this name, which Ray writes into the process title."""
     found = []
     for process in Path("/proc").iterdir():
         if process.name.isdigit():
@@ -78,8 +78,8 @@ def processes_of_ray(name):
     return found
 
 
-def test_a_killed_task_is_done_again(cluster, alone, tmp_path):
-    posed, images, expected = alone
+def test_killed_tasks_are_retried(cluster, reference, tmp_path):
+    posed, images, expected = reference
     killed = []
     over = threading.Event()
 
@@ -102,8 +102,8 @@ def test_a_killed_task_is_done_again(cluster, alone, tmp_path):
     assert (tmp_path / "many.vmap").read_bytes() == expected
 
 
-def test_what_a_task_refuses_is_said_as_one_machine_says_it(cluster, alone, tmp_path):
-    posed, images, _ = alone
+def test_task_errors_are_raised_as_veiloc_errors(cluster, reference, tmp_path):
+    posed, images, _ = reference
     names = veiloc.ColmapModel.open(posed).image_names
     with pytest.raises(veiloc.ImageError, match="nowhere.png"):
         veiloc.ray.build_map(
@@ -112,8 +112,8 @@ def test_what_a_task_refuses_is_said_as_one_machine_says_it(cluster, alone, tmp_
     assert not (tmp_path / "many.vmap").exists()
 
 
-def test_shares_without_ray(alone, tmp_path):
-    posed, images, expected = alone
+def test_prepare_and_self_test_shares_without_ray(reference, tmp_path):
+    posed, images, expected = reference
     work = tmp_path / "work"
     for stage in veiloc.ray.STAGES:
         counts = [veiloc.prepare(posed, images, work, stage, (part, 3)) for part in range(3)]
@@ -130,7 +130,7 @@ def test_shares_without_ray(alone, tmp_path):
 
 
 @pytest.mark.parametrize(("stage", "share", "what"), [("features", (3, 3), "share"), ("walls", (0, 1), "stage")])
-def test_no_such_share(alone, tmp_path, stage, share, what):
-    posed, images, _ = alone
+def test_invalid_stage_or_share_is_refused(reference, tmp_path, stage, share, what):
+    posed, images, _ = reference
     with pytest.raises(veiloc.InputError, match=what):
         veiloc.prepare(posed, images, tmp_path / "work", stage, share)

@@ -1,4 +1,4 @@
-"""The minimal solvers: the true pose is among the answers, and where PoseLib has the solver, it has the same answers."""
+"""The minimal solvers: the true pose is among the solutions, which equal PoseLib's where it has the solver."""
 
 import numpy as np
 import pytest
@@ -18,14 +18,14 @@ def plane_lines(problem):
 
 
 def same(ours, theirs):
-    """Every pose of theirs is one of ours, and the other way round."""
+    """Whether both sets of poses are equal, in any order."""
     theirs = [veiloc.CameraPose(q=p.q, t=p.t) for p in theirs]
     near = lambda a, others: any(max(a.error(b)) < 1e-4 for b in others)
     return all(near(a, theirs) for a in ours) and all(near(b, ours) for b in theirs)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_p3p_finds_what_poselib_finds(seed):
+def test_p3p_matches_poselib(seed):
     p = Problem(seed, count=3, noise=0, outliers=0)
     ours = veiloc.p3p(p.bearings, p.points3d)
     assert nearest(ours, p) < 1e-6
@@ -38,7 +38,7 @@ def test_p6lp_finds_the_pose(seed):
     lines = plane_lines(p)
     ours = veiloc.p6lp(lines, p.points3d)
     assert nearest(ours, p) < 1e-4
-    # PoseLib keeps poses with points behind the camera too, and both lose one now and then.
+    # PoseLib also returns poses with points behind the camera, and each solver sometimes misses a pose.
     lines = lines / np.linalg.norm(lines, axis=1, keepdims=True)
     theirs = [veiloc.CameraPose(q=q.q, t=q.t) for q in poselib.p6lp(lines, p.points3d)]
     assert not theirs or nearest(theirs, p) > 1e-2 or any(max(a.error(b)) < 1e-2 for a in ours for b in theirs)
@@ -53,7 +53,7 @@ def test_upright_solvers_find_the_pose(seed):
     assert nearest(veiloc.u4lp(plane_lines(p), p.points3d, down_in_camera, down_in_world), p) < 1e-6
 
 
-def test_up2p_has_poselibs_vertical_when_none_is_given():
+def test_up2p_default_vertical_matches_poselib():
     rng = np.random.default_rng(3)
     angle = 0.7
     c, s = np.cos(angle), np.sin(angle)
@@ -74,24 +74,24 @@ def test_radial_solvers_find_the_pose(seed):
     turns = [p.pose.error(veiloc.CameraPose(R=pose.R, t=[*pose.t[:2], p.t[2]])) for pose in found]
     assert min(map(max, turns)) < 1e-5
     assert all(pose.t[2] == 0 for pose in found)
-    # Five half-planes that begin at one direction, and one that begins at another.
+    # Five half-planes of one anchor, and one of another.
     anchor, other = np.array([0.0, -0.5, 1.0]), np.array([0.0, 0.5, 1.0])
     rays = seen / seen[:, 2:]
     found = veiloc.p6lp_dual_radial(anchor, rays[:5] - anchor, other, rays[5] - other, p.points3d)
     assert nearest(found, p) < 1e-4
 
 
-def test_samples_that_say_nothing_have_no_poses():
+def test_degenerate_samples_have_no_poses():
     nothing = np.zeros((6, 3))
     assert veiloc.p6lp(nothing, nothing) == []
     assert veiloc.p3p(np.full((3, 3), np.nan), np.zeros((3, 3))) == []
     assert veiloc.p5lp_radial(np.zeros((5, 2)), np.zeros((5, 3))) == []
 
 
-def test_wrong_shapes_are_named():
-    with pytest.raises(veiloc.InputError, match=r"bearings: 3 rows are needed, not 4"):
+def test_invalid_shapes_are_refused():
+    with pytest.raises(veiloc.InputError, match=r"bearings: must have 3 rows, not 4"):
         veiloc.p3p(np.eye(4)[:, :3], np.eye(3))
-    with pytest.raises(veiloc.InputError, match=r"points3d: an array \[N, 3\]"):
+    with pytest.raises(veiloc.InputError, match=r"points3d: must be an array \[N, 3\]"):
         veiloc.p3p(np.eye(3), np.zeros(9))
     with pytest.raises(veiloc.InputError, match="direction"):
         veiloc.up2p(np.eye(3)[:2], np.eye(3)[:2], [0, 0, 0])

@@ -1,15 +1,14 @@
 """Visual localization in which neither the image nor the keypoint positions leave the device.
 
-- Poses from correspondences, called as PoseLib's: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
+- Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
-- The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client`, which asks a service.
-- The server: `Map`; `prepare` and `veiloc.ray`, for maps that many machines build.
-- What leaks: `attack`, `audit`.
-- `render_place`: a place to try it all on.
-- `veiloc.hloc`: the last step of hloc, on lines instead of points.
+- The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client` for a service.
+- The server: `Map`; `prepare` and `veiloc.ray` to build a map on several machines.
+- Privacy attacks: `attack`, `audit`.
+- `render_place`: a synthetic scene for experiments.
+- `veiloc.hloc`: the last step of hloc, with lines instead of points.
 
-Pixels are COLMAP's: the centre of the first pixel is (0.5, 0.5). Poses are world to camera. Everything that goes wrong is a
-`veiloc.Error`.
+Pixels are COLMAP's: the centre of the first pixel is (0.5, 0.5). Poses are world to camera. All errors are `veiloc.Error`.
 """
 
 from veiloc._native import (

@@ -1,4 +1,4 @@
-"""Types of the native part; what each does is in its docstring (`help(veiloc.seal)`)."""
+"""Types and docstrings of the native module. The docstrings are those of the Rust source (`src`); a test compares them."""
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
@@ -22,86 +22,169 @@ Gravity: TypeAlias = Sequence[Any]
 Frames: TypeAlias = Iterable[tuple[bytes, CameraPose] | tuple[bytes, CameraPose, float, float]]
 
 class CameraPose:
+    """Pose of a camera in the world, `x_cam = R x_world + t`.
+
+    Give a quaternion or a rotation matrix; the default is the identity.
+
+    Args:
+        q: quaternion `[w, x, y, z]`; it is normalized.
+        t: translation, `[3]`, map units; zero by default.
+        R: rotation matrix, `[3, 3]`, instead of `q`.
+
+    Raises:
+        InputError: a number is not finite, `q` is zero, or `R` is not a rotation.
+    """
+
     def __init__(
         self, q: npt.ArrayLike | None = None, t: npt.ArrayLike | None = None, *, R: npt.ArrayLike | None = None
     ) -> None: ...
     @property
-    def q(self) -> Floats: ...
+    def q(self) -> Floats:
+        """Quaternion `[w, x, y, z]` of length 1 with `w >= 0`, `[4]`."""
     @property
-    def t(self) -> Floats: ...
+    def t(self) -> Floats:
+        """Translation, `[3]`, map units."""
     @property
-    def R(self) -> Floats: ...
+    def R(self) -> Floats:
+        """Rotation matrix, `[3, 3]`, world to camera."""
     @property
-    def Rt(self) -> Floats: ...
+    def Rt(self) -> Floats:
+        """`[R | t]`, `[3, 4]`."""
     @property
-    def center(self) -> Floats: ...
-    def error(self, other: CameraPose) -> tuple[float, float]: ...
+    def center(self) -> Floats:
+        """Camera centre, `-Rᵀ t`, `[3]`, map units."""
+    def error(self, other: CameraPose) -> tuple[float, float]:
+        """Errors against another pose: rotation in degrees, and distance of the centres in map units."""
     def __eq__(self, other: object) -> bool: ...
 
 class Answer:
+    """The pose of a sealed query, and how far it can be trusted."""
+
     @property
-    def pose(self) -> CameraPose | None: ...
+    def pose(self) -> CameraPose | None:
+        """Pose in the map (of the rig, for a rig); None when it is doubtful and only a trusted pose was requested."""
     @property
-    def center(self) -> Floats | None: ...
+    def center(self) -> Floats | None:
+        """Camera centre in the map, `[3]`, map units; None without a pose."""
     @property
-    def covariance(self) -> Floats: ...
+    def covariance(self) -> Floats:
+        """Covariance, `[6, 6]`: rotation vector in the camera frame (radians), then translation in it (map units)."""
     @property
-    def center_covariance(self) -> Floats | None: ...
+    def center_covariance(self) -> Floats | None:
+        """Covariance of the centre in the map's axes, `[3, 3]`, map units squared; None without a pose."""
     @property
-    def trusted(self) -> bool: ...
+    def trusted(self) -> bool:
+        """Whether `state` is `"trusted"`."""
     @property
-    def position_sd(self) -> float: ...
+    def position_sd(self) -> float:
+        """Standard deviation of the position, map units."""
     @property
-    def state(self) -> str: ...
+    def state(self) -> str:
+        """`"trusted"` or `"doubtful"`."""
     @property
-    def doubts(self) -> list[str]: ...
+    def doubts(self) -> list[str]:
+        """The reasons to doubt the pose, as text."""
     @property
-    def log_evidence(self) -> float: ...
+    def log_evidence(self) -> float:
+        """Natural logarithm of the evidence for this pose over a chance agreement."""
     @property
-    def inliers(self) -> int: ...
+    def inliers(self) -> int:
+        """Rows of the query that agree with the pose."""
     @property
-    def matches(self) -> int: ...
+    def matches(self) -> int:
+        """Rows of the query that were matched."""
     @property
-    def iterations(self) -> int: ...
+    def iterations(self) -> int:
+        """RANSAC hypotheses that were scored."""
     @property
-    def noise_px(self) -> float | None: ...
+    def noise_px(self) -> float | None:
+        """Standard deviation of the inliers, pixels; None when it is not known."""
     @property
-    def focal_scale(self) -> float | None: ...
+    def focal_scale(self) -> float | None:
+        """Estimated focal length over that of the query; 1 when it was not estimated, None when it is not known."""
     @property
-    def gravity(self) -> str | None: ...
+    def gravity(self) -> str | None:
+        """Use of gravity: `"used"`; `"unused"` when the map has no down direction; None when the query has no gravity."""
     @property
-    def retrieved(self) -> list[str]: ...
+    def retrieved(self) -> list[str]:
+        """Names of the map images that were matched, best first; empty in answers of a service."""
     @property
-    def ms(self) -> dict[str, float]: ...
+    def ms(self) -> dict[str, float]:
+        """Milliseconds spent in `retrieve`, `match` and `pose`."""
     @property
-    def frames(self) -> list[CameraPose]: ...
+    def frames(self) -> list[CameraPose]:
+        """The pose of each camera of a rig; empty for a single query."""
     def __bool__(self) -> bool: ...
 
 class Profile:
+    """Profile of a map: the feature type, the vocabulary and the limits with which a device seals queries.
+
+    It holds no map data, and it cannot weaken the protection. Get one from `Map.profile`, `Client.profile`, a file
+    (`Profile.open`) or bytes (`Profile.from_bytes`); `bytes(profile)` is the content of a profile file.
+    """
+
     @staticmethod
-    def open(path: Path) -> Profile: ...
+    def open(path: Path) -> Profile:
+        """Reads a profile file that `veiloc map profile` wrote.
+
+        Raises:
+            QueryError: the file cannot be read, or is not a profile.
+        """
     @staticmethod
-    def from_bytes(data: bytes) -> Profile: ...
+    def from_bytes(data: bytes) -> Profile:
+        """Decodes a profile.
+
+        Raises:
+            QueryError: the bytes are not a profile.
+        """
     @property
-    def id(self) -> str: ...
+    def id(self) -> str:
+        """Identifier of the profile. A map refuses queries that were sealed with another one."""
     @property
-    def features(self) -> str: ...
+    def features(self) -> str:
+        """Name of the local features."""
     @property
-    def global_descriptor(self) -> str: ...
+    def global_descriptor(self) -> str:
+        """Name of the model that computes the global descriptor."""
     @property
-    def max_keypoints(self) -> int: ...
+    def max_keypoints(self) -> int:
+        """Most keypoints that the profile requests."""
     @property
-    def max_image_side(self) -> int: ...
+    def max_image_side(self) -> int:
+        """Longest image side that the profile requests, pixels."""
     def __bytes__(self) -> bytes: ...
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
 
 class Session:
+    """Seals a sequence of images of one scene.
+
+    The images share their anchors, and no keypoint is sent under two anchors.
+
+    A session holds keypoint positions: `bytes(session)` must not leave the device.
+
+    Args:
+        anchors: the frame in which the anchors are fixed: `"world"`, `"gravity"` or `"image"`.
+
+    Raises:
+        InputError: `anchors` is another string.
+    """
+
     def __init__(self, *, anchors: str = "world") -> None: ...
     @staticmethod
-    def from_bytes(data: bytes) -> Session: ...
+    def from_bytes(data: bytes) -> Session:
+        """Decodes a session.
+
+        Raises:
+            Error: the bytes are not a session.
+        """
     @staticmethod
-    def open(path: Path) -> Session: ...
+    def open(path: Path) -> Session:
+        """Reads a session file, also one that `veiloc seal --session` wrote.
+
+        Raises:
+            Error: the file cannot be read, or is not a session.
+        """
     def seal(
         self,
         image: Image,
@@ -116,14 +199,36 @@ class Session:
         gravity: npt.ArrayLike | None = None,
         focal: str | None = None,
         mask: Mask | None = None,
-    ) -> bytes: ...
+    ) -> bytes:
+        """Seals the next image. When this fails, the session does not change.
+
+        Args:
+            orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
+                odometry).
+            down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
+            image, camera, profile, scheme, max_keypoints, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
+
+        Returns:
+            The bytes of the sealed query.
+
+        Raises:
+            ImageError, QueryError, InputError: as for `veiloc.seal`.
+        """
     @property
-    def frames(self) -> int: ...
+    def frames(self) -> int:
+        """Number of images that were sealed."""
     @property
-    def starts(self) -> int: ...
+    def starts(self) -> int:
+        """How many times the session chose new anchors."""
     def __bytes__(self) -> bytes: ...
 
 class Map:
+    """A map, in which sealed queries are localized.
+
+    A map is immutable: `add` and `remove` return a new one. A map that was built or changed is in memory until `save`
+    writes it.
+    """
+
     @staticmethod
     def build(
         posed: Posed,
@@ -136,7 +241,26 @@ class Map:
         skip_bad: bool = False,
         work: Path | None = None,
         progress: Progress | None = None,
-    ) -> Map: ...
+    ) -> Map:
+        """Builds a map from images with known poses.
+
+        Args:
+            posed: folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
+                CameraPose).
+            images: folder of the images.
+            names: use only these images, in this order.
+            features: `"compact"` or `"sift"`.
+            down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
+            self_test: localize some of the map's own images, to calibrate the covariances of its answers.
+            skip_bad: skip images that cannot be used, instead of raising an error.
+            work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
+                images.
+            progress: a callable of (stage, done, total).
+
+        Raises:
+            ImageError: an image cannot be used.
+            MapError: the model cannot be read, or no map can be built from these images.
+        """
     @staticmethod
     def from_colmap(
         model: Path,
@@ -147,10 +271,29 @@ class Map:
         self_test: bool = True,
         skip_bad: bool = False,
         progress: Progress | None = None,
-    ) -> Map: ...
+    ) -> Map:
+        """Builds a map from a complete COLMAP model; it keeps the model's points and observations.
+
+        Args:
+            model: folder of the model, text or binary.
+            images, features, down, self_test, skip_bad, progress: as for `build`.
+
+        Raises:
+            MapError, ImageError: as for `build`.
+        """
     @staticmethod
-    def open(path: Path) -> Map: ...
-    def save(self, path: Path) -> None: ...
+    def open(path: Path) -> Map:
+        """Opens a map file.
+
+        Raises:
+            MapError: the file cannot be read, or is damaged.
+        """
+    def save(self, path: Path) -> None:
+        """Writes the map to a file atomically: a failure leaves the old file unchanged.
+
+        Raises:
+            MapError: the file cannot be written.
+        """
     def add(
         self,
         posed: Posed,
@@ -160,7 +303,16 @@ class Map:
         self_test: bool = True,
         skip_bad: bool = False,
         progress: Progress | None = None,
-    ) -> Map: ...
+    ) -> Map:
+        """Returns the map with more posed images; the profile stays the same.
+
+        Args:
+            posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
+
+        Raises:
+            ImageError: an image cannot be used.
+            MapError: the poses cannot be read, or an image is in the map already.
+        """
     def remove(
         self,
         names: Sequence[str],
@@ -168,14 +320,61 @@ class Map:
         retrain: bool = False,
         self_test: bool = True,
         progress: Progress | None = None,
-    ) -> Map: ...
+    ) -> Map:
+        """Returns the map without these images, their keypoints, and the points that only they observe.
+
+        Args:
+            names: names of the images to remove.
+            retrain: train the vocabulary again without them; this changes the profile.
+            self_test, progress: as for `build`.
+
+        Raises:
+            MapError: a name is not in the map.
+        """
     def self_test(
         self, *, images: int = 50, schemes: Sequence[str] | None = None, progress: Progress | None = None
-    ) -> dict[str, dict[str, Any]]: ...
+    ) -> dict[str, dict[str, Any]]:
+        """Localizes some of the map's own images, each against the rest of the map (leave-one-out).
+
+        Args:
+            images: most images to test.
+            schemes: obfuscation schemes. Default: all.
+            progress: as for `build`.
+
+        Returns:
+            A dictionary for each scheme: `images`, `localized`, `trusted`, `median_rotation_deg`, `median_translation`
+            (map units), `noise_px`, `factor` (multiplies covariances), `rotation_floor_deg`, `translation_floor`.
+
+        Raises:
+            MapError: no query can be sealed for the map.
+        """
     def self_test_share(
         self, share: tuple[int, int], *, images: int = 50, progress: Progress | None = None
-    ) -> list[Any]: ...
-    def with_self_test(self, shares: Sequence[Sequence[Any]], *, images: int = 50) -> Map: ...
+    ) -> list[Any]:
+        """Runs one share of a self-test that several processes divide; `with_self_test` combines the shares.
+
+        Args:
+            share: `(i, n)`: share `i` of `n`, counted from 0.
+            images: most images of the whole test.
+            progress: as for `build`.
+
+        Returns:
+            A list for `with_self_test`; it can be pickled.
+
+        Raises:
+            MapError: no query can be sealed for the map.
+            InputError: `share` is invalid.
+        """
+    def with_self_test(self, shares: Sequence[Sequence[Any]], *, images: int = 50) -> Map:
+        """Returns the map with a self-test that was run in shares. The result equals that of a test in one process.
+
+        Args:
+            shares: the results of `self_test_share` for all shares, in any order.
+            images: the same value as for `self_test_share`.
+
+        Raises:
+            InputError: an image of the test is missing or occurs twice.
+        """
     def localize(
         self,
         query: bytes,
@@ -185,7 +384,21 @@ class Map:
         ransac_opt: Options | None = None,
         bundle_opt: Options | None = None,
         position: npt.ArrayLike | None = None,
-    ) -> Answer: ...
+    ) -> Answer:
+        """Localizes a sealed query.
+
+        Args:
+            query: bytes of the sealed query.
+            retrieve: number of retrieved map images to match with.
+            use_prior: weight each match by its prior probability.
+            ransac_opt, bundle_opt: as for `estimate_absolute_pose`, including `seed`.
+            position: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units.
+
+        Raises:
+            NotLocalizedError: the query supports no pose in this map.
+            WrongProfileError: the query was sealed for another map.
+            QueryError: the bytes are not a sealed query.
+        """
     def localize_rig(
         self,
         frames: Frames,
@@ -195,23 +408,47 @@ class Map:
         ransac_opt: Options | None = None,
         bundle_opt: Options | None = None,
         position: npt.ArrayLike | None = None,
-    ) -> Answer: ...
+    ) -> Answer:
+        """Localizes several sealed queries of one device together, given the relative poses of their cameras (a rig).
+
+        Args:
+            frames: a list of (bytes, CameraPose, degrees, map units): the query, the camera's pose on the rig
+                (`x_cam = R x_rig + t`), and the standard deviations of its rotation and position; (bytes, CameraPose)
+                when the pose on the rig is exact.
+            retrieve, use_prior, ransac_opt, bundle_opt, position: as for `localize`.
+
+        Returns:
+            An answer with the pose of the rig, and the poses of the cameras in `frames`.
+
+        Raises:
+            NotLocalizedError, WrongProfileError, QueryError: as for `localize`.
+            InputError: `frames` is empty or invalid.
+        """
     @property
-    def tested(self) -> dict[str, dict[str, Any]] | None: ...
+    def tested(self) -> dict[str, dict[str, Any]] | None:
+        """Result of the self-test that the map stores, as `self_test` returns it; None when it stores none."""
     @property
-    def profile(self) -> Profile: ...
+    def profile(self) -> Profile:
+        """The profile of the map; a device needs it to seal queries."""
     @property
-    def image_names(self) -> list[str]: ...
+    def image_names(self) -> list[str]:
+        """Names of the map's images."""
     @property
-    def poses(self) -> dict[str, CameraPose]: ...
+    def poses(self) -> dict[str, CameraPose]:
+        """Poses of the map's images, by name."""
     @property
-    def points(self) -> Floats: ...
+    def points(self) -> Floats:
+        """The map's points, `[N, 3]`, map units."""
     @property
-    def down(self) -> list[float] | None: ...
+    def down(self) -> list[float] | None:
+        """The down direction, `[3]`; None when it is not known."""
     @property
-    def warnings(self) -> list[str]: ...
-    def __len__(self) -> int: ...
-    def _repr_svg_(self) -> str | None: ...
+    def warnings(self) -> list[str]:
+        """Warnings from when the map was built or changed."""
+    def __len__(self) -> int:
+        """Number of images."""
+    def _repr_svg_(self) -> str | None:
+        """Top view of the map for notebooks: its points and the cameras of its images."""
 
 def prepare(
     posed: Posed,
@@ -224,9 +461,43 @@ def prepare(
     features: str = "compact",
     skip_bad: bool = False,
     progress: Progress | None = None,
-) -> tuple[int, int]: ...
+) -> tuple[int, int]:
+    """Computes one share of the intermediate results of `Map.build`, and caches it in the folder `work`.
+
+    `Map.build` with the same arguments and `work` then reads the cache, and computes what is missing. The stages
+    `"features"`, `"first-pairs"` and `"pairs"` run in this order; each needs all shares of the stage before it.
+
+    Args:
+        posed, images, names, features, skip_bad, progress: as for `Map.build`.
+        work: folder of the cache; several processes may write to it at once. It holds keypoints and descriptors of the
+            images.
+        stage: `"features"`, `"first-pairs"` or `"pairs"`.
+        share: `(i, n)`: share `i` of `n`, counted from 0.
+
+    Returns:
+        The number of images or pairs in this share, and in all shares.
+
+    Raises:
+        MapError, ImageError: as for `Map.build`.
+        InputError: `stage` or `share` is invalid.
+    """
 
 class Client:
+    """A client of a localization service. It sends sealed queries and nothing else; a retry sends the same bytes.
+
+    Args:
+        server: address of the service, `https://…`; plain `http://` only for this machine.
+        token: bearer token, if the service requires one.
+        certificates: CA certificates to trust in addition to the system's, PEM, bytes.
+        insecure_http: allow plain HTTP to other machines.
+        timeout: most seconds to wait for an answer.
+        retries: how many times to retry when the service is busy or the network fails.
+        cache: folder in which profiles are cached.
+
+    Raises:
+        ServiceError: the address, the token or the certificates cannot be used.
+    """
+
     def __init__(
         self,
         server: str,
@@ -238,10 +509,31 @@ class Client:
         retries: int = 4,
         cache: Path | None = None,
     ) -> None: ...
-    def profile(self, map: str) -> Profile: ...
+    def profile(self, map: str) -> Profile:
+        """Fetches the profile of a map of the service; `seal` needs it.
+
+        Raises:
+            ServiceError: the service refused the request or cannot be reached.
+        """
     def localize(
         self, map: str, query: bytes, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
-    ) -> Answer: ...
+    ) -> Answer:
+        """Localizes a sealed query at the service.
+
+        Args:
+            map: name of the map at the service.
+            query: bytes of the sealed query.
+            trusted_only: return no pose when it is doubtful.
+            near: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units. The service
+                learns this position.
+
+        Raises:
+            NotLocalizedError: the service found no pose.
+            WrongProfileError: the query was sealed for another map.
+            BusyError: the service is busy.
+            RefusedError: the service refused the request.
+            ServiceError: the service cannot be reached, or its answer cannot be read.
+        """
     def localize_progressive(
         self,
         map: str,
@@ -251,21 +543,58 @@ class Client:
         position_sd: float | None = None,
         trusted_only: bool = False,
         near: npt.ArrayLike | None = None,
-    ) -> tuple[Answer, list[dict[str, Any]]]: ...
+    ) -> tuple[Answer, list[dict[str, Any]]]:
+        """Localizes in steps, and stops sending rows as soon as the pose is trusted.
+
+        Args:
+            map, query, trusted_only, near: as for `localize`.
+            profile: the profile with which the query was sealed.
+            position_sd: stop only when the standard deviation of the position is below this, map units. Default: stop
+                at the first trusted pose.
+
+        Returns:
+            The answer, and a dictionary with `rows`, `bytes` and `outcome` for each step.
+
+        Raises:
+            NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
+        """
     def localize_rig(
         self, map: str, frames: Frames, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
-    ) -> Answer: ...
+    ) -> Answer:
+        """Localizes several images of one device together.
+
+        Args:
+            frames: as for `Map.localize_rig`.
+            map, trusted_only, near: as for `localize`.
+
+        Raises:
+            NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
+        """
 
 class ColmapModel:
+    """A COLMAP model, text or binary."""
+
     @staticmethod
-    def open(folder: Path) -> ColmapModel: ...
+    def open(folder: Path) -> ColmapModel:
+        """Reads the model in a folder.
+
+        Raises:
+            MapError: the model cannot be read.
+        """
     @property
-    def image_names(self) -> list[str]: ...
-    def pose(self, name: str) -> CameraPose | None: ...
-    def camera(self, name: str) -> dict[str, Any] | None: ...
-    def point_rows(self, name: str) -> Ints | None: ...
+    def image_names(self) -> list[str]:
+        """Names of the images."""
+    def pose(self, name: str) -> CameraPose | None:
+        """Pose of an image; None when the model has no image of this name."""
+    def camera(self, name: str) -> dict[str, Any] | None:
+        """Camera of an image, a dictionary; None when the model has no image of this name."""
+    def point_rows(self, name: str) -> Ints | None:
+        """Row in `points` of the point that each keypoint of an image observes, `[N]` int64, -1 for none; None when the
+        model has no image of this name.
+        """
     @property
-    def points(self) -> Floats: ...
+    def points(self) -> Floats:
+        """The 3D points, `[N, 3]`, map units."""
     def __len__(self) -> int: ...
 
 def estimate_absolute_pose(
@@ -280,7 +609,36 @@ def estimate_absolute_pose(
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
     focal: str = "calibrated",
-) -> tuple[CameraPose, dict[str, Any]]: ...
+) -> tuple[CameraPose, dict[str, Any]]:
+    """Estimates the pose of a camera from 2D–3D point correspondences.
+
+    Args:
+        points2d: `[N, 2]` pixels of the distorted image (the centre of its first pixel is (0.5, 0.5)).
+        points3d: `[N, 3]` map units.
+        camera: `{"model", "width", "height", "params"}` with COLMAP's models, or `"MODEL,WIDTH,HEIGHT,PARAMS…"`.
+        ransac_opt: `max_iterations` (10000), `min_iterations` (200), `success_prob` (0.9999), `seed` (0),
+            `score` (`"likelihood"` or `"msac"`), `max_reproj_error` (pixels, 4; only with `"msac"`), `noise_px`
+            (pixels, 2; only with `"likelihood"`), `expected_inlier_ratio` (0.2), `fixed_iterations` (none),
+            `min_inliers` (10), `anchored_solver`.
+        bundle_opt: `estimate_noise` (True): estimate the noise from the inliers in the final refinement.
+        keypoints: `[N]` keypoint indices; give several correspondences of one keypoint the same index. Default: all
+            differ.
+        prior: `[N]` prior probabilities that a correspondence is right. Default: all equal.
+        gravity: `(down_in_camera [3], down_in_world [3])`, optionally with a standard deviation in degrees (2).
+        position: `(x, y, z, sd)`: approximate position of the camera and its standard deviation, map units.
+        focal: `"calibrated"`, `"exif"` or `"unknown"`: how well the focal length is known; it is estimated unless
+            calibrated.
+
+    Returns:
+        The pose and a dictionary: `inliers` `[N]` bool, `num_inliers`, `num_inlier_keypoints`, `inlier_ratio`,
+        `iterations`, `refinements`, `model_score` (lower is better), `noise_px`, `focal_scale`, `covariance` `[6, 6]`
+        (radians, then map units), `center_covariance` `[3, 3]`, `free_direction` (`[3]`, in which the position is
+        undetermined, else None), `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
+
+    Raises:
+        InputError: a shape, a number or an option is invalid.
+        NotLocalizedError: the correspondences support no pose.
+    """
 def estimate_absolute_pose_lines(
     lines2d: npt.ArrayLike,
     points3d: npt.ArrayLike,
@@ -293,7 +651,23 @@ def estimate_absolute_pose_lines(
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
     focal: str = "calibrated",
-) -> tuple[CameraPose, dict[str, Any]]: ...
+) -> tuple[CameraPose, dict[str, Any]]:
+    """Estimates the pose of a camera from 2D-line–3D-point correspondences.
+
+    Each line runs through the keypoint of its map point.
+
+    Args:
+        lines2d: `[N, 3]`, `a u + b v + c = 0` in pixels of the undistorted image, of any scale.
+        points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as for
+            `estimate_absolute_pose`.
+
+    Returns:
+        The pose and a dictionary, as for `estimate_absolute_pose`.
+
+    Raises:
+        InputError: a shape, a number or an option is invalid.
+        NotLocalizedError: the correspondences support no pose.
+    """
 def estimate_absolute_pose_anchored(
     anchors: npt.ArrayLike,
     angles: npt.ArrayLike,
@@ -309,31 +683,128 @@ def estimate_absolute_pose_anchored(
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
     focal: str = "calibrated",
-) -> tuple[CameraPose, dict[str, Any]]: ...
-def anchored_lines(points2d: npt.ArrayLike, camera: Camera, layout: str = "dcl") -> tuple[Ints, Floats]: ...
-def undistort(points2d: npt.ArrayLike, camera: Camera) -> Floats: ...
-def p3p(bearings: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]: ...
-def p6lp(lines: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]: ...
-def p5lp_radial(directions: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]: ...
+) -> tuple[CameraPose, dict[str, Any]]:
+    """Estimates the pose of a camera from anchored lines (Dual Convergent Lines) and map points.
+
+    Each line runs through the keypoint of its map point.
+
+    Args:
+        anchors: `[N]`, index of each line's anchor, from 0.
+        angles: `[N]` radians, direction of each line at its anchor, as `anchored_lines` returns it.
+        points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as for
+            `estimate_absolute_pose`.
+        layout: `"dcl"` or `"dcl:..."`, the name of a scheme.
+        layout_focal: focal length of the layout, pixels, as `obfuscate` returns it. Default: the camera's.
+
+    Returns:
+        The pose and a dictionary, as for `estimate_absolute_pose`.
+
+    Raises:
+        InputError: a shape, a number or an option is invalid.
+        NotLocalizedError: the correspondences support no pose.
+    """
+def anchored_lines(points2d: npt.ArrayLike, camera: Camera, layout: str = "dcl") -> tuple[Ints, Floats]:
+    """Anchor and unquantized angle of each keypoint under a layout of Dual Convergent Lines.
+
+    Args:
+        points2d: `[N, 2]` pixels of the distorted image.
+        camera: as for `estimate_absolute_pose`.
+        layout: `"dcl"` or `"dcl:..."`.
+
+    Returns:
+        `anchors` `[N]` (int64) and `angles` `[N]` radians in [0, 2π).
+
+    Raises:
+        InputError: a shape, a number or the layout is invalid.
+    """
+def undistort(points2d: npt.ArrayLike, camera: Camera) -> Floats:
+    """Undistorts pixels, `[N, 2]`: their positions in the image of the same camera without distortion.
+
+    Raises:
+        InputError: a pixel has no undistorted position.
+    """
+def p3p(bearings: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]:
+    """Poses from three points (P3P).
+
+    Args:
+        bearings: `[3, 3]`, directions of the points in the camera frame, of any length.
+        points3d: `[3, 3]`, map units.
+
+    Returns:
+        At most 4 poses.
+    """
+def p6lp(lines: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]:
+    """Poses from six lines of the image and the points on them.
+
+    Args:
+        lines: `[6, 3]`, lines of the plane z = 1 (`Kᵀ l` for a line `l` in pixels), of any scale.
+        points3d: `[6, 3]`, map units.
+
+    Returns:
+        At most 8 poses.
+    """
+def p5lp_radial(directions: npt.ArrayLike, points3d: npt.ArrayLike) -> list[CameraPose]:
+    """Poses from five half-lines with a common start in the image, up to the depth along its ray.
+
+    Args:
+        directions: `[5, 2]`, directions of the half-lines in a camera whose z axis is the common ray.
+        points3d: `[5, 3]`, map units.
+
+    Returns:
+        At most 4 poses, with `t[2] = 0`.
+    """
 def p6lp_dual_radial(
     anchor: npt.ArrayLike,
     inward: npt.ArrayLike,
     sixth_axis: npt.ArrayLike,
     sixth_inward: npt.ArrayLike,
     points3d: npt.ArrayLike,
-) -> list[CameraPose]: ...
+) -> list[CameraPose]:
+    """Poses from five half-planes of one anchor and one half-plane of another anchor.
+
+    All directions are in the camera frame, of any length.
+
+    Args:
+        anchor: `[3]`, direction of the anchor that five half-planes share.
+        inward: `[5, 3]`, direction of each half-plane at the anchor.
+        sixth_axis, sixth_inward: `[3]`, the same two directions for the sixth half-plane.
+        points3d: `[6, 3]`, map units.
+
+    Returns:
+        At most 4 poses.
+    """
 def up2p(
     bearings: npt.ArrayLike,
     points3d: npt.ArrayLike,
     down_in_camera: npt.ArrayLike | None = None,
     down_in_world: npt.ArrayLike | None = None,
-) -> list[CameraPose]: ...
+) -> list[CameraPose]:
+    """Poses from two points and a known vertical (upright P2P).
+
+    Args:
+        bearings: `[2, 3]`, directions of the points in the camera frame, of any length.
+        points3d: `[2, 3]`, map units.
+        down_in_camera, down_in_world: `[3]`, the vertical in both frames. Default: the second axis of each.
+
+    Returns:
+        At most 2 poses.
+    """
 def u4lp(
     lines: npt.ArrayLike,
     points3d: npt.ArrayLike,
     down_in_camera: npt.ArrayLike | None = None,
     down_in_world: npt.ArrayLike | None = None,
-) -> list[CameraPose]: ...
+) -> list[CameraPose]:
+    """Poses from four lines and a known vertical.
+
+    Args:
+        lines: `[4, 3]`, as for `p6lp`.
+        points3d: `[4, 3]`, map units.
+        down_in_camera, down_in_world: `[3]`, the vertical in both frames. Default: the second axis of each.
+
+    Returns:
+        At most 2 poses.
+    """
 def extract(
     image: Image,
     *,
@@ -341,10 +812,44 @@ def extract(
     max_keypoints: int = 2048,
     max_image_side: int = 2048,
     mask: Mask | None = None,
-) -> dict[str, Any]: ...
+) -> dict[str, Any]:
+    """Keypoints and descriptors of an image.
+
+    Args:
+        image: a path, or an array `[H, W]` or `[H, W, 3]` of uint8 (red, green, blue), or `[H, W]` of float32 (0 to 1).
+        features: `"compact"` or `"sift"`.
+        max_keypoints: most keypoints to return, strongest first.
+        max_image_side: larger images are scaled down to this side first, pixels.
+        mask: a path (black hides) or an array `[H, W]` of bool (True hides); hidden pixels are not used.
+
+    Returns:
+        `keypoints` `[N, 2]` pixels (the first pixel's centre is (0.5, 0.5)), `descriptors` `[N, D]` uint8, `scales`
+        `[N]` pixels, `orientations` `[N]` radians, `responses` `[N]`, `image_size` `[2]` (width, height).
+
+    Raises:
+        ImageError: the image or the mask cannot be used, or `features` is unknown.
+    """
 def obfuscate(
     points2d: npt.ArrayLike, width: int, height: int, scheme: str = "dcl", *, angle_bits: int = 12, seed: int = 0
-) -> dict[str, Any]: ...
+) -> dict[str, Any]:
+    """Obfuscates keypoints under a scheme, in their order. For experiments only; a device calls `seal`.
+
+    Args:
+        points2d: `[N, 2]` pixels of an image without distortion.
+        width, height: size of the image, pixels.
+        scheme: `"dcl"` (and its layouts), `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
+            nothing.
+        angle_bits: bits of each quantized angle.
+        seed: seed of the random generator.
+
+    Returns:
+        A dictionary with `kind` and its arrays: `"anchored"` with `anchors` `[N]`, `angles` `[N]` and `layout_focal`;
+        `"lines"` with `lines` `[N, 3]`; `"either"` with `lines` `[N, 2, 3]`, one of the two is right; `"points"` with
+        `points` `[N, 2]`.
+
+    Raises:
+        QueryError: the scheme is unknown, or a point is not finite.
+    """
 def seal(
     image: Image,
     camera: Camera | None,
@@ -356,10 +861,43 @@ def seal(
     gravity: npt.ArrayLike | None = None,
     focal: str | None = None,
     mask: Mask | None = None,
-) -> bytes: ...
-def describe_query(query: bytes) -> dict[str, Any]: ...
-def device_limits() -> dict[str, int]: ...
-def attack_names() -> list[str]: ...
+) -> bytes:
+    """Seals one image into a query: only these bytes leave the device. Randomness comes from the operating system.
+
+    Seal each image once. For several images of the same scene use one `Session`.
+
+    Args:
+        image: a path, or an array as for `extract`.
+        camera: a dictionary or text as for `estimate_absolute_pose`; None reads the focal length from the file's EXIF,
+            `"unknown"` sends a guess, which localization corrects.
+        profile: profile of the map.
+        scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
+            nothing.
+        max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+        angle_bits: bits of each quantized angle.
+        gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
+            deviation (2). It is sent with the query.
+        focal: `"calibrated"`, `"exif"` or `"unknown"`. Default: follows from `camera`.
+        mask: a path (black hides) or an array `[H, W]` of bool (True hides).
+
+    Returns:
+        The bytes of the sealed query.
+
+    Raises:
+        ImageError: the image or the mask cannot be used.
+        QueryError: the profile requests more than this device sends, or the scheme is unknown.
+        InputError: another argument is invalid.
+    """
+def describe_query(query: bytes) -> dict[str, Any]:
+    """Reads the header of a sealed query: scheme, rows, bytes, profile, camera size; no keypoints and no descriptors.
+
+    Raises:
+        QueryError: the bytes are not a sealed query.
+    """
+def device_limits() -> dict[str, int]:
+    """Upper limits that this device applies to what a profile requests."""
+def attack_names() -> list[str]:
+    """Names of all attacks, weakest first."""
 def attack(
     images: Sequence[Path],
     *,
@@ -370,7 +908,25 @@ def attack(
     max_image_side: int = 1600,
     seed: int = 0,
     progress: Progress | None = None,
-) -> dict[str, Any]: ...
+) -> dict[str, Any]:
+    """Attacks the queries of the given images under each scheme, and measures the distance to the true keypoints.
+
+    Args:
+        images: paths.
+        attacks: names from `attack_names()`. Default: the attacks of the paper.
+        schemes: obfuscation schemes. Default: all.
+        features, max_keypoints, max_image_side: as for `extract`.
+        seed: for the obfuscation and the attacks' starting points.
+        progress: a callable of (stage, done, total).
+
+    Returns:
+        The report of `veiloc attack --json`.
+
+    Raises:
+        ImageError: an image cannot be used.
+        InputError: an unknown attack or scheme.
+        Error: an attack needs more than images.
+    """
 def audit(
     images: Sequence[Path],
     *,
@@ -382,8 +938,40 @@ def audit(
     seed: int = 0,
     synthetic: int = 0,
     progress: Progress | None = None,
-) -> dict[str, Any]: ...
+) -> dict[str, Any]:
+    """Attacks the queries of the given images, and finds the strongest attack on each scheme.
+
+    Args:
+        images, attacks, schemes, features, max_keypoints, max_image_side, seed, progress: as for `attack`.
+        synthetic: number of keypoints of the paper's synthetic scene, 0 for none.
+
+    Returns:
+        The report of `veiloc audit --json`; each part lists its strongest attacks under `strongest`.
+
+    Raises:
+        ImageError, InputError, Error: as for `attack`.
+    """
 def render_place(
     folder: Path, *, mapped: int = 10, queries: int = 3, seed: int = 11
-) -> tuple[list[tuple[str, str, CameraPose]], list[tuple[str, str, CameraPose]]]: ...
-def run_program(command_line: Sequence[str]) -> int: ...
+) -> tuple[list[tuple[str, str, CameraPose]], list[tuple[str, str, CameraPose]]]:
+    """Renders images of a synthetic room into a folder.
+
+    Args:
+        folder: folder for the images; it must exist.
+        mapped, queries: number of images for the map (at most 30) and for queries (at most 9).
+        seed: seed of the room; equal seeds give equal rooms.
+
+    Returns:
+        Two lists of (name, camera, CameraPose) for `Map.build`: images for the map, and images for queries. Units are
+        metres.
+
+    Raises:
+        Error: an image cannot be written.
+        InputError: `mapped` or `queries` is too large.
+    """
+def run_program(command_line: Sequence[str]) -> int:
+    """Runs the program and returns its exit code. Ctrl-C ends the process.
+
+    Args:
+        command_line: the program's name, then its arguments.
+    """

@@ -8,7 +8,7 @@ from veiloc import _native
 
 def main() -> int:
     """Runs the program with the process's arguments and returns its exit code."""
-    # The program prints and waits by itself: Ctrl-C ends it as it ends any program.
+    # Python's handler would only run after the native call returns.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     return _native.run_program(["veiloc", *sys.argv[1:]])
 

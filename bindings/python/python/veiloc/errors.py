@@ -1,11 +1,11 @@
-"""What can go wrong, as exceptions: all of them are `veiloc.Error`.
+"""Exceptions of the package; all are subclasses of `veiloc.Error`.
 
-Messages name what was wrong and the remedy; none holds anything of an image's or a query's content.
+Messages name the problem and the remedy. They never contain keypoints, descriptors or pixels.
 """
 
 
 class Error(Exception):
-    """Anything that veiloc refuses or cannot do."""
+    """Base class of all errors of veiloc."""
 
 
 class InputError(Error, ValueError):
@@ -13,7 +13,7 @@ class InputError(Error, ValueError):
 
 
 class ImageError(Error):
-    """A file or an array is no image that can be used, or has no features to send."""
+    """An image cannot be read or used, or no features were found in it."""
 
 
 class MapError(Error):
@@ -21,7 +21,7 @@ class MapError(Error):
 
 
 class QueryError(Error):
-    """Bytes that are no sealed query, profile or answer, or a profile that asks for more than the device gives."""
+    """The bytes are not a sealed query, profile or answer, or a profile requests more than the device sends."""
 
 
 class WrongProfileError(QueryError):
@@ -29,21 +29,21 @@ class WrongProfileError(QueryError):
 
 
 class NotLocalizedError(Error):
-    """There is no pose that the correspondences or the query support."""
+    """The correspondences or the query support no pose."""
 
 
 class ServiceError(Error):
-    """A service refused, could not be reached, or answered nothing that can be understood."""
+    """A service refused the request, cannot be reached, or sent an answer that cannot be read."""
 
 
 class BusyError(ServiceError):
-    """The service is busy: ask again with the same bytes after `retry_after` seconds (`None`: it did not say)."""
+    """The service is busy: send the same bytes again after `retry_after` seconds (`None`: the service gave no time)."""
 
     retry_after: "float | None" = None
 
 
 class RefusedError(ServiceError):
-    """The service refused the request: `status` is HTTP's, `name` the problem's name (`unknown-map`, `token`, ...)."""
+    """The service refused the request: `status` is the HTTP status, `name` the error name (`unknown-map`, `token`, ...)."""
 
     status: int = 0
     name: str = ""

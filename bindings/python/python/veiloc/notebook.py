@@ -1,4 +1,4 @@
-"""How far a long call is, as a bar: of tqdm, where that is installed."""
+"""Progress bar of long calls, if tqdm is installed."""
 
 import sys
 from typing import Any
@@ -27,14 +27,14 @@ class ProgressBar:
             self.close()
 
     def close(self) -> None:
-        """Ends the bar that is shown."""
+        """Closes the bar on the screen."""
         if self._bar is not None:
             self._bar.close()
         self._bar = None
 
 
 def default_progress() -> "ProgressBar | None":
-    """What a call without `progress=` tells: a bar in a notebook that has tqdm, else nothing."""
+    """Default of `progress=`: a bar in a notebook with tqdm, otherwise nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     if shell is None or not hasattr(shell, "kernel"):

@@ -1,7 +1,7 @@
-"""The last step of hloc (https://github.com/cvg/Hierarchical-Localization) on what a device would send.
+"""The last step of hloc (https://github.com/cvg/Hierarchical-Localization), on obfuscated keypoints.
 
-Change `from hloc import localize_sfm` into `from veiloc.hloc import localize_sfm`, and give `scheme="dcl"`. Needs h5py
-(`pip install veiloc[hloc]`), and neither hloc nor pycolmap.
+Replace `from hloc import localize_sfm` by `from veiloc.hloc import localize_sfm`, and pass `scheme="dcl"`. Needs h5py
+(`pip install veiloc[hloc]`), but neither hloc nor pycolmap.
 """
 
 from veiloc.hloc import localize_sfm

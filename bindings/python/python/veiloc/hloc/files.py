@@ -1,4 +1,4 @@
-"""hloc's files: lists of images with intrinsics, retrieval pairs, and features and matches in HDF5."""
+"""Reads hloc's files: lists of images with intrinsics, retrieval pairs, and features and matches in HDF5."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -16,11 +16,11 @@ def read_queries(path: Path) -> list[tuple[str, Camera]]:
     """Names and cameras of a list `NAME MODEL WIDTH HEIGHT PARAMS...`; `path` may be a pattern (`queries_*.txt`).
 
     Raises:
-        InputError: there is no such file, no query in it, or a line that names no camera.
+        InputError: the file does not exist or has no query, or a line has no valid camera.
     """
     files = sorted(path.parent.glob(path.name))
     if not files:
-        raise InputError(f"{path}: there is no such list of queries")
+        raise InputError(f"{path}: no such list of queries")
     queries = []
     for file in files:
         for number, line in enumerate(file.read_text().splitlines(), 1):
@@ -36,28 +36,28 @@ def read_queries(path: Path) -> list[tuple[str, Camera]]:
                     "params": np.array(params, dtype=float),
                 }
             except ValueError:
-                raise InputError(f"{file}:{number}: NAME MODEL WIDTH HEIGHT PARAMS... is needed") from None
+                raise InputError(f"{file}:{number}: must be NAME MODEL WIDTH HEIGHT PARAMS...") from None
             queries.append((name, camera))
     if not queries:
-        raise InputError(f"{path}: no query is in it")
+        raise InputError(f"{path}: the list holds no query")
     return queries
 
 
 def read_retrieval(path: Path) -> dict[str, list[str]]:
-    """Images of the map by query, best first, of a file of pairs `QUERY IMAGE`.
+    """Retrieved map images of each query, best first, from a file of pairs `QUERY IMAGE`.
 
     Raises:
-        InputError: there is no such file, or a line is no pair.
+        InputError: the file does not exist, or a line is not a pair.
     """
     if not path.exists():
-        raise InputError(f"{path}: there is no such file of pairs")
+        raise InputError(f"{path}: no such file of retrieval pairs")
     pairs = defaultdict(list)
     for number, line in enumerate(path.read_text().splitlines(), 1):
         words = line.split()
         if not words:
             continue
         if len(words) != 2:
-            raise InputError(f"{path}:{number}: a pair of names is needed")
+            raise InputError(f"{path}:{number}: must be a pair of names, QUERY IMAGE")
         pairs[words[0]].append(words[1])
     return dict(pairs)
 
@@ -67,7 +67,7 @@ class Hdf5:
 
     Raises:
         ImportError: h5py is not installed.
-        InputError: the file cannot be read, or does not hold what is asked for.
+        InputError: the file cannot be read, or does not hold the requested data.
     """
 
     def __init__(self, path: Path) -> None:
@@ -88,16 +88,16 @@ class Hdf5:
         self._file.close()
 
     def keypoints(self, name: str) -> npt.NDArray[np.float64]:
-        """Keypoints of an image, `[N, 2]`, COLMAP's pixels; in the file the first pixel's centre is (0, 0)."""
+        """Keypoints of an image, `[N, 2]`, COLMAP's pixels (in the file the first pixel's centre is (0, 0))."""
         if name not in self._file or "keypoints" not in self._file[name]:
             raise InputError(f"{self._path}: no keypoints of {name}")
         keypoints = np.asarray(self._file[name]["keypoints"], dtype=np.float64)
         if keypoints.ndim != 2 or keypoints.shape[1] < 2:
-            raise InputError(f"{self._path}: the keypoints of {name} are no array [N, 2]")
+            raise InputError(f"{self._path}: the keypoints of {name} are not an array [N, 2]")
         return keypoints[:, :2] + 0.5
 
     def matches(self, query: str, image: str) -> npt.NDArray[np.int64]:
-        """Matches of a pair, `[M, 2]`: keypoints of the query and of the map's image."""
+        """Matches of a pair, `[M, 2]`: keypoint indices in the query and in the map image."""
         for first, second, flip in ((query, image, False), (image, query, True)):
             a, b = first.replace("/", "-"), second.replace("/", "-")
             for key in (f"{a}/{b}", f"{a}_{b}"):

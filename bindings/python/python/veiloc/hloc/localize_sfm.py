@@ -1,7 +1,7 @@
-"""`hloc.localize_sfm`, on lines: the same arguments and files, and `scheme`, which says what of the keypoints is used.
+"""`hloc.localize_sfm` on lines: the same arguments and files, and `scheme`, which selects how keypoints are obfuscated.
 
-The query's keypoints and matches are read as hloc reads them; then each keypoint is hidden as a device would hide it, and the
-pose is estimated from what is left. With `scheme="points"` nothing is hidden.
+The query's keypoints and matches are read as hloc reads them. Then each keypoint is obfuscated as on a device, and the pose is
+estimated from the result. `scheme="points"` obfuscates nothing.
 """
 
 import logging
@@ -46,26 +46,27 @@ def main(
         queries: list of names with intrinsics (or a pattern of such lists).
         retrieval: pairs of queries and images of the model.
         features, matches: hloc's HDF5 files.
-        results: the file to write; `RESULTS_logs.pkl` beside it says how it went, with the keypoints.
+        results: the file to write; the log `RESULTS_logs.pkl` beside it also holds the keypoints.
         ransac_thresh: pixels; for `config={"ransac_opt": {"score": "msac"}}`. The default score has no threshold.
-        covisibility_clustering: localize with each cluster of images that see the same, and keep the best.
+        covisibility_clustering: localize with each cluster of covisible images, and return the best pose.
         prepend_camera_name: write the folder of a query before its name.
         config: `ransac_opt` and `bundle_opt` of `veiloc.estimate_absolute_pose`.
-        scheme: how keypoints are hidden: `"points"` (not at all), `"dcl"` and its layouts, `"random-lines"`,
+        scheme: how keypoints are obfuscated: `"points"` (not at all), `"dcl"` and its layouts, `"random-lines"`,
             `"coordinate-permutation"`.
-        angle_bits: bits of a line's angle.
-        seed: of all that is random.
+        angle_bits: bits of each quantized angle.
+        seed: seed of all randomness.
 
     Returns:
         The poses written, by query.
 
     Raises:
-        InputError, MapError: what cannot be read, or does not fit together.
+        InputError: a file cannot be read, or the files do not belong together.
+        MapError: the model cannot be read.
     """
     options = _options(dict(config or {}), ransac_thresh, seed)
     model = reference_sfm if isinstance(reference_sfm, ColmapModel) else ColmapModel.open(Path(reference_sfm))
     listed, pairs = read_queries(Path(queries)), read_retrieval(Path(retrieval))
-    hiding = {"scheme": scheme, "angle_bits": angle_bits, "seed": seed}
+    obfuscation = {"scheme": scheme, "angle_bits": angle_bits, "seed": seed}
     poses: dict[str, CameraPose] = {}
     logs: Log = {"features": features, "matches": matches, "retrieval": retrieval, "scheme": scheme, "loc": {}}
     points = model.points
@@ -74,13 +75,13 @@ def main(
             if name not in pairs:
                 logger.warning("No images retrieved for query image %s. Skipping...", name)
                 continue
-            images = _known(model, pairs[name])
+            images = _in_model(model, pairs[name])
             if not images:
                 logger.warning("None of the images retrieved for %s is in the model. Skipping...", name)
                 continue
             found = keypoints.keypoints(name)
             clusters = _clusters(model, images) if covisibility_clustering else [images]
-            tried = [_localize(model, points, found, name, camera, c, matched, hiding, options) for c in clusters]
+            tried = [_localize(model, points, found, name, camera, c, matched, obfuscation, options) for c in clusters]
             best = max(range(len(tried)), key=lambda i: tried[i]["num_inliers"])
             log = tried[best]
             pose = log["PnP_ret"]["cam_from_world"] if log["PnP_ret"] else model.pose(images[0])
@@ -99,24 +100,24 @@ def main(
 def _options(config: dict[str, Any], threshold: float, seed: int) -> dict[str, Any]:
     ransac, bundle = dict(config.pop("ransac_opt", {})), dict(config.pop("bundle_opt", {}))
     if config:
-        raise InputError(f"config: {', '.join(config)}: there are ransac_opt and bundle_opt of estimate_absolute_pose")
+        raise InputError(f"config: unknown key {', '.join(config)}; the keys are ransac_opt and bundle_opt, as for estimate_absolute_pose")
     if ransac.get("score") == "msac":
         ransac.setdefault("max_reproj_error", threshold)
     elif threshold != 12:
-        logger.warning("ransac_thresh is of the score msac: the likelihood takes the noise that the inliers show.")
+        logger.warning("ransac_thresh has no effect: only the score msac has a threshold; the likelihood estimates the noise.")
     ransac.setdefault("seed", seed)
     return {"ransac_opt": ransac, "bundle_opt": bundle}
 
 
-def _known(model: ColmapModel, names: list[str]) -> list[str]:
-    there = [name for name in names if model.pose(name) is not None]
-    for name in sorted(set(names) - set(there)):
+def _in_model(model: ColmapModel, names: list[str]) -> list[str]:
+    present = [name for name in names if model.pose(name) is not None]
+    for name in sorted(set(names) - set(present)):
         logger.warning("Image %s was retrieved but not in database", name)
-    return there
+    return present
 
 
 def _clusters(model: ColmapModel, images: list[str]) -> list[list[str]]:
-    """Images that see points in common, directly or through others; the largest cluster first."""
+    """Clusters of covisible images (connected components), the largest first."""
     seen = {name: _seen(model, name) for name in images}
     left, clusters = list(images), []
     while left:
@@ -144,7 +145,7 @@ def _localize(
     camera: Camera,
     images: list[str],
     matched: Hdf5,
-    hiding: dict[str, Any],
+    obfuscation: dict[str, Any],
     options: dict[str, Any],
 ) -> Log:
     """One query against some images, as hloc's `pose_from_cluster`."""
@@ -156,7 +157,7 @@ def _localize(
             continue
         matches = matched.matches(name, image)
         if matches.size and (matches[:, 1].max() >= len(rows) or matches[:, 0].max() >= len(keypoints)):
-            raise InputError(f"{name}, {image}: a match of a keypoint that is not there; are features and model of one run?")
+            raise InputError(f"{name}, {image}: a match names a keypoint that does not exist; use features, matches and model of the same run")
         matches = matches[rows[matches[:, 1]] != -1]
         count += len(matches)
         for keypoint, other in matches:
@@ -173,7 +174,7 @@ def _localize(
         "num_inliers": 0,
     }
     try:
-        pose, info = _estimate(keypoints, own, points[rows], camera, name, hiding, options)
+        pose, info = _estimate(keypoints, own, points[rows], camera, name, obfuscation, options)
     except NotLocalizedError:
         return log
     except InputError as error:
@@ -192,26 +193,26 @@ def _estimate(
     points: npt.NDArray[np.float64],
     camera: Camera,
     name: str,
-    hiding: dict[str, Any],
+    obfuscation: dict[str, Any],
     options: dict[str, Any],
 ) -> "tuple[CameraPose, dict[str, Any]]":
-    """The pose from what the scheme leaves of the keypoints; one with several points counts once."""
-    if hiding["scheme"] == "points":
+    """Estimates the pose from obfuscated keypoints; a keypoint with several points counts once."""
+    if obfuscation["scheme"] == "points":
         return _native.estimate_absolute_pose(keypoints[own], points, camera, keypoints=own, **options)
-    # Of a keypoint one line is sent, however many points it is matched to.
+    # A device sends one line for each keypoint, even when several points match it.
     used, back = np.unique(own, return_inverse=True)
     flat = _native.undistort(keypoints[used], camera)
-    seed = hiding["seed"] ^ zlib.crc32(name.encode())
-    bits = hiding["angle_bits"]
+    seed = obfuscation["seed"] ^ zlib.crc32(name.encode())
+    bits = obfuscation["angle_bits"]
     size = (camera["width"], camera["height"])
-    sent = _native.obfuscate(flat, *size, hiding["scheme"], angle_bits=bits, seed=seed)
+    sent = _native.obfuscate(flat, *size, obfuscation["scheme"], angle_bits=bits, seed=seed)
     if sent["kind"] == "anchored":
         return _native.estimate_absolute_pose_anchored(
             sent["anchors"][back],
             sent["angles"][back],
             points,
             camera,
-            layout=hiding["scheme"],
+            layout=obfuscation["scheme"],
             layout_focal=sent["layout_focal"],
             keypoints=own,
             **options,

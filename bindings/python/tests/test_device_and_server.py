@@ -1,4 +1,4 @@
-"""Both roads: what Python localizes is, bit for bit, what the program localizes; on a rendered room, and on real images."""
+"""Device and server side: poses from Python equal those of the program bit for bit, on a rendered room and on real images."""
 
 import json
 import pickle
@@ -12,21 +12,21 @@ from conftest import Problem, near
 
 
 @pytest.fixture(params=["rendered", "kitchen"])
-def ground(request):
+def scene(request):
     return request.getfixturevalue(request.param)
 
 
-def test_poses_are_the_programs_to_the_bit(ground, program, tmp_path):
-    ground.map.save(tmp_path / "place.vmap")
-    opened = veiloc.Map.open(tmp_path / "place.vmap")
+def test_poses_equal_those_of_the_program(scene, program, tmp_path):
+    scene.map.save(tmp_path / "scene.vmap")
+    opened = veiloc.Map.open(tmp_path / "scene.vmap")
     sealed, file = {}, lambda query: f"{query.replace('/', '-')}.vquery"
-    for query in ground.queries:
-        sealed[query] = veiloc.seal(ground.images / query, ground.camera, opened.profile)
+    for query in scene.queries:
+        sealed[query] = veiloc.seal(scene.images / query, scene.camera, opened.profile)
         (tmp_path / file(query)).write_bytes(sealed[query])
     files = sorted(tmp_path.glob("*.vquery"))
-    found = program("localize", "--map", tmp_path / "place.vmap", *files, "--json", codes=(0, 4))
+    found = program("localize", "--map", tmp_path / "scene.vmap", *files, "--json", codes=(0, 4))
     by_file = {entry["file"].rsplit("/", 1)[-1]: entry for entry in json.loads(found)["queries"]}
-    assert len(by_file) == len(ground.queries) >= 3
+    assert len(by_file) == len(scene.queries) >= 3
     found_near = 0
     for query, data in sealed.items():
         answer, theirs = opened.localize(data), by_file[file(query)]
@@ -34,20 +34,20 @@ def test_poses_are_the_programs_to_the_bit(ground, program, tmp_path):
         assert [*answer.pose.q, *answer.pose.t] == [*pose["q"], *pose["t"]], "bit for bit"
         assert answer.position_sd == theirs["position_sd"] and answer.state == theirs["state"]
         assert (answer.covariance == np.array(theirs["covariance"])).all()
-        assert answer.pose == ground.map.localize(data).pose, "the map in memory is the one in the file"
-        found_near += near(answer.pose, ground.pose(query))
-    assert found_near >= len(ground.queries) - 1
+        assert answer.pose == scene.map.localize(data).pose, "the map in memory is the one in the file"
+        found_near += near(answer.pose, scene.pose(query))
+    assert found_near >= len(scene.queries) - 1
 
 
-def test_a_map_the_program_builds_is_the_same(rendered, program, tmp_path):
+def test_map_info_of_the_program_matches(rendered, program, tmp_path):
     rendered.map.save(tmp_path / "ours.vmap")
     opened = veiloc.Map.open(tmp_path / "ours.vmap")
-    told = json.loads(program("map", "info", tmp_path / "ours.vmap", "--json"))
-    assert told["images"] == len(opened) and told["points"] == len(opened.points)
-    assert told["profile"] == opened.profile.id and told["down"] == list(opened.down)
+    info = json.loads(program("map", "info", tmp_path / "ours.vmap", "--json"))
+    assert info["images"] == len(opened) and info["points"] == len(opened.points)
+    assert info["profile"] == opened.profile.id and info["down"] == list(opened.down)
 
 
-def test_maps_grow_and_shrink_and_show_themselves(rendered):
+def test_map_add_remove_and_svg(rendered):
     model, names = rendered.map, rendered.map.image_names
     assert len(model) == len(names) == len(model.poses) == len(rendered.mapped)
     assert model.poses[names[0]] == rendered.pose(names[0])
@@ -66,18 +66,18 @@ def test_maps_grow_and_shrink_and_show_themselves(rendered):
     assert tested["dcl"]["images"] == 4 and tested["dcl"]["localized"] >= 2
 
 
-def test_sealing_says_what_it_sends_and_hides_the_rest(rendered):
+def test_seal_options_masks_and_schemes(rendered):
     model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
     profile, truth = model.profile, rendered.pose(rendered.queries[0])
     assert veiloc.Profile.from_bytes(bytes(profile)) == profile == pickle.loads(pickle.dumps(profile))
     first, second = (veiloc.seal(image, camera, profile, max_keypoints=256) for _ in range(2))
     assert first != second, "everything random comes from the system"
-    told = veiloc.describe_query(first)
-    assert told["scheme"] == "dcl" and told["rows"] == 256 and told["bytes"] == len(first)
+    info = veiloc.describe_query(first)
+    assert info["scheme"] == "dcl" and info["rows"] == 256 and info["bytes"] == len(first)
     image_module = pytest.importorskip("PIL.Image")
     rgb = np.asarray(image_module.open(image).convert("RGB"))
-    for given in [rgb, np.asfortranarray(rgb), rgb.mean(axis=2).astype(np.float32) / 255]:
-        answer = model.localize(veiloc.seal(given, camera, profile))
+    for array in [rgb, np.asfortranarray(rgb), rgb.mean(axis=2).astype(np.float32) / 255]:
+        answer = model.localize(veiloc.seal(array, camera, profile))
         assert near(answer.pose, truth)
     hidden = np.zeros(rgb.shape[:2], bool)
     hidden[:, :120] = True
@@ -93,7 +93,7 @@ def test_sealing_says_what_it_sends_and_hides_the_rest(rendered):
     assert answer.gravity == "used"
 
 
-def test_sessions_go_on_after_the_program_ended(rendered):
+def test_session_resumes_from_bytes(rendered):
     session, frames = veiloc.Session(), []
     for query in rendered.queries[:2]:
         pose = rendered.pose(query)
@@ -101,7 +101,7 @@ def test_sessions_go_on_after_the_program_ended(rendered):
         frames.append((session.seal(image, rendered.camera, rendered.map.profile, orientation=pose.q), pose))
         session = veiloc.Session.from_bytes(bytes(session))
     assert session.frames == 2
-    # The rig's frame is the world's own: each camera stands on it where it truly stands.
+    # The rig frame is the world frame, so the camera poses on the rig are their true poses.
     answer = rendered.map.localize_rig(frames)
     assert len(answer.frames) == 2
     assert near(answer.pose, veiloc.CameraPose())
@@ -111,7 +111,7 @@ def test_sessions_go_on_after_the_program_ended(rendered):
         veiloc.Session.from_bytes(b"nothing")
 
 
-def test_what_cannot_be_used_is_named(rendered, tmp_path):
+def test_invalid_inputs_raise_specific_errors(rendered, tmp_path):
     model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
     sealed = veiloc.seal(image, camera, model.profile)
     for data in [b"nothing", b"", sealed[: len(sealed) // 2], bytes(1000)]:
@@ -138,14 +138,14 @@ def test_what_cannot_be_used_is_named(rendered, tmp_path):
         veiloc.seal(np.full((300, 400), 128, np.uint8), camera, model.profile)
 
 
-def test_progress_is_told_and_may_end_the_call(rendered):
+def test_progress_callback_is_called_and_can_cancel(rendered):
     build = lambda progress: veiloc.Map.build(
         rendered.mapped, rendered.images, self_test=False, progress=progress
     )
-    told = []
-    build(lambda stage, done, total: told.append((stage, done, total)))
-    assert len({stage for stage, _, _ in told}) >= 2
-    assert all(0 <= done <= total for _, done, total in told)
+    reports = []
+    build(lambda stage, done, total: reports.append((stage, done, total)))
+    assert len({stage for stage, _, _ in reports}) >= 2
+    assert all(0 <= done <= total for _, done, total in reports)
 
     def enough(stage, done, total):
         raise RuntimeError("enough")
@@ -154,7 +154,7 @@ def test_progress_is_told_and_may_end_the_call(rendered):
         build(enough)
 
 
-def test_other_threads_run_while_a_pose_is_estimated():
+def test_pose_estimation_releases_the_gil():
     p = Problem(0, count=2000, outliers=0.9)
     count, done = 0, threading.Event()
 
@@ -173,16 +173,16 @@ def test_other_threads_run_while_a_pose_is_estimated():
     assert count > 1000
 
 
-def test_attacks_tell_what_leaks(rendered):
+def test_attack_and_audit_reports(rendered):
     image = rendered.images / rendered.queries[0]
-    asked = {"attacks": ["closed-form"], "max_keypoints": 256, "schemes": ["random-lines", "dcl"]}
-    found = veiloc.attack([image], **asked)
+    options = {"attacks": ["closed-form"], "max_keypoints": 256, "schemes": ["random-lines", "dcl"]}
+    found = veiloc.attack([image], **options)
     rows = {(row["scheme"], row["attack"]): row["median_px"] for row in found["attacks"]}
     assert rows["random-lines", "closed-form"] < rows["dcl", "closed-form"]
     assert "closed-form" in veiloc.attack_names()
     with pytest.raises(veiloc.InputError, match="not an attack"):
         veiloc.attack([image], attacks=["guessing"])
-    told = veiloc.audit([image], **asked)
-    assert told["command"] == "audit" and told["inputs"]["strongest"]
+    report = veiloc.audit([image], **options)
+    assert report["command"] == "audit" and report["inputs"]["strongest"]
     with pytest.raises(veiloc.ImageError):
         veiloc.attack([rendered.images / "none.png"])

@@ -1,4 +1,4 @@
-//! Shares of a map's building and self-test, for many hands: `veiloc.ray` hands them out.
+//! Shares of a map's build and self-test for several processes; `veiloc.ray` distributes them.
 
 use std::path::PathBuf;
 
@@ -7,26 +7,28 @@ use veiloc_mapping::build_cache::Keeping;
 use veiloc_mapping::calibration::Trial;
 use veiloc_mapping::{BuildOptions, Input, Share, Stage, prepare as prepare_share};
 
-use crate::errors::{Fault, Result};
+use crate::blocking::ProgressCallback;
+use crate::errors::{BindingError, Result};
 use crate::posed::{on_bad, posed_of};
-use crate::waiting::Told;
 
-/// Computes a share of what `Map.build` with the same arguments will need, and keeps it in a folder that it will be found in.
+/// Computes one share of the intermediate results of `Map.build`, and caches it in the folder `work`.
 ///
-/// A share that was not done, or was lost, costs time and nothing else: the build computes what is not there. Stages need what the
-/// one before them found, of all shares: `"features"`, then `"first-pairs"`, then `"pairs"`.
+/// `Map.build` with the same arguments and `work` then reads the cache, and computes what is missing. The stages
+/// `"features"`, `"first-pairs"` and `"pairs"` run in this order; each needs all shares of the stage before it.
 ///
 /// Args:
-///     posed, images, names, features, skip_bad, progress: as of `Map.build`.
-///     work: the folder; several processes may keep in it at once. It holds keypoints and descriptors of the images.
-///     stage: one of the three.
-///     share: `(i, n)`: the i-th of n shares, the first being 0.
+///     posed, images, names, features, skip_bad, progress: as for `Map.build`.
+///     work: folder of the cache; several processes may write to it at once. It holds keypoints and descriptors of the
+///         images.
+///     stage: `"features"`, `"first-pairs"` or `"pairs"`.
+///     share: `(i, n)`: share `i` of `n`, counted from 0.
 ///
 /// Returns:
-///     How many images or pairs the share had, and how many all shares have.
+///     The number of images or pairs in this share, and in all shares.
 ///
 /// Raises:
-///     MapError, ImageError: as `Map.build`; InputError: no such stage or share.
+///     MapError, ImageError: as for `Map.build`.
+///     InputError: `stage` or `share` is invalid.
 #[pyfunction]
 #[pyo3(signature = (posed, images, work, stage, share, *, names=None, features="compact", skip_bad=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -48,34 +50,34 @@ pub(crate) fn prepare(
         "first-pairs" => Stage::FirstPairs,
         "pairs" => Stage::Pairs,
         other => {
-            return Err(Fault::input(format_args!(
-                "stage: {other:?} is none; there are features, first-pairs, pairs"
+            return Err(BindingError::input(format_args!(
+                "stage: unknown stage {other:?}; the stages are features, first-pairs, pairs"
             )));
         }
     };
     let (part, of) = share;
     let share = Share::new(part, of).ok_or_else(|| {
-        Fault::input(format_args!("share: ({part}, {of}) is none; the first of n is (0, n)"))
+        BindingError::input(format_args!("share: ({part}, {of}) is not a share; give (i, n) with 0 <= i < n"))
     })?;
     let mut options = BuildOptions::default();
     features.clone_into(&mut options.features);
-    Told::new(py, progress)?.run(py, |told| {
+    ProgressCallback::new(py, progress)?.run(py, |progress| {
         let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
         if let Some(names) = &names {
             input = input.with_names(names);
         }
-        let keeping = Keeping::in_folder(&work, &options).map_err(Fault::map)?;
-        let done = prepare_share(&input, &keeping, &options, stage, share, told)?;
-        keeping.finish().map_err(Fault::map)?;
+        let cache = Keeping::in_folder(&work, &options).map_err(BindingError::map)?;
+        let done = prepare_share(&input, &cache, &options, stage, share, progress)?;
+        cache.finish().map_err(BindingError::map)?;
         Ok((done.done, done.of_all))
     })?
 }
 
-/// A pose that an image of the map got in the self-test: step to the true one, rows of the covariance, whether it was trusted,
-/// noise in pixels. What one hand says and another one reads; nobody else is to.
+/// Pose of a map image in the self-test: step to the true pose, rows of the covariance, whether it was trusted, noise
+/// in pixels. Private to `self_test_share` and `with_self_test`.
 pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], bool, f64);
 
-/// One image's: its place in the map, and a pose or none for each scheme.
+/// One image: its index in the map, and a pose or None for each scheme.
 pub(crate) type ImageParts = (usize, Vec<Option<TrialParts>>);
 
 pub(crate) fn parts_of(image: usize, trials: Vec<Option<Trial>>) -> ImageParts {
