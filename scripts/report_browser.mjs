@@ -1,15 +1,15 @@
-// Reports in a real browser, driven by playwright-core: Chromium, light and dark, wide and narrow, with scripts and without.
+// Checks HTML reports in Chromium through playwright-core: light and dark, wide and narrow, with and without scripts.
 //
 //     node scripts/report_browser.mjs --tools DIR --out DIR PAGE.html…
 //
 // `--tools`: a folder in which playwright-core is installed (`npm install --prefix DIR playwright-core`); `--chromium`: the browser
-// (default /usr/bin/chromium). Screenshots go to `--out`. Checked of every page:
+// (default /usr/bin/chromium). Screenshots go to `--out`. Checks of each page:
 //
-// 1. Nothing is asked of any network, nothing is written to the console, nothing breaks the page's own policy.
-// 2. The page is no wider than the window, and no higher than 20 000 pixels; headings are in order; images and controls have names;
-//    text stands out (WCAG AA).
-// 3. On pages with a scene, it is drawn: not blank, another when dragged, by keys, by touch; a chosen query is described.
-// 4. Without scripts the scene from above stands there instead, and every section with it.
+// 1. No network request, no console output, no violation of the page's own policy.
+// 2. The page is not wider than the window and at most 20 000 pixels high; headings are in order; images and controls have names;
+//    the contrast of text is sufficient (WCAG AA).
+// 3. A 3D scene is drawn, and changes when dragged, by keyboard and by touch; a selected query is described.
+// 4. Without scripts a static top view of the scene and all sections are visible.
 import { createRequire } from "node:module";
 import { mkdirSync, readFileSync } from "node:fs";
 import path from "node:path";
@@ -37,8 +37,8 @@ const VIEWS = [
   { name: "narrow-dark", colorScheme: "dark", viewport: { width: 390, height: 844 }, hasTouch: true },
 ];
 
-/** In the page: what is wrong with it as a document. */
-function faults() {
+/** In the page: a list of its faults as a document. */
+function documentFaults() {
   const found = [];
   const wide = document.documentElement.scrollWidth - innerWidth;
   if (wide > 0) found.push(`${wide} px wider than the window`);
@@ -53,7 +53,7 @@ function faults() {
   for (const e of document.querySelectorAll("button,select,input,canvas,a")) if (!name(e)?.trim()) found.push(`no name: ${e.outerHTML.slice(0, 80)}`);
   for (const svg of document.querySelectorAll("figure svg")) if (!svg.getAttribute("aria-label") && !svg.closest("[aria-hidden]")) found.push(`no name: ${svg.outerHTML.slice(0, 80)}`);
   for (const table of document.querySelectorAll("table")) if (!table.querySelector("thead th[scope]") || !table.querySelector("tbody th[scope]")) found.push("a table without headers");
-  // Text against the nearest colour behind it.
+  // Contrast of text against the nearest opaque background.
   const rgba = (text) => { const n = text.match(/[\d.]+/g).map(Number); return [n[0], n[1], n[2], n[3] ?? 1]; };
   const light = (c) => { const [r, g, b] = c.map((v) => { const s = v / 255; return s <= 0.03928 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4; }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -73,7 +73,7 @@ function faults() {
   return found;
 }
 
-/** In the page: the canvas as a number for its content, and how many colours it has. */
+/** In the page: a hash of the canvas, and its number of colours. */
 function canvasState(canvas) {
   const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
   copy.drawImage(canvas, 0, 0);
@@ -84,8 +84,8 @@ function canvasState(canvas) {
   return { hash, colors: colors.size };
 }
 
-/** The scene: drawn, turned by everything that turns it, and its queries described. */
-async function turnScene(page, context, { at, file, touch }) {
+/** Checks that the scene is drawn, that each input rotates it, and that a selected query is described. */
+async function checkScene(page, context, { at, file, touch }) {
   const canvas = page.locator(".space canvas").first();
   await canvas.scrollIntoViewIfNeeded();
   const first = await canvas.evaluate(canvasState);
@@ -93,7 +93,7 @@ async function turnScene(page, context, { at, file, touch }) {
   const box = await canvas.boundingBox();
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   let last = first;
-  const changed = async (what) => { const now = await canvas.evaluate(canvasState); check(`${at}: ${what} turns it`, now.hash !== last.hash && now.colors > 50); last = now; };
+  const changed = async (what) => { const now = await canvas.evaluate(canvasState); check(`${at}: ${what} rotates it`, now.hash !== last.hash && now.colors > 50); last = now; };
   await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.move(x + 90, y + 30, { steps: 4 }); await page.mouse.up();
   await changed("dragging");
   await canvas.focus();
@@ -103,13 +103,13 @@ async function turnScene(page, context, { at, file, touch }) {
     const cdp = await context.newCDPSession(page);
     const send = (type, touchPoints) => cdp.send("Input.dispatchTouchEvent", { type, touchPoints });
     await send("touchStart", [{ x, y }]); await send("touchMove", [{ x: x + 60, y: y + 10 }]); await send("touchEnd", []);
-    await changed("a finger");
+    await changed("touch");
   }
   await page.keyboard.press("0");
   const query = page.locator(".space select[data-part=query]").first();
   const names = await query.locator("option").allTextContents();
   await query.selectOption({ index: 1 });
-  check(`${at}: a chosen query is described`, (await page.locator(".status").first().textContent()).startsWith(`${names[1]} · `));
+  check(`${at}: a selected query is described`, (await page.locator(".status").first().textContent()).startsWith(`${names[1]} · `));
   await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-query.png`) });
   await page.locator(".space button[data-part=reset]").first().click();
   await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-scene.png`) });
@@ -125,38 +125,38 @@ for (const file of pages) {
     const at = `${label} ${name}`;
     const context = await browser.newContext(view);
     const page = await context.newPage();
-    const said = [], asked = [];
-    page.on("console", (message) => said.push(message.text()));
-    page.on("pageerror", (error) => said.push(String(error)));
-    page.on("request", (request) => { if (request.url() !== address && !request.url().startsWith("data:")) asked.push(request.url()); });
+    const consoleLines = [], requests = [];
+    page.on("console", (message) => consoleLines.push(message.text()));
+    page.on("pageerror", (error) => consoleLines.push(String(error)));
+    page.on("request", (request) => { if (request.url() !== address && !request.url().startsWith("data:")) requests.push(request.url()); });
     await page.goto(address);
     const high = await page.evaluate(() => document.documentElement.scrollHeight);
     check(`${at}: ${high} pixels high`, high < 20_000);
     for (const details of await page.locator("details").all()) await details.evaluate((e) => { e.open = true; });
-    const found = await page.evaluate(faults);
-    check(`${at}: a sound document`, found.length === 0, found.slice(0, 6).join("; "));
+    const found = await page.evaluate(documentFaults);
+    check(`${at}: a valid document`, found.length === 0, found.slice(0, 6).join("; "));
     const images = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
-    check(`${at}: ${images.length} images are shown and named`, images.every(Boolean));
-    if (await page.locator(".space canvas").count()) await turnScene(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
+    check(`${at}: ${images.length} images are loaded and have alternative text`, images.every(Boolean));
+    if (await page.locator(".space canvas").count()) await checkScene(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
     const one = page.locator("details.fold").first();
     if (await one.count()) { await one.evaluate((e) => { e.open = true; }); await one.screenshot({ path: path.join(out, `${label}-${name}-details.png`) }); }
     await page.screenshot({ path: path.join(out, `${label}-${name}.png`), fullPage: true });
-    check(`${at}: the console is empty`, said.length === 0, said.slice(0, 3).join("; "));
-    check(`${at}: nothing is asked of a network`, asked.length === 0, asked.slice(0, 3).join("; "));
+    check(`${at}: the console is empty`, consoleLines.length === 0, consoleLines.slice(0, 3).join("; "));
+    check(`${at}: no network requests`, requests.length === 0, requests.slice(0, 3).join("; "));
     await context.close();
   }
   const context = await browser.newContext({ ...VIEWS[0], javaScriptEnabled: false });
   const page = await context.newPage();
   await page.goto(address);
   if (await page.locator(".space").count()) {
-    check(`${label} without scripts: the scene from above`, await page.locator(".flat svg[role=img]").first().isVisible());
-    check(`${label} without scripts: no dead controls`, !(await page.locator(".live").first().isVisible()));
+    check(`${label} without scripts: the top view of the scene is visible`, await page.locator(".flat svg[role=img]").first().isVisible());
+    check(`${label} without scripts: controls are hidden`, !(await page.locator(".live").first().isVisible()));
   } else {
-    check(`${label} without scripts: its tables`, await page.locator("table").first().isVisible());
+    check(`${label} without scripts: the tables are visible`, await page.locator("table").first().isVisible());
   }
   await context.close();
 }
 await browser.close();
-console.log(wrong ? `${wrong} wrong` : "all as it should be");
+console.log(wrong ? `${wrong} checks failed` : "all checks passed");
 process.exit(wrong ? 1 : 0);

@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
-# Builds what browsers are given: js/veiloc.wasm for the npm package, and page/ for `veiloc serve --page`.
+# Builds js/veiloc.wasm for the npm package, and page/ for `veiloc serve --page`.
 #
 #     bindings/web/build.sh                    for `npm pack`, and `veiloc serve --page-folder bindings/web/page`
-#     bindings/web/build.sh target/release     the same, with the page in target/release/veiloc-page, where the program finds it
+#     bindings/web/build.sh target/release     also copies the page to target/release/veiloc-page, where the program finds it
 #
-# Needs Rust with the target wasm32-unknown-unknown (`rustup target add wasm32-unknown-unknown`), and nothing else.
+# Needs Rust with the target wasm32-unknown-unknown (`rustup target add wasm32-unknown-unknown`).
 set -euo pipefail
 [ -d "$(rustc --print target-libdir --target wasm32-unknown-unknown)" ] || {
-    echo "this Rust cannot build for browsers yet: rustup target add wasm32-unknown-unknown" >&2
+    echo "the Rust target for browsers is missing: rustup target add wasm32-unknown-unknown" >&2
     exit 1
 }
 beside="${1:+$(cd "$1" && pwd)}"
 [ -z "${CARGO_TARGET_DIR-}" ] || export CARGO_TARGET_DIR="$(realpath -m "$CARGO_TARGET_DIR")"
 cd "$(dirname "$0")"
 
-# Vector instructions every browser has had since 2023; no generator of its own, the page hands random bytes over.
+# Vector instructions that all browsers have had since 2023. No random generator of its own: the page supplies random bytes.
 features="+simd128,+bulk-memory,+nontrapping-fptoint,+sign-ext,+mutable-globals"
 RUSTFLAGS="-C target-feature=$features --cfg getrandom_backend=\"custom\"" \
     cargo build --lib -p veiloc-web --profile web --target wasm32-unknown-unknown --locked

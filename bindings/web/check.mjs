@@ -1,4 +1,4 @@
-// What of the package needs no browser: the module's doors, sensors, and the client against a service that plays false.
+// Tests of the package that need no browser: the module's exports, the orientation, and the client against a faulty service.
 //
 //     node --test bindings/web/check.mjs        after bindings/web/build.sh
 import assert from "node:assert/strict";
@@ -12,13 +12,13 @@ import { orientationOf } from "./js/orientation.js";
 
 const wasm = new WebAssembly.Module(readFileSync(new URL("./js/veiloc.wasm", import.meta.url)));
 
-test("the module imports nothing, so it can reach nothing", () => {
+test("the module has no imports and three exports", () => {
   assert.deepEqual(WebAssembly.Module.imports(wasm), []);
-  const doors = WebAssembly.Module.exports(wasm).filter((door) => door.kind === "function").map((door) => door.name);
-  assert.deepEqual(doors.sort(), ["veiloc_call", "veiloc_reply", "veiloc_room"]);
+  const functions = WebAssembly.Module.exports(wasm).filter((item) => item.kind === "function").map((item) => item.name);
+  assert.deepEqual(functions.sort(), ["veiloc_allocate", "veiloc_call", "veiloc_reply"]);
 });
 
-test("what is wrong has a name, and the library goes on", async () => {
+test("errors have a kind, and the library stays usable", async () => {
   const core = await Core.load(wasm);
   for (const [head, bytes, kind] of [
     [{ op: "profile" }, new Uint8Array(9), "profile"],
@@ -33,12 +33,12 @@ test("what is wrong has a name, and the library goes on", async () => {
   assert.equal(bytes.byteLength, 0);
 });
 
-test("orientation: ahead and down of a device in known positions", () => {
+test("orientation of a device in known positions: forward, right and down", () => {
   const turn = ([w, x, y, z], v) => {
     const t = [2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])];
     return [v[0] + w * t[0] + y * t[2] - z * t[1], v[1] + w * t[1] + z * t[0] - x * t[2], v[2] + w * t[2] + x * t[1] - y * t[0]];
   };
-  // World: x east, y north, z up. Given: sensors, angle of the screen, where the camera looks, what is right of it.
+  // World: x east, y north, z up. Columns: sensor angles, screen angle, viewing direction, direction to the right.
   for (const [alpha, beta, gamma, screen, ahead, right] of [
     [0, 0, 0, 0, [0, 0, -1], [1, 0, 0]], // flat on a table
     [0, 90, 0, 0, [0, 1, 0], [1, 0, 0]], // upright, looking north
@@ -56,14 +56,14 @@ test("orientation: ahead and down of a device in known positions", () => {
   assert.equal(orientationOf({ alpha: null, beta: 1, gamma: 2 }), null);
 });
 
-/** A service that answers in turn, and what it was asked. */
-async function playing(answers, run) {
-  const asked = [];
+/** Runs a service that gives the answers in order, and records its requests. */
+async function withService(answers, run) {
+  const requests = [];
   const server = http.createServer((request, response) => {
     const parts = [];
     request.on("data", (part) => parts.push(part));
     request.on("end", () => {
-      asked.push({ url: request.url, headers: request.headers, body: Buffer.concat(parts).toString("hex") });
+      requests.push({ url: request.url, headers: request.headers, body: Buffer.concat(parts).toString("hex") });
       const { status = 200, type = "application/json", headers = {}, body = {} } = answers.shift() ?? { status: 500 };
       response.writeHead(status, { "content-type": type, ...headers });
       response.end(typeof body === "string" ? body : JSON.stringify(body));
@@ -71,7 +71,7 @@ async function playing(answers, run) {
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
   try {
-    await run(`http://127.0.0.1:${server.address().port}`, asked);
+    await run(`http://127.0.0.1:${server.address().port}`, requests);
   } finally {
     server.close();
     server.closeAllConnections();
@@ -84,45 +84,45 @@ const answer = { version: 1, trusted: false, doubts: [{ kind: "other", text: "a\
 
 test("a retry sends the same bytes", async () => {
   const busy = { status: 503, headers: { "retry-after": "0" }, body: { type: "urn:veiloc:problem:queue-full", title: "Busy", detail: "later" } };
-  await playing([busy, { ...busy, status: 429 }, { body: answer }], async (address, asked) => {
-    const told = await new Client(address, { token: " abc " }).localize("lobby", query);
-    assert.deepEqual(told.center, [1, 2, 3]);
-    assert.equal(told.doubts[0].text, "a[2Jb");
-    assert.deepEqual(asked.map(({ url, body }) => [url, body]), Array(3).fill(["/v1/maps/lobby/localize", "010203"]));
-    assert.equal(asked[0].headers.authorization, "Bearer abc");
-    assert.equal(asked[0].headers.cookie ?? asked[0].headers.referer, undefined);
+  await withService([busy, { ...busy, status: 429 }, { body: answer }], async (address, requests) => {
+    const received = await new Client(address, { token: " abc " }).localize("lobby", query);
+    assert.deepEqual(received.center, [1, 2, 3]);
+    assert.equal(received.doubts[0].text, "a[2Jb");
+    assert.deepEqual(requests.map(({ url, body }) => [url, body]), Array(3).fill(["/v1/maps/lobby/localize", "010203"]));
+    assert.equal(requests[0].headers.authorization, "Bearer abc");
+    assert.equal(requests[0].headers.cookie ?? requests[0].headers.referer, undefined);
   });
 });
 
-test("refusals have names, and those that cannot change are not asked again", async () => {
+test("refusals have a kind, and permanent ones are not retried", async () => {
   for (const [status, type, name] of [[422, "not-localized", "not-localized"], [401, "unauthorized", "token"], [409, "wrong-profile", "wrong-profile"], [404, "unknown-map", "refused"]]) {
-    await playing([{ status, body: { type: `urn:veiloc:problem:${type}`, title: "T", detail: "D" } }], async (address, asked) => {
+    await withService([{ status, body: { type: `urn:veiloc:problem:${type}`, title: "T", detail: "D" } }], async (address, requests) => {
       await assert.rejects(new Client(address).localize("lobby", query), kind(name));
-      assert.equal(asked.length, 1);
+      assert.equal(requests.length, 1);
     });
   }
   const far = { status: 503, headers: { "retry-after": "3600" } };
-  await playing([far, far], async (address, asked) => {
+  await withService([far, far], async (address, requests) => {
     await assert.rejects(new Client(address).localize("lobby", query), (error) => error.kind === "busy" && error.retryAfter === 3600 && error.maySendAgain);
-    assert.equal(asked.length, 1);
+    assert.equal(requests.length, 1);
   });
 });
 
-test("nothing a service answers is believed", async () => {
-  for (const lie of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { trusted: "yes" } }]) {
-    await playing([lie], (address) => assert.rejects(new Client(address).localize("lobby", query), kind("bad-answer")));
+test("invalid answers of a service are refused", async () => {
+  for (const invalid of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { trusted: "yes" } }]) {
+    await withService([invalid], (address) => assert.rejects(new Client(address).localize("lobby", query), kind("bad-answer")));
   }
-  await playing([{ type: "text/html" }], (address) => assert.rejects(new Client(address).profile("lobby"), kind("bad-answer")));
-  await playing([{ body: answer }], async (address) => {
-    const told = await new Client(address).localize("lobby", query, { trustedOnly: true });
-    assert.ok(!("center" in told) && !("position_sd" in told) && !told.trusted);
+  await withService([{ type: "text/html" }], (address) => assert.rejects(new Client(address).profile("lobby"), kind("bad-answer")));
+  await withService([{ body: answer }], async (address) => {
+    const received = await new Client(address).localize("lobby", query, { trustedOnly: true });
+    assert.ok(!("center" in received) && !("position_sd" in received) && !received.trusted);
   });
-  // Another address than the one that was asked.
-  await playing([{ status: 302, headers: { location: "http://127.0.0.1:1/" } }], (address) =>
+  // Redirects to another address are not followed.
+  await withService([{ status: 302, headers: { location: "http://127.0.0.1:1/" } }], (address) =>
     assert.rejects(new Client(address, { retries: 0 }).localize("lobby", query), kind("network")));
 });
 
-test("nothing travels in the open, and addresses are addresses", () => {
+test("plain HTTP and invalid addresses, tokens and map names are refused", () => {
   for (const bad of ["http://places.example", "ftp://127.0.0.1", "https://user:word@places.example", "https://places.example/?a=b"]) {
     assert.throws(() => new Client(bad), kind("address"), bad);
   }
@@ -133,14 +133,14 @@ test("nothing travels in the open, and addresses are addresses", () => {
     assert.rejects(new Client("https://a.example").profile(name), kind("map-name"), name)));
 });
 
-test("steps end with the first trusted pose, and begin again at none", async () => {
+test("progressive localization stops at the first trusted pose", async () => {
   const sealed = { steps: [256, 512, 1024], step: async (rows) => new Uint8Array(rows), lopsided: null };
   const none = { status: 422, body: { type: "urn:veiloc:problem:not-localized" } };
-  await playing([none, { body: { ...answer, trusted: true, doubts: [] } }], async (address) => {
+  await withService([none, { body: { ...answer, trusted: true, doubts: [] } }], async (address) => {
     const { steps } = await new Client(address).localizeProgressive("lobby", sealed);
     assert.deepEqual(steps, [{ rows: 256, bytes: 256, outcome: "not-found" }, { rows: 512, bytes: 512, outcome: "trusted" }]);
   });
-  await playing([none, none, none], (address) =>
+  await withService([none, none, none], (address) =>
     assert.rejects(new Client(address).localizeProgressive("lobby", sealed), (error) => error.kind === "not-localized" && error.steps.length === 3));
   await assert.rejects(new Client("https://a.example").localizeProgressive("lobby", { ...sealed, lopsided: "too few" }), kind("lopsided"));
 });

@@ -1,26 +1,26 @@
-// Seals frames of one place in a session, and asks a service where each was taken: what an app with a camera does.
+// Localizes the frames of a camera: seals them in one session, and sends each to a service.
 //
 //     npx tsc --noEmit --strict --skipLibCheck false --module nodenext --target es2022 --lib es2022,dom examples/web/locate.ts
 
 import { type Answer, Client, type Sealed, VeilocError, load, watchOrientation } from "veiloc";
 
-export interface Place {
+export interface Position {
   center: [number, number, number];
   /** Standard deviation, map units. */
   sd: number;
 }
 
-/** Where the frames of a video were taken, one after the other; ends when the signal does. */
-export async function* locate(video: HTMLVideoElement, camera: string | null, server: string, map: string, token: string, signal: AbortSignal): AsyncGenerator<Place> {
+/** Positions of the frames of a video, until the signal aborts. */
+export async function* locate(video: HTMLVideoElement, camera: string | null, server: string, map: string, token: string, signal: AbortSignal): AsyncGenerator<Position> {
   const client = new Client(server, { token });
   const device = await load(await client.profile(map));
   const sensors = await watchOrientation();
   try {
-    // Frames of one place share a session: their lines do not cross in what they show.
+    // Frames of one scene share a session; otherwise their lines intersect at the keypoints.
     const session = await device.session();
     while (!signal.aborted) {
       const seal = () => device.sealed(video, camera, { session, held: sensors.now(), maxKeypoints: 1024 });
-      const answer = await ask(client, map, seal, signal);
+      const answer = await localize(client, map, seal, signal);
       if (answer?.trusted && answer.center && answer.position_sd != null) {
         yield { center: answer.center, sd: answer.position_sd };
       }
@@ -31,8 +31,8 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
   }
 }
 
-/** The answer, or none where a later frame may fare better. */
-async function ask(client: Client, map: string, seal: () => Promise<Sealed>, signal: AbortSignal): Promise<Answer | null> {
+/** The answer; null after an error that a later frame may not have. */
+async function localize(client: Client, map: string, seal: () => Promise<Sealed>, signal: AbortSignal): Promise<Answer | null> {
   try {
     const sealed = await seal();
     const { answer, steps } = await client.localizeProgressive(map, sealed, { trustedOnly: true, signal });
@@ -40,9 +40,9 @@ async function ask(client: Client, map: string, seal: () => Promise<Sealed>, sig
     console.log(`${steps.reduce((sum, step) => sum + step.bytes, 0)} bytes sent`);
     return answer;
   } catch (error) {
-    // Where no sensor says how the camera is held, a walk is refused (`too-many-starts`) until it is back, or somewhere else.
-    const passing = ["not-localized", "lopsided", "busy", "too-many-starts", "turned-away"];
-    if (error instanceof VeilocError && passing.includes(error.kind)) return null;
+    // Without motion sensors a walk is refused (`too-many-starts`) until the camera is back, or in another part of the scene.
+    const temporary = ["not-localized", "lopsided", "busy", "too-many-starts", "turned-away"];
+    if (error instanceof VeilocError && temporary.includes(error.kind)) return null;
     throw error;
   }
 }

@@ -1,22 +1,21 @@
-// The page and the npm package in Chromium, driven by playwright-core, with its fake camera.
+// Tests the page and the npm package in Chromium with its fake camera, through playwright-core.
 //
 //     node scripts/web/chromium.mjs --veiloc target/release/veiloc --native target/release/native --tools DIR --out DIR
 //
-// With `--demo ADDRESS --place DIR` a demo that runs already, and its folder, are used. `--seals 5` compares seals five times and
-// does nothing else.
+// `--demo ADDRESS --place DIR` uses a demo that is already running, and its folder. `--seals 5` only compares seals, five times.
 //
 // `--tools`: a folder in which playwright-core is installed (`npm install --prefix DIR playwright-core`); `--browser`: the browser
-// (default /usr/bin/chromium). The page is `bindings/web/page`, as bindings/web/build.sh makes it. What is held:
+// (default /usr/bin/chromium). The page is `bindings/web/page`, which bindings/web/build.sh builds. Checks:
 //
-// 1. A browser seals what a native program seals of the same image, camera and random bytes, to the bit; milliseconds of both.
-// 2. Every request of a session, as the server's side got them and as the browser tells them: to its own server alone, and of
-//    what is sent nothing but sealed queries of the map's profile (`native check`); no cookie, no referrer, no query string.
-// 3. Hidden views, the camera, following, a walk, a session of held frames, an image of nowhere, a service that asks for a token:
-//    each as a user meets it, with screenshots (light and dark, wide and narrow), by keyboard where that is the point.
+// 1. Browser and native program seal the same image, camera and random bytes to the same bytes; prints milliseconds of both.
+// 2. All requests, as the server received them and as the browser reports them: they go to the page's own server only, and each
+//    body is a sealed query of the map's profile (`native check`); no cookie, no referrer, no query string.
+// 3. The user interface: example images, camera, following, a walk, a session with orientations, an out-of-map image, a service
+//    that requires a token; with screenshots (light and dark, wide and narrow), partly by keyboard.
 import { readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
 
-import { account, between, check, closing, demo, drawnWhileAttacking, given, guarded, onlySeals, out, place, root, run, sealsAreEqual, tool } from "./common.mjs";
+import { checkRequests, recordingProxy, check, closing, demo, drawnWhileAttacking, given, serveWithToken, onlySeals, out, place, root, run, sealsAreEqual, tool } from "./common.mjs";
 
 const { chromium } = tool("playwright-core");
 
@@ -29,7 +28,7 @@ async function browse(extra = []) {
   return browser;
 }
 
-/** A page whose every request, console line and policy violation is kept. */
+/** Opens a page, and records all requests, console errors and page errors. */
 async function open(browser, address, tried, options = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, permissions: ["camera"], ...options });
   context.on("request", (request) => tried.push(request.url()));
@@ -40,7 +39,7 @@ async function open(browser, address, tried, options = {}) {
   return page;
 }
 
-/** Screenshots of a state: light and dark, wide and narrow. */
+/** Takes screenshots of a state: light and dark, wide and narrow. */
 async function screens(page, state) {
   for (const colorScheme of ["light", "dark"]) {
     for (const [name, width, height] of [["wide", 1280, 900], ["narrow", 390, 844]]) {
@@ -48,7 +47,7 @@ async function screens(page, state) {
       await page.setViewportSize({ width, height });
       await page.waitForTimeout(150);
       const across = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
-      check(`${state}, ${name}: nothing sticks out`, across <= 0, across > 0 ? `${across} px` : "");
+      check(`${state}, ${name}: no horizontal scrolling`, across <= 0, across > 0 ? `${across} px` : "");
       await page.screenshot({ path: path.join(out, "screens", `${state}-${colorScheme}-${name}.png`), fullPage: true });
     }
   }
@@ -56,7 +55,7 @@ async function screens(page, state) {
   await page.setViewportSize({ width: 1280, height: 900 });
 }
 
-/** A view as a JPEG, in base64: what the fake camera reads, one after the other. */
+/** An example image as a JPEG in base64, for the fake camera. */
 const jpeg = (page, file) =>
   page.evaluate(async (file) => {
     const bitmap = await createImageBitmap(await (await fetch(`/page/${file}`)).blob());
@@ -72,7 +71,7 @@ const answered = (page, state, timeout = 30_000) =>
 async function main() {
   const { address: served, views, profile } = await demo();
   const [seen, tried] = [[], []];
-  const address = await between(served, seen);
+  const address = await recordingProxy(served, seen);
 
   const browser = await browse();
   const page = await open(browser, address, tried);
@@ -82,15 +81,15 @@ async function main() {
 
   const ratio = await sealsAreEqual(page, views.slice(0, 4), profile);
 
-  console.log("== a hidden view, by keyboard");
+  console.log("== an example image, by keyboard");
   await page.locator("#views button").first().focus();
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => document.getElementById("attack-text").textContent.includes("px"), undefined, { timeout: 30_000 });
-  check("nothing is sent before it is asked for", seen.every((request) => request.method === "GET"));
+  check("no query is sent before the user asks for it", seen.every((request) => request.method === "GET"));
   await screens(page, "sealed");
-  // The layout of the graph takes seconds; of fewer keypoints fewer.
+  // The graph attack takes seconds; fewer keypoints make it faster.
   await page.locator("#settings summary").click();
-  await page.locator("#most").selectOption("512");
+  await page.locator("#max-keypoints").selectOption("512");
   await page.waitForFunction(() => document.getElementById("leaves-text").textContent.startsWith("512"), undefined, { timeout: 30_000 });
   for (const attack of ["closed-form", "closed-form-informed", "graph", "prior"]) {
     const before = await page.locator("#attack-text").textContent();
@@ -99,7 +98,7 @@ async function main() {
     console.log(`     ${attack}: ${(await page.locator("#attack-text").textContent()).trim()}`);
     if (attack === "graph") await page.locator(".figures").screenshot({ path: path.join(out, "screens", "graph.png") });
   }
-  await page.locator("#most").selectOption("");
+  await page.locator("#max-keypoints").selectOption("");
   await page.waitForFunction(() => document.getElementById("leaves-text").textContent.startsWith("2,048") && !document.getElementById("find").disabled, undefined, { timeout: 60_000 });
   await page.locator("#settings summary").click();
   await page.locator("#find").focus();
@@ -117,17 +116,17 @@ async function main() {
     await page.locator(".figures").screenshot({ path: path.join(out, "screens", `scheme-${scheme}.png`) });
     await page.locator("#find").click();
     await page.waitForFunction(() => !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
-    const told = await page.locator("#answer").textContent();
-    check(`sealed as ${scheme}`, /^You are at|not sure/i.test(told), told);
+    const text = await page.locator("#answer").textContent();
+    check(`sealed as ${scheme}`, /^You are at|not sure/i.test(text), text);
   }
   await page.locator("#settings summary").click();
   const names = await page.evaluate(() => [...document.querySelectorAll("button, input, select, canvas")].filter((e) => {
     const label = e.labels?.length || e.textContent.trim() || e.getAttribute("aria-label") || e.querySelector("img")?.alt;
     return !label;
   }).map((e) => e.id));
-  check("everything to press or look at has a name", names.length === 0, names.join(" "));
+  check("all controls and images have an accessible name", names.length === 0, names.join(" "));
 
-  console.log("== an image of nowhere");
+  console.log("== an out-of-map image");
   const noise = await page.evaluate(async () => {
     const canvas = new OffscreenCanvas(640, 480);
     const context = canvas.getContext("2d");
@@ -143,9 +142,9 @@ async function main() {
   await page.locator("#find").click();
   await page.waitForFunction(() => ["failed", "doubtful"].includes(document.getElementById("answer").dataset.state), undefined, { timeout: 30_000 });
   console.log(`     ${await page.locator("#answer").textContent()}`);
-  await screens(page, "nowhere");
+  await screens(page, "out-of-map");
 
-  console.log("== the package: a session of frames that know how they are held");
+  console.log("== the package: a session of frames with orientations");
   const poses = Object.fromEntries(readFileSync(path.join(place, "posed", "images.txt"), "utf8").split("\n").filter((line) => line && !line.startsWith("#")).map((line) => line.split(" ")).filter((words) => words.length >= 10).map((words) => [words[9], { q: words.slice(1, 5).map(Number), t: words.slice(5, 8).map(Number) }]));
   const walk = await page.evaluate(async ({ views, poses }) => {
     const { Client, load } = await import("/page/index.js");
@@ -159,11 +158,10 @@ async function main() {
       const { answer, steps } = await client.localizeProgressive("demo", sealed);
       found.push({ name: view.file, trusted: answer.trusted, center: answer.center, sd: answer.position_sd, steps: steps.length, frames: sealed.frames, starts: sealed.starts });
     }
-    const kept = await session.bytes();
-    const again = await device.session({ bytes: kept });
-    const same = await again.bytes();
+    const bytes = await session.bytes();
+    const resumed = await (await device.session({ bytes })).bytes();
     device.close();
-    return { found, kept: kept.byteLength === same.byteLength };
+    return { found, isResumed: bytes.byteLength === resumed.byteLength };
   }, { views: views.slice(0, 4), poses });
   for (const { name, trusted, center, sd, steps, frames, starts } of walk.found) {
     const { q: [w, x, y, z], t } = poses[name];
@@ -173,10 +171,10 @@ async function main() {
     const error = Math.hypot(...truth.map((c, i) => c - center[i]));
     check(`${name}: frame ${frames}, start ${starts}, ${steps} steps`, trusted && error < 0.05, `off by ${error.toFixed(4)} ± ${sd.toFixed(4)}`);
   }
-  check("a session is kept and gone on with", walk.kept);
+  check("a session resumes from its bytes", walk.isResumed);
 
   console.log("== the camera");
-  // Frames of a hidden view, as the fake camera reads them: JPEGs one after the other.
+  // The fake camera reads concatenated JPEGs.
   const frame = await jpeg(page, views[2].file);
   const video = path.join(out, "camera.mjpeg");
   writeFileSync(video, Buffer.concat(Array(10).fill(Buffer.from(frame, "base64"))));
@@ -190,15 +188,15 @@ async function main() {
   await live.waitForFunction(() => document.getElementById("attack-text").textContent.includes("px"), undefined, { timeout: 30_000 });
   const before = seen.filter((request) => request.method === "POST").length;
   await live.waitForTimeout(2500);
-  check("looking through the camera sends nothing", seen.filter((request) => request.method === "POST").length === before);
+  check("the live camera view sends no query", seen.filter((request) => request.method === "POST").length === before);
   await screens(live, "camera");
-  await live.locator("#most").selectOption("512");
+  await live.locator("#max-keypoints").selectOption("512");
   await live.waitForFunction(() => document.getElementById("leaves-text").textContent.startsWith("512"), undefined, { timeout: 30_000 });
   await live.locator("#attack").selectOption("graph");
   const during = await live.evaluate(drawnWhileAttacking);
-  check("what leaves is live while the graph is laid out", during.began && during.drawn >= 2 && during.told.includes("px"), `drawn ${during.drawn} times; then: ${during.told.trim()}`);
+  check("the lines stay live while the graph attack runs", during.began && during.drawn >= 2 && during.text.includes("px"), `drawn ${during.drawn} times; then: ${during.text.trim()}`);
   await live.locator("#attack").selectOption("closed-form");
-  await live.locator("#most").selectOption("");
+  await live.locator("#max-keypoints").selectOption("");
   await live.waitForFunction(() => document.getElementById("leaves-text").textContent.startsWith("2,048"), undefined, { timeout: 30_000 });
   await live.locator("#find").click();
   await answered(live, "trusted");
@@ -213,8 +211,8 @@ async function main() {
   await live.waitForFunction(() => !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
   await live.locator("#camera").click();
 
-  console.log("== a walk of a camera that nobody says how it is held");
-  // Two seconds at each of some views, over and over.
+  console.log("== a walk without motion sensors");
+  // Two seconds at each of six views, in a loop.
   const walked = path.join(out, "walk.mjpeg");
   const frames = [];
   for (const view of views.slice(0, 6)) frames.push(...Array(60).fill(Buffer.from(await jpeg(live, view.file), "base64")));
@@ -228,19 +226,19 @@ async function main() {
   await away.locator("#intrinsics").fill(views[0].camera);
   await away.locator("#settings summary").click();
   await away.locator("#camera").click();
-  await away.waitForFunction(() => !document.getElementById("follow").disabled && !document.getElementById("unheld").hidden, undefined, { timeout: 30_000 });
+  await away.waitForFunction(() => !document.getElementById("follow").disabled && !document.getElementById("no-sensors").hidden, undefined, { timeout: 30_000 });
   await away.locator("#follow").click();
   await answered(away, "waiting", 120_000);
-  const said = await away.locator("#detail").textContent();
-  check("the third start is refused, and says why and what to do", /motion sensors/.test(said) && /turn on the spot/.test(said), await away.locator("#answer").textContent());
+  const detail = await away.locator("#detail").textContent();
+  check("the third start is refused with a reason and a remedy", /motion sensors/.test(detail) && /turn on the spot/.test(detail), await away.locator("#answer").textContent());
   await screens(away, "waiting");
   await away.waitForFunction(() => document.getElementById("answer").dataset.state === "trusted", undefined, { timeout: 120_000 });
-  check("it goes on where the camera is back", await away.locator("#follow").getAttribute("aria-pressed") === "true");
+  check("following continues when the camera is back", await away.locator("#follow").getAttribute("aria-pressed") === "true");
   await away.locator("#follow").click();
   await walking.close();
 
   console.log("== the example");
-  const example = await between(served, seen, (url) => {
+  const example = await recordingProxy(served, seen, (url) => {
     if (url === "/") return path.join(root, "examples/web/index.html");
     const name = url.match(/^\/veiloc\/([\w.-]+)$/)?.[1];
     return name ? path.join(root, "bindings/web/js", name) : null;
@@ -256,23 +254,23 @@ async function main() {
   await small.waitForFunction(() => document.getElementById("answer").value.startsWith("At "), undefined, { timeout: 30_000 });
   check("30 lines are enough", readFileSync(path.join(root, "examples/web/index.html"), "utf8").trim().split("\n").length <= 30, await small.locator("#answer").textContent());
 
-  console.log("== a service that asks for a token");
-  const { address: asking, token } = await guarded();
+  console.log("== a service that requires a token");
+  const { address: protectedService, token } = await serveWithToken();
   const seenThere = [];
-  const there = await between(asking, seenThere);
+  const there = await recordingProxy(protectedService, seenThere);
   const guest = await open(last, there, tried);
   await answered(guest, "failed");
   await screens(guest, "token");
   await guest.locator("#token").fill(token);
   await guest.keyboard.press("Tab");
   await guest.waitForFunction(() => document.getElementById("answer").dataset.state === "" && document.getElementById("sent").children.length >= 2);
-  check("with the token it is ready, and no points are shown", !seenThere.some((request) => request.url.includes("points")));
-  const hidden = await fetch(`${asking}/page/points/place`);
-  check("points are nobody's without a token", hidden.status === 401);
+  check("the token is accepted, and no points are requested", !seenThere.some((request) => request.url.includes("points")));
+  const denied = await fetch(`${protectedService}/page/points/place`);
+  check("points are refused without a token", denied.status === 401);
   await last.close();
 
   const all = [...seen, ...seenThere];
-  const queries = account(all, tried, [address, there, example], profile);
+  const queries = checkRequests(all, tried, [address, there, example], profile);
   writeFileSync(path.join(out, "web.json"), JSON.stringify({ ratio, requests: all.length, queries }, null, 1));
 }
 

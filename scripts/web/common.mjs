@@ -1,5 +1,5 @@
-// What the scripts of all browsers share: programs that serve, a listener between browser and service that keeps what is sent,
-// the same seals in a browser and natively, and the account of all that was sent.
+// Shared code of the browser tests: starts services, records requests in a proxy, compares seals of browser and native program, and
+// checks all requests.
 import { execFileSync, spawn } from "node:child_process";
 import { createHash } from "node:crypto";
 import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -36,36 +36,36 @@ export const check = (what, holds, more = "") => {
 
 export const closing = [];
 
-/** Runs a script to its end, closes what it opened, and ends with what was found. */
+/** Runs a script, closes its resources, and exits with 1 if a check failed. */
 export async function run(main) {
   try {
     await main();
   } catch (error) {
-    check("it ran to its end", false, error.stack);
+    check("the script ended without an exception", false, error.stack);
   }
   for (const close of closing.reverse()) await close();
-  if (wrong) console.log(`${wrong} wrong`);
+  if (wrong) console.log(`${wrong} checks failed`);
   process.exit(wrong ? 1 : 0);
 }
 
-/** A program that serves; resolves with the address it names. */
+/** Starts a service; resolves with the address that it prints. */
 export function serve(...args) {
   const child = spawn(veiloc, args, { cwd: root, stdio: ["ignore", "pipe", "pipe"] });
   closing.push(() => child.kill("SIGINT"));
   return new Promise((done, fail) => {
-    let said = "";
+    let output = "";
     const listen = (data) => {
-      said += data;
-      const address = said.match(/(?:is|serving \S+) on (http:\/\/\S+)/);
+      output += data;
+      const address = output.match(/(?:is|serving \S+) on (http:\/\/\S+)/);
       if (address) done(address[1]);
     };
     child.stdout.on("data", listen);
     child.stderr.on("data", listen);
-    child.on("exit", (code) => fail(new Error(`veiloc ${args[0]} ended with ${code}: ${said.slice(-2000)}`)));
+    child.on("exit", (code) => fail(new Error(`veiloc ${args[0]} ended with ${code}: ${output.slice(-2000)}`)));
   });
 }
 
-/** The demo with its page: its address, its hidden views, and the file of its map's profile. */
+/** Starts the demo with its page: its address, its example images, and the file of its map's profile. */
 export async function demo() {
   const address = given.demo ?? await serve("demo", "--page", "--page-folder", pageFolder, "--listen", "127.0.0.1:0", "--out", place);
   const profile = path.join(out, "demo.vprofile");
@@ -74,8 +74,8 @@ export async function demo() {
   return { address, views, profile };
 }
 
-/** The demo's map at a service that asks for a token, and that token. */
-export async function guarded() {
+/** Starts a service that requires a token, with the demo's map; returns its address and the token. */
+export async function serveWithToken() {
   const tokens = path.join(out, "tokens");
   rmSync(tokens, { force: true });
   const token = execFileSync(veiloc, ["token", "new", "phone", "--tokens", tokens, "--maps", "place"], { encoding: "utf8" }).match(/\S{20,}/)[0];
@@ -84,8 +84,8 @@ export async function guarded() {
   return { address, token };
 }
 
-/** What the browser talks to: passes everything on to the service, and keeps what it was sent. `files` it answers itself. */
-export async function between(service, seen, files = () => null) {
+/** A proxy between browser and service that records all requests in `seen`. It answers requests for `files` itself. */
+export async function recordingProxy(service, seen, files = () => null) {
   const { hostname, port } = new URL(service);
   const proxy = http.createServer((request, response) => {
     const file = files(request.url);
@@ -100,13 +100,13 @@ export async function between(service, seen, files = () => null) {
       const body = Buffer.concat(parts);
       const entry = { method: request.method, url: request.url, headers: request.headers, body };
       seen.push(entry);
-      const on = http.request({ hostname, port, method: request.method, path: request.url, headers: request.headers }, (reply) => {
+      const forwarded = http.request({ hostname, port, method: request.method, path: request.url, headers: request.headers }, (reply) => {
         Object.assign(entry, { status: reply.statusCode, encoding: reply.headers["content-encoding"], length: Number(reply.headers["content-length"] ?? 0) });
         response.writeHead(reply.statusCode, reply.headers);
         reply.pipe(response);
       });
-      on.on("error", () => response.destroy());
-      on.end(body);
+      forwarded.on("error", () => response.destroy());
+      forwarded.end(body);
     });
   });
   await new Promise((done) => proxy.listen(0, "127.0.0.1", done));
@@ -114,12 +114,12 @@ export async function between(service, seen, files = () => null) {
   return `http://127.0.0.1:${proxy.address().port}/`;
 }
 
-/** In the page: seals a view with given random bytes six times; hash of the bytes, and milliseconds of the fastest. */
-async function sealThere({ view, seed }) {
+/** In the page: seals a view six times with given random bytes; returns the hash of the bytes, and milliseconds of the fastest run. */
+async function sealInPage({ view, seed }) {
   const { Core } = await import("/page/core.js");
   const core = await Core.load(fetch("/page/veiloc.wasm"));
   const profile = new Uint8Array(await (await fetch("/v1/maps/demo/profile")).arrayBuffer());
-  const { head: kept } = core.call({ op: "profile" }, profile);
+  const { head: stored } = core.call({ op: "profile" }, profile);
   const blob = await (await fetch(`/page/${view.file}`)).blob();
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   const { width, height } = bitmap;
@@ -130,14 +130,14 @@ async function sealThere({ view, seed }) {
   let sealed;
   for (let round = 0; round < 6; round += 1) {
     const began = performance.now();
-    sealed = core.call({ op: "seal", profile: kept.profile, width, height, camera: view.camera }, Uint8Array.from(seed), data);
+    sealed = core.call({ op: "seal", profile: stored.profile, width, height, camera: view.camera }, Uint8Array.from(seed), data);
     best = Math.min(best, performance.now() - began);
   }
   const hash = await crypto.subtle.digest("SHA-256", sealed.bytes);
   return { best, rows: sealed.head.rows, hash: [...new Uint8Array(hash)] };
 }
 
-/** Seals so many times as `--seals` says, and nothing else; whether it was said. */
+/** With `--seals N`, compares seals N times; returns whether the option is given. */
 export async function onlySeals(page, views, profile) {
   const medians = [];
   for (let run = 0; run < Number(given.seals ?? 0); run += 1) medians.push(await sealsAreEqual(page, views, profile));
@@ -145,9 +145,9 @@ export async function onlySeals(page, views, profile) {
   return medians.length > 0;
 }
 
-/** Seals views in the browser and natively, to the bit; the median of the times' ratios. */
+/** Checks that browser and native program seal views to the same bytes; returns the median ratio of their times. */
 export async function sealsAreEqual(page, views, profile) {
-  console.log("== seals in the browser and natively");
+  console.log("== seals of the browser and of the native program");
   const ratios = [];
   for (const [index, view] of views.entries()) {
     const seed = createHash("sha256").update(view.file).digest();
@@ -155,7 +155,7 @@ export async function sealsAreEqual(page, views, profile) {
     const image = path.join(place, "images", view.file);
     const native = (threads) => Number(execFileSync(given.native, ["seal", image, view.camera, profile, seed.toString("hex"), file, "5"], { encoding: "utf8", env: { ...process.env, ...(threads && { RAYON_NUM_THREADS: threads }) } }));
     const [all, one] = [native(""), native("1")];
-    const own = await page.evaluate(sealThere, { view, seed: [...seed] });
+    const own = await page.evaluate(sealInPage, { view, seed: [...seed] });
     const same = createHash("sha256").update(readFileSync(file)).digest().equals(Buffer.from(own.hash));
     ratios.push(own.best / all);
     check(`${view.file}: the same ${own.rows} rows`, same, `browser ${own.best.toFixed(0)} ms, native ${all.toFixed(0)} ms (one thread ${one.toFixed(0)} ms)`);
@@ -165,11 +165,11 @@ export async function sealsAreEqual(page, views, profile) {
   return ratio;
 }
 
-/** In the page, where the layout of the graph runs on what the camera sees: how often "what leaves" was drawn while it did. */
+/** In the page, while the graph attack runs on a camera image: counts how often "Leaves this device" is drawn meanwhile. */
 export function drawnWhileAttacking() {
   return new Promise((done) => {
     const attack = document.getElementById("attack-text");
-    const isAttacking = () => attack.textContent.startsWith("Laying out");
+    const isAttacking = () => attack.textContent.startsWith("The attack is running");
     let drawn = 0;
     const leaves = new MutationObserver(() => {
       if (isAttacking()) drawn += 1;
@@ -179,40 +179,40 @@ export function drawnWhileAttacking() {
     const end = new MutationObserver(() => {
       if (isAttacking()) return;
       for (const observer of [leaves, end]) observer.disconnect();
-      done({ began, drawn, told: attack.textContent });
+      done({ began, drawn, text: attack.textContent });
     });
     end.observe(attack, { childList: true });
   });
 }
 
-// Headers that a browser sends of itself, or that HTTP needs.
+// Headers that browsers send by default or that HTTP needs.
 const HEADERS = new Set(["host", "connection", "user-agent", "accept", "accept-encoding", "accept-language", "content-type", "content-length", "origin", "authorization", "cache-control", "pragma", "priority", "if-none-match", "upgrade-insecure-requests"]);
 
 /**
- * All that was sent, as the server's side got it (`all`) and as the browser tells it (`tried`): to `own` addresses alone, and of
- * bodies nothing but sealed queries of the profile.
+ * Checks all requests, as the server received them (`all`) and as the browser reports them (`tried`): they go to `own` addresses
+ * only, and each body is a sealed query of the profile.
  */
-export function account(all, tried, own, profile) {
-  console.log("== all that was sent");
+export function checkRequests(all, tried, own, profile) {
+  console.log("== all requests");
   const files = [];
   for (const { method, url, headers, body } of all) {
     const known = /^\/$|^\/page\/[\w.-]+$|^\/page\/points\/\w+$|^\/v1\/maps$|^\/v1\/maps\/\w+\/(profile|localize)$/.test(url);
-    if (!known) check("an address of the service", false, `${method} ${url}`);
+    if (!known) check("only resources of the service are requested", false, `${method} ${url}`);
     const odd = Object.keys(headers).filter((name) => !HEADERS.has(name) && !name.startsWith("sec-"));
-    if (odd.length) check("no header of its own", false, `${url}: ${odd.join(" ")}`);
+    if (odd.length) check("no additional headers", false, `${url}: ${odd.join(" ")}`);
     if (method === "POST" && url.endsWith("/localize")) {
       const file = path.join(out, "sent", `${files.length}.vquery`);
       writeFileSync(file, body);
       files.push(file);
-    } else if (method !== "GET" || body.length) check("a request without a body", false, `${method} ${url}`);
+    } else if (method !== "GET" || body.length) check("requests other than queries have no body", false, `${method} ${url}`);
   }
   const queries = execFileSync(given.native, ["check", profile, ...files], { encoding: "utf8" }).trim().split("\n");
   check(`${all.length} requests, ${queries.length} of them with a body`, queries.length === files.length, `each a sealed query of the map: ${[...new Set(queries)].sort().join(", ")}`);
   const strange = [...new Set(tried)].filter((url) => !own.some((base) => url.startsWith(base)) && !/^(blob|data):/.test(url));
-  check("the browser tried nobody else", strange.length === 0, strange.join(" "));
-  const files2 = all.filter(({ url, method }) => method === "GET" && (url === "/" || url.startsWith("/page/")) && !url.startsWith("/page/points"));
-  const again = files2.filter(({ status }) => status === 304).length;
-  console.log(`     files of the page: ${files2.length} asked for, ${again} of them known already`);
+  check("the browser contacts no other server", strange.length === 0, strange.join(" "));
+  const pageFiles = all.filter(({ url, method }) => method === "GET" && (url === "/" || url.startsWith("/page/")) && !url.startsWith("/page/points"));
+  const cached = pageFiles.filter(({ status }) => status === 304).length;
+  console.log(`     files of the page: ${pageFiles.length} requests, ${cached} of them from the cache (304)`);
   writeFileSync(path.join(out, "requests.json"), JSON.stringify(all.map(({ headers, body, ...rest }) => ({ ...rest, headers: Object.keys(headers), bytes: body.length })), null, 1));
   return queries.length;
 }

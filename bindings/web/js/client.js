@@ -1,14 +1,14 @@
-// A positioning service, and who asks it. What is sent is a sealed query; a retry sends the same bytes (rule L7).
+// Client of a localization service. It sends sealed queries only; a retry sends the same bytes (rule L7).
 
 import { VeilocError } from "./core.js";
 
 const QUERY = "application/x-protobuf";
 /** Statuses after which the same bytes may be sent again. */
-const AGAIN = new Set([408, 429, 503, 504]);
+const RETRYABLE = new Set([408, 429, 503, 504]);
 
-/** Words of the other side, fit for a screen. */
+/** Text from the service, made safe to display. */
 const printable = (text) =>
-  // Controls, and marks that turn the direction of writing.
+  // Removes control characters and marks that change the direction of text.
   String(text ?? "").replace(/[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]/g, "").slice(0, 500);
 
 const isLoopback = (host) => host === "localhost" || host === "[::1]" || /^127(\.\d+){3}$/.test(host);
@@ -30,38 +30,38 @@ export class Client {
     const url = new URL(server, globalThis.location?.href);
     const plain = url.protocol === "http:" && !isLoopback(url.hostname) && !options.insecureHttp;
     if (plain || !/^https?:$/.test(url.protocol)) {
-      throw new VeilocError("address", `${url.origin}: token and query would travel in the open; use https`);
+      throw new VeilocError("address", `${url.origin}: plain HTTP would send token and query unencrypted; use https`);
     }
     if (url.username || url.password || url.search || url.hash) {
-      throw new VeilocError("address", `${url.origin}: give scheme, host, port and path; identify with a token`);
+      throw new VeilocError("address", `${url.origin}: the address may have scheme, host, port and path only; use a token to authenticate`);
     }
     const token = options.token?.trim();
-    if (token && !/^[\x21-\x7e]+$/.test(token)) throw new VeilocError("token", "a token is one word");
+    if (token && !/^[\x21-\x7e]+$/.test(token)) throw new VeilocError("token", "a token has no spaces and only ASCII characters");
     this.#base = url.href.replace(/\/+$/, "");
     this.#options = { retries: 4, longestPause: 20_000, timeout: 60_000, ...options, token };
   }
 
-  /** The maps that the token may ask for. */
+  /** The maps that the token gives access to. */
   async maps() {
-    const reply = await this.#ask(`${this.#base}/v1/maps`, {});
+    const reply = await this.#fetch(`${this.#base}/v1/maps`, {});
     return (await json(reply)).maps.map((map) => ({ ...map, name: printable(map.name) }));
   }
 
-  /** The current profile of a map, to be given to `load`. */
+  /** The current profile of a map, for `load`. */
   async profile(map) {
-    const reply = await this.#ask(this.#of(map, "profile"), {});
+    const reply = await this.#fetch(this.#resource(map, "profile"), {});
     check(reply, QUERY);
     return new Uint8Array(await reply.arrayBuffer());
   }
 
-  /** The answer to a sealed query: its bytes, or what `device.sealed` gave. */
+  /** Localizes a sealed query, given as its bytes or as the result of `device.sealed`. */
   async localize(map, query, options = {}) {
     if (query.lopsided) throw new VeilocError("lopsided", query.lopsided);
     const bytes = query instanceof Uint8Array ? query : query.bytes;
     return this.#localize(map, bytes, options);
   }
 
-  /** The same in steps, no more of them than a trusted pose takes (decision 0020). */
+  /** Localizes in steps, and stops at the first trusted pose (decision 0020). */
   async localizeProgressive(map, sealed, options = {}) {
     if (sealed.lopsided) throw new VeilocError("lopsided", sealed.lopsided);
     const steps = [];
@@ -88,27 +88,27 @@ export class Client {
     const headers = { "content-type": QUERY, accept: "application/json" };
     if (trustedOnly) headers["veiloc-trusted-only"] = "true";
     if (near) headers["veiloc-near"] = near.join(",");
-    const reply = await this.#ask(this.#of(map, "localize"), { method: "POST", headers, body: bytes }, signal);
+    const reply = await this.#fetch(this.#resource(map, "localize"), { method: "POST", headers, body: bytes }, signal);
     const answer = await json(reply);
     if (typeof answer.trusted !== "boolean" || !Array.isArray(answer.doubts)) {
-      throw new VeilocError("bad-answer", "the answer is none of a positioning service");
+      throw new VeilocError("bad-answer", "the answer does not come from a localization service");
     }
     for (const doubt of answer.doubts) doubt.text = printable(doubt.text);
     if (trustedOnly && !answer.trusted) {
-      // A service that knows nothing of the wish tells the pose: then it is withheld here.
+      // A service that ignores the header sends the doubtful pose all the same.
       for (const field of ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"]) delete answer[field];
     }
     return answer;
   }
 
-  #of(map, resource) {
+  #resource(map, resource) {
     if (!/^[A-Za-z0-9_.-]{1,64}$/.test(map) || map === "." || map === "..") {
-      throw new VeilocError("map-name", `${printable(map)} is no name of a map`);
+      throw new VeilocError("map-name", `${printable(map)} is not a valid map name`);
     }
     return `${this.#base}/v1/maps/${map}/${resource}`;
   }
 
-  async #ask(url, request, signal) {
+  async #fetch(url, request, signal) {
     const { token, retries, longestPause, timeout } = this.#options;
     const headers = { ...request.headers, ...(token && { authorization: `Bearer ${token}` }) };
     for (let tries = 0; ; tries += 1) {
@@ -119,7 +119,7 @@ export class Client {
         reply = await fetch(url, {
           ...request,
           headers,
-          // Nothing of the browser's own goes along, and nobody else is asked.
+          // Sends no cookies and no referrer, and follows no redirect to another server.
           credentials: "omit",
           referrerPolicy: "no-referrer",
           redirect: "error",
@@ -142,29 +142,29 @@ async function refusal(reply) {
   const document = await reply.json().catch(() => ({}));
   const problem = printable(document?.type).replace(/^urn:veiloc:problem:/, "");
   const { status } = reply;
-  const words = document?.detail ? `${printable(document.title)}: ${printable(document.detail)}` : `the service answered with status ${status}`;
+  const message = document?.detail ? `${printable(document.title)}: ${printable(document.detail)}` : `the service answered with status ${status}`;
   let kind = "refused";
   if (status === 422) kind = "not-localized";
   else if (status === 401) kind = "token";
   else if (problem === "wrong-profile") kind = "wrong-profile";
-  else if (AGAIN.has(status)) kind = "busy";
+  else if (RETRYABLE.has(status)) kind = "busy";
   const seconds = Number.parseFloat(reply.headers.get("retry-after"));
-  return new VeilocError(kind, words, {
+  return new VeilocError(kind, message, {
     status,
     problem,
-    maySendAgain: AGAIN.has(status),
+    maySendAgain: RETRYABLE.has(status),
     ...(Number.isFinite(seconds) && { retryAfter: seconds }),
   });
 }
 
 function check(reply, type) {
-  const own = (reply.headers.get("content-type") ?? "").split(";")[0].trim().toLowerCase();
-  if (own !== type) throw new VeilocError("bad-answer", `the answer is ${printable(own)}, not ${type}; perhaps another service answered`);
+  const actual = (reply.headers.get("content-type") ?? "").split(";")[0].trim().toLowerCase();
+  if (actual !== type) throw new VeilocError("bad-answer", `the answer has type ${printable(actual)}, not ${type}; is this the address of a veiloc service?`);
 }
 
 async function json(reply) {
   check(reply, "application/json");
   return reply.json().catch(() => {
-    throw new VeilocError("bad-answer", "the answer is no JSON");
+    throw new VeilocError("bad-answer", "the answer is not valid JSON");
   });
 }

@@ -1,6 +1,6 @@
-// The WebAssembly and how it is talked to: one message in, one reply out (bindings/web/src/message.rs).
+// Calls the WebAssembly module: one message in, one reply out (bindings/web/src/message.rs).
 
-/** An error with a name for programs. */
+/** An error; `kind` is its name for programs. */
 export class VeilocError extends Error {
   constructor(kind, message, more = {}) {
     super(message);
@@ -10,14 +10,14 @@ export class VeilocError extends Error {
   }
 }
 
-/** The library of one worker. */
+/** The WebAssembly instance of one worker. */
 export class Core {
   #exports;
 
-  /** What it was compiled to, for other workers. */
+  /** The compiled module, for other workers. */
   module;
 
-  /** From the bytes, or what `fetch` gives, or a compiled module. It imports nothing: what it cannot be given it cannot reach. */
+  /** From bytes, a response of `fetch`, or a compiled module. The module has no imports, so it cannot use any browser API. */
   static async load(source) {
     const core = new Core();
     let instance;
@@ -33,13 +33,13 @@ export class Core {
     return core;
   }
 
-  /** Does what `head` asks for with the bytes behind it, given in parts; throws `VeilocError`. */
+  /** Runs the call `head` with a payload, given in parts; throws `VeilocError`. */
   call(head, ...parts) {
-    const { memory, veiloc_room, veiloc_call, veiloc_reply } = this.#exports;
+    const { memory, veiloc_allocate, veiloc_call, veiloc_reply } = this.#exports;
     const text = new TextEncoder().encode(JSON.stringify(head));
     const length = parts.reduce((sum, part) => sum + part.byteLength, 4 + text.byteLength);
-    let at = veiloc_room(length) >>> 0;
-    if (at === 0) throw new VeilocError("image", "the image is larger than any that is read");
+    let at = veiloc_allocate(length) >>> 0;
+    if (at === 0) throw new VeilocError("image", "the image is too large");
     new DataView(memory.buffer).setUint32(at, text.byteLength, true);
     at += 4;
     for (const part of [text, ...parts]) {

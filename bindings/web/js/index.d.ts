@@ -1,120 +1,122 @@
 /**
- * Private visual localization in the browser: an image is sealed on the device, and only the sealed query leaves it.
+ * Private visual localization in the browser: the device seals an image, and only the sealed query leaves it.
  *
  * Lengths are in map units, pixels are COLMAP's (the centre of the first pixel is at 0.5, 0.5), quaternions are `w x y z`.
  */
 
-/** Anything the browser can draw, or pixels: `[height, width, 4]` bytes of red, green, blue and alpha. */
+/** Any image that the browser can draw, or pixels: `[height, width, 4]` bytes of red, green, blue and alpha. */
 export type ImageLike = ImageBitmapSource | { width: number; height: number; data: Uint8ClampedArray | Uint8Array };
 
-/** A camera as COLMAP writes it, `MODEL,WIDTH,HEIGHT,PARAMS…`; `null` guesses the focal length, and the query says so. */
+/** A COLMAP camera, `MODEL,WIDTH,HEIGHT,PARAMS…`; `null` guesses the focal length, and the query marks it as unknown. */
 export type Camera = string | null;
 
 export interface LoadOptions {
   /**
-   * How a worker that runs `veiloc/worker.js` is started, where the bundler makes one: attacks have another than seals. A worker
-   * by itself seals, and attacks are given one of the package's own. Default: the package's own.
+   * A function that starts a worker with `veiloc/worker.js`, for bundlers; it is called again for attacks. If you give a worker
+   * instead, it seals, and attacks use a worker of the package. Default: workers of the package.
    */
   worker?: Worker | (() => Worker);
-  /** Where `veiloc.wasm` is, or the compiled module; default: beside the package's own files. */
+  /** Address of `veiloc.wasm`, or the compiled module. Default: the file of the package. */
   wasm?: string | URL | WebAssembly.Module;
 }
 
-/** How the device held its camera: what `orientationOf` gives. */
+/** Orientation of the camera, as `orientationOf` returns it. */
 export interface Held {
-  /** Rotation from a frame that stays in the world to the camera (x right, y down, z ahead). */
+  /** Rotation from a fixed world frame to the camera (x right, y down, z forward). */
   orientation: [number, number, number, number];
-  /** Where things fall, in the camera's axes. */
+  /** Down direction in the camera frame. */
   down?: [number, number, number];
 }
 
 export interface SealOptions {
-  /** How positions are hidden: `dcl` (default), `dcl:LAYOUT`, `random-lines` or `coordinate-permutation`. */
+  /** How keypoint positions are obfuscated: `dcl` (default), `dcl:LAYOUT`, `random-lines` or `coordinate-permutation`. */
   scheme?: string;
-  /** Bits of an angle; default 12. */
+  /** Bits of each quantized angle; default 12. */
   angleBits?: number;
-  /** Most keypoints that are sent; default: what the profile asks for, at most 2048. */
+  /** Most keypoints to send; default: the number that the profile requests, at most 2048. */
   maxKeypoints?: number;
-  /** The session that the image is a frame of. */
+  /** The session that the image belongs to. */
   session?: Session;
-  /** How the camera was held; read in a session only. */
+  /** Orientation of the camera; used only in a session. */
   held?: Held | null;
 }
 
-/** Makes ready to seal for the map of a profile: starts a worker with the WebAssembly. */
+/** Prepares to seal for the map of a profile: starts a worker with the WebAssembly module. */
 export function load(profile: Uint8Array, options?: LoadOptions): Promise<Device>;
 
 export interface Device {
-  /** Name of the profile: 32 hexadecimal digits. */
+  /** Identifier of the profile: 32 hexadecimal digits. */
   readonly id: string;
-  /** Kind of descriptors. */
+  /** Name of the descriptor type. */
   readonly descriptor: string;
   readonly maxKeypoints: number;
   readonly maxImageSide: number;
   /**
-   * The bytes to send. Seal an image once: when the network fails, send the same bytes again.
-   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `lopsided` (not worth sending); in a session
-   * `too-many-starts` (one more image of this place would tell too much, as nothing says how it is held) and `turned-away`.
+   * Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again.
+   *
+   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `lopsided` (the query cannot determine a pose);
+   * in a session `too-many-starts` (without an orientation, another image of this scene would reveal too much) and `turned-away`
+   * (the camera has turned away from the session's anchors).
    */
   seal(image: ImageLike, camera?: Camera, options?: SealOptions): Promise<Uint8Array>;
-  /** The same with what is known of the query. */
+  /** Seals an image and returns the query with its steps and counts. */
   sealed(image: ImageLike, camera?: Camera, options?: SealOptions): Promise<Sealed>;
   /**
-   * Begins a session, or goes on with one. Several images of one place belong in one.
-   * `anchors`: what they are tied to, `world` (default), `gravity` or `image`.
+   * Starts a session, or resumes one from its bytes. Use one session for several images of one scene.
+   * `anchors`: the frame in which the anchors are fixed, `world` (default), `gravity` or `image`.
    */
   session(options?: { anchors?: "world" | "gravity" | "image"; bytes?: Uint8Array }): Promise<Session>;
-  /** Ends the workers, with everything they know. */
+  /** Terminates the workers and discards their state. */
   close(): void;
 }
 
 export interface Session {
-  /** What it remembers, to go on with it later. A secret: it holds where keypoints were. */
+  /** The state of the session, to resume it later. Keep it secret: it holds keypoint positions. */
   bytes(): Promise<Uint8Array>;
 }
 
 export interface Sealed {
-  /** What may be sent. */
+  /** The bytes to send. */
   readonly bytes: Uint8Array;
   readonly rows: number;
-  /** Keypoints that were found; the query may hold fewer. */
+  /** Number of keypoints found; the query may hold fewer. */
   readonly keypoints: number;
   readonly scheme: string;
-  /** Width, height and focal length of the camera it is told in, pixels. */
+  /** Width, height and focal length of the query's camera, pixels. */
   readonly camera: [number, number, number];
   /** How well the focal length is known. */
   readonly focal: "calibrated" | "exif" | "unknown";
   /** Rows of each step of a progressive query. */
   readonly steps: number[];
-  /** Why it could not fix a pose and is not sent; `null` when it can. */
+  /** Why the query cannot determine a pose and is not sent; `null` when it can. */
   readonly lopsided: string | null;
-  /** Frames and starts of its session. */
+  /** Number of frames in the session, and how often it chose new anchors; `null` without a session. */
   readonly frames: number | null;
   readonly starts: number | null;
-  /** Extraction and sealing in the worker. */
+  /** Time of extraction and sealing in the worker. */
   readonly milliseconds: number;
-  /** The bytes of its first rows: one of `steps`. */
+  /** The bytes of the first `rows` rows; `rows` is one of `steps`. */
   step(rows: number): Promise<Uint8Array>;
-  /** What it tells, and what it hides: for this screen only. */
+  /** The lines that the query holds and the keypoints that it hides; only for the screen of this device. */
   show(): Promise<Shown>;
-  /** What an attack of the audit makes of it. It runs in a worker of its own, and holds up no seal; a `signal` gives it up. */
+  /** Runs an attack of the audit on the query, in a worker of its own, so sealing does not wait. `signal` aborts it. */
   attack(attack?: Attack, options?: { signal?: AbortSignal }): Promise<Attacked>;
-  /** Gives back what the worker keeps of it. */
+  /** Frees the query in the worker. */
   free(): Promise<void>;
 }
 
-/** Attacks of the audit. All but `prior` are told every keypoint's true neighbours, which a query does not tell. */
+/** Attacks of the audit. All but `prior` get the true neighbours of each keypoint, which a query does not hold. */
 export type Attack = "prior" | "closed-form" | "closed-form-informed" | "graph";
 
 export interface Shown {
   /** The camera of the query, pixels. */
   width: number;
   height: number;
-  /** Anchors that lie somewhere. */
+  /** Anchors at a finite position, pixels. */
   anchors: [number, number][];
-  /** `[S, 4]`: where keypoints may be, u and v of both ends. */
+  /** `[S, 4]`: segments on which the keypoints lie, u and v of both ends. */
   segments: Float32Array;
-  /** `[K, 2]`: keypoints found, in the image that was given. */
+  /** `[K, 2]`: keypoints found, in the original image. */
   keypoints: Float32Array;
   /** `[R, 2]`: keypoints sent, in the camera of the query. */
   hidden: Float32Array;
@@ -122,51 +124,53 @@ export interface Shown {
 
 export interface Attacked {
   attack: Attack;
+  /** Description of the attack. */
   words: string;
+  /** Whether the attack got the true neighbours. */
   toldNeighbours: boolean;
   width: number;
   height: number;
   count: number;
   /** Median error, pixels of the query's camera. */
   medianPx: number | null;
-  /** Share of answers nearer than 10 pixels. */
+  /** Share of keypoints recovered within 10 pixels. */
   under10px: number | null;
-  /** Median error of the guess that uses no neighbours. */
+  /** Median error of the prior-only baseline, which uses each line alone. */
   guessMedianPx: number | null;
-  /** `[R, 2]` */
+  /** `[R, 2]`: keypoints that the attack recovered. */
   answers: Float32Array;
-  /** `[R, 2]` */
+  /** `[R, 2]`: true keypoints. */
   truth: Float32Array;
 }
 
 export interface ClientOptions {
-  /** Who asks. */
+  /** Bearer token. */
   token?: string;
-  /** Speak plain HTTP beyond this machine. */
+  /** Allow plain HTTP to other machines. */
   insecureHttp?: boolean;
-  /** How often the same bytes are sent again; default 4. */
+  /** How many times to send the same bytes again; default 4. */
   retries?: number;
-  /** A service that asks for a longer pause is not waited for, milliseconds; default 20000. */
+  /** Longest `Retry-After` to wait for, milliseconds; default 20000. */
   longestPause?: number;
-  /** For each attempt, milliseconds; default 60000. */
+  /** Timeout of each attempt, milliseconds; default 60000. */
   timeout?: number;
 }
 
 export interface LocalizeOptions {
-  /** A doubtful pose is withheld. */
+  /** Return no pose when it is doubtful. */
   trustedOnly?: boolean;
-  /** Where the camera roughly is: `X, Y, Z, SD`. It tells the service that much even when no pose is found. */
+  /** Approximate position of the camera and its standard deviation, `X, Y, Z, SD`. The service learns it even if it finds no pose. */
   near?: [number, number, number, number];
   signal?: AbortSignal;
 }
 
-/** A positioning service, and who asks it. It takes sealed queries and nothing else. */
+/** Client of a localization service. It sends sealed queries only. */
 export class Client {
   constructor(server: string | URL, options?: ClientOptions);
   maps(): Promise<MapEntry[]>;
   profile(map: string): Promise<Uint8Array>;
   localize(map: string, query: Uint8Array | Sealed, options?: LocalizeOptions): Promise<Answer>;
-  /** In steps, no more of them than a trusted pose takes, or one as exact as `accurateTo` (map units). */
+  /** Localizes in steps, and stops at the first trusted pose whose `position_sd` is at most `accurateTo` (map units). */
   localizeProgressive(
     map: string,
     query: Sealed,
@@ -187,7 +191,7 @@ export interface Step {
   outcome: "trusted" | "doubtful" | "not-found";
 }
 
-/** Field by field what `docs/reference/http.md` lists. */
+/** The answer; `docs/service.md` describes each field. */
 export interface Answer {
   version: 1;
   map: string;
@@ -197,7 +201,7 @@ export interface Answer {
   center?: [number, number, number];
   covariance?: (number | null)[][];
   center_covariance?: (number | null)[][];
-  /** The ±; `null` when a direction is free. */
+  /** Standard deviation of the position; `null` when it is undetermined in some direction. */
   position_sd?: number | null;
   noise_px?: number;
   focal_scale?: number;
@@ -211,25 +215,25 @@ export interface Answer {
 }
 
 /**
- * What went wrong. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `lopsided`, `too-many-starts`, `turned-away`, `session`,
- * `query`, `gone`, `attack`, `worker`, `broken`, `closed` of the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`, `not-localized`,
- * `wrong-profile`, `bad-answer` of the client.
+ * An error. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `lopsided`, `too-many-starts`, `turned-away`, `session`,
+ * `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`,
+ * `not-localized`, `wrong-profile`, `bad-answer` from the client.
  */
 export class VeilocError extends Error {
   kind: string;
   status?: number;
   problem?: string;
-  /** Seconds. */
+  /** Seconds to wait before a retry. */
   retryAfter?: number;
   /** Whether the same bytes may be sent again. */
   maySendAgain?: boolean;
 }
 
-/** From the angles of a `deviceorientation` event and that of the screen, degrees. */
+/** Orientation of the camera from the angles of a `deviceorientation` event and the angle of the screen, degrees. */
 export function orientationOf(
   event: { alpha: number | null; beta: number | null; gamma: number | null },
   screenAngle?: number,
 ): Required<Held> | null;
 
-/** Listens to the sensors; call it from a click, for browsers that ask their user first. */
+/** Starts to read the motion sensors. Call it from a click handler: some browsers ask the user for permission. */
 export function watchOrientation(): Promise<{ now(): Required<Held> | null; stop(): void }>;

@@ -1,4 +1,4 @@
-// Private visual localization in the browser: an image is sealed here, and only the sealed query leaves the device.
+// Private visual localization in the browser: the device seals an image, and only the sealed query leaves it.
 //
 //   import { Client, load } from "veiloc";
 //   const client = new Client("https://places.example:8443", { token });
@@ -12,8 +12,8 @@ export { Client } from "./client.js";
 export { orientationOf, watchOrientation } from "./orientation.js";
 export { VeilocError };
 
-/** A worker and what it was asked. It is ended with `device.close()`. */
-class Crew {
+/** A worker and its pending calls. `device.close()` ends it. */
+class WorkerConnection {
   #worker;
   #waiting = new Map();
   #last = 0;
@@ -29,7 +29,7 @@ class Crew {
     worker.onerror = (event) => this.end(new VeilocError("worker", event.message || "the worker could not be started"));
   }
 
-  ask(job, rest = {}, transfer = []) {
+  request(job, rest = {}, transfer = []) {
     if (!this.#worker) return Promise.reject(new VeilocError("closed", "the device was closed"));
     this.#last += 1;
     const id = this.#last;
@@ -48,13 +48,13 @@ class Crew {
 }
 
 /**
- * Attacks in a worker of their own, one after the other: they take seconds, and the worker that seals has none. It is started
- * with the first attack. An attack that is given up ends with its worker, for WebAssembly cannot be told to stop.
+ * Runs attacks one after the other in a worker of their own, because they take seconds and must not delay sealing. The first
+ * attack starts the worker. To abort an attack the worker is terminated, because WebAssembly cannot be interrupted.
  */
-class Attackers {
+class AttackQueue {
   #start;
   #module;
-  #crew = null;
+  #connection = null;
   #last = Promise.resolve();
   #closed = false;
 
@@ -63,7 +63,7 @@ class Attackers {
     this.#module = module;
   }
 
-  ask(head, bytes, signal) {
+  request(head, bytes, signal) {
     const own = this.#last.then(() => this.#run(head, bytes, signal));
     this.#last = own.catch(() => {});
     return own;
@@ -72,21 +72,21 @@ class Attackers {
   async #run(head, bytes, signal) {
     signal?.throwIfAborted();
     if (this.#closed) throw new VeilocError("closed", "the device was closed");
-    const isNew = !this.#crew;
-    this.#crew ??= new Crew(this.#start());
-    const crew = this.#crew;
-    const giveUp = (reason) => {
-      crew.end(reason);
-      if (this.#crew === crew) this.#crew = null;
+    const isNew = !this.#connection;
+    this.#connection ??= new WorkerConnection(this.#start());
+    const connection = this.#connection;
+    const endWorker = (reason) => {
+      connection.end(reason);
+      if (this.#connection === connection) this.#connection = null;
     };
-    const aborted = () => giveUp(signal.reason);
+    const aborted = () => endWorker(signal.reason);
     signal?.addEventListener("abort", aborted, { once: true });
     try {
-      if (isNew) await crew.ask("load", { wasm: this.#module });
-      return await crew.ask("call", { head, bytes }, [bytes.buffer]);
+      if (isNew) await connection.request("load", { wasm: this.#module });
+      return await connection.request("call", { head, bytes }, [bytes.buffer]);
     } catch (error) {
-      // A worker that did not start, or whose library trapped, is of no more use.
-      if (["worker", "broken"].includes(error.kind)) giveUp(error);
+      // A worker that did not start, or whose library trapped, cannot be used any more.
+      if (["worker", "broken"].includes(error.kind)) endWorker(error);
       throw error;
     } finally {
       signal?.removeEventListener("abort", aborted);
@@ -95,102 +95,105 @@ class Attackers {
 
   end(reason) {
     this.#closed = true;
-    this.#crew?.end(reason);
+    this.#connection?.end(reason);
   }
 }
 
-/** Makes ready to seal for the map of a profile. */
+/** Prepares to seal for the map of a profile. */
 export async function load(profile, { worker, wasm = new URL("./veiloc.wasm", import.meta.url) } = {}) {
   const own = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "veiloc" });
   const start = typeof worker === "function" ? worker : own;
-  const crew = new Crew(worker instanceof Worker ? worker : start());
+  const connection = new WorkerConnection(worker instanceof Worker ? worker : start());
   try {
-    const { module } = await crew.ask("load", { wasm: wasm instanceof WebAssembly.Module ? wasm : String(wasm) });
-    const { head } = await crew.ask("call", { head: { op: "profile" }, bytes: profile });
-    return new Device(crew, new Attackers(start, module), head);
+    const { module } = await connection.request("load", { wasm: wasm instanceof WebAssembly.Module ? wasm : String(wasm) });
+    const { head } = await connection.request("call", { head: { op: "profile" }, bytes: profile });
+    return new Device(connection, new AttackQueue(start, module), head);
   } catch (error) {
-    crew.end(error);
+    connection.end(error);
     throw error;
   }
 }
 
 class Device {
-  #crew;
-  #attackers;
+  #connection;
+  #attacks;
   #profile;
 
-  constructor(crew, attackers, { profile, ...facts }) {
-    this.#crew = crew;
-    this.#attackers = attackers;
+  constructor(connection, attacks, { profile, ...facts }) {
+    this.#connection = connection;
+    this.#attacks = attacks;
     this.#profile = profile;
     Object.assign(this, facts);
   }
 
-  /** The bytes to send. Seal an image once; when the network fails, send the same bytes again. */
+  /** Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again. */
   async seal(image, camera = null, options = {}) {
     const sealed = await this.sealed(image, camera, options);
     if (sealed.lopsided) throw new VeilocError("lopsided", sealed.lopsided);
     return sealed.bytes;
   }
 
-  /** The same with what is known of the query: its steps, and what it shows. */
+  /** Seals an image and returns the query with its steps and counts. */
   async sealed(image, camera = null, { session, held, ...options } = {}) {
     const head = { op: "seal", profile: this.#profile, camera, ...options };
     if (session) Object.assign(head, { session: session.handle }, held);
-    const { head: told, bytes } = await this.#crew.ask("seal", ...(await given(head, image)));
-    return new Sealed(this.#crew, this.#attackers, told, bytes);
+    const { head: reply, bytes } = await this.#connection.request("seal", ...(await sealArguments(head, image)));
+    return new Sealed(this.#connection, this.#attacks, reply, bytes);
   }
 
-  /** Several images of one place belong in one session, so that their lines do not cross in what they show (rule L10). */
+  /**
+   * Starts or resumes a session. Seal several images of one scene in one session; otherwise their lines intersect at the keypoints
+   * (rule L10).
+   */
   async session({ anchors, bytes } = {}) {
     const { head } = bytes
-      ? await this.#crew.ask("call", { head: { op: "sessionFrom" }, bytes })
-      : await this.#crew.ask("session", { head: { op: "session", ...(anchors && { anchors }) } });
-    return new Session(this.#crew, head.session);
+      ? await this.#connection.request("call", { head: { op: "sessionFrom" }, bytes })
+      : await this.#connection.request("session", { head: { op: "session", ...(anchors && { anchors }) } });
+    return new Session(this.#connection, head.session);
   }
 
-  /** Ends the workers, with everything they know. */
+  /** Terminates the workers and discards their state. */
   close() {
     const reason = new VeilocError("closed", "the device was closed");
-    this.#crew.end(reason);
-    this.#attackers.end(reason);
+    this.#connection.end(reason);
+    this.#attacks.end(reason);
   }
 }
 
 class Session {
-  #crew;
+  #connection;
 
-  constructor(crew, handle) {
-    this.#crew = crew;
+  constructor(connection, handle) {
+    this.#connection = connection;
     this.handle = handle;
   }
 
-  /** What it remembers, to go on with it later. A secret: it holds where keypoints were. */
+  /** The state of the session, to resume it later. Keep it secret: it holds keypoint positions. */
   async bytes() {
-    return (await this.#crew.ask("call", { head: { op: "sessionBytes", session: this.handle } })).bytes;
+    return (await this.#connection.request("call", { head: { op: "sessionBytes", session: this.handle } })).bytes;
   }
 }
 
 class Sealed {
-  #crew;
-  #attackers;
+  #connection;
+  #attacks;
   #query;
 
-  constructor(crew, attackers, { query, ...facts }, bytes) {
-    this.#crew = crew;
-    this.#attackers = attackers;
+  constructor(connection, attacks, { query, ...facts }, bytes) {
+    this.#connection = connection;
+    this.#attacks = attacks;
     this.#query = query;
     Object.assign(this, facts, { bytes });
   }
 
-  /** The bytes of its first rows: one of `steps`. */
+  /** The bytes of the first `rows` rows; `rows` is one of `steps`. */
   async step(rows) {
-    return (await this.#crew.ask("call", { head: { op: "step", query: this.#query, rows } })).bytes;
+    return (await this.#connection.request("call", { head: { op: "step", query: this.#query, rows } })).bytes;
   }
 
-  /** What it tells, and what it hides: for this screen only. */
+  /** The lines that the query holds and the keypoints that it hides; only for the screen of this device. */
   async show() {
-    const { head, bytes } = await this.#crew.ask("call", { head: { op: "show", query: this.#query } });
+    const { head, bytes } = await this.#connection.request("call", { head: { op: "show", query: this.#query } });
     const numbers = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
     const found = 4 * head.segments;
     const hidden = found + 2 * head.keypoints;
@@ -204,22 +207,22 @@ class Sealed {
     };
   }
 
-  /** What an attack of the audit makes of it, in a worker of its own. A `signal` gives it up. */
+  /** Runs an attack of the audit on the query, in a worker of its own. `signal` aborts it. */
   async attack(attack = "closed-form", { signal } = {}) {
-    const exhibit = await this.#crew.ask("call", { head: { op: "exhibit", query: this.#query } });
-    const { head, bytes } = await this.#attackers.ask({ op: "attack", attack, ...exhibit.head }, exhibit.bytes, signal);
+    const exhibit = await this.#connection.request("call", { head: { op: "exhibit", query: this.#query } });
+    const { head, bytes } = await this.#attacks.request({ op: "attack", attack, ...exhibit.head }, exhibit.bytes, signal);
     const numbers = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
     return { ...head, answers: numbers.subarray(0, 2 * head.count), truth: numbers.subarray(2 * head.count) };
   }
 
-  /** Gives back what the worker keeps of it. */
+  /** Frees the query in the worker. */
   free() {
-    return this.#crew.ask("call", { head: { op: "free", handle: this.#query } }).then(() => undefined);
+    return this.#connection.request("call", { head: { op: "free", handle: this.#query } }).then(() => undefined);
   }
 }
 
-/** An image as the worker takes it: pixels as they are, everything else as a bitmap whose colours nobody converted. */
-async function given(head, image) {
+/** Arguments of the worker's `seal`: pixels unchanged, every other image as a bitmap without colour conversion. */
+async function sealArguments(head, image) {
   if (image?.data instanceof Uint8ClampedArray || image?.data instanceof Uint8Array) {
     const { width, height, data } = image;
     return [{ head, image: { width, height, data } }];
@@ -228,7 +231,7 @@ async function given(head, image) {
   try {
     bitmap = await createImageBitmap(image, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   } catch (error) {
-    throw new VeilocError("image", `this is no image that the browser reads: ${error.message}`);
+    throw new VeilocError("image", `the browser cannot read this image: ${error.message}`);
   }
   return [{ head, image: bitmap }, [bitmap]];
 }

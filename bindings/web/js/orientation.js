@@ -1,5 +1,5 @@
-// How the device holds its camera, from what the browser says of its sensors. It stays on the device: a query tells only how
-// the layout of its session is turned.
+// Orientation of the camera from the device's motion sensors. It stays on the device: a query holds only the rotation of its
+// session's layout.
 
 const times = ([a, b, c, d], [e, f, g, h]) => [
   a * e - b * f - c * g - d * h,
@@ -16,24 +16,24 @@ const about = (axis, degrees) => {
 };
 
 /**
- * Orientation of the camera at the back from the angles of a `deviceorientation` event and the angle of the screen, degrees:
- * the quaternion `w x y z` from the sensors' world (z up) to the camera (x right, y down, z ahead, of the frame as it is
- * shown), and where things fall in the camera's axes. `null` when a sensor says nothing.
+ * Orientation of the rear camera from the angles of a `deviceorientation` event and the angle of the screen, degrees: the
+ * quaternion `w x y z` from the sensors' world (z up) to the camera (x right, y down, z forward, in the displayed frame), and
+ * the down direction in the camera frame. `null` when an angle is missing.
  */
 export function orientationOf({ alpha, beta, gamma }, screenAngle = 0) {
   if (![alpha, beta, gamma, screenAngle].every(Number.isFinite)) return null;
-  // Intrinsic turns about z, x and y; then the screen against the device; then the camera's axes, half a turn about x.
+  // Intrinsic rotations about z, x and y; then screen against device; then the camera's axes, 180° about x.
   const device = times(times(about(3, alpha), about(1, beta)), about(2, gamma));
   const [w, x, y, z] = times(times(device, about(3, -screenAngle)), [0, 1, 0, 0]);
   const orientation = [w, -x, -y, -z];
-  // The world's (0, 0, -1), turned into the camera.
+  // The world's (0, 0, -1), rotated into the camera frame.
   const down = times(times(orientation, [0, 0, 0, -1]), [w, x, y, z]).slice(1);
   return { orientation, down };
 }
 
 /**
- * Listens to the sensors. To be called from a click where the browser asks its user first (Safari). `now()` is `null` until a
- * sensor has spoken, and where there is none.
+ * Starts to read the sensors. Call it from a click handler: some browsers (Safari) ask the user for permission. `now()` is `null`
+ * before the first event, and on devices without sensors.
  */
 export async function watchOrientation() {
   const ask = globalThis.DeviceOrientationEvent?.requestPermission;

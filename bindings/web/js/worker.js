@@ -1,4 +1,5 @@
-// A worker: seals, or attacks, off the page's own thread, so that the page stays awake. Pixels never leave the one that seals.
+// A worker that seals or attacks outside the page's thread, so that the page stays responsive. Pixels never leave the worker that
+// seals.
 
 import { Core, VeilocError } from "./core.js";
 
@@ -6,7 +7,7 @@ let core;
 
 const random = () => crypto.getRandomValues(new Uint8Array(32));
 
-/** Red, green, blue and alpha of an image as it is stored: no colour is converted. */
+/** Red, green, blue and alpha of an image, without colour conversion. */
 function pixels(image) {
   if (!(image instanceof ImageBitmap)) return image;
   const { width, height } = image;
@@ -38,7 +39,7 @@ self.onmessage = async ({ data: { id, job, ...rest } }) => {
     self.postMessage({ id, head, bytes, module }, bytes ? [bytes.buffer] : []);
   } catch (error) {
     const known = error instanceof VeilocError;
-    // A trap leaves the library in an unknown state: whoever holds the worker starts another.
+    // A trap leaves the library in an unknown state; the caller must start another worker.
     const kind = known ? error.kind : error instanceof WebAssembly.RuntimeError ? "broken" : "worker";
     self.postMessage({ id, error: { kind, message: String(error?.message ?? error) } });
   }

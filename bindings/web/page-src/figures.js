@@ -1,6 +1,6 @@
-// The three figures: what stays, what leaves, what an attacker makes of it.
+// The three figures: what stays, what leaves, what an attacker recovers.
 
-/** A canvas at the size it is shown in, with its scale from the image's pixels. */
+/** Resizes a canvas to its displayed size; returns its context, scaled to image pixels. */
 function begin(canvas, width, height) {
   const shown = Math.min(1200, Math.max(320, canvas.clientWidth * (devicePixelRatio || 1)));
   const scale = shown / width;
@@ -19,7 +19,7 @@ const dots = (context, points, radius) => {
   }
 };
 
-/** The image, and the keypoints found in it. */
+/** Draws the image and its keypoints. */
 export function drawStays(canvas, image, width, height, keypoints = []) {
   const { context, pixel } = begin(canvas, width, height);
   context.drawImage(image, 0, 0, width, height);
@@ -31,7 +31,7 @@ export function drawStays(canvas, image, width, height, keypoints = []) {
   context.stroke();
 }
 
-/** Lines, and the anchors they run through. */
+/** Draws the lines and their anchors. */
 export function drawLeaves(canvas, { width, height, segments, anchors }) {
   const { context, pixel } = begin(canvas, width, height);
   context.fillStyle = "#0d1014";
@@ -49,7 +49,7 @@ export function drawLeaves(canvas, { width, height, segments, anchors }) {
   context.fill();
 }
 
-/** Where an attack puts keypoints, and where they are. */
+/** Draws the keypoints that an attack recovers, and the true ones. */
 export function drawAttacked(canvas, { width, height, answers, truth }) {
   const { context, pixel } = begin(canvas, width, height);
   const unit = pixel * (devicePixelRatio || 1);
@@ -72,7 +72,7 @@ export function drawAttacked(canvas, { width, height, answers, truth }) {
   context.fill();
 }
 
-/** Nothing yet. */
+/** Clears a canvas. */
 export function clear(canvas) {
   const context = canvas.getContext("2d");
   context.setTransform(1, 0, 0, 1, 0, 0);

@@ -1,34 +1,34 @@
-// The page: an image from the camera or a file, what would be sent of it, and where that says you are.
+// The page: takes an image from the camera or a file, shows what would be sent of it, and localizes it.
 //
-// Nothing is sent before somebody presses "Find me" or "Follow me"; until then images are sealed for the eye alone. What is sent is
-// a frame of one session, so that what is seen again is told the same way again.
+// Nothing of an image is sent before the user presses "Find me" or "Follow me"; until then images are sealed for display only. All
+// sent queries belong to one session, so that a keypoint seen again is sent with the same anchor.
 
 import { Client, VeilocError, load, watchOrientation } from "./index.js";
 import { clear, drawAttacked, drawLeaves, drawStays } from "./figures.js";
-import { Place } from "./place.js";
+import { MapView } from "./map_view.js";
 
 const el = (id) => document.getElementById(id);
 const server = new URL(".", document.baseURI).href;
-const place = new Place(el("map-view"));
+const mapView = new MapView(el("map-view"));
 const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
-/** What the page works with now. */
+/** The state of the page. */
 const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, following: false };
-/** What is drawn; a later image makes it stale. */
+/** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
-/** The attack that runs, if one does: to give it up. */
+/** `AbortController` of the running attack, or null. */
 let attacking = null;
 
-// --- talk
+// --- messages
 
-let spoken = 0;
+let lastAnnouncement = 0;
 
-function say(text, state = "", detail = "") {
-  // Whoever listens is not told every second what changes every second.
-  if (!now.following || performance.now() - spoken > 5000) {
-    spoken = performance.now();
-    el("spoken").textContent = `${text} ${detail}`;
+function showStatus(text, state = "", detail = "") {
+  // While following, the status changes every second: screen readers announce it at most every 5 s.
+  if (!now.following || performance.now() - lastAnnouncement > 5000) {
+    lastAnnouncement = performance.now();
+    el("announcement").textContent = `${text} ${detail}`;
   }
   el("answer").textContent = text;
   el("answer").dataset.state = state;
@@ -36,33 +36,34 @@ function say(text, state = "", detail = "") {
 }
 
 /**
- * Why an image is not sealed though it could be: the third of a place that nobody can turn into the first one's axes. To send it
- * by itself would be easy, and two such images give away what both show (docs/reference/privacy-rules.md, rule L10), so it is not offered.
+ * Explains why a third image of a scene is not sealed: without the camera's orientation its anchors cannot be aligned with those of
+ * the session. The page does not offer to seal it without a session, because the lines of two such images reveal the keypoints that
+ * both show (docs/privacy.md, rule L10).
  */
-function refused() {
+function showTooManyStarts() {
   const why = el("oriented").checked
-    ? "This device has no motion sensors, or keeps them from this page"
-    : "The motion sensors are turned off in the settings";
-  const then = now.following ? " Following goes on by itself then." : "";
-  say(
-    "Not sent: another image of this place would tell too much.",
+    ? "The motion sensors, which prevent this, are not available on this device or in this browser"
+    : "The motion sensors, which prevent this, are switched off in the settings";
+  const then = now.following ? " Then following continues automatically." : "";
+  showStatus(
+    "Not sent: another image of this place would reveal too much.",
     "waiting",
-    `Two were taken here from different spots; lines of a third would cross theirs just where things are. ${why}, so the lines cannot be kept from crossing. ` +
-      `Go back to where you stood and rest or turn on the spot, walk on to another part of the place, or use a phone that shares its motion sensors.${then}`,
+    `Two images were already taken from different spots. The lines of a third image would cross theirs exactly at the keypoints. ${why}. ` +
+      `Go back to your earlier spot and stand still or turn on the spot, walk to a different area, or use a phone with motion sensors.${then}`,
   );
 }
 
-function complain(error) {
-  if (error.kind === "too-many-starts") return refused();
-  const words = {
-    "turned-away": "Turn on, or back: the camera has left what it began with, and hardly sees anything new yet.",
-    "not-localized": "This image shows too little of the map to say.",
-    busy: "The service is busy; try again in a moment.",
-    token: "This service asks who you are: give a token in the settings.",
-    lopsided: "Turn or move a little: too little is seen on one side.",
+function showError(error) {
+  if (error.kind === "too-many-starts") return showTooManyStarts();
+  const messages = {
+    "turned-away": "Turn further, or turn back: the camera sees too little of the first view, and not enough of a new one.",
+    "not-localized": "Position not found: this image shows too little of the map.",
+    busy: "The service is busy. Try again in a moment.",
+    token: "This service needs an access token. Enter it in the settings.",
+    lopsided: "Turn or move a little: one side of the image has too little detail.",
   };
   const known = error instanceof VeilocError;
-  say(words[error.kind] ?? (known ? "That did not work." : "Something broke."), "failed", error.message);
+  showStatus(messages[error.kind] ?? (known ? "This did not work." : "An unexpected error occurred."), "failed", error.message);
   if (error.kind === "token") {
     el("settings").open = true;
     el("token").focus();
@@ -70,11 +71,12 @@ function complain(error) {
   if (!known) console.error(error);
 }
 
-function record(what, rows, size, became) {
+/** Adds a row to the table of requests. */
+function record(what, rows, size, result) {
   el("sent-none").hidden = true;
   el("sent-frame").hidden = false;
   const row = document.createElement("tr");
-  const cells = [new Date().toLocaleTimeString(), what, rows === null ? "" : number.format(rows), size === null ? "" : number.format(size), became];
+  const cells = [new Date().toLocaleTimeString(), what, rows === null ? "" : number.format(rows), size === null ? "" : number.format(size), result];
   cells.forEach((text, i) => {
     const cell = document.createElement("td");
     cell.textContent = text;
@@ -85,15 +87,15 @@ function record(what, rows, size, became) {
   while (el("sent").children.length > 200) el("sent").lastChild.remove();
 }
 
-function settle() {
+function updateButtons() {
   const ready = Boolean(now.source && now.device);
   el("find").disabled = !ready || now.busy || now.following;
   el("follow").disabled = !ready || now.source.kind !== "camera" || !sessions();
   el("follow").setAttribute("aria-pressed", String(now.following));
   el("follow").textContent = now.following ? "Stop following" : "Follow me";
-  // Told before it is tried.
-  const isUnheld = now.source?.kind === "camera" && !(el("oriented").checked && now.sensors?.now());
-  el("unheld").hidden = !(isUnheld && sessions());
+  // Shown before the user tries to walk.
+  const hasNoOrientation = now.source?.kind === "camera" && !(el("oriented").checked && now.sensors?.now());
+  el("no-sensors").hidden = !(hasNoOrientation && sessions());
 }
 
 // --- service and map
@@ -102,34 +104,34 @@ async function connect() {
   now.client = new Client(server, { token: el("token").value });
   try {
     const maps = await now.client.maps();
-    record("Which maps are there?", null, 0, `${maps.length}`);
+    record("List of maps", null, 0, `${maps.length} ${maps.length === 1 ? "map" : "maps"}`);
     el("map").replaceChildren(...maps.map((map) => new Option(map.name, map.name)));
     el("map-field").hidden = maps.length < 2;
-    if (maps.length === 0) return say("This service has no map yet.", "failed");
-    await enter(maps[0].name);
+    if (maps.length === 0) return showStatus("This service has no map.", "failed");
+    await selectMap(maps[0].name);
   } catch (error) {
-    complain(error);
+    showError(error);
   }
 }
 
-/** Makes ready for a map. */
-async function enter(name) {
+/** Prepares to seal for a map. */
+async function selectMap(name) {
   now.map = name;
   now.device?.close();
   now.device = now.session = now.shown = null;
-  settle();
+  updateButtons();
   const profile = await now.client.profile(name);
-  record("What does the map need?", null, 0, "profile");
+  record("Profile of the map", null, 0, "received");
   now.device = await load(profile);
   now.session = await now.device.session();
-  say("Nothing about any image has been sent.");
+  showStatus("Ready. Nothing about an image has been sent.");
   await points(name);
-  settle();
+  updateButtons();
   if (now.source) await refresh();
 }
 
 async function points(name) {
-  el("place-frame").hidden = false;
+  el("position-frame").hidden = false;
   let all = new Float32Array();
   if (now.about.points > 0) {
     const token = el("token").value.trim();
@@ -142,13 +144,13 @@ async function points(name) {
       record("Points of the map", null, 0, number.format(all.length / 3));
     }
   }
-  el("map-view").setAttribute("aria-label", all.length ? `${number.format(all.length / 3)} points of the map; where you are is said above` : "The operator shows no points of this map; where you are is said above");
-  place.show(all);
+  el("map-view").setAttribute("aria-label", all.length ? `${number.format(all.length / 3)} points of the map; the text above gives your position` : "The points of this map are not public; the text above gives your position");
+  mapView.show(all);
 }
 
 // --- images
 
-/** The camera as COLMAP writes it; null to guess. */
+/** The camera as a COLMAP string; null when it is unknown. */
 function camera(width, height) {
   const text = (now.source.camera ?? el("intrinsics").value).trim();
   if (text === "") return null;
@@ -157,21 +159,21 @@ function camera(width, height) {
 }
 
 function options() {
-  const most = el("most").value;
-  return { scheme: el("scheme").value, ...(most && { maxKeypoints: Number(most) }) };
+  const maxKeypoints = el("max-keypoints").value;
+  return { scheme: el("scheme").value, ...(maxKeypoints && { maxKeypoints: Number(maxKeypoints) }) };
 }
 
-/** Whether frames can share a session: only lines through anchors can be held in the world. */
+/** Whether the scheme supports sessions: only anchored lines have anchors that can be fixed in the world. */
 const sessions = () => el("scheme").value.startsWith("dcl");
 
-/** The image of this moment, and its pixels' size. */
+/** The current image. */
 async function grab() {
   const { source } = now;
   if (source.kind !== "camera") return source.bitmap;
   return createImageBitmap(el("video"), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
 }
 
-/** Seals the image of this moment: to be sent as a frame of the session, else for the eye alone. */
+/** Seals the current image: in the session, to be sent; or without it, for display only. */
 async function prepare(inSession) {
   const image = await grab();
   const { width, height } = image;
@@ -186,35 +188,35 @@ async function prepare(inSession) {
 async function draw({ image, width, height, sealed }) {
   generation += 1;
   const own = generation;
-  // What was shown before is not asked about again.
+  // The query displayed before is not needed any more.
   if (now.shown && now.shown !== sealed) now.shown.free().catch(() => {});
   now.shown = sealed;
   const shown = await sealed.show();
   if (own !== generation) return;
   drawStays(el("stays"), image, width, height, shown.keypoints);
   el("stays").setAttribute("aria-label", `Your image, ${width} by ${height} pixels, with ${sealed.keypoints} keypoints`);
-  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${sealed.focal === "unknown" ? "The focal length is guessed." : ""}`;
+  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${sealed.focal === "unknown" ? "The focal length is unknown." : ""}`;
   drawLeaves(el("leaves"), shown);
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
-  el("leaves-text").textContent = `${what}, in a random order.${sealed.lopsided ? " Not worth sending: too little on one side." : ""}`;
-  // Through the camera an attack is brought to its end, and what was seen meanwhile is not attacked; an image is, at once.
-  if (!attacking || now.source?.kind !== "camera") attacked(sealed);
+  el("leaves-text").textContent = `${what}, in a random order.${sealed.lopsided ? " It cannot be localized: one side of the image has too little detail." : ""}`;
+  // With a live camera a running attack is finished first, and images meanwhile are skipped; a chosen image is attacked at once.
+  if (!attacking || now.source?.kind !== "camera") runAttack(sealed);
 }
 
-/** What an attack makes of it, beside all else: sealing does not wait for it. */
-async function attacked(sealed) {
+/** Attacks a query in the background; sealing does not wait for it. */
+async function runAttack(sealed) {
   attacking?.abort();
   const own = new AbortController();
   attacking = own;
   const { value } = el("attack");
-  if (value === "graph") el("attack-text").textContent = "Laying out the graph; this takes some seconds.";
+  if (value === "graph") el("attack-text").textContent = "The attack is running; this takes some seconds.";
   try {
     const result = await sealed.attack(value, { signal: own.signal });
     if (attacking === own) showAttack(result, sealed === now.shown);
   } catch (error) {
-    // Given up: for another image, or with its map.
-    if (attacking === own && error.kind !== "closed") complain(error);
+    // An aborted attack, after another image or map was chosen, is no error.
+    if (attacking === own && error.kind !== "closed") showError(error);
   } finally {
     if (attacking === own) attacking = null;
   }
@@ -225,29 +227,29 @@ function showAttack(result, isShown) {
   const px = (x) => (x === null ? "–" : `${number.format(x)} px`);
   const text =
     result.attack === "prior"
-      ? `Off by ${px(result.medianPx)} (median), knowing nothing but the lines.`
-      : `Off by ${px(result.medianPx)} (median); a guess from each line alone: ${px(result.guessMedianPx)}.`;
-  const told = result.toldNeighbours ? "Told every true neighbour, which a query does not say and nobody knows." : "";
-  el("attack-text").textContent = `${text} ${told} ${isShown ? "" : "Of an image a moment ago."}`;
-  el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: answers.`);
+      ? `Median error ${px(result.medianPx)}, from each line alone.`
+      : `Median error ${px(result.medianPx)}; from each line alone: ${px(result.guessMedianPx)}.`;
+  const neighbours = result.toldNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
+  el("attack-text").textContent = `${text} ${neighbours} ${isShown ? "" : "For an earlier image."}`;
+  el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: recovered keypoints.`);
 }
 
-/** A new image, or other settings: what would be sent of it. */
+/** Shows what would be sent after a new image or a changed setting. */
 async function refresh() {
   if (!now.device || !now.source || now.busy) return;
   now.busy = true;
-  settle();
+  updateButtons();
   try {
     await draw(await prepare(false));
   } catch (error) {
-    complain(error);
+    showError(error);
   } finally {
     now.busy = false;
-    settle();
+    updateButtons();
   }
 }
 
-/** Looks through the camera until it is turned off. */
+/** Shows what would be sent of the camera's images until it is turned off. */
 async function watch(stream) {
   while (now.source?.stream === stream && stream.active) {
     if (!now.following && !document.hidden) await refresh();
@@ -265,9 +267,9 @@ async function useCamera() {
   if (now.source?.kind === "camera") {
     stop();
     el("camera").textContent = "Use the camera";
-    return settle();
+    return updateButtons();
   }
-  if (!navigator.mediaDevices) return say("This browser gives no camera to this page.", "failed", "Cameras need https, or this very machine; choose an image instead.");
+  if (!navigator.mediaDevices) return showStatus("This page cannot use the camera.", "failed", "Browsers allow the camera only on https pages and on localhost. Choose an image instead.");
   try {
     const [stream, sensors] = await Promise.all([
       navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment", width: { ideal: 640 }, height: { ideal: 480 } } }),
@@ -281,10 +283,10 @@ async function useCamera() {
     now.source = { kind: "camera", stream };
     el("camera").textContent = "Stop the camera";
     mark(null);
-    settle();
+    updateButtons();
     watch(stream);
   } catch (error) {
-    say("The camera cannot be used.", "failed", `${error.message}. Allow it in the browser's settings, or choose an image.`);
+    showStatus("The camera cannot be used.", "failed", `${error.message}. Allow it in the browser's settings, or choose an image.`);
   }
 }
 
@@ -297,7 +299,7 @@ async function useImage(blob, view = null) {
     mark(view);
     await refresh();
   } catch (error) {
-    say("This is no image that the browser reads.", "failed", error.message);
+    showStatus("The browser cannot read this image.", "failed", error.message);
   }
 }
 
@@ -305,7 +307,7 @@ function mark(view) {
   for (const button of el("views").children) button.setAttribute("aria-pressed", String(button.dataset.file === view?.file));
 }
 
-// --- where
+// --- localization
 
 async function locate(prepared) {
   const { sealed } = prepared;
@@ -331,45 +333,45 @@ async function locate(prepared) {
       }
       record("Sealed query", sealed.rows, sealed.bytes.byteLength, answer.state);
     }
-    tell(answer, performance.now() - began);
+    showAnswer(answer, performance.now() - began);
   } catch (error) {
-    complain(error);
+    showError(error);
   }
 }
 
-function tell(answer, took) {
+function showAnswer(answer, milliseconds) {
   const digits = answer.position_sd > 0 ? Math.min(6, Math.max(1, 1 - Math.floor(Math.log10(answer.position_sd)))) : 3;
   const at = answer.center?.map((x) => x.toFixed(digits)).join(", ");
   const sd = answer.position_sd == null ? "unknown" : answer.position_sd.toPrecision(2);
-  const detail = `${number.format(answer.inliers)} of ${number.format(answer.matches)} matches agree; asked and answered in ${number.format(took)} ms.`;
-  if (answer.trusted) say(`You are at ${at} ± ${sd}`, "trusted", `Map units. ${detail}`);
-  else say(at ? `Perhaps at ${at}; not sure` : "Not sure where this is", "doubtful", `${answer.doubts.map((doubt) => doubt.text).join("; ")}. ${detail}`);
+  const detail = `${number.format(answer.inliers)} of ${number.format(answer.matches)} matches agree; the answer took ${number.format(milliseconds)} ms.`;
+  if (answer.trusted) showStatus(`You are at ${at} ± ${sd}`, "trusted", `In map units. ${detail}`);
+  else showStatus(at ? `Not sure: perhaps at ${at}` : "Not sure where this is", "doubtful", `${answer.doubts.map((doubt) => doubt.text).join("; ")}. ${detail}`);
   if (answer.center && answer.cam_from_world) {
-    place.add(answer);
-    el("map-view").setAttribute("aria-label", `The map's points; ${answer.trusted ? "you are" : "perhaps"} at ${at}`);
+    mapView.add(answer);
+    el("map-view").setAttribute("aria-label", `The map's points; ${answer.trusted ? "you are" : "perhaps you are"} at ${at}`);
   }
 }
 
 async function find() {
   if (now.busy || !now.source) return;
   now.busy = true;
-  settle();
-  if (!now.following) say("Asking…");
+  updateButtons();
+  if (!now.following) showStatus("Finding your position…");
   try {
     const prepared = await prepare(true);
     await draw(prepared);
     await locate(prepared);
   } catch (error) {
-    complain(error);
+    showError(error);
   } finally {
     now.busy = false;
-    settle();
+    updateButtons();
   }
 }
 
 async function follow() {
   now.following = !now.following;
-  settle();
+  updateButtons();
   while (now.following && now.source?.kind === "camera") {
     const began = performance.now();
     if (!now.busy && !document.hidden) await find();
@@ -377,7 +379,7 @@ async function follow() {
   }
 }
 
-// --- begin
+// --- start
 
 function showViews(views) {
   el("views").hidden = views.length === 0;
@@ -396,15 +398,15 @@ function showViews(views) {
 async function begin() {
   for (const canvas of ["stays", "leaves", "attacked"]) clear(el(canvas));
   if (typeof WebAssembly !== "object" || typeof OffscreenCanvas !== "function" || !AbortSignal.any) {
-    return say("This browser is too old to seal images.", "failed", "Chrome 116, Firefox 124, Safari 17.4 or newer is needed.");
+    return showStatus("This browser is too old for this page.", "failed", "Use Chrome 116, Firefox 124, Safari 17.4, or newer.");
   }
   el("camera").addEventListener("click", useCamera);
   el("file").addEventListener("change", ({ target }) => target.files[0] && useImage(target.files[0]));
-  el("map").addEventListener("change", ({ target }) => enter(target.value).catch(complain));
+  el("map").addEventListener("change", ({ target }) => selectMap(target.value).catch(showError));
   el("token").addEventListener("change", connect);
-  for (const id of ["intrinsics", "scheme", "most"]) el(id).addEventListener("change", refresh);
-  el("oriented").addEventListener("change", settle);
-  el("attack").addEventListener("change", () => now.shown && attacked(now.shown));
+  for (const id of ["intrinsics", "scheme", "max-keypoints"]) el(id).addEventListener("change", refresh);
+  el("oriented").addEventListener("change", updateButtons);
+  el("attack").addEventListener("change", () => now.shown && runAttack(now.shown));
   el("find").addEventListener("click", find);
   el("follow").addEventListener("click", follow);
   const about = await fetch(new URL("page/page.json", server), { credentials: "omit" });

@@ -1,4 +1,4 @@
-//! What is kept between two calls, under handles: profiles, sessions, queries.
+//! The state between calls: profiles, sessions and queries, each under a handle.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -10,21 +10,21 @@ use veiloc_obfuscation::{Session, SessionOptions};
 use veiloc_protocol::Profile;
 
 use crate::error::WebError;
+use crate::inspection;
 use crate::message;
 use crate::request::Request;
-use crate::sealing::{self, Kept};
-use crate::shown;
+use crate::sealing::{self, StoredQuery};
 
-/// Queries that are kept; the oldest gives way. One is a few hundred kilobytes.
-const MOST_QUERIES: usize = 32;
+/// Most stored queries; the oldest is dropped. A query takes a few hundred kilobytes.
+const MAX_QUERIES: usize = 32;
 
-/// A device: what a worker holds.
+/// The state of one worker.
 #[derive(Default)]
 pub struct Device {
     last: u32,
     profiles: BTreeMap<u32, Rc<Profile>>,
     sessions: BTreeMap<u32, Session>,
-    queries: BTreeMap<u32, Kept>,
+    queries: BTreeMap<u32, StoredQuery>,
 }
 
 #[derive(Serialize)]
@@ -45,59 +45,62 @@ struct SessionReply {
 }
 
 #[derive(Serialize)]
-struct Nothing {}
+struct EmptyReply {}
 
 impl Device {
-    /// The reply to a message.
+    /// Handles a message and returns the reply.
     ///
     /// # Errors
-    /// [`WebError`]; nothing of the device has changed then.
+    /// [`WebError`]; the state is then unchanged.
     pub fn answer(&mut self, message: &[u8]) -> Result<Vec<u8>, WebError> {
         let (request, bytes) = message::read::<Request>(message)?;
         match request {
-            Request::Profile => self.keep_profile(bytes),
+            Request::Profile => self.store_profile(bytes),
             Request::Session { anchors } => {
                 let anchors = anchors.map(|text| text.parse()).transpose()?.unwrap_or_default();
-                let (mut rng, _) = generator(bytes)?;
-                Ok(self.keep_session(Session::new(SessionOptions::default().with_anchors(anchors), &mut rng)))
+                let (mut rng, _) = seeded_rng(bytes)?;
+                Ok(self
+                    .store_session(Session::new(SessionOptions::default().with_anchors(anchors), &mut rng)))
             }
-            Request::SessionFrom => Ok(self.keep_session(Session::from_bytes(bytes)?)),
+            Request::SessionFrom => Ok(self.store_session(Session::from_bytes(bytes)?)),
             Request::SessionBytes { session } => {
-                let kept = found(&self.sessions, "session", session)?;
-                Ok(message::write(&Nothing {}, &kept.to_bytes()))
+                let stored = lookup(&self.sessions, "session", session)?;
+                Ok(message::write(&EmptyReply {}, &stored.to_bytes()))
             }
             Request::Seal(seal) => {
-                let (mut rng, pixels) = generator(bytes)?;
-                let profile = found(&self.profiles, "profile", seal.profile)?.clone();
+                let (mut rng, pixels) = seeded_rng(bytes)?;
+                let profile = lookup(&self.profiles, "profile", seal.profile)?.clone();
                 let session = match seal.session {
                     Some(handle) => Some(
-                        self.sessions.get_mut(&handle).ok_or(WebError::Gone { what: "session", handle })?,
+                        self.sessions
+                            .get_mut(&handle)
+                            .ok_or(WebError::UnknownHandle { what: "session", handle })?,
                     ),
                     None => None,
                 };
-                let kept = sealing::seal(&seal, pixels, profile, session, &mut rng)?;
+                let stored = sealing::seal(&seal, pixels, profile, session, &mut rng)?;
                 let query = self.next();
-                let reply = kept.reply(query);
-                self.queries.insert(query, kept);
-                while self.queries.len() > MOST_QUERIES {
+                let reply = stored.reply(query);
+                self.queries.insert(query, stored);
+                while self.queries.len() > MAX_QUERIES {
                     self.queries.pop_first();
                 }
                 Ok(reply)
             }
-            Request::Step { query, rows } => found(&self.queries, "query", query)?.step(rows),
-            Request::Show { query } => Ok(shown::show(found(&self.queries, "query", query)?)),
-            Request::Exhibit { query } => Ok(shown::exhibit(found(&self.queries, "query", query)?)),
-            Request::Attack { attack, query_bytes } => shown::attack(&attack, query_bytes, bytes),
+            Request::Step { query, rows } => lookup(&self.queries, "query", query)?.step(rows),
+            Request::Show { query } => Ok(inspection::show(lookup(&self.queries, "query", query)?)),
+            Request::Exhibit { query } => Ok(inspection::exhibit(lookup(&self.queries, "query", query)?)),
+            Request::Attack { attack, query_bytes } => inspection::attack(&attack, query_bytes, bytes),
             Request::Free { handle } => {
                 self.profiles.remove(&handle);
                 self.sessions.remove(&handle);
                 self.queries.remove(&handle);
-                Ok(message::write(&Nothing {}, &[]))
+                Ok(message::write(&EmptyReply {}, &[]))
             }
         }
     }
 
-    fn keep_profile(&mut self, bytes: &[u8]) -> Result<Vec<u8>, WebError> {
+    fn store_profile(&mut self, bytes: &[u8]) -> Result<Vec<u8>, WebError> {
         let profile = Profile::decode(bytes).map_err(WebError::Profile)?;
         let handle = self.next();
         let reply = ProfileReply {
@@ -111,7 +114,7 @@ impl Device {
         Ok(message::write(&reply, &[]))
     }
 
-    fn keep_session(&mut self, session: Session) -> Vec<u8> {
+    fn store_session(&mut self, session: Session) -> Vec<u8> {
         let handle = self.next();
         let reply = SessionReply { session: handle, frames: session.frames(), starts: session.starts() };
         self.sessions.insert(handle, session);
@@ -124,13 +127,13 @@ impl Device {
     }
 }
 
-fn found<'a, T>(kept: &'a BTreeMap<u32, T>, what: &'static str, handle: u32) -> Result<&'a T, WebError> {
-    kept.get(&handle).ok_or(WebError::Gone { what, handle })
+fn lookup<'a, T>(stored: &'a BTreeMap<u32, T>, what: &'static str, handle: u32) -> Result<&'a T, WebError> {
+    stored.get(&handle).ok_or(WebError::UnknownHandle { what, handle })
 }
 
-/// The generator of the 32 random bytes that a message begins with, and what stands behind them.
-fn generator(bytes: &[u8]) -> Result<(ChaCha20Rng, &[u8]), WebError> {
-    let none = || WebError::Request { reason: "32 random bytes are expected first".to_owned() };
+/// A generator seeded with the first 32 bytes of the payload, and the rest of the payload.
+fn seeded_rng(bytes: &[u8]) -> Result<(ChaCha20Rng, &[u8]), WebError> {
+    let none = || WebError::Request { reason: "the payload must begin with 32 random bytes".to_owned() };
     let (seed, rest) = bytes.split_first_chunk::<32>().ok_or_else(none)?;
     Ok((ChaCha20Rng::from_seed(*seed), rest))
 }

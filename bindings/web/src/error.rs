@@ -1,39 +1,39 @@
-//! What can go wrong, with a name for programs.
+//! Errors, each with a name for programs.
 
 use veiloc_attacks::AttackError;
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::{SealError, SessionAnchorsError};
 use veiloc_protocol::{Lopsided, QueryError};
 
-/// Why a call gives nothing.
+/// Why a call failed.
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
-    /// The message is not one that the loader of this version writes.
-    #[error("the call cannot be read: {reason}; load loader and WebAssembly of one version")]
+    /// The message does not have the form that the loader of this version writes.
+    #[error("the call cannot be read: {reason}; load veiloc.wasm and the loader of the same version")]
     Request {
         /// What is wrong.
         reason: String,
     },
-    /// A handle that nothing is kept under.
-    #[error("no {what} is kept under {handle}; it was given back, or the worker was started anew")]
-    Gone {
+    /// The handle is unknown.
+    #[error("there is no {what} with handle {handle}; it was freed, or the worker was restarted")]
+    UnknownHandle {
         /// `profile`, `session` or `query`.
         what: &'static str,
         /// The number.
         handle: u32,
     },
-    /// Bytes that are no profile.
-    #[error("these bytes are no profile: {0}")]
+    /// The bytes are not a profile.
+    #[error("these bytes are not a profile: {0}")]
     Profile(QueryError),
-    /// A camera that no image has.
+    /// The camera is invalid.
     #[error("camera {text:?}: {reason}")]
     Camera {
-        /// What was given.
+        /// The camera as given.
         text: String,
         /// What is wrong.
         reason: String,
     },
-    /// An option that is no option.
+    /// An option is invalid.
     #[error("option {name}: {reason}")]
     Option {
         /// Its name.
@@ -41,29 +41,29 @@ pub enum WebError {
         /// What is wrong.
         reason: String,
     },
-    /// The image cannot be extracted from or sealed, or bytes are no session.
+    /// The image cannot be used or sealed, or the bytes are not a session.
     #[error(transparent)]
     Seal(#[from] SealError),
-    /// A query that could not fix a pose.
+    /// The query cannot determine a pose.
     #[error(transparent)]
     Lopsided(#[from] Lopsided),
-    /// A query that does not belong to the profile.
+    /// The query does not belong to the profile.
     #[error(transparent)]
     Query(#[from] QueryError),
-    /// Anchors that cannot be tied so.
+    /// The frame of the anchors is unknown.
     #[error(transparent)]
     Anchors(#[from] SessionAnchorsError),
-    /// An attack that cannot run.
+    /// The attack cannot run.
     #[error(transparent)]
     Attack(#[from] AttackError),
 }
 
 impl WebError {
-    /// For programs: what `VeilocError.kind` is in the npm package.
+    /// Name for programs: `VeilocError.kind` of the npm package.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::Request { .. } => "call",
-            Self::Gone { .. } => "gone",
+            Self::UnknownHandle { .. } => "gone",
             Self::Profile(_) => "profile",
             Self::Camera { .. } => "camera",
             Self::Option { .. } | Self::Anchors(_) => "option",

@@ -1,11 +1,11 @@
-//! The three functions that a loader sees. Numbers go in and out; all else lies in memory that the library owns.
+//! The three exported functions. Arguments and results are numbers; messages are in memory that the library owns.
 //!
-//! 1. `veiloc_room(length)`: where to write a message of so many bytes; 0 when it is too long.
-//! 2. `veiloc_call()`: does what the message asks for; the length of the reply.
-//! 3. `veiloc_reply()`: where the reply is, until the next call.
+//! 1. `veiloc_allocate(length)`: the address for a message of `length` bytes; 0 when it is too long.
+//! 2. `veiloc_call()`: handles the message; the length of the reply.
+//! 3. `veiloc_reply()`: the address of the reply, valid until the next call.
 //!
-//! A reply's head has the field `error` when nothing was done. There is no `unsafe` code here: addresses are handed out, none is
-//! followed. Only the names of exports take the attribute (decision 0027).
+//! After an error the reply's head has the field `error`. There is no `unsafe` code here: the functions return
+//! addresses, and never read one. Only the names of exports need the attribute (decision 0027).
 
 use std::cell::RefCell;
 
@@ -15,63 +15,63 @@ use crate::device::Device;
 use crate::error::WebError;
 use crate::message;
 
-/// Longest message, bytes: the largest image that is read.
-const MOST: usize = 512 << 20;
+/// Most bytes of a message; this limits the size of images.
+const MAX_MESSAGE_BYTES: usize = 512 << 20;
 
-/// All there is between two calls.
+/// The state between two calls.
 #[derive(Default)]
-struct Held {
+struct Instance {
     message: Vec<u8>,
     reply: Vec<u8>,
     device: Device,
 }
 
 thread_local! {
-    static HELD: RefCell<Held> = RefCell::default();
+    static INSTANCE: RefCell<Instance> = RefCell::default();
 }
 
 #[derive(Serialize)]
-struct Refusal {
+struct ErrorReply {
     error: String,
     kind: &'static str,
 }
 
-/// Room for a message, and where it is; null when it is longer than any image.
+/// Allocates memory for a message and returns its address; null when it is too long.
 #[expect(unsafe_code, reason = "the name of an export; the function is safe")]
 #[unsafe(no_mangle)]
-pub extern "C" fn veiloc_room(length: usize) -> *mut u8 {
-    HELD.with_borrow_mut(|held| {
-        if length > MOST {
+pub extern "C" fn veiloc_allocate(length: usize) -> *mut u8 {
+    INSTANCE.with_borrow_mut(|instance| {
+        if length > MAX_MESSAGE_BYTES {
             return std::ptr::null_mut();
         }
-        held.message.clear();
-        held.message.resize(length, 0);
-        held.message.as_mut_ptr()
+        instance.message.clear();
+        instance.message.resize(length, 0);
+        instance.message.as_mut_ptr()
     })
 }
 
-/// Does what the message asks for; the length of the reply.
+/// Handles the message and returns the length of the reply.
 #[expect(unsafe_code, reason = "the name of an export; the function is safe")]
 #[unsafe(no_mangle)]
 pub extern "C" fn veiloc_call() -> usize {
-    HELD.with_borrow_mut(|held| {
-        // Of the image nothing is kept but what the reply says.
-        let message = std::mem::take(&mut held.message);
-        held.reply = reply(&mut held.device, &message);
-        held.reply.len()
+    INSTANCE.with_borrow_mut(|instance| {
+        // The message is taken, so the image does not stay in memory.
+        let message = std::mem::take(&mut instance.message);
+        instance.reply = reply(&mut instance.device, &message);
+        instance.reply.len()
     })
 }
 
-/// Where the reply is, until the next call.
+/// The address of the reply, valid until the next call.
 #[expect(unsafe_code, reason = "the name of an export; the function is safe")]
 #[unsafe(no_mangle)]
 pub extern "C" fn veiloc_reply() -> *const u8 {
-    HELD.with_borrow(|held| held.reply.as_ptr())
+    INSTANCE.with_borrow(|instance| instance.reply.as_ptr())
 }
 
-/// What a message is answered with: never a panic, whatever it holds.
+/// The reply to a message. It never panics, also not for arbitrary bytes.
 pub fn reply(device: &mut Device, message: &[u8]) -> Vec<u8> {
     device.answer(message).unwrap_or_else(|error: WebError| {
-        message::write(&Refusal { error: error.to_string(), kind: error.kind() }, &[])
+        message::write(&ErrorReply { error: error.to_string(), kind: error.kind() }, &[])
     })
 }

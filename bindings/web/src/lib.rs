@@ -1,21 +1,21 @@
-//! The device's road for browsers: what the npm package `veiloc` is built of.
+//! The device side for browsers, as WebAssembly: the npm package `veiloc`.
 //!
-//! It holds no algorithm. A page's worker hands over one message, calls, and reads one reply ([`exports`]); what can be asked is
-//! [`request::Request`]. Pixels come in as a canvas has them and become gray by the library's own weights, so that a browser
-//! seals what a native program seals.
+//! This crate holds no algorithm. The page's worker writes one message, calls, and reads one reply ([`exports`]); the
+//! calls are [`request::Request`]. Pixels arrive as a canvas stores them, and the library converts them to gray, so that
+//! a browser and a native program seal the same bytes.
 //!
-//! - [`device`]: what is kept between two calls: profiles, sessions, queries.
-//! - [`sealing`]: an image to a sealed query, and its beginnings for progressive queries.
-//! - [`shown`]: what the query tells and what an attacker makes of it, for the screen of the device and for nobody else.
+//! - [`device`]: the state between calls: profiles, sessions, queries.
+//! - [`sealing`]: seals an image, and cuts the query into steps for progressive localization.
+//! - [`inspection`]: the content of a query and the result of attacks on it, only for the screen of the device.
 //!
-//! Random numbers are the page's: every request that draws brings 32 bytes of `crypto.getRandomValues`. Equal bytes give equal
-//! seals, here and in a native program (`scripts/web/`).
+//! The page supplies the randomness: each request that needs it carries 32 bytes of `crypto.getRandomValues`. Equal
+//! bytes give equal queries, here and in a native program (`scripts/web/`).
 #![deny(unsafe_code)]
 
 pub mod device;
 pub mod error;
 pub mod exports;
+pub mod inspection;
 pub mod message;
 pub mod request;
 pub mod sealing;
-pub mod shown;

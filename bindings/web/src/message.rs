@@ -1,9 +1,9 @@
-//! How loader and library talk: a JSON head and bytes behind it.
+//! Format of messages between loader and library: a JSON head, then a payload of bytes.
 //!
 //! ```text
 //! 4 bytes   length of the head, little endian
 //! N bytes   head, JSON
-//! …         bytes: pixels, a profile, a query, numbers as the head says
+//! …         payload: pixels, a profile, a query, or numbers that the head describes
 //! ```
 
 use serde::Serialize;
@@ -11,25 +11,25 @@ use serde::de::DeserializeOwned;
 
 use crate::error::WebError;
 
-/// Longest head that is read, bytes.
-const MOST_HEAD: usize = 64 << 10;
+/// Most bytes of a head.
+const MAX_HEAD_BYTES: usize = 64 << 10;
 
-/// Head and bytes of a message.
+/// Reads head and payload of a message.
 ///
 /// # Errors
-/// [`WebError::Request`] for a message that is cut short, or whose head is not of this type.
+/// [`WebError::Request`] when the message is truncated, or its head is not of this type.
 pub fn read<T: DeserializeOwned>(message: &[u8]) -> Result<(T, &[u8]), WebError> {
-    let short = || WebError::Request { reason: "it is cut short".to_owned() };
+    let short = || WebError::Request { reason: "the message is truncated".to_owned() };
     let (length, rest) = message.split_first_chunk::<4>().ok_or_else(short)?;
     let length = u32::from_le_bytes(*length) as usize;
-    let head = rest.get(..length).filter(|_| length <= MOST_HEAD).ok_or_else(short)?;
+    let head = rest.get(..length).filter(|_| length <= MAX_HEAD_BYTES).ok_or_else(short)?;
     let head = serde_json::from_slice(head).map_err(|e| WebError::Request { reason: e.to_string() })?;
     Ok((head, &rest[length..]))
 }
 
-/// A message of head and bytes.
+/// Writes a message of head and payload.
 pub fn write(head: &impl Serialize, bytes: &[u8]) -> Vec<u8> {
-    // Heads are structs of numbers and words, which always serialize.
+    // Heads are structs of numbers and strings, which always serialize.
     let head = serde_json::to_vec(head).unwrap_or_default();
     let mut message = Vec::with_capacity(4 + head.len() + bytes.len());
     message.extend_from_slice(&(head.len() as u32).to_le_bytes());
@@ -38,7 +38,7 @@ pub fn write(head: &impl Serialize, bytes: &[u8]) -> Vec<u8> {
     message
 }
 
-/// Numbers as a `Float32Array` reads them.
+/// Numbers in the byte order of a `Float32Array`.
 pub fn floats(numbers: impl IntoIterator<Item = f64>) -> Vec<u8> {
     numbers.into_iter().flat_map(|number| (number as f32).to_le_bytes()).collect()
 }
@@ -49,7 +49,7 @@ mod tests {
     use serde_json::{Value, json};
 
     #[test]
-    fn what_is_written_is_read() {
+    fn messages_round_trip() {
         let message = write(&json!({"a": 1}), &[7, 8]);
         let (head, bytes): (Value, _) = read(&message).expect("whole");
         assert_eq!((head, bytes), (json!({"a": 1}), &[7, 8][..]));

@@ -1,55 +1,56 @@
-//! What can be asked, as the loader writes it.
+//! The calls, as the loader writes them.
 
 use serde::Deserialize;
 
-/// One call. Bytes behind the head are named in brackets.
+/// One call. Brackets name its payload.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase", rename_all_fields = "camelCase", deny_unknown_fields)]
 pub enum Request {
-    /// Keeps a profile [its bytes].
+    /// Stores a profile [its bytes].
     Profile,
-    /// Begins a session [32 random bytes].
+    /// Starts a session [32 random bytes].
     Session {
         /// `world`, `gravity` or `image`; see `SessionAnchors`.
         #[serde(default)]
         anchors: Option<String>,
     },
-    /// Goes on with a session [its bytes].
+    /// Resumes a session [its bytes].
     SessionFrom,
-    /// The bytes of a session.
+    /// Returns the bytes of a session.
     SessionBytes {
         /// Its handle.
         session: u32,
     },
     /// Seals an image [32 random bytes, then red, green, blue, alpha of each pixel].
     Seal(Box<Seal>),
-    /// The first rows of a query, as bytes to send.
+    /// Returns the first rows of a query, as bytes to send.
     Step {
         /// Its handle.
         query: u32,
-        /// How many, one of those that `seal` named.
+        /// Number of rows, one of the steps that `seal` returned.
         rows: usize,
     },
-    /// What a query tells: its lines, and the keypoints they hide.
+    /// Returns the lines of a query, and the keypoints they hide.
     Show {
         /// Its handle.
         query: u32,
     },
-    /// A query and the keypoints it hides, for another worker of this device to attack: to be sent to nobody.
+    /// Returns a query with the keypoints it hides, for an attack in another worker of this device. It must not be
+    /// sent.
     Exhibit {
         /// Its handle.
         query: u32,
     },
-    /// What an attack makes of an exhibit [its bytes]. Nothing is kept, so any worker can be asked.
+    /// Attacks an exhibit [its bytes]. The call needs no state, so any worker can run it.
     Attack {
-        /// One of `shown::ATTACKS`.
+        /// One of `inspection::ATTACKS`.
         attack: String,
-        /// As `Exhibit` told it.
+        /// As in the reply to `Exhibit`.
         query_bytes: usize,
     },
-    /// Gives back what is kept under a handle.
+    /// Frees the object of a handle.
     Free {
-        /// It.
+        /// The handle.
         handle: u32,
     },
 }
@@ -64,25 +65,25 @@ pub struct Seal {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// As COLMAP writes it, `MODEL,W,H,PARAMS…`; `None` guesses the focal length and says so.
+    /// COLMAP camera, `MODEL,W,H,PARAMS…`; `None` guesses the focal length and marks it as unknown in the query.
     #[serde(default)]
     pub camera: Option<String>,
-    /// As `--scheme` of `veiloc seal`; `None` for `dcl`. Points are not sealed here.
+    /// As `--scheme` of `veiloc seal`; `None` for `dcl`. `points` is refused.
     #[serde(default)]
     pub scheme: Option<String>,
-    /// Bits of an angle; `None` for the default.
+    /// Bits of each quantized angle; `None` for the default.
     #[serde(default)]
     pub angle_bits: Option<u8>,
-    /// Most keypoints that are sent; `None` for what the profile asks for within the device's limits.
+    /// Most keypoints to send; `None` for the number that the profile requests, within the device's limits.
     #[serde(default)]
     pub max_keypoints: Option<usize>,
-    /// The session it is a frame of.
+    /// Handle of the session that the image belongs to.
     #[serde(default)]
     pub session: Option<u32>,
-    /// How the camera was held, a quaternion `w x y z` from a frame that stays in the world.
+    /// Orientation of the camera, a quaternion `w x y z` from a fixed world frame.
     #[serde(default)]
     pub orientation: Option<[f64; 4]>,
-    /// Where things fall, in the camera's axes.
+    /// Down direction in the camera frame.
     #[serde(default)]
     pub down: Option<[f64; 3]>,
 }

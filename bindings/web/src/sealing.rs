@@ -1,4 +1,4 @@
-//! From a canvas's pixels to a sealed query, with the roads of the library and nothing of its own.
+//! Seals the pixels of a canvas with the library's functions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,16 +15,16 @@ use crate::error::WebError;
 use crate::message;
 use crate::request::Seal;
 
-/// What messages call an image that has no file.
+/// Name of the image in messages, as it has no file.
 const NAME: &str = "the image";
 
-/// A sealed query and what it hides: for steps, and for the device's own screen.
-pub struct Kept {
+/// A sealed query and the keypoints it hides, for later steps and for the device's own screen.
+pub struct StoredQuery {
     pub(crate) query: SealedQuery,
     profile: Rc<Profile>,
-    /// Where keypoints were found, pixels of the image that was given.
+    /// Keypoints that were found, pixels of the original image.
     pub(crate) found: Vec<[f64; 2]>,
-    /// Of each row the keypoint in the camera of the query; `None` for a decoy.
+    /// Keypoint of each row in the camera of the query; `None` for a decoy.
     pub(crate) truth: Vec<Option<Pixel>>,
     /// Frames and starts of the session.
     session: Option<(u32, u32)>,
@@ -37,12 +37,12 @@ struct SealReply {
     rows: usize,
     keypoints: usize,
     scheme: String,
-    /// Width, height and focal length of the camera it is told in, pixels.
+    /// Width, height and focal length of the query's camera, pixels.
     camera: [f64; 3],
     focal: &'static str,
-    /// Rows of each step that could fix a pose.
+    /// Rows of each step that can determine a pose.
     steps: Vec<usize>,
-    /// Why it could not fix a pose, and must not be sent.
+    /// Why the query cannot determine a pose, and so must not be sent.
     lopsided: Option<String>,
     frames: Option<u32>,
     starts: Option<u32>,
@@ -58,37 +58,37 @@ struct StepReply {
 /// # Errors
 /// [`WebError`]; the session has not changed then.
 pub fn seal(
-    asked: &Seal,
+    request: &Seal,
     pixels: &[u8],
     profile: Rc<Profile>,
     session: Option<&mut Session>,
     rng: &mut ChaCha20Rng,
-) -> Result<Kept, WebError> {
-    let image = Image::from(GrayImage::from_rgba8(asked.width, asked.height, pixels)?);
-    let (camera, focal) = camera(asked)?;
-    let options = options(asked)?.with_focal(focal);
+) -> Result<StoredQuery, WebError> {
+    let image = Image::from(GrayImage::from_rgba8(request.width, request.height, pixels)?);
+    let (camera, focal) = camera(request)?;
+    let options = options(request)?.with_focal(focal);
     let (features, camera) = extract_loaded(image, Path::new(NAME), &camera, &profile, &options)?;
     let scale = [
-        f64::from(asked.width) / f64::from(camera.width),
-        f64::from(asked.height) / f64::from(camera.height),
+        f64::from(request.width) / f64::from(camera.width),
+        f64::from(request.height) / f64::from(camera.height),
     ];
     let found = features.keypoints.iter().map(|k| [k.pixel.u * scale[0], k.pixel.v * scale[1]]).collect();
     let known = features.clone();
-    let mut told = None;
+    let mut session_counts = None;
     let query = match session {
         Some(session) => {
-            let held = held(asked)?;
-            let query = session.seal(features, &camera, &profile, &options, &held, rng)?;
-            told = Some((session.frames(), session.starts()));
+            let orientation = orientation(request)?;
+            let query = session.seal(features, &camera, &profile, &options, &orientation, rng)?;
+            session_counts = Some((session.frames(), session.starts()));
             query
         }
         None => seal_features(features, &camera, &profile, &options, rng)?,
     };
-    let truth = truth(&query, known, &camera);
-    Ok(Kept { query, profile, found, truth, session: told })
+    let truth = keypoints_of_rows(&query, known, &camera);
+    Ok(StoredQuery { query, profile, found, truth, session: session_counts })
 }
 
-impl Kept {
+impl StoredQuery {
     pub(crate) fn reply(&self, handle: u32) -> Vec<u8> {
         let camera = self.query.camera();
         let can_fix = |class: &SizeClass| {
@@ -110,68 +110,73 @@ impl Kept {
         message::write(&reply, &self.query.encode())
     }
 
-    /// Its first rows, as bytes to send.
+    /// The first rows of the query, as bytes to send.
     ///
     /// # Errors
-    /// [`WebError::Option`] for a number of rows that is no step; [`WebError::Query`] for more than it has.
+    /// [`WebError::Option`] when `rows` is not a step; [`WebError::Query`] when the query has fewer rows.
     pub fn step(&self, rows: usize) -> Result<Vec<u8>, WebError> {
-        let class = SizeClass::from_rows(rows)
-            .ok_or_else(|| WebError::Option { name: "rows", reason: format!("{rows} rows are no step") })?;
+        let class = SizeClass::from_rows(rows).ok_or_else(|| WebError::Option {
+            name: "rows",
+            reason: format!("{rows} is not a step; use one of the query's steps"),
+        })?;
         let part = self.query.first_rows(class, &self.profile)?;
         Ok(message::write(&StepReply { rows: part.len() }, &part.encode()))
     }
 }
 
-fn camera(asked: &Seal) -> Result<(Intrinsics, FocalKnowledge), WebError> {
-    let Some(text) = &asked.camera else {
-        let camera = guessed_camera_of(Path::new(NAME), (asked.width, asked.height))?;
+fn camera(request: &Seal) -> Result<(Intrinsics, FocalKnowledge), WebError> {
+    let Some(text) = &request.camera else {
+        let camera = guessed_camera_of(Path::new(NAME), (request.width, request.height))?;
         return Ok((camera, FocalKnowledge::Unknown));
     };
     let wrong = |e: IntrinsicsError| WebError::Camera { text: text.clone(), reason: e.to_string() };
     Ok((text.parse().map_err(wrong)?, FocalKnowledge::Calibrated))
 }
 
-fn options(asked: &Seal) -> Result<SealOptions, WebError> {
+fn options(request: &Seal) -> Result<SealOptions, WebError> {
     let wrong = |name, reason: String| WebError::Option { name, reason };
-    let mut options = match &asked.scheme {
+    let mut options = match &request.scheme {
         Some(scheme) => {
             SealOptions::new(scheme.parse().map_err(|e: QueryError| wrong("scheme", e.to_string()))?)?
         }
         None => SealOptions::default(),
     };
-    if let Some(bits) = asked.angle_bits {
+    if let Some(bits) = request.angle_bits {
         options =
             options.with_angle_bits(AngleBits::new(bits).map_err(|e| wrong("angleBits", e.to_string()))?);
     }
-    if let Some(most) = asked.max_keypoints {
+    if let Some(most) = request.max_keypoints {
         options = options.with_max_keypoints(most);
     }
     Ok(options)
 }
 
-fn held(asked: &Seal) -> Result<Orientation, WebError> {
-    let wrong = |name| WebError::Option { name, reason: "it is no direction".to_owned() };
-    let held = match asked.orientation {
+fn orientation(request: &Seal) -> Result<Orientation, WebError> {
+    let wrong = |name| WebError::Option {
+        name,
+        reason: "must be a rotation or direction that is not zero".to_owned(),
+    };
+    let orientation = match request.orientation {
         Some(quaternion) => Orientation::from_quaternion(quaternion).ok_or_else(|| wrong("orientation"))?,
         None => Orientation::unknown(),
     };
-    match asked.down {
-        Some(down) => held.with_down(down).ok_or_else(|| wrong("down")),
-        None => Ok(held),
+    match request.down {
+        Some(down) => orientation.with_down(down).ok_or_else(|| wrong("down")),
+        None => Ok(orientation),
     }
 }
 
-/// Where the keypoint of each row is. Descriptors leave as they are, so they tell the device which row is whose: what a program
-/// for devices is built without (`ground-truth`) is not needed for it.
-fn truth(query: &SealedQuery, known: Features, camera: &Intrinsics) -> Vec<Option<Pixel>> {
+/// The keypoint of each row. The query holds the descriptors unchanged, so they identify the row's keypoint; the
+/// feature `ground-truth`, which device programs are built without, is not needed.
+fn keypoints_of_rows(query: &SealedQuery, known: Features, camera: &Intrinsics) -> Vec<Option<Pixel>> {
     let descriptors = known.descriptors.settled();
-    let mut places: BTreeMap<&[u8], Pixel> = BTreeMap::new();
+    let mut pixel_of: BTreeMap<&[u8], Pixel> = BTreeMap::new();
     let pinhole = query.camera();
     for (i, keypoint) in known.keypoints.iter().enumerate() {
         if let Some(point) = camera.unproject(keypoint.pixel) {
-            places.entry(descriptors.row(i)).or_insert_with(|| pinhole.project(point));
+            pixel_of.entry(descriptors.row(i)).or_insert_with(|| pinhole.project(point));
         }
     }
     let rows = query.descriptors();
-    (0..query.len()).map(|row| places.get(rows.row(row)).copied()).collect()
+    (0..query.len()).map(|row| pixel_of.get(rows.row(row)).copied()).collect()
 }

@@ -1,5 +1,5 @@
-//! What a loader gets: the very query that the library seals of the same pixels and random bytes, its steps, what it shows; and a
-//! refusal, never a panic, of whatever else is asked.
+//! Calls of the loader: seals equal those of the library for the same pixels and random bytes; steps, inspection,
+//! attacks; and an error, never a panic, for every invalid call.
 
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha20Rng;
@@ -10,8 +10,8 @@ use veiloc_obfuscation::{SealOptions, extract_loaded, seal};
 use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_web::device::Device;
 use veiloc_web::exports::reply;
+use veiloc_web::inspection::ATTACKS;
 use veiloc_web::message;
-use veiloc_web::shown::ATTACKS;
 
 const CAMERA: &str = "SIMPLE_RADIAL,320,240,260,160,120,-0.01";
 const SEED: [u8; 32] = [7; 32];
@@ -22,7 +22,7 @@ fn profile() -> Profile {
     Profile::vlad(Vocabulary::new(words).expect("words"))
 }
 
-/// Blocks of random colours at two sizes: plenty of corners.
+/// Blocks of random colours at two sizes, which give many corners.
 fn pixels() -> Vec<u8> {
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let blocks: Vec<[u8; 3]> = (0..80 * 60).map(|_| rng.random()).collect();
@@ -33,26 +33,27 @@ fn pixels() -> Vec<u8> {
     (0..240).flat_map(|y| (0..320).flat_map(move |x| at(x, y).into_iter().chain([200]))).collect()
 }
 
-fn ask(device: &mut Device, head: &Value, parts: &[&[u8]]) -> (Value, Vec<u8>) {
-    let answer = reply(device, &message::write(head, &parts.concat()));
-    let (head, bytes) = message::read::<Value>(&answer).expect("a reply");
+fn call(device: &mut Device, head: &Value, parts: &[&[u8]]) -> (Value, Vec<u8>) {
+    let reply = reply(device, &message::write(head, &parts.concat()));
+    let (head, bytes) = message::read::<Value>(&reply).expect("a reply");
     (head, bytes.to_vec())
 }
 
-fn ready() -> (Device, Value) {
+/// A device with a profile, and the head of a call that seals.
+fn device_and_seal_call() -> (Device, Value) {
     let mut device = Device::default();
-    let (head, _) = ask(&mut device, &json!({"op": "profile"}), &[&profile().encode()]);
+    let (head, _) = call(&mut device, &json!({"op": "profile"}), &[&profile().encode()]);
     assert_eq!(head["id"], profile().id().to_string());
-    let asked =
+    let seal_call =
         json!({"op": "seal", "profile": head["profile"], "width": 320, "height": 240, "camera": CAMERA});
-    (device, asked)
+    (device, seal_call)
 }
 
 #[test]
-fn a_browser_seals_what_the_library_seals() {
-    let (mut device, asked) = ready();
+fn seals_equal_those_of_the_library() {
+    let (mut device, seal_call) = device_and_seal_call();
     let pixels = pixels();
-    let (head, bytes) = ask(&mut device, &asked, &[&SEED, &pixels]);
+    let (head, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels]);
 
     let rgb: Vec<u8> = pixels.chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     let image = Image::from(GrayImage::from_rgb8(320, 240, &rgb).expect("an image"));
@@ -64,28 +65,28 @@ fn a_browser_seals_what_the_library_seals() {
     let query = seal(features, &camera, &profile, &options, &mut rng).expect("sealed");
     assert!(query.encode() == bytes, "{head}");
     assert_eq!(head["rows"], query.len());
-    assert!(query.len() >= 512, "too little texture to tell anything");
+    assert!(query.len() >= 512, "too little texture for this test");
 
-    // Every step is the beginning of it, as the library cuts it.
+    // Every step is a prefix of the query, as the library cuts it.
     let steps: Vec<usize> = serde_json::from_value(head["steps"].clone()).expect("numbers");
     assert_eq!(steps.last(), Some(&query.len()));
     for (rows, class) in steps.iter().zip(query.step_sizes()) {
         let step = json!({"op": "step", "query": head["query"], "rows": rows});
         let part = query.first_rows(class, &profile).expect("a step");
-        assert!(ask(&mut device, &step, &[]).1 == part.encode(), "{rows}");
+        assert!(call(&mut device, &step, &[]).1 == part.encode(), "{rows}");
     }
     assert_eq!(
-        ask(&mut device, &json!({"op": "step", "query": head["query"], "rows": 257}), &[]).0["kind"],
+        call(&mut device, &json!({"op": "step", "query": head["query"], "rows": 257}), &[]).0["kind"],
         "option"
     );
 }
 
 #[test]
-fn what_is_shown_is_what_is_sent() {
-    let (mut device, asked) = ready();
-    let (head, bytes) = ask(&mut device, &asked, &[&SEED, &pixels()]);
+fn shown_lines_are_those_of_the_query() {
+    let (mut device, seal_call) = device_and_seal_call();
+    let (head, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels()]);
     let query = SealedQuery::decode(&bytes).expect("a query");
-    let (shown, numbers) = ask(&mut device, &json!({"op": "show", "query": head["query"]}), &[]);
+    let (shown, numbers) = call(&mut device, &json!({"op": "show", "query": head["query"]}), &[]);
     assert_eq!(
         (shown["width"].clone(), shown["anchors"].as_array().map(Vec::len)),
         (json!(query.camera().width), Some(2))
@@ -93,50 +94,50 @@ fn what_is_shown_is_what_is_sent() {
     let count = |field: &str| shown[field].as_u64().expect("a count") as usize;
     assert_eq!(count("segments"), query.len());
     assert_eq!(numbers.len(), 4 * (4 * count("segments") + 2 * count("keypoints") + 2 * count("real")));
-    assert_eq!(count("real"), query.len(), "there are no decoys, and each row's keypoint is known again");
+    assert_eq!(count("real"), query.len(), "there are no decoys, and each row has its keypoint");
 
-    // Another worker attacks: it is told all by the exhibit.
-    let (told, exhibit) = ask(&mut device, &json!({"op": "exhibit", "query": head["query"]}), &[]);
-    assert!(exhibit.starts_with(&bytes) && told["queryBytes"] == bytes.len(), "{told}");
+    // Another worker attacks; the exhibit is its only input.
+    let (reply_head, exhibit) = call(&mut device, &json!({"op": "exhibit", "query": head["query"]}), &[]);
+    assert!(exhibit.starts_with(&bytes) && reply_head["queryBytes"] == bytes.len(), "{reply_head}");
     let mut other = Device::default();
     let mut medians = Vec::new();
     for (name, words, _) in ATTACKS {
-        let asked = json!({"op": "attack", "attack": name, "queryBytes": told["queryBytes"]});
-        let (found, numbers) = ask(&mut other, &asked, &[&exhibit]);
+        let attack = json!({"op": "attack", "attack": name, "queryBytes": reply_head["queryBytes"]});
+        let (found, numbers) = call(&mut other, &attack, &[&exhibit]);
         assert_eq!((&found["words"], numbers.len()), (&json!(words), 16 * query.len()), "{found}");
         medians.push(found["medianPx"].as_f64().expect("a median"));
         assert_eq!(found["guessMedianPx"], medians[0]);
     }
-    // Told the true neighbours the layout of the graph is far better than a guess: truth and rows belong together.
+    // With true neighbours the graph attack beats the prior-only baseline, so rows and true keypoints correspond.
     assert!(medians[3] < 0.5 * medians[0], "{medians:?}");
 }
 
 #[test]
-fn a_session_goes_on_and_is_kept() {
-    let (mut device, mut asked) = ready();
-    let (session, _) = ask(&mut device, &json!({"op": "session", "anchors": "world"}), &[&SEED]);
-    asked["session"] = session["session"].clone();
-    asked["orientation"] = json!([1.0, 0.0, 0.0, 0.0]);
+fn session_resumes_from_bytes() {
+    let (mut device, mut seal_call) = device_and_seal_call();
+    let (session, _) = call(&mut device, &json!({"op": "session", "anchors": "world"}), &[&SEED]);
+    seal_call["session"] = session["session"].clone();
+    seal_call["orientation"] = json!([1.0, 0.0, 0.0, 0.0]);
     let pixels = pixels();
-    let (first, _) = ask(&mut device, &asked, &[&SEED, &pixels]);
+    let (first, _) = call(&mut device, &seal_call, &[&SEED, &pixels]);
     assert_eq!((&first["frames"], &first["starts"]), (&json!(1), &json!(1)), "{first}");
-    let (_, kept) = ask(&mut device, &json!({"op": "sessionBytes", "session": asked["session"]}), &[]);
-    let (again, _) = ask(&mut device, &json!({"op": "sessionFrom"}), &[&kept]);
+    let (_, kept) = call(&mut device, &json!({"op": "sessionBytes", "session": seal_call["session"]}), &[]);
+    let (again, _) = call(&mut device, &json!({"op": "sessionFrom"}), &[&kept]);
     assert_eq!(again["frames"], 1);
-    asked["session"] = again["session"].clone();
-    asked["orientation"] = json!([0.9998, 0.0, 0.02, 0.0]);
-    let (second, _) = ask(&mut device, &asked, &[&[8; 32], &pixels]);
+    seal_call["session"] = again["session"].clone();
+    seal_call["orientation"] = json!([0.9998, 0.0, 0.02, 0.0]);
+    let (second, _) = call(&mut device, &seal_call, &[&[8; 32], &pixels]);
     assert_eq!((&second["frames"], &second["starts"]), (&json!(2), &json!(1)), "{second}");
 }
 
 #[test]
-fn whatever_is_asked_is_answered() {
-    let (mut device, asked) = ready();
+fn invalid_calls_return_errors() {
+    let (mut device, seal_call) = device_and_seal_call();
     let pixels = pixels();
     let with = |field: &str, value: Value| {
-        let mut asked = asked.clone();
-        asked[field] = value;
-        asked
+        let mut seal_call = seal_call.clone();
+        seal_call[field] = value;
+        seal_call
     };
     for (head, bytes, kind) in [
         (json!({"op": "no"}), &[][..], "call"),
@@ -149,7 +150,7 @@ fn whatever_is_asked_is_answered() {
         (json!({"op": "attack", "attack": "guess", "queryBytes": 0}), &[], "option"),
         (json!({"op": "attack", "attack": "prior", "queryBytes": 2}), &[1, 2, 3], "query"),
         (json!({"op": "attack", "attack": "prior", "queryBytes": 4}), &[1, 2, 3], "call"),
-        (asked.clone(), &pixels[..40], "image"),
+        (seal_call.clone(), &pixels[..40], "image"),
         (with("width", json!(0)), &pixels, "image"),
         (with("width", json!(u32::MAX)), &pixels, "image"),
         (with("camera", json!("SIMPLE_PINHOLE,320,240")), &pixels, "camera"),
@@ -161,7 +162,7 @@ fn whatever_is_asked_is_answered() {
         (with("profile", json!(77)), &pixels, "gone"),
         (with("secret", json!(1)), &pixels, "call"),
     ] {
-        let (answer, _) = ask(&mut device, &head, &[&SEED, bytes][usize::from(head["op"] != "seal")..]);
+        let (answer, _) = call(&mut device, &head, &[&SEED, bytes][usize::from(head["op"] != "seal")..]);
         assert_eq!(answer["kind"], kind, "{head}: {answer}");
         assert!(answer["error"].as_str().is_some_and(|text| !text.is_empty()));
     }
@@ -169,32 +170,32 @@ fn whatever_is_asked_is_answered() {
         let answer = reply(&mut device, junk);
         assert_eq!(message::read::<Value>(&answer).expect("a reply").0["kind"], "call");
     }
-    let (sealed, _) = ask(&mut device, &asked, &[&SEED, &pixels]);
-    let (told, exhibit) = ask(&mut device, &json!({"op": "exhibit", "query": sealed["query"]}), &[]);
-    let attack = json!({"op": "attack", "attack": "prior", "queryBytes": told["queryBytes"]});
+    let (sealed, _) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+    let (reply_head, exhibit) = call(&mut device, &json!({"op": "exhibit", "query": sealed["query"]}), &[]);
+    let attack = json!({"op": "attack", "attack": "prior", "queryBytes": reply_head["queryBytes"]});
     for cut in [exhibit.len() - 1, exhibit.len() - 16] {
         assert_eq!(
-            ask(&mut device, &attack, &[&exhibit[..cut]]).0["kind"],
+            call(&mut device, &attack, &[&exhibit[..cut]]).0["kind"],
             "call",
             "a row without its keypoint"
         );
     }
-    // A blank image holds nothing to send.
-    assert_eq!(ask(&mut device, &asked, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "seal");
+    // A blank image has no features.
+    assert_eq!(call(&mut device, &seal_call, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "seal");
 }
 
 #[test]
-fn queries_are_kept_until_they_are_many() {
-    let (mut device, asked) = ready();
+fn oldest_queries_are_dropped() {
+    let (mut device, seal_call) = device_and_seal_call();
     let pixels = pixels();
-    let mut small = asked;
+    let mut small = seal_call;
     small["maxKeypoints"] = json!(256);
     let handles: Vec<Value> =
-        (0..34).map(|_| ask(&mut device, &small, &[&SEED, &pixels]).0["query"].clone()).collect();
-    let kept = |device: &mut Device, query: &Value| {
-        ask(device, &json!({"op": "show", "query": query}), &[]).0["kind"].is_null()
+        (0..34).map(|_| call(&mut device, &small, &[&SEED, &pixels]).0["query"].clone()).collect();
+    let is_stored = |device: &mut Device, query: &Value| {
+        call(device, &json!({"op": "show", "query": query}), &[]).0["kind"].is_null()
     };
-    assert!(!kept(&mut device, &handles[1]) && kept(&mut device, &handles[2]));
-    ask(&mut device, &json!({"op": "free", "handle": handles[33]}), &[]);
-    assert!(!kept(&mut device, &handles[33]));
+    assert!(!is_stored(&mut device, &handles[1]) && is_stored(&mut device, &handles[2]));
+    call(&mut device, &json!({"op": "free", "handle": handles[33]}), &[]);
+    assert!(!is_stored(&mut device, &handles[33]));
 }

@@ -1,9 +1,9 @@
-//! The native half of `scripts/web/common.mjs`: what a program seals of the same image with the same random bytes, and whether
-//! what a browser sent is nothing but sealed queries.
+//! Native counterpart of `scripts/web/common.mjs`: seals the same image with the same random bytes, and checks that a
+//! browser sent only sealed queries.
 //!
-//! - `native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS`: seals as `veiloc seal` does but for where randomness comes from; prints
-//!   the milliseconds of the fastest round.
-//! - `native check PROFILE FILE…`: each file is one sealed query of the profile, and nothing besides.
+//! - `native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS`: seals as `veiloc seal` does, but with given randomness;
+//!   prints the milliseconds of the fastest round.
+//! - `native check PROFILE FILE…`: checks that each file is one sealed query of the profile and holds no other byte.
 
 #![forbid(unsafe_code)]
 
@@ -42,9 +42,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let bytes = std::fs::read(file)?;
                 let query = SealedQuery::decode(&bytes).map_err(|e| format!("{file}: {e}"))?;
                 profile.check(&query).map_err(|e| format!("{file}: {e}"))?;
-                // A message has one form: nothing hides beside the query.
+                // The encoding is unique, so equal bytes mean that the file holds nothing else.
                 if query.encode() != bytes {
-                    return Err(format!("{file}: it holds more than a sealed query").into());
+                    return Err(format!("{file}: holds more than a sealed query").into());
                 }
                 writeln!(std::io::stdout(), "{} {}", query.scheme(), query.len())?;
             }
@@ -61,6 +61,6 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn bytes(hex: &str) -> Result<[u8; 32], Box<dyn Error>> {
     let byte = |i: usize| hex.get(2 * i..2 * i + 2).and_then(|two| u8::from_str_radix(two, 16).ok());
     let all: Option<Vec<u8>> = (0..32).map(byte).collect();
-    let all = all.filter(|_| hex.len() == 64).ok_or("64 hexadecimal digits are expected")?;
-    Ok(all.try_into().map_err(|_| "32 bytes are expected")?)
+    let all = all.filter(|_| hex.len() == 64).ok_or("SEED_HEX must have 64 hexadecimal digits")?;
+    Ok(all.try_into().map_err(|_| "SEED_HEX must have 32 bytes")?)
 }

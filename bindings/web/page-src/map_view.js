@@ -1,5 +1,5 @@
-// The map's points, where the camera is among them and where it has been. Turned by hand; which way is up is taken from the
-// poses, as people hold cameras level.
+// Draws the map's points, the camera and its trajectory. The user rotates the view. The up direction is estimated from the poses,
+// because cameras are usually held level.
 
 const cross = ([a, b, c], [d, e, f]) => [b * f - c * e, c * d - a * f, a * e - b * d];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -17,7 +17,7 @@ export function axes([w, x, y, z]) {
   ];
 }
 
-export class Place {
+export class MapView {
   #canvas;
   #points = new Float32Array();
   #trail = [];
@@ -61,7 +61,7 @@ export class Place {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#draw());
   }
 
-  /** `[N, 3]` points of a map; forgets where the camera was. */
+  /** Shows `[N, 3]` points of a map, and clears the trajectory. */
   show(points) {
     this.#points = points;
     this.#trail = [];
@@ -69,7 +69,7 @@ export class Place {
     this.#draw();
   }
 
-  /** The camera is here now. */
+  /** Adds the current pose. */
   add(answer) {
     const camera = axes(answer.cam_from_world.q);
     const weight = Math.min(this.#trail.length, 8);
@@ -79,7 +79,7 @@ export class Place {
     this.#draw();
   }
 
-  /** What is to be seen: the middle of the points, and how far most of them lie from it. */
+  /** Centres the view: the median of the points, and the distance within which 96 % of them lie. */
   #frame() {
     const all = this.#points.length ? this.#points : new Float32Array(this.#trail.flatMap((pose) => pose.center));
     if (all.length === 0) return;
@@ -116,7 +116,7 @@ export class Place {
     const [cy, sy, cp, sp] = [Math.cos(this.#yaw), Math.sin(this.#yaw), Math.cos(this.#pitch), Math.sin(this.#pitch)];
     const distance = (3.6 * this.#radius) / this.#near;
     const focal = Math.min(width, height * 1.7) * 0.92;
-    // From the map to the screen: across, up, and how far away.
+    // From the map to the screen: right, up, and depth.
     const across = east.map((e, i) => cy * e + sy * north[i]);
     const away = east.map((e, i) => -sy * e + cy * north[i]);
     const rise = away.map((a, i) => sp * a + cp * up[i]);
@@ -149,7 +149,7 @@ export class Place {
     const at = now && project(now.center);
     if (!at) return;
     const main = colour(now.trusted ? "--good" : "--doubt");
-    // The camera: a pyramid that opens where it looks.
+    // The camera: a pyramid that opens in its viewing direction.
     const reach = this.#radius * 0.34;
     const corner = (x, y) => project(now.center.map((c, i) => c + reach * (now.ahead[i] + x * now.right[i] + y * now.down[i])));
     const corners = [corner(-0.6, -0.45), corner(0.6, -0.45), corner(0.6, 0.45), corner(-0.6, 0.45)];
@@ -171,7 +171,7 @@ export class Place {
       }
       context.stroke();
     }
-    // The ±: two standard deviations, where that can be seen.
+    // A circle of two standard deviations.
     const spread = (2 * now.sd * focal) / at[2];
     context.fillStyle = main;
     context.globalAlpha = 0.22;

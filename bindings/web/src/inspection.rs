@@ -1,7 +1,8 @@
-//! What a query tells and what an attacker makes of it: for the screen of the device that sealed it.
+//! Shows the content of a query and the result of attacks on it, on the screen of the device that sealed it.
 //!
-//! The attacks are the audit's (`veiloc-attacks`), run on what was sealed. Those that need neighbours are told the true ones, which a
-//! query does not tell: what is shown is the most that such an attack could recover.
+//! The attacks are those of the audit (`veiloc-attacks`). Attacks that need neighbours get the true ones, which a query
+//! does not
+//! contain: the page shows an upper bound on what such an attack recovers.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -15,9 +16,9 @@ use veiloc_protocol::{Observations, SealedQuery};
 
 use crate::error::WebError;
 use crate::message::{self, floats};
-use crate::sealing::Kept;
+use crate::sealing::StoredQuery;
 
-/// Attacks that can be shown: name and words of the audit's table, and whether true neighbours are told.
+/// The attacks: name and label in the audit's table, and whether the attack gets the true neighbours.
 pub const ATTACKS: [(&str, &str, bool); 4] = [
     ("prior", "prior-only baseline, from the single line", false),
     ("closed-form", "the paper's attack (closed form)", true),
@@ -25,27 +26,27 @@ pub const ATTACKS: [(&str, &str, bool); 4] = [
     ("graph", "layout of the neighbour graph", true),
 ];
 
-/// Neighbours that an oracle tells of each keypoint, as in the audit.
+/// Number of true neighbours of each keypoint that an attack gets, as in the audit.
 pub const NEIGHBOURS: usize = 20;
 
 #[derive(Serialize)]
 struct ShowReply {
     width: u32,
     height: u32,
-    /// Segments: `[S, 4]` floats come first.
+    /// Number of segments: the payload begins with `[S, 4]` floats.
     segments: usize,
-    /// Keypoints that were found, in the image given: `[K, 2]` floats come then.
+    /// Number of keypoints found, in the original image: `[K, 2]` floats follow.
     keypoints: usize,
-    /// Rows that are no decoys: `[R, 2]` floats, in the camera of the query, come last.
+    /// Number of rows that are not decoys: `[R, 2]` floats, in the camera of the query, come last.
     real: usize,
-    /// Anchors that lie somewhere.
+    /// Anchors at a finite position.
     anchors: Vec<[f64; 2]>,
 }
 
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
 struct ExhibitReply {
-    /// The query's bytes come first; then for each row `[R, 2]` 64-bit floats, little endian, no numbers for a decoy.
+    /// Bytes of the query, which come first; then `[R, 2]` 64-bit floats, little endian, NaN for a decoy.
     query_bytes: usize,
 }
 
@@ -57,18 +58,18 @@ struct AttackReply {
     told_neighbours: bool,
     width: u32,
     height: u32,
-    /// `[R, 2]` floats of answers, then `[R, 2]` of the truth.
+    /// `[R, 2]` floats of recovered keypoints, then `[R, 2]` of true keypoints.
     count: usize,
     median_px: Option<f64>,
     under_10px: Option<f64>,
-    /// Median error of the guess that uses no neighbours.
+    /// Median error of the prior-only baseline.
     guess_median_px: Option<f64>,
 }
 
-/// Lines, keypoints found and keypoints sent.
-pub fn show(kept: &Kept) -> Vec<u8> {
-    let camera = kept.query.camera();
-    let sent = kept.query.observations();
+/// The reply to `Show`: lines, keypoints found and keypoints sent.
+pub fn show(stored: &StoredQuery) -> Vec<u8> {
+    let camera = stored.query.camera();
+    let sent = stored.query.observations();
     let anchors = match &sent {
         Observations::Anchored { pencils, .. } => {
             pencils.anchors().filter_map(|anchor| pencils.position(anchor)).map(|p| [p.u, p.v]).collect()
@@ -85,31 +86,31 @@ pub fn show(kept: &Kept) -> Vec<u8> {
             [a.u, a.v, b.u, b.v]
         })
         .collect();
-    let real: Vec<Pixel> = kept.truth.iter().flatten().copied().collect();
+    let real: Vec<Pixel> = stored.truth.iter().flatten().copied().collect();
     let reply = ShowReply {
         width: camera.width,
         height: camera.height,
         segments: segments.len() / 4,
-        keypoints: kept.found.len(),
+        keypoints: stored.found.len(),
         real: real.len(),
         anchors,
     };
-    let found = kept.found.iter().flatten().copied();
+    let found = stored.found.iter().flatten().copied();
     message::write(&reply, &floats(segments.into_iter().chain(found).chain(flat(&real))))
 }
 
-/// All that an attack needs, and the truth it is held against: an attack takes seconds, and the worker that seals has none.
-pub fn exhibit(kept: &Kept) -> Vec<u8> {
-    let mut bytes = kept.query.encode();
+/// The input of an attack, with the true keypoints. Attacks take seconds, so they run in another worker than sealing.
+pub fn exhibit(stored: &StoredQuery) -> Vec<u8> {
+    let mut bytes = stored.query.encode();
     let query_bytes = bytes.len();
-    let truth = kept.truth.iter().flat_map(|truth| truth.map_or([f64::NAN; 2], |p| [p.u, p.v]));
+    let truth = stored.truth.iter().flat_map(|truth| truth.map_or([f64::NAN; 2], |p| [p.u, p.v]));
     bytes.extend(truth.flat_map(f64::to_le_bytes));
     message::write(&ExhibitReply { query_bytes }, &bytes)
 }
 
-/// What [`exhibit`] wrote: the query, and the keypoint of each row.
+/// Reads the output of [`exhibit`]: the query, and the keypoint of each row.
 fn read_exhibit(query_bytes: usize, bytes: &[u8]) -> Result<(SealedQuery, Vec<Option<Pixel>>), WebError> {
-    let wrong = || WebError::Request { reason: "these bytes are no exhibit".to_owned() };
+    let wrong = || WebError::Request { reason: "the payload is not an exhibit".to_owned() };
     let (query, truth) = bytes.split_at_checked(query_bytes).ok_or_else(wrong)?;
     let query = SealedQuery::decode(query)?;
     let (numbers, rest) = truth.as_chunks::<16>();
@@ -124,16 +125,20 @@ fn read_exhibit(query_bytes: usize, bytes: &[u8]) -> Result<(SealedQuery, Vec<Op
     Ok((query, numbers.iter().map(pixel).collect()))
 }
 
-/// Answers of an attack, beside the truth. Decoys hide nothing, so they are left out, as in the audit.
+/// The keypoints that an attack recovers, and the true ones. Decoys hide no keypoint, so they are skipped, as in the
+/// audit.
 ///
 /// # Errors
-/// [`WebError::Option`] for an attack that is not shown; [`WebError::Request`] and [`WebError::Query`] for bytes that are no
+/// [`WebError::Option`] for an unknown attack; [`WebError::Request`] and [`WebError::Query`] when the payload is not an
 /// exhibit; [`WebError::Attack`].
 pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>, WebError> {
     let known = ATTACKS.iter().find(|attack| attack.0 == name);
     let (attack, words, told_neighbours) = *known.ok_or_else(|| {
         let names = ATTACKS.map(|attack| attack.0).join(", ");
-        WebError::Option { name: "attack", reason: format!("{name:?} is not shown; there are {names}") }
+        WebError::Option {
+            name: "attack",
+            reason: format!("unknown attack {name:?}; the attacks are {names}"),
+        }
     })?;
     let (query, truth) = read_exhibit(query_bytes, exhibit)?;
     let camera = query.camera();
@@ -143,9 +148,9 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
         .zip(truth)
         .filter_map(|(observation, truth)| Some((observation, truth?)))
         .unzip();
-    let guesses = prior_only(&observations, width, height);
+    let prior_answers = prior_only(&observations, width, height);
     let answers = match attack {
-        "prior" => guesses.clone(),
+        "prior" => prior_answers.clone(),
         "graph" => {
             let neighbours = NeighbourLists::nearest(&truth, NEIGHBOURS);
             let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -162,7 +167,7 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
         }
     };
     let errors = ErrorSummary::of(&errors_px(answers.iter().copied(), &truth));
-    let of_guess = ErrorSummary::of(&errors_px(guesses, &truth));
+    let prior_errors = ErrorSummary::of(&errors_px(prior_answers, &truth));
     let finite = |number: f64| number.is_finite().then_some(number);
     let reply = AttackReply {
         attack,
@@ -173,7 +178,7 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
         count: truth.len(),
         median_px: finite(errors.median_px),
         under_10px: finite(errors.under_10px),
-        guess_median_px: finite(of_guess.median_px),
+        guess_median_px: finite(prior_errors.median_px),
     };
     Ok(message::write(&reply, &floats(flat(&answers).chain(flat(&truth)))))
 }
