@@ -26,7 +26,7 @@ import os  # noqa: E402
 import signal  # noqa: E402
 import shutil  # noqa: E402
 
-from common import LOCALIZE, PROTOBUF, Place, Server, arguments, ask, free_port, header, row, token, wait_for  # noqa: E402
+from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, free_port, header, row, token, wait_for  # noqa: E402
 
 CLIENTS = 4
 
@@ -72,7 +72,7 @@ class Service:
 
     def restart(self, full_disk):
         self.restarting = True
-        self.exits.append(self.server.stop(patience=60))
+        self.exits.append(self.server.stop(timeout=60))
         self.restarts += 1
         self.start(full_disk)
         self.restarting = False
@@ -84,7 +84,7 @@ class Service:
         return int(memory.split()[1]) / 1024, len(list((process / "fd").iterdir()))
 
 
-class Well:
+class WellBehavedClients:
     """Well-behaved clients: each sends its next query when it is due, and again after what `Retry-After` says."""
 
     def __init__(self, service, rate):
@@ -190,7 +190,7 @@ class Chaos:
 
     def wrong(self):
         while not self.pause(0.02):
-            self.count(f"wrong token: {ask(self.service.port, LOCALIZE, b'x', 'nobody', timeout=20)[0] or 'no connection'}")
+            self.count(f"wrong token: {ask(self.service.port, LOCALIZE, b'x', 'unknown', timeout=20)[0] or 'no connection'}")
 
     def flood(self):
         while not self.pause(self.rng.uniform(0.5, 1.5)):
@@ -262,10 +262,10 @@ class Chaos:
 
 def capacity(service):
     """Answers a second with as many connections as keep all workers busy."""
-    well = Well(service, 10_000)
+    clients = WellBehavedClients(service, 10_000)
     time.sleep(8)
-    well.end()
-    return well.got.get(200, 0) / 8
+    clients.end()
+    return clients.got.get(200, 0) / 8
 
 
 def main():
@@ -274,32 +274,32 @@ def main():
     parser.add_argument("--load", type=float, default=0.7,
                         help="share of the capacity that the client asks for; beside one flooding token its fair share is a half")
     parser.add_argument("--seed", type=int, default=0, help="of what happens when")
-    given = parser.parse_args()
-    service = Service(Place(given.veiloc))
+    args = parser.parse_args()
+    service = Service(RedKitchen(args.veiloc))
     wait_for(lambda: ask(service.port, "/readyz")[0] == 200, "readiness")
-    rate = given.load * capacity(service)
-    quiet = Well(service, rate)
-    time.sleep(min(60.0, given.minutes * 20))
+    rate = args.load * capacity(service)
+    quiet = WellBehavedClients(service, rate)
+    time.sleep(min(60.0, args.minutes * 20))
     quiet.end()
     memory, descriptors = service.facts()
-    chaos = Chaos(service, random.Random(given.seed))
-    well = Well(service, rate)
-    time.sleep(given.minutes * 60)
+    chaos = Chaos(service, random.Random(args.seed))
+    clients = WellBehavedClients(service, rate)
+    time.sleep(args.minutes * 60)
     chaos.end()
-    well.end()
+    clients.end()
     if not service.server.alive():
         sys.exit(f"the service died: {service.server.process.returncode}")
     time.sleep(8)
     after_memory, after_descriptors = service.facts()
     header("well-behaved client", "sent", "answered", "other", "not taken", "p50 ms", "p99 ms")
-    for name, one in (("alone", quiet), ("in the chaos", well)):
+    for name, one in (("alone", quiet), ("in the chaos", clients)):
         other = ", ".join(f"{status}: {n}" for status, n in sorted(one.got.items()) if status != 200)
         broken = sum(one.broken.values())
         row(name, one.accepted + broken, one.got.get(200, 0), other or "-", broken,
             f"{one.percentile(0.5):.0f}", f"{one.percentile(0.99):.0f}")
     print()
     header("queries that were not taken, and why", "times")
-    for cause, n in sorted(well.broken.items()):
+    for cause, n in sorted(clients.broken.items()):
         row(cause, n)
     print()
     header("beside it", "times")
@@ -310,10 +310,10 @@ def main():
     row("before", f"{memory:.0f}", descriptors)
     row("after", f"{after_memory:.0f}", after_descriptors)
     exits = ", ".join(map(str, service.exits)) or "none"
-    print(f"\n{rate:.1f} queries a second ({100 * given.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
+    print(f"\n{rate:.1f} queries a second ({100 * args.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
     service.server.stop(signal.SIGTERM)
-    print(f"accepted {well.accepted} lost {well.lost}")
-    sys.exit(1 if well.lost else 0)
+    print(f"accepted {clients.accepted} lost {clients.lost}")
+    sys.exit(1 if clients.lost else 0)
 
 
 if __name__ == "__main__":

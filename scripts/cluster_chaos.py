@@ -60,22 +60,22 @@ def main():
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each part of each scene")
     parser.add_argument("--rate", type=float, help="queries a second")
-    given = parser.parse_args()
-    town = place(given)
-    if given.workers < 2:
+    args = parser.parse_args()
+    town = place(args)
+    if args.workers < 2:
         parser.error("--workers: a region that one worker alone holds is lost with it")
-    cluster = Cluster(town, town.map, workers=given.workers, images=town.images)
+    cluster = Cluster(town, town.map, workers=args.workers, images=town.images)
     print(f"{len(cluster.nats)} nats-server, {len(cluster.workers)} workers with {cluster.regions} regions each\n", flush=True)
-    rate = given.rate or 0.5 * measured_rate(cluster, town.queries, 5)
+    rate = args.rate or 0.5 * measured_rate(cluster, town.queries, 5)
     print(f"{rate:.1f} queries a second of {len(town.queries)} images by {CLIENTS} clients\n", flush=True)
     clients = Clients(cluster.port, town.queries, CLIENTS, rate)
-    scenes = Scenes(cluster, clients, given.seconds)
+    scenes = Scenes(cluster, clients, args.seconds)
     workers, nats = cluster.workers, cluster.nats
 
     def restarted(parts, end=Part.kill):
         for part in parts:
             end(part)
-        time.sleep(given.seconds / 4)
+        time.sleep(args.seconds / 4)
         for part in parts:
             part.start(wait=False)
         for part in parts:

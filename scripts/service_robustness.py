@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Prints the tables of docs/results/service.md about bad requests and about `kill -9`. Standard library only, loopback only.
+"""Prints the tables of docs/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
 
     cargo build --release
     VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60]
 
-The map is redkitchen's, the query an image that it does not hold. Every kill is SIGKILL: the process gets no chance
-to tidy up. What must hold afterwards is checked, and a violation ends the script with status 1.
+The map is of RedKitchen; the query image is not in it. Processes are killed by SIGKILL, so they cannot clean up. The script checks
+the state afterwards, and exits with 1 when an invariant is violated.
 """
 
 import argparse
@@ -33,8 +33,8 @@ from common import PROTOBUF, first_words, target_dir  # noqa: E402
 TOKEN = "a-token-for-a-test-on-loopback-only"
 
 
-class Place:
-    """A map, a smaller one to change over to, and a sealed query for both."""
+class RedKitchen:
+    """A map, a smaller map to replace it, and a sealed query for both."""
 
     def __init__(self, veiloc, data, work):
         self.veiloc, self.work = veiloc, work
@@ -43,7 +43,7 @@ class Place:
         self.map, self.smaller = work / "place.vmap", work / "smaller.vmap"
         self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
                  kitchen / "map.txt", "--query-keypoints", "1024", "-o", self.map)
-        # Every other photograph taken out: another file, the same vocabulary and profile.
+        # Without every second image: another file with the same vocabulary and profile.
         self.removed = names[1::2]
         self.run("map", "remove", self.map, *self.removed, "-o", self.smaller)
         self.run("map", "profile", self.map, "-o", work / "profile")
@@ -59,7 +59,7 @@ class Place:
 
 
 class Server:
-    """`veiloc serve` on a free port of loopback."""
+    """`veiloc serve` on a free loopback port."""
 
     def __init__(self, place, path, port=0, *more):
         self.log = open(place.work / "server.log", "w+")
@@ -92,7 +92,7 @@ def localize(port, query, timeout=60):
 
 
 def pose(body):
-    """What must be equal however often the same bytes are sent: everything but the times."""
+    """The answer without its times; it must be equal for equal queries."""
     answer = json.loads(body)
     answer.pop("ms", None)
     return json.dumps(answer, sort_keys=True)
@@ -105,10 +105,10 @@ def check(condition, what):
 
 # ---------------------------------------------------------------- requests that must not succeed
 
-def raw(port, chunks, pause=0.0, patience=60.0):
-    """Sends chunks, stops at the first sign of an answer; the status line or what else came, and after how long."""
+def raw(port, chunks, pause=0.0, timeout=60.0):
+    """Sends chunks until an answer arrives; returns the status, or how the connection ended, and the time."""
     started = time.monotonic()
-    stream = socket.create_connection(("127.0.0.1", port), timeout=patience)
+    stream = socket.create_connection(("127.0.0.1", port), timeout=timeout)
     stream.setblocking(False)
     answer = b""
 
@@ -138,14 +138,14 @@ def raw(port, chunks, pause=0.0, patience=60.0):
             time.sleep(pause)
     except StopIteration:
         pass
-    while not answer and time.monotonic() - started < patience and not look():
+    while not answer and time.monotonic() - started < timeout and not look():
         time.sleep(0.005)
     took = time.monotonic() - started
     stream.close()
     status = re.match(rb"HTTP/1.1 (\d+)", answer)
     problem = re.search(rb"urn:veiloc:problem:([a-z-]+)", answer)
-    said = f"{status[1].decode()}" if status else "closed without a word"
-    return said + (f" `{problem[1].decode()}`" if problem else ""), took
+    outcome = f"{status[1].decode()}" if status else "closed without an answer"
+    return outcome + (f" `{problem[1].decode()}`" if problem else ""), took
 
 
 def head(length=None, token=TOKEN, kind=PROTOBUF, target="/v1/maps/place/localize", method="POST"):
@@ -161,7 +161,7 @@ def bytewise(data):
 
 
 def endless():
-    """A body in chunks that would not end before 64 MiB."""
+    """A chunked body of 64 MiB."""
     block = b"10000\r\n" + bytes(0x10000) + b"\r\n"
     for _ in range(1024):
         yield block
@@ -177,23 +177,23 @@ def bad_requests(place):
     table = [
         ("no bytes", whole(b""), 0, "400"),
         ("1000 random bytes", whole(rng.randbytes(1000)), 0, "400"),
-        ("a query cut in half", whole(query[:len(query) // 2]), 0, "400"),
-        ("a query and four bytes more", whole(query + b"\x7d\x01\x02\x03"), 0, "400"),
-        ("one bit of a descriptor turned", whole(bytes(flipped)), 0, None),
-        ("half a query, then the end of the connection's patience", [head(len(query)) + query[:1000]], 0, "408"),
+        ("half a query", whole(query[:len(query) // 2]), 0, "400"),
+        ("a query and four more bytes", whole(query + b"\x7d\x01\x02\x03"), 0, "400"),
+        ("one flipped bit in a descriptor", whole(bytes(flipped)), 0, None),
+        ("half a query, then nothing until the timeout", [head(len(query)) + query[:1000]], 0, "408"),
         ("1 MiB announced and sent", whole(bytes(1 << 20)), 0, "413"),
         ("1 TiB announced", [head(1 << 40) + bytes(1000)], 0, "413"),
-        ("64 MiB in chunks, length not announced", [head(), *endless()], 0, "413"),
-        ("a length that is no number", [head("many") + query], 0, "400"),
-        ("head at one byte a second", bytewise(head(len(query))), 1.0, "408"),
-        ("body at one byte a second", [head(len(query)), *bytewise(query[:100])], 1.0, "408"),
+        ("64 MiB in chunks, without a length", [head(), *endless()], 0, "413"),
+        ("a length that is not a number", [head("many") + query], 0, "400"),
+        ("head at one byte per second", bytewise(head(len(query))), 1.0, "408"),
+        ("body at one byte per second", [head(len(query)), *bytewise(query[:100])], 1.0, "408"),
         ("no token", whole(query, token=None), 0, "401"),
         ("a wrong token", whole(query, token="guess"), 0, "401"),
         ("no token, 1 MiB", whole(bytes(1 << 20), token=None), 0, "401"),
         ("metrics with a client's token", [head(0, method="GET", target="/metrics")], 0, "403"),
-        ("JSON for a query", whole(b"{}", kind="application/json"), 0, "415"),
-        ("a map that is not there", whole(query, target="/v1/maps/..%2Fplace/localize"), 0, "404"),
-        ("bytes that are no HTTP", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"], 0, "400"),
+        ("JSON instead of a query", whole(b"{}", kind="application/json"), 0, "415"),
+        ("an unknown map", whole(query, target="/v1/maps/..%2Fplace/localize"), 0, "404"),
+        ("bytes that are not HTTP", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"], 0, "400"),
         ("a head of 100 kB", [b"GET /healthz HTTP/1.1\r\nx: " + b"y" * 100_000 + b"\r\n\r\n"], 0, "431"),
     ]
     results = [None] * len(table)
@@ -207,21 +207,21 @@ def bad_requests(place):
     for thread in threads:
         thread.join()
     print("| sent | answered | after s |\n|---|---|---|")
-    for (what, _, _, expected), (said, took) in zip(table, results):
-        print(f"| {what} | {said} | {took:.1f} |")
-        silent = expected in ("408", "431", "400") and said.startswith("closed")
-        check(expected is None or said.startswith(expected) or silent, f"{what}: {said}, expected {expected}")
+    for (what, _, _, expected), (outcome, took) in zip(table, results):
+        print(f"| {what} | {outcome} | {took:.1f} |")
+        silent = expected in ("408", "431", "400") and outcome.startswith("closed")
+        check(expected is None or outcome.startswith(expected) or silent, f"{what}: {outcome}, expected {expected}")
     status, _ = localize(port, query)
-    check(status == 200, f"after all of that a good query got {status}")
+    check(status == 200, f"a valid query afterwards got {status}")
     memory = re.search(r"VmHWM:\s+(\d+) kB", pathlib.Path(f"/proc/{server.process.pid}/status").read_text())
-    print(f"\nThen a good query: {status}. Most memory the server ever held: {int(memory[1]) / 1024:.0f} MB.\n")
+    print(f"\nA valid query afterwards: {status}. Peak memory of the server: {int(memory[1]) / 1024:.0f} MB.\n")
     server.kill(signal.SIGTERM)
 
 
 # ---------------------------------------------------------------- kill -9
 
 def killed_writes(place, kills, rng):
-    """`map remove` killed at a random time of its run; the file must be the old one or the new one."""
+    """Kills `map remove` at a random time; the file must be the old or the new map."""
     live = place.work / "live.vmap"
     old, new = place.map.read_bytes(), place.smaller.read_bytes()
     command = [place.veiloc, "--quiet", "map", "remove", live, *place.removed]
@@ -229,9 +229,9 @@ def killed_writes(place, kills, rng):
     started = time.monotonic()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     took = time.monotonic() - started
-    check(live.read_bytes() == new, "the same change gives the same bytes")
+    check(live.read_bytes() == new, "equal changes give equal bytes")
     counts = {"old": 0, "new": 0}
-    beside, served = 0, 0
+    unfinished, successful = 0, 0
     for _ in range(kills):
         shutil.copyfile(place.map, live)
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -243,20 +243,20 @@ def killed_writes(place, kills, rng):
         counts["new" if now == new else "old"] += 1
         place.run("map", "info", live)
         left = [p for p in place.work.iterdir() if p.name.startswith(".") or p.suffix == ".tmp"]
-        beside += bool(left)
-        # The next write must not stumble over what the killed one left.
+        unfinished += bool(left)
+        # Files that the killed write left must not disturb the next write.
         subprocess.run(command if now == old else [place.veiloc, "--quiet", "map", "info", live], check=True,
                        stdout=subprocess.DEVNULL)
         check(live.read_bytes() == new, "the write after a killed one")
-        served += 1
+        successful += 1
         for path in left:
             path.unlink(missing_ok=True)
     print(f"| a map write ({took:.1f} s) | {kills} | {counts['old']} times the old map, {counts['new']} times the new one, "
-          f"byte by byte; {beside} times an unfinished file lay beside it; the next write went through {served} times |")
+          f"byte by byte; {unfinished} times an unfinished temporary file was left; the next write succeeded {successful} times |")
 
 
 def killed_reloads(place, kills, rng):
-    """The server killed at a random time after a map was renamed over the one it serves."""
+    """Kills the server at a random time after its map was replaced by rename."""
     live = place.work / "served.vmap"
     shutil.copyfile(place.map, live)
     poses = {}
@@ -289,22 +289,22 @@ def killed_reloads(place, kills, rng):
         asking.join()
         if got and got[0][0] == 200:
             answer = pose(got[0][1])
-            check(answer in poses.values(), "an answer of neither map")
+            check(answer in poses.values(), "the answer is from neither map")
             outcomes["new" if answer == poses[target] else "old"] += 1
-            check(answer in (poses[target], poses[before]), "an answer of neither map")
+            check(answer in (poses[target], poses[before]), "the answer is from neither map")
         else:
             outcomes["none"] += 1
         server = Server(place, live)
         status, body = localize(server.port, place.query)
         check(status == 200 and pose(body) == poses[target], "a restarted server answers with the new map")
         server.kill()
-    print(f"| a hot reload, a query under way | {kills} | the query: {outcomes['old']} times answered from the old map, "
-          f"{outcomes['new']} times from the new one, {outcomes['none']} times the connection broke, never anything between; "
-          f"restarted, {kills} of {kills} answer from the new map |")
+    print(f"| a hot reload during a query | {kills} | the query: {outcomes['old']} times answered from the old map, "
+          f"{outcomes['new']} times from the new one, {outcomes['none']} times the connection broke; "
+          f"after the restart, {kills} of {kills} answers are from the new map |")
 
 
 def killed_requests(place, requests, rng):
-    """Requests from eight clients, the server killed and started again in the middle; what broke is sent again."""
+    """Requests of eight clients while the server is killed and restarted; the clients retry broken requests."""
     server = Server(place, place.map)
     port = server.port
     expected = pose(localize(port, place.query)[1])
@@ -356,17 +356,17 @@ def killed_requests(place, requests, rng):
     for thread in threads:
         thread.join()
     check(not wrong, f"{len(wrong)} answers differ from the first")
-    check(count["answered"] == requests, "every request was answered in the end")
+    check(count["answered"] == requests, "every request is answered in the end")
     server.kill(signal.SIGTERM)
     print(f"| {requests} requests of 8 clients | {restarts} | {count['answered']} answered, all with the same pose, "
-          f"{count['broken']} attempts broken off or refused a connection and sent again, {count['refused']} refused by the service |")
+          f"{count['broken']} attempts lost or refused their connection and were retried, {count['refused']} refused by the service |")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--requests", type=int, default=1000, help="requests during which the server is killed five times")
     parser.add_argument("--kills", type=int, default=60, help="killed map writes, and killed reloads")
-    parser.add_argument("--seed", type=int, default=0, help="of the times of killing")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the kill times")
     arguments = parser.parse_args()
     data = os.environ.get("VEILOC_DATA")
     if not data:
@@ -376,9 +376,9 @@ def main():
         sys.exit("build the program first: cargo build --release")
     rng = random.Random(arguments.seed)
     with tempfile.TemporaryDirectory() as work:
-        place = Place(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
+        place = RedKitchen(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
         bad_requests(place)
-        print("| `kill -9` during | times | what was found |\n|---|---|---|")
+        print("| `kill -9` during | times | result |\n|---|---|---|")
         killed_writes(place, arguments.kills, rng)
         killed_reloads(place, arguments.kills, rng)
         killed_requests(place, arguments.requests, rng)

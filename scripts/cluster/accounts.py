@@ -6,7 +6,7 @@
 Makes an authority and certificates, fills in addresses and passwords of deploy/cluster/nats.conf and of the example settings of
 gateway and worker, publishes a rendered room to a folder, starts three nodes, two workers and a gateway over TLS, and
 localizes through the gateway; all must be answered, also after a node is killed and a new manifest is published. A second map
-gets its account as the comments of nats.conf tell. Then it says, byte by byte, what must not be said, as somebody without a
+gets its account as the comments of nats.conf tell. Then it says, byte by byte, what must not be reason, as somebody without a
 password, with one, with a password of another map, or as a node of another authority: one line `refused: …` each.
 Prints, last, `all N checks hold`; ends with 1 otherwise. Loopback and standard library only; needs nats-server (Debian:
 nats-server), openssl and a build of the program.
@@ -34,33 +34,33 @@ from common import PROTOBUF, ROOT, token  # noqa: E402
 MAP, OTHER = "town", "harbour"
 DEPLOY = ROOT / "deploy" / "cluster"
 PASSWORDS = {name: secrets.token_hex(24) for name in ("gateway", f"worker-{MAP}", f"worker-{OTHER}")}
-# A region that nobody holds: what is said about it reaches no program.
+# A region that nobody holds: what is reason about it reaches no program.
 REGION = f"veiloc.{MAP}.region.{'0' * 64}"
 INBOX = "_INBOX_gateway.by-hand"
 FOREIGN = f"veiloc.{OTHER}.region.{'0' * 64}"
-PATIENCE = 5.0
+TIMEOUT = 5.0
 
-held, failed = 0, []
+passed, failed = 0, []
 
 
-def check(what, holds, said=""):
-    global held
-    held += bool(holds)
+def check(what, holds, reason=""):
+    global passed
+    passed += bool(holds)
     if not holds:
         failed.append(what)
-        print(f"FAILED: {what}: {said}", flush=True)
+        print(f"FAILED: {what}: {reason}", flush=True)
     return holds
 
 
-def works(what, holds, said=""):
-    if check(what, holds, said):
+def works(what, holds, reason=""):
+    if check(what, holds, reason):
         print(f"works: {what}", flush=True)
 
 
-def refused(what, said, expected):
-    """`said` is what the other side answered; it must name the reason that is expected."""
-    if check(f"{what} is refused", bool(said) and expected.lower() in said.lower(), said or "nothing was said against it"):
-        print(f"refused: {what} ({said.strip()[:90]})", flush=True)
+def refused(what, reason, expected):
+    """`reason` is what the other side answered; it must name the reason that is expected."""
+    if check(f"{what} is refused", bool(reason) and expected.lower() in reason.lower(), reason or "nothing was reason against it"):
+        print(f"refused: {what} ({reason.strip()[:90]})", flush=True)
 
 
 def filled(text, places):
@@ -100,7 +100,7 @@ class Authority:
         return ssl.create_default_context(cafile=self.ca)
 
 
-class Guarded(Cluster):
+class SecuredCluster(Cluster):
     """A cluster whose bus, gateway and workers have the settings of deploy/cluster."""
 
     def __init__(self, program, map_file, images):
@@ -115,13 +115,13 @@ class Guarded(Cluster):
         (folder / "nats-auth").mkdir(parents=True)
         users = {name.upper().replace("-", "_") + "_PASSWORD": password for name, password in PASSWORDS.items()}
         (folder / "nats-auth" / "users.conf").write_text("".join(f'{name}: "{word}"\n' for name, word in users.items()))
-        self.said = with_second_map((DEPLOY / "nats.conf").read_text())
-        self.longest = int(re.search(r"^max_payload: (\d+)$", self.said, re.M)[1])
+        self.nats_conf = with_second_map((DEPLOY / "nats.conf").read_text())
+        self.longest = int(re.search(r"^max_payload: (\d+)$", self.nats_conf, re.M)[1])
         return [self.node(i, self.ports[i], self.routes[i], self.mine) for i in range(count)]
 
     def node(self, i, port, route, authority):
         path = self.work / "etc" / f"nats-{i}.conf"
-        path.write_text(filled(self.said, {
+        path.write_text(filled(self.nats_conf, {
             "listen: 0.0.0.0:4222": f"listen: 127.0.0.1:{port}", "http: 127.0.0.1:8222": f"http: 127.0.0.1:{self.monitors[i]}",
             "listen: 0.0.0.0:6222": f"listen: 127.0.0.1:{route}", "/etc/nats-tls": authority.folder}))
         others = ",".join(f"tls://127.0.0.1:{other}" for other in self.routes)
@@ -133,14 +133,14 @@ class Guarded(Cluster):
         self.program.run("map", "split", map_file, "--name", MAP, "--out", regions, "--images", self.images)
         self.program.run("map", "publish", regions, self.store)
 
-    def settings(self, who, example, places):
+    def settings(self, user, example, places):
         """The example's file with our addresses; readable for us alone, as it holds a password."""
         text = (DEPLOY / example).read_text()
-        name = who.upper().replace("-", "_") + "_PASSWORD"
+        name = user.upper().replace("-", "_") + "_PASSWORD"
         places = {f"@nats-{i}:4222": f"@127.0.0.1:{port}" for i, port in enumerate(self.ports)} | places
         path = self.work / "etc" / f"{example.split('.')[0]}-{secrets.token_hex(4)}.toml"
         path.touch(0o600)
-        path.write_text(filled(text, {name: PASSWORDS[who], "s3://veiloc/maps": self.store,
+        path.write_text(filled(text, {name: PASSWORDS[user], "s3://veiloc/maps": self.store,
                                       "/etc/nats-tls/ca.crt": self.mine.ca} | places))
         return path
 
@@ -173,16 +173,16 @@ class Guarded(Cluster):
             connection.close()
         return statuses
 
-    def refuses(self, command, who, places, *more):
+    def refuses(self, command, user, places, *more):
         """What the program says when it is started so; it must end by itself."""
-        settings = self.settings(who, f"{command if command == 'worker' else 'gateway'}.example.toml", places)
+        settings = self.settings(user, f"{command if command == 'worker' else 'gateway'}.example.toml", places)
         try:
             done = subprocess.run([self.program.veiloc, command, "--config", settings, *more], capture_output=True, text=True,
                                   timeout=60)
         except subprocess.TimeoutExpired:
             return ""
-        said = " ".join((done.stdout + done.stderr).split())
-        return re.sub(r"^.*?no NATS server", "no NATS server", said) if done.returncode else ""
+        reason = " ".join((done.stdout + done.stderr).split())
+        return re.sub(r"^.*?no NATS server", "no NATS server", reason) if done.returncode else ""
 
 
 def with_second_map(text):
@@ -193,26 +193,26 @@ def with_second_map(text):
     return text.replace(block[0], block[0] + block[0].replace(MAP, OTHER).replace(MAP.upper(), OTHER.upper()))
 
 
-class Talker:
+class NatsClient:
     """Somebody who talks NATS by hand."""
 
     def __init__(self, port, context, user=None, password=None, tls=True):
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT)
         self.buffer, self.messages, self.errors = b"", [], []
         self.info = json.loads(self.line().removeprefix(b"INFO "))
         if tls:
             self.socket = context.wrap_socket(self.socket, server_hostname="127.0.0.1")
-        said = {"verbose": False, "pedantic": False, "lang": "by hand", "version": "0", "protocol": 1, "headers": True,
+        options = {"verbose": False, "pedantic": False, "lang": "by hand", "version": "0", "protocol": 1, "headers": True,
                 "no_responders": True, "tls_required": tls}
-        said |= {"user": user, "pass": password} if user else {}
-        self.send(f"CONNECT {json.dumps(said)}\r\n".encode())
+        options |= {"user": user, "pass": password} if user else {}
+        self.send(f"CONNECT {json.dumps(options)}\r\n".encode())
         self.settle()
 
     def send(self, data):
         try:
             self.socket.sendall(data)
         except OSError as error:
-            # What was said before can still be read.
+            # What was reason before can still be read.
             self.errors.append(f"the node hung up ({error})")
 
     def more(self):
@@ -259,7 +259,7 @@ class Talker:
             self.errors.append(str(error))
 
     def subscribe(self, subject, queue="", sid=1):
-        """What is said against it."""
+        """What is reason against it."""
         self.errors.clear()
         self.send(f"SUB {subject} {queue} {sid}\r\n".encode())
         self.settle()
@@ -271,16 +271,16 @@ class Talker:
         self.settle()
         return " ".join(self.errors[:1])
 
-    def hear(self, patience=PATIENCE):
+    def hear(self, timeout=TIMEOUT):
         """The next message, or None."""
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + timeout
         try:
             while not self.messages and time.monotonic() < deadline:
                 self.socket.settimeout(max(0.05, deadline - time.monotonic()))
                 self.step()
         except OSError:
             pass
-        self.socket.settimeout(PATIENCE)
+        self.socket.settimeout(TIMEOUT)
         return self.messages.pop(0) if self.messages else None
 
 
@@ -289,34 +289,34 @@ def gets_in(cluster):
     trusts, password = cluster.mine.trusts(), PASSWORDS["gateway"]
     violation = "Authorization Violation"
 
-    def said(*who, port=cluster.ports[0], **how):
-        return " ".join(Talker(port, trusts, *who, **how).errors[:1])
+    def connect_errors(*credentials, port=cluster.ports[0], **how):
+        return " ".join(NatsClient(port, trusts, *credentials, **how).errors[:1])
 
     for port in cluster.ports:
-        works(f"node on {port} takes the gateway's password", said("gateway", password, port=port) == "")
-    refused("a connection without credentials", said(), violation)
-    refused("a connection with a wrong password", said("gateway", "wrong"), violation)
-    refused("a user with the password of another one", said("gateway", PASSWORDS[f"worker-{MAP}"]), violation)
-    refused("a user that there is not", said("admin", password), violation)
-    refused("a password without TLS", said("gateway", password, tls=False), "hung up")
+        works(f"node on {port} takes the gateway's password", connect_errors("gateway", password, port=port) == "")
+    refused("a connection without credentials", connect_errors(), violation)
+    refused("a connection with a wrong password", connect_errors("gateway", "wrong"), violation)
+    refused("a user with the password of another one", connect_errors("gateway", PASSWORDS[f"worker-{MAP}"]), violation)
+    refused("a user that there is not", connect_errors("admin", password), violation)
+    refused("a password without TLS", connect_errors("gateway", password, tls=False), "hung up")
     try:
-        with_other = " ".join(Talker(cluster.ports[0], cluster.foreign.trusts(), "gateway", password).errors)
+        with_other = " ".join(NatsClient(cluster.ports[0], cluster.foreign.trusts(), "gateway", password).errors)
     except ssl.SSLError as error:
         with_other = str(error)
     refused("by who trusts another authority: the node's certificate", with_other, "certificate verify failed")
 
-    for command, who in (("worker", f"worker-{MAP}"), ("serve", "gateway")):
+    for command, user in (("worker", f"worker-{MAP}"), ("serve", "gateway")):
         own = ["--admin-listen", "127.0.0.1:0"] + (["--listen", "127.0.0.1:0"] if command == "serve" else [])
         other = {"/var/cache/veiloc": cluster.work / "cache-refused"}
         if command == "serve":
             other |= {"/etc/veiloc/cert.pem": cluster.mine.folder / "tls.crt",
                       "/etc/veiloc/key.pem": cluster.mine.folder / "tls.key", "/etc/veiloc/tokens": cluster.work / "tokens"}
-        wrong = other | {f":{PASSWORDS[who]}@": ":wrong@"}
-        refused(f"veiloc {command} with a wrong password", cluster.refuses(command, who, wrong, *own), "authorization violation")
-        none = other | {f"{who}:{PASSWORDS[who]}@": ""}
-        refused(f"veiloc {command} without a password", cluster.refuses(command, who, none, *own), "authorization violation")
+        wrong = other | {f":{PASSWORDS[user]}@": ":wrong@"}
+        refused(f"veiloc {command} with a wrong password", cluster.refuses(command, user, wrong, *own), "authorization violation")
+        none = other | {f"{user}:{PASSWORDS[user]}@": ""}
+        refused(f"veiloc {command} without a password", cluster.refuses(command, user, none, *own), "authorization violation")
         refused(f"by veiloc {command} that trusts another authority: the nodes",
-                cluster.refuses(command, who, other, *own, "--nats-ca", cluster.foreign.ca), "certificate")
+                cluster.refuses(command, user, other, *own, "--nats-ca", cluster.foreign.ca), "certificate")
 
 
 def nodes(cluster):
@@ -330,17 +330,17 @@ def nodes(cluster):
     time.sleep(3)
     joined, log = routes(3), rogue.log.read_text()
     rogue.stop(5)
-    said = next((line.split("] ", 1)[-1] for line in log.splitlines() if "TLS route handshake error" in line), "")
-    refused("a node with a certificate of another authority", said if joined == 0 else "", "certificate")
-    plain = socket.create_connection(("127.0.0.1", cluster.routes[0]), timeout=PATIENCE)
+    reason = next((line.split("] ", 1)[-1] for line in log.splitlines() if "TLS route handshake error" in line), "")
+    refused("a node with a certificate of another authority", reason if joined == 0 else "", "certificate")
+    plain = socket.create_connection(("127.0.0.1", cluster.routes[0]), timeout=TIMEOUT)
     context = cluster.mine.trusts()
     try:
         bare = context.wrap_socket(plain, server_hostname="127.0.0.1")
         bare.sendall(b'CONNECT {"name":"rogue","cluster":"veiloc"}\r\nPING\r\n')
-        said = "" if b"PONG" in bare.recv(65536) else "hung up"
+        reason = "" if b"PONG" in bare.recv(65536) else "hung up"
     except OSError as error:
-        said = str(error)
-    refused("a node without a certificate", said, "certificate")
+        reason = str(error)
+    refused("a node without a certificate", reason, "certificate")
 
 
 def says(cluster):
@@ -348,7 +348,7 @@ def says(cluster):
     trusts = cluster.mine.trusts()
 
     def user(name, node=0):
-        return Talker(cluster.ports[node], trusts, name, PASSWORDS[name])
+        return NatsClient(cluster.ports[node], trusts, name, PASSWORDS[name])
 
     no_sub, no_pub = "Permissions Violation for Subscription", "Permissions Violation for Publish"
     region = f"veiloc.{MAP}.region.*"
@@ -367,7 +367,7 @@ def says(cluster):
     works("the gateway's user hears its own replies", gateway.subscribe(f"{INBOX}.*") == "")
     gateway.publish(FOREIGN, reply=f"{INBOX}.1")
     heard = gateway.hear()
-    works("it is told at once that nobody holds a region", heard is not None and b" 503" in heard[2], heard)
+    works("it is deadline at once that nobody holds a region", heard is not None and b" 503" in heard[2], heard)
 
     worker = user(f"worker-{MAP}", 1)
     for what, subject, queue in (
@@ -396,7 +396,7 @@ def says(cluster):
     listener.subscribe(f"_INBOX_worker-{MAP}.>")
     works("a worker joins the group of a region", worker.subscribe(REGION, "members") == "")
     works("it listens to what is cancelled there", worker.subscribe(f"{REGION}.cancel", sid=2) == "")
-    reached, deadline = None, time.monotonic() + PATIENCE
+    reached, deadline = None, time.monotonic() + TIMEOUT
     while reached is None and time.monotonic() < deadline:
         # Word of who joined takes a moment to get to the other nodes.
         gateway.publish(REGION, reply=f"{INBOX}.2")
@@ -453,12 +453,12 @@ def loser(cluster, town):
         return answered
 
     before, hung, rounds, answered = cancelled(), cluster.workers[0].process, 0, []
-    # Of two workers chance takes one: in a round it may be asked for nothing but a search, which ends before it is told.
+    # Of two workers chance takes one: in a round it may be asked for nothing but a search, which ends before it is deadline.
     while cancelled() == before and rounds < 10:
         rounds += 1
         answered += asked_beside_it()
-        told = time.monotonic() + 2
-        while cancelled() == before and time.monotonic() < told:
+        deadline = time.monotonic() + 2
+        while cancelled() == before and time.monotonic() < deadline:
             time.sleep(0.05)
     works("queries are answered beside a worker that hangs", answered.count(200) == rounds * 2 * len(town.queries), answered)
     works("what it was asked is cancelled", cancelled() > before, f"nothing in {rounds} rounds")
@@ -466,11 +466,11 @@ def loser(cluster, town):
 
 
 def main():
-    given = arguments(__doc__).parse_args()
+    args = arguments(__doc__).parse_args()
     if not shutil.which("openssl"):
         sys.exit("openssl is missing: apt-get install openssl")
-    town = Rendered(given.veiloc)
-    cluster = Guarded(town, town.map, town.images)
+    town = Rendered(args.veiloc)
+    cluster = SecuredCluster(town, town.map, town.images)
     count = len(town.queries)
 
     def all_answered(when):
@@ -505,10 +505,10 @@ def main():
           [line for log in logs.values() for line in log.splitlines() if "violation" in line.lower()][:2])
     works("no password is in a log", not any(password in log for log in logs.values() for password in PASSWORDS.values()))
     if failed:
-        print(f"{len(failed)} of {held + len(failed)} checks do not hold; logs: {cluster.work}")
+        print(f"{len(failed)} of {passed + len(failed)} checks do not hold; logs: {cluster.work}")
         sys.exit(1)
     shutil.rmtree(cluster.work)
-    print(f"all {held} checks hold")
+    print(f"all {passed} checks hold")
 
 
 if __name__ == "__main__":

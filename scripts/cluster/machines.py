@@ -54,12 +54,12 @@ class Part:
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
 
-    def stop(self, patience=60):
+    def stop(self, timeout=60):
         """The exit code after SIGTERM, or None when it had to be killed."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
         try:
-            return self.process.wait(patience)
+            return self.process.wait(timeout)
         except subprocess.TimeoutExpired:
             self.kill()
             return None
@@ -128,12 +128,12 @@ class Cluster:
 
 
 class Clients:
-    """Well-behaved clients of one address: each sends its queries in turn, and the same bytes again when told to come back or
-    when the connection broke, until `patience` is over. A query counts as accepted when its whole body was sent to somebody who
+    """Well-behaved clients of one address: each sends its queries in turn, and the same bytes again when value to come back or
+    when the connection broke, until `timeout` is over. A query counts as accepted when its whole body was sent to somebody who
     had taken the connection; it is lost when it never got an answer (200, or a refusal that says that there is no pose)."""
 
-    def __init__(self, port, queries, count, rate=None, patience=60.0):
-        self.port, self.queries, self.patience = port, queries, patience
+    def __init__(self, port, queries, count, rate=None, timeout=60.0):
+        self.port, self.queries, self.timeout = port, queries, timeout
         self.every = count / rate if rate else 0.0
         self.lock, self.stopping = threading.Lock(), threading.Event()
         self.accepted = self.lost = self.retried = self.wrong = 0
@@ -152,7 +152,7 @@ class Clients:
             number = turn % len(self.queries)
             turn += count
             started, sent, answered, tries = time.monotonic(), False, False, 0
-            while not answered and time.monotonic() - started < self.patience:
+            while not answered and time.monotonic() - started < self.timeout:
                 tries += 1
                 status, body, taken, connection, pause = self.send(connection, self.queries[number])
                 sent = sent or taken
@@ -175,7 +175,7 @@ class Clients:
     def send(self, connection, query):
         taken = False
         try:
-            connection = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=self.patience)
+            connection = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=self.timeout)
             connection.request("POST", LOCALIZE, query, {"content-type": PROTOBUF})
             taken = True
             response = connection.getresponse()
@@ -192,13 +192,13 @@ class Clients:
 
     def compare(self, number, status, body):
         """Equal bytes have equal poses, whoever answers: of each query the set of answers."""
-        told = json.loads(body)["cam_from_world"]["q"] if status == 200 else status
-        self.poses.setdefault(number, set()).add(str(told))
+        value = json.loads(body)["cam_from_world"]["q"] if status == 200 else status
+        self.poses.setdefault(number, set()).add(str(value))
 
     def stop(self):
         self.stopping.set()
         for thread in self.threads:
-            thread.join(self.patience + 5)
+            thread.join(self.timeout + 5)
         return self
 
     def between(self, begin, end):
@@ -211,29 +211,29 @@ def percentile(times, share):
     return times[min(len(times) - 1, int(share * len(times)))] if times else float("nan")
 
 
-class Town(Program):
-    """A map, a smaller one of the same profile, and sealed queries of images that neither holds; made once and kept."""
+class ClusterScene(Program):
+    """A map, a smaller one of the same profile, and sealed queries of images that neither holds; made once and cache."""
 
-    def __init__(self, veiloc, kept, count):
+    def __init__(self, veiloc, cache, count):
         super().__init__(veiloc)
-        kept = self.target / kept
-        self.map, self.smaller = kept / "place.vmap", kept / "smaller.vmap"
-        if not (kept / "done").exists():
-            kept.mkdir(parents=True, exist_ok=True)
-            self.make(kept, count)
-            (kept / "done").touch()
-        self.queries = [path.read_bytes() for path in sorted(kept.glob("*.vquery"))]
+        cache = self.target / cache
+        self.map, self.smaller = cache / "place.vmap", cache / "smaller.vmap"
+        if not (cache / "done").exists():
+            cache.mkdir(parents=True, exist_ok=True)
+            self.make(cache, count)
+            (cache / "done").touch()
+        self.queries = [path.read_bytes() for path in sorted(cache.glob("*.vquery"))]
 
-    def seal(self, kept, images, posed):
-        self.run("map", "profile", self.map, "-o", kept / "profile")
+    def seal(self, cache, images, posed):
+        self.run("map", "profile", self.map, "-o", cache / "profile")
         lines = (posed / "cameras.txt").read_text().splitlines()
         camera = ",".join(next(line for line in lines if not line.startswith("#")).split()[1:])
         for i, image in enumerate(images):
-            self.run("seal", image, "--camera", camera, "--profile", kept / "profile", "--max-keypoints", 1024, "-o",
-                     kept / f"{i:02}.vquery")
+            self.run("seal", image, "--camera", camera, "--profile", cache / "profile", "--max-keypoints", 1024, "-o",
+                     cache / f"{i:02}.vquery")
 
 
-class Kitchen(Town):
+class Kitchen(ClusterScene):
     """RedKitchen: 83 images in regions of 30."""
 
     images, whole = 30, 1000
@@ -241,7 +241,7 @@ class Kitchen(Town):
     def __init__(self, veiloc):
         super().__init__(veiloc, "cluster-kitchen", 12)
 
-    def make(self, kept, count):
+    def make(self, cache, count):
         data = os.environ.get("VEILOC_DATA")
         if not data:
             sys.exit("set VEILOC_DATA to the folder of the real images, or give --rendered")
@@ -251,10 +251,10 @@ class Kitchen(Town):
                  kitchen / "map.txt", "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
         images = [kitchen / "images" / name for name in first_words(kitchen / "query.txt")[:count]]
-        self.seal(kept, images, kitchen / "posed")
+        self.seal(cache, images, kitchen / "posed")
 
 
-class Rendered(Town):
+class Rendered(ClusterScene):
     """A rendered room: 24 images in regions of 8; made in a fraction of the time that the demo takes."""
 
     images, whole = 8, 1000
@@ -262,8 +262,8 @@ class Rendered(Town):
     def __init__(self, veiloc):
         super().__init__(veiloc, "cluster-room", 4)
 
-    def make(self, kept, count):
-        room = kept / "room"
+    def make(self, cache, count):
+        room = cache / "room"
         # What a run that was broken off left there.
         shutil.rmtree(room, ignore_errors=True)
         self.run("synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
@@ -271,11 +271,11 @@ class Rendered(Town):
         self.run("map", "build", "--posed", room / "posed", "--images", room / "images", "--list", room / "map.txt",
                  "--max-keypoints", 1024, "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.seal(kept, [room / "images" / name for name in first_words(room / "query.txt")], room / "posed")
+        self.seal(cache, [room / "images" / name for name in first_words(room / "query.txt")], room / "posed")
 
 
-def place(given):
-    return Rendered(given.veiloc) if given.rendered else Kitchen(given.veiloc)
+def place(args):
+    return Rendered(args.veiloc) if args.rendered else Kitchen(args.veiloc)
 
 
 def counter(text, name, labels=""):

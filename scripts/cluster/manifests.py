@@ -30,11 +30,11 @@ DEPLOY = ROOT / "deploy" / "cluster"
 CONTAINERFILE = "deploy/cluster/Containerfile"
 # What stands in for a secret's value.
 SERVERS = "tls://somebody:password@nats:4222"
-held, faults, skipped = [], [], []
+passed, faults, skipped = [], [], []
 
 
 def check(holds, what):
-    (held if holds else faults).append(what)
+    (passed if holds else faults).append(what)
     print(("ok     " if holds else "FAULT  ") + what, flush=True)
     return holds
 
@@ -59,18 +59,18 @@ class Known:
         self.veiloc = veiloc
 
     def options(self, *command):
-        said = run(self.veiloc, *command, "--help")
-        return set(re.findall(r"--[a-z][a-z-]*", said.stdout)) if said.returncode == 0 else set()
+        done = run(self.veiloc, *command, "--help")
+        return set(re.findall(r"--[a-z][a-z-]*", done.stdout)) if done.returncode == 0 else set()
 
     def settings(self, where, command, text, environment=None):
         """What holds with these settings; the program's own complaint is a fault."""
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "settings.toml"
             path.write_text(text)
-            given = {"PATH": os.environ["PATH"]} | (environment or {})
-            said = run(self.veiloc, command, "--config", path, "--print-config", env=given)
-        fine = check(said.returncode == 0, f"{where}: veiloc {command} takes these settings {said.stderr.strip()[:200]}")
-        return tomllib.loads(said.stdout) if fine else {}
+            args = {"PATH": os.environ["PATH"]} | (environment or {})
+            done = run(self.veiloc, command, "--config", path, "--print-config", env=variables)
+        fine = check(done.returncode == 0, f"{where}: veiloc {command} takes these settings {done.stderr.strip()[:200]}")
+        return tomllib.loads(done.stdout) if fine else {}
 
     def line(self, where, words):
         """A command line after the program's name."""
@@ -165,8 +165,8 @@ def compose(known, taken, user, folders):
             if key in holds:
                 check(any(holds[key] == mount or holds[key].startswith(mount + "/") for mount in mounts),
                       f"{here}: {key} lies in a volume")
-        patience = float(service["stop_grace_period"].rstrip("s"))
-        check(patience > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {patience} s, more than it may take")
+        timeout = float(service["stop_grace_period"].rstrip("s"))
+        check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, more than it may take")
         servers = re.findall(r"@([^:]+):(\d+)", holds["cluster" if name == "gateway" else "nats"])
         check(sorted(servers) == sorted((other, "4222") for other in services if other.startswith("nats")),
               f"{here}: all nodes of NATS")
@@ -181,8 +181,8 @@ def compose(known, taken, user, folders):
     check(all(str(port(holds["admin-listen"])) == probed for holds in taken.values()),
           f"{where}: the probe asks the settings' port")
     if shutil.which("docker") and run("docker", "compose", "version").returncode == 0:
-        said = run("docker", "compose", "-f", DEPLOY / where, "--profile", "publish", "config", "--quiet")
-        check(said.returncode == 0, f"{where}: docker compose config {said.stderr.strip()}")
+        done = run("docker", "compose", "-f", DEPLOY / where, "--profile", "publish", "config", "--quiet")
+        check(done.returncode == 0, f"{where}: docker compose config {done.stderr.strip()}")
     else:
         skip(f"{where}: by its schema", "no docker compose here")
 
@@ -210,8 +210,8 @@ def nats(documents):
         (folder / "nats-auth" / "users.conf").write_text("".join(f'{name}: "secret"\n' for name in names))
         for name, text in (("nats.conf", ours), ("kubernetes.yaml's nats.conf", theirs)):
             (folder / "nats.conf").write_text(text.replace("/etc/nats-tls", str(folder)))
-            said = run(server, "-t", "-c", folder / "nats.conf")
-            check(said.returncode == 0, f"{name}: by nats-server {said.stderr.strip() if said.returncode else ''}")
+            done = run(server, "-t", "-c", folder / "nats.conf")
+            check(done.returncode == 0, f"{name}: by nats-server {done.stderr.strip() if done.returncode else ''}")
 
 
 def secrets_to_make(text):
@@ -295,7 +295,7 @@ def kubernetes(known, user):
             else:
                 ours(known, here, pod, container, ports, mounts, files, variables, mine)
     check(used == secrets.keys(), f"{where}: every secret that is to be made is used {used ^ secrets.keys()}")
-    roads(where, documents, pods)
+    check_services(where, documents, pods)
     schema(where, documents)
 
 
@@ -337,14 +337,14 @@ def ours(known, here, pod, container, ports, mounts, files, variables, mine):
         if key in holds:
             check(holds[key] in mine, f"{here}: {key} is of a secret")
     check(holds["cache"] in mounts and not mounts[holds["cache"]].get("readOnly"), f"{here}: the cache can be written")
-    room = next(volume["emptyDir"]["sizeLimit"] for volume in pod["volumes"] if volume["name"] == "cache")
-    check(float(room.removesuffix("Gi")) * 1.0737 > holds["cache-gb"], f"{here}: the cache has room")
-    patience = pod["terminationGracePeriodSeconds"]
-    check(patience > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {patience} s, more than it may take")
+    size = next(volume["emptyDir"]["sizeLimit"] for volume in pod["volumes"] if volume["name"] == "cache")
+    check(float(size.removesuffix("Gi")) * 1.0737 > holds["cache-gb"], f"{here}: the cache has room")
+    timeout = pod["terminationGracePeriodSeconds"]
+    check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, more than it may take")
     check(pod["enableServiceLinks"] is False, f"{here}: no variables of the cluster's")
 
 
-def roads(where, documents, pods):
+def check_services(where, documents, pods):
     """Services and the policy lead to pods and ports that are there."""
     def found(selector):
         return [document for document in pods.values()
@@ -382,10 +382,10 @@ def schema(where, documents):
     for (kind, name), document in documents.items():
         try:
             kubernetes_validate.validate(document, version, strict=True)
-            said = ""
+            error_text = ""
         except Exception as error:  # its classes differ between versions
-            said = f": {error}"
-        check(not said, f"{where}: {kind} {name} by the schema of {version}{said}")
+            error_text = f": {error}"
+        check(not error_text, f"{where}: {kind} {name} by the schema of {version}{error_text}")
 
 
 def main():
@@ -398,10 +398,10 @@ def main():
         compose(known, taken, user, folders)
         kubernetes(known, user)
     if faults:
-        print(f"{len(faults)} of {len(held) + len(faults)} checks do not hold")
+        print(f"{len(faults)} of {len(passed) + len(faults)} checks do not hold")
         sys.exit(1)
     print(f"not checked: {'; '.join(skipped) or 'nothing'}")
-    print(f"all {len(held)} checks hold")
+    print(f"all {len(passed)} checks hold")
 
 
 if __name__ == "__main__":

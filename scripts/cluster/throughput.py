@@ -45,8 +45,8 @@ def main():
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
     parser.add_argument("--json", metavar="FILE", help="also write the points for research/notes/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])
-    given = parser.parse_args()
-    town = place(given)
+    args = parser.parse_args()
+    town = place(args)
 
     header("road", "median, ms", "p95, ms", "median beside the direct call, ms")
     direct = Server(town, "--workers", 1, maps=["--map", f"place={town.map}"])
@@ -55,8 +55,8 @@ def main():
     # In turns, so that what else the machine does meets both.
     alone, road = [], []
     for _ in range(3):
-        alone += one_by_one(direct.port, town.queries, given.seconds / 3)
-        road += one_by_one(cluster.port, town.queries, given.seconds / 3)
+        alone += one_by_one(direct.port, town.queries, args.seconds / 3)
+        road += one_by_one(cluster.port, town.queries, args.seconds / 3)
     direct.stop()
     base = statistics.median(alone)
     for name, times in (("direct: the map in memory", sorted(alone)), ("cluster: one region, the whole map", sorted(road))):
@@ -68,12 +68,12 @@ def main():
 
     header("workers", "answers a second", "busy threads", "answers a busy second", "share of all processors", "regions a query")
     points = []
-    for workers in given.workers:
+    for workers in args.workers:
         cluster = Cluster(town, town.map, workers=workers, images=town.images)
         clients = Clients(cluster.port, town.queries, 2 * workers + 2)
         time.sleep(2)
         before, begin = busy(cluster), time.monotonic()
-        time.sleep(given.seconds)
+        time.sleep(args.seconds)
         took, end = busy(cluster) - before, time.monotonic()
         done = len([1 for started, lasted in clients.times if begin <= started + lasted < end])
         clients.stop()
@@ -82,9 +82,9 @@ def main():
             f"{took / (end - begin) / os.cpu_count():.2f}", f"{histogram_mean(text, 'veiloc_cluster_regions'):.2f}")
         cluster.stop()
         points.append({"workers": workers, "clients": 2 * workers + 2, "rate": round(done / (end - begin), 1)})
-    if given.json:
+    if args.json:
         measured = {"constants": {"processors": os.cpu_count()}, "points": points}
-        pathlib.Path(given.json).write_text(json.dumps(measured) + "\n")
+        pathlib.Path(args.json).write_text(json.dumps(measured) + "\n")
 
 
 if __name__ == "__main__":

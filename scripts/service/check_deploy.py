@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Holds the files of deploy/ against the program and against each other, and says what it could not check.
+"""Checks the files of deploy/ against the program and against each other, and lists the checks that it had to skip.
 
     cargo build --release -p veiloc-cli
     scripts/service/check_deploy.py [--veiloc PROGRAM]
 
-Ports, paths, users, times and settings must be the same everywhere and known to the program; the unit must be one by
-systemd-analyze where that is installed; Kubernetes' schema is asked of kubeconform where that is installed, else of
-kubernetes-validate (PyPI); compose of `docker compose config`. Needs PyYAML. Ends with 1 when something does not fit.
+Ports, paths, users, times and settings must agree and be known to the program. The systemd unit is checked by systemd-analyze, the
+Kubernetes schema by kubeconform or kubernetes-validate (PyPI), the compose file by `docker compose config`, each if it is
+installed. Needs PyYAML. Exits with 1 when a check fails.
 """
 
 import argparse
@@ -51,22 +51,22 @@ def port(address):
 
 
 def settings(veiloc, text, where):
-    """What holds with this file; the program's own complaint is a fault."""
+    """The effective settings with this file; an error of the program is a fault."""
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "veiloc.toml"
         path.write_text(text)
         done = run(veiloc, "serve", "--config", path, "--print-config", env={"PATH": os.environ["PATH"]})
-        check(done.returncode == 0, f"{where}: the program takes these settings {done.stderr.strip()}")
+        check(done.returncode == 0, f"{where}: the program accepts these settings {done.stderr.strip()}")
         return tomllib.loads(done.stdout) if done.returncode == 0 else {}
 
 
 def environment(veiloc, variables, where):
-    """Every variable is one of an option's, and is taken."""
+    """Checks that each variable belongs to an option and is accepted."""
     known = {"VEILOC_" + key.upper().replace("-", "_") for key in all_keys(veiloc)}
     for name, value in variables.items():
         check(name in known, f"{where}: {name} belongs to an option")
         done = run(veiloc, "serve", "--maps", "/none", "--print-config", env={"PATH": os.environ["PATH"], name: value})
-        check(done.returncode == 0 and f"# {name}\n" in done.stdout, f"{where}: {name}={value} is taken")
+        check(done.returncode == 0 and f"# {name}\n" in done.stdout, f"{where}: {name}={value} is accepted")
 
 
 def all_keys(veiloc):
@@ -75,7 +75,7 @@ def all_keys(veiloc):
 
 
 def stops_in(holds):
-    """Seconds that whoever stops the service must at least wait."""
+    """Seconds that the service may need to stop."""
     return holds["drain-delay"] + holds["grace"]
 
 
@@ -92,14 +92,14 @@ def container(example):
     check("STOPSIGNAL SIGTERM" in text and "HEALTHCHECK" in text, "Containerfile: signal and health")
     check('ENTRYPOINT ["/usr/local/bin/veiloc", "serve"]' in text, "Containerfile: runs the service")
     for source in re.findall(r"^COPY (?!--from)(\S+)", text, re.M):
-        check((ROOT / source).exists(), f"Containerfile: {source} is there")
+        check((ROOT / source).exists(), f"Containerfile: {source} exists")
     probe = (DEPLOY / "probe.sh").read_text()
-    check(f"PROBE_PORT:-{port(example['admin-listen'])}" in probe, "probe.sh: the operator's port")
-    check(run("bash", "-n", DEPLOY / "probe.sh").returncode == 0, "probe.sh: is a script")
+    check(f"PROBE_PORT:-{port(example['admin-listen'])}" in probe, "probe.sh: the admin port")
+    check(run("bash", "-n", DEPLOY / "probe.sh").returncode == 0, "probe.sh: valid bash")
     builder = next((tool for tool in ("podman", "buildah") if shutil.which(tool)), None)
     if builder is None and shutil.which("docker"):
         builder = "docker" if run("docker", "info").returncode == 0 else None
-    skip("Containerfile: an image was built", "this takes a registry; build it by hand" if builder else "no builder here")
+    skip("Containerfile: image build", "needs a registry; build it by hand" if builder else "no builder is installed")
     return user[1] if user else None
 
 
@@ -110,8 +110,8 @@ def compose(veiloc, example, user):
     check(str(port(example["listen"][0])) == service["ports"][0].split(":")[-1], "compose.yaml: the port of the settings")
     check(not any(str(port(example["admin-listen"])) in p for p in service["ports"]), "compose.yaml: admin not published")
     check((DEPLOY / service["build"]["context"] / service["build"]["dockerfile"]).exists(), "compose.yaml: builds a file")
-    patience = float(service["stop_grace_period"].rstrip("s"))
-    check(patience > stops_in(example), f"compose.yaml: waits {patience} s, more than drain and grace")
+    timeout = float(service["stop_grace_period"].rstrip("s"))
+    check(timeout > stops_in(example), f"compose.yaml: waits {timeout} s, longer than drain and grace")
     check(service["ulimits"]["nofile"] >= example["connections"] + 192, "compose.yaml: open files for all connections")
     mounts = [volume.split(":")[1] for volume in service["volumes"]]
     for key in ("maps", "cert", "key", "tokens"):
@@ -122,22 +122,22 @@ def compose(veiloc, example, user):
         done = run("docker", "compose", "-f", DEPLOY / "compose.yaml", "config", "--quiet")
         check(done.returncode == 0, f"compose.yaml: docker compose config {done.stderr.strip()}")
     else:
-        skip("compose.yaml: by its schema", "no docker compose here")
+        skip("compose.yaml: schema", "docker compose is not installed")
 
 
 def unit(example):
     path = DEPLOY / "veiloc.service"
     text = path.read_text()
     entries = dict(re.findall(r"^(\w+)=(.*)$", text, re.M))
-    check(entries["Type"] in ("exec", "simple"), "veiloc.service: waits for no word that is never sent")
-    check(float(entries["TimeoutStopSec"]) > stops_in(example), "veiloc.service: waits longer than drain and grace")
+    check(entries["Type"] in ("exec", "simple"), "veiloc.service: does not wait for sd_notify, which the program does not send")
+    check(float(entries["TimeoutStopSec"]) > stops_in(example), "veiloc.service: stop timeout is longer than drain and grace")
     check(int(entries["LimitNOFILE"]) >= example["connections"] + 192, "veiloc.service: open files for all connections")
     check(entries["ExecStart"].endswith("serve --config /etc/veiloc/veiloc.toml"), "veiloc.service: the settings")
     check("listen unix:/run/veiloc/" in text and entries["RuntimeDirectory"] == "veiloc", "veiloc.service: a socket's folder")
     if not shutil.which("systemd-analyze"):
         return skip("veiloc.service: by systemd-analyze", "not installed")
     with tempfile.TemporaryDirectory() as folder:
-        # The program need not be installed here, nor its user be.
+        # The program and its user need not exist on this machine.
         trial = pathlib.Path(folder) / "veiloc.service"
         trial.write_text(text.replace("/usr/local/bin/veiloc", "/bin/true"))
         done = run("systemd-analyze", "verify", trial)
@@ -146,9 +146,9 @@ def unit(example):
         figure = re.search(r"level for \S+: ([\d.]+)", done.stdout)
         check(bool(figure) and float(figure[1]) < 2, f"veiloc.service: exposure {figure and figure[1]}")
     if pathlib.Path("/run/systemd/system").exists():
-        skip("veiloc.service: started", "needs the program installed; do it by hand")
+        skip("veiloc.service: start", "needs the program installed; start it by hand")
     else:
-        skip("veiloc.service: started", "systemd does not run here")
+        skip("veiloc.service: start", "systemd does not run on this machine")
 
 
 def kubernetes(veiloc, user):
@@ -161,26 +161,26 @@ def kubernetes(veiloc, user):
     container = pod["containers"][0]
     ports = {p["name"]: p["containerPort"] for p in container["ports"]}
     check(ports["https"] == port(holds["listen"][0]), "kubernetes.yaml: the port of the settings")
-    check(ports["admin"] == port(holds["admin-listen"]), "kubernetes.yaml: the operator's port")
-    check(not holds["admin-listen"].startswith("127."), "kubernetes.yaml: the node reaches the probes")
-    check(documents["Service"]["spec"]["ports"][0]["targetPort"] == "https", "kubernetes.yaml: the Service leads to it")
-    check(len(documents["Service"]["spec"]["ports"]) == 1, "kubernetes.yaml: the Service does not lead to the operator's")
+    check(ports["admin"] == port(holds["admin-listen"]), "kubernetes.yaml: the admin port")
+    check(not holds["admin-listen"].startswith("127."), "kubernetes.yaml: the kubelet reaches the admin port")
+    check(documents["Service"]["spec"]["ports"][0]["targetPort"] == "https", "kubernetes.yaml: the Service targets the https port")
+    check(len(documents["Service"]["spec"]["ports"]) == 1, "kubernetes.yaml: the Service does not expose the admin port")
     for probe, wanted in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
         got = container[probe]["httpGet"]
         check((got["path"], got["port"]) == (wanted, "admin"), f"kubernetes.yaml: {probe}")
-    look = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
-    check(holds["drain-delay"] > look, f"kubernetes.yaml: drain-delay is more than {look} s between looks")
-    patience = pod["terminationGracePeriodSeconds"]
-    check(patience > stops_in(holds), f"kubernetes.yaml: waits {patience} s, more than drain and grace")
+    detection = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
+    check(holds["drain-delay"] > detection, f"kubernetes.yaml: drain-delay is more than the {detection} s of the readiness probe")
+    timeout = pod["terminationGracePeriodSeconds"]
+    check(timeout > stops_in(holds), f"kubernetes.yaml: waits {timeout} s, more than drain and grace")
     check(str(pod["securityContext"]["runAsUser"]) == user and pod["securityContext"]["runAsNonRoot"],
           "kubernetes.yaml: the image's user")
     check(container["securityContext"]["readOnlyRootFilesystem"], "kubernetes.yaml: read-only root")
-    check(pod["enableServiceLinks"] is False, "kubernetes.yaml: no variables of the cluster's")
+    check(pod["enableServiceLinks"] is False, "kubernetes.yaml: no service environment variables")
     mounts = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
     volumes = {volume["name"] for volume in pod["volumes"]}
     check(set(mounts.values()) == volumes, "kubernetes.yaml: every volume is mounted")
     check(not any(a != b and a.startswith(b + "/") for a in mounts for b in mounts),
-          "kubernetes.yaml: no volume within another, which is read-only")
+          "kubernetes.yaml: no mount inside another one")
     for key in ("maps", "cert", "key", "tokens"):
         check(any(holds[key].startswith(mount + "/") or holds[key] == mount for mount in mounts),
               f"kubernetes.yaml: {key} lies in a volume")
@@ -191,7 +191,7 @@ def kubernetes(veiloc, user):
         tokens = pathlib.Path(folder) / "tokens"
         tokens.write_text(documents["Secret"]["stringData"]["tokens"])
         done = run(veiloc, "token", "list", "--tokens", tokens)
-        check(done.returncode == 0 and "nobody" in done.stderr, "kubernetes.yaml: the placeholder lets nobody in")
+        check(done.returncode == 0 and "nobody" in done.stderr, "kubernetes.yaml: the placeholder token gives no access")
     if shutil.which("kubeconform"):
         done = run("kubeconform", "-strict", path)
         check(done.returncode == 0, f"kubernetes.yaml: kubeconform {done.stdout.strip()}")
@@ -201,14 +201,14 @@ def kubernetes(veiloc, user):
             try:
                 kubernetes_validate.validate(document, kubernetes_validate.latest_version(), strict=True)
                 check(True, f"kubernetes.yaml: {kind} by the schema of {kubernetes_validate.latest_version()}")
-            except Exception as error:  # its classes differ between versions
+            except Exception as error:  # the exception classes differ between versions
                 check(False, f"kubernetes.yaml: {kind}: {error}")
     else:
-        skip("kubernetes.yaml: by the schema", "neither kubeconform nor kubernetes-validate is installed")
+        skip("kubernetes.yaml: schema", "neither kubeconform nor kubernetes-validate is installed")
 
 
 def probe(veiloc):
-    """The container's probe against a service: ready, and about to stop."""
+    """Runs the container's probe against a service without a map, no service, and a ready service."""
     with tempfile.TemporaryDirectory() as folder:
         admin, listen = common.free_port(), common.free_port()
         tokens = pathlib.Path(folder) / "tokens"
@@ -224,14 +224,14 @@ def probe(veiloc):
             process.kill()
             process.wait()
         done = run("bash", DEPLOY / "probe.sh", env={"PATH": os.environ["PATH"], "PROBE_PORT": str(admin)})
-        check(done.returncode != 0, "probe.sh: no service is not ready")
+        check(done.returncode != 0, "probe.sh: without a service it fails")
         with socket.create_server(("127.0.0.1", 0)) as fake:
             asking = subprocess.Popen(["bash", DEPLOY / "probe.sh"],
                                       env={"PATH": os.environ["PATH"], "PROBE_PORT": str(fake.getsockname()[1])})
             connection, _ = fake.accept()
             connection.recv(1000)
             connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n")
-            check(asking.wait(10) == 0, "probe.sh: 200 is ready")
+            check(asking.wait(10) == 0, "probe.sh: with status 200 it succeeds")
             connection.close()
 
 

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Dashboard, alerts and metrics, held against a running service by Prometheus itself.
+"""Checks dashboard, alerts and metrics with Prometheus against a running service.
 
     scripts/service/check_monitoring.py [--veiloc PROGRAM]
 
-Starts `veiloc serve` on a rendered place and Prometheus beside it, and fails when
+Starts `veiloc serve` with a rendered scene, and Prometheus. Fails when
 
 - `promtool check metrics`, `check rules` or `test rules` finds a fault;
-- the dashboard or an alert names a metric that the service does not show;
-- Prometheus cannot evaluate a query of the dashboard, or it gives nothing where there is something to see;
-- Prometheus cannot evaluate an alert, or one fires at a service that is in order.
+- the dashboard or an alert names a metric that the service does not export;
+- Prometheus cannot evaluate a query of the dashboard, or the result is empty where data is expected;
+- Prometheus cannot evaluate an alert, or an alert fires for a healthy service.
 
-Prometheus is taken from PATH, or from Debian's package `prometheus`, which is downloaded and unpacked into a temporary
-folder (`apt-get download`). Loopback only; standard library only.
+Uses Prometheus from PATH, or downloads Debian's package `prometheus` (`apt-get download`) and unpacks it into a temporary folder.
+Loopback only; standard library only.
 """
 
 import json
@@ -27,17 +27,17 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
-from common import LOCALIZE, ROOT, RenderedPlace, Server, arguments, ask, free_port, wait_for
+from common import LOCALIZE, ROOT, RenderedScene, Server, arguments, ask, free_port, wait_for
 
 DASHBOARD = ROOT / "deploy" / "grafana" / "veiloc.json"
 ALERTS = ROOT / "deploy" / "prometheus" / "alerts.yml"
 TESTS = ROOT / "deploy" / "prometheus" / "alerts_test.yml"
-# Without TLS there is no certificate to show.
+# Without TLS there is no certificate.
 MAY_BE_EMPTY = {"Certificate"}
 
 
 def prometheus_programs(folder):
-    """promtool and prometheus."""
+    """Paths of promtool and prometheus."""
     found = [shutil.which(name) for name in ("promtool", "prometheus")]
     if all(found):
         return found
@@ -48,8 +48,8 @@ def prometheus_programs(folder):
 
 
 def plain_text(openmetrics):
-    """OpenMetrics as the older text format, which is what `promtool check metrics` reads: there a counter's help and type go by
-    the name of its samples, which ends in `_total`."""
+    """Converts OpenMetrics to the older text format that `promtool check metrics` reads: there the help and type lines of a
+    counter name its samples, with the suffix `_total`."""
     lines = openmetrics.splitlines()
     counters = {line.split()[2] for line in lines if line.startswith("# TYPE ") and line.endswith(" counter")}
     out = []
@@ -69,13 +69,13 @@ def names_in(text):
 
 def check(faults, what, command, **more):
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, **more)
-    print(f"{what}: {'in order' if done.returncode == 0 else 'FAULTS'}")
+    print(f"{what}: {'ok' if done.returncode == 0 else 'FAULTS'}")
     if done.returncode != 0:
         faults.append(f"{what}:\n{done.stdout}{done.stderr}")
 
 
 def dashboard_queries(dashboard):
-    """Title and query of all that the dashboard draws."""
+    """Title and query of each panel and annotation of the dashboard."""
     for panel in dashboard["panels"]:
         for target in panel.get("targets", []):
             yield panel["title"], target["expr"]
@@ -84,7 +84,7 @@ def dashboard_queries(dashboard):
 
 
 class Prometheus:
-    """Scrapes the service each second, and evaluates the alerts."""
+    """Prometheus, which scrapes the service and evaluates the alerts each second."""
 
     def __init__(self, program, folder, admin):
         self.port = free_port()
@@ -104,9 +104,9 @@ class Prometheus:
             with urllib.request.urlopen(url, timeout=10) as answer:
                 return json.load(answer)
         except urllib.error.HTTPError as refused:
-            said = refused.read()
-            # While it starts it says so, and not in JSON.
-            return json.loads(said) if said.startswith(b"{") else {"status": "error", "error": said.decode()}
+            body = refused.read()
+            # While it starts, its answer is not JSON.
+            return json.loads(body) if body.startswith(b"{") else {"status": "error", "error": body.decode()}
 
     def up(self):
         try:
@@ -126,11 +126,11 @@ def static_checks(faults, promtool):
 
 
 def ask_for_a_while(server, place):
-    """Something of each kind for the dashboard to show, over several scrapes."""
+    """Sends requests of each kind over several scrapes, so that each panel has data."""
     for _ in range(6):
         for body in (place.query, place.query, place.query[:100]):
-            ask(server.port, LOCALIZE, body, who="phone")
-        ask(server.port, LOCALIZE, place.query, who="nobody")
+            ask(server.port, LOCALIZE, body, user="phone")
+        ask(server.port, LOCALIZE, place.query, user="unknown")
         with socket.create_connection(("127.0.0.1", server.port)) as noise:
             noise.sendall(b"this is no HTTP\r\n\r\n")
             noise.recv(1024)
@@ -141,8 +141,8 @@ def check_names(faults, shown):
     for what, path in (("dashboard", DASHBOARD), ("alerts", ALERTS)):
         named = names_in(path.read_text())
         missing = sorted(named - shown)
-        print(f"metrics that the {what} names: {len(named)}, of which the service does not show {len(missing)}")
-        faults += [f"the {what} names {name}, which the service does not show" for name in missing]
+        print(f"metrics in the {what}: {len(named)}, of which the service does not export {len(missing)}")
+        faults += [f"the {what} names {name}, which the service does not export" for name in missing]
 
 
 def check_dashboard(faults, prometheus):
@@ -155,7 +155,7 @@ def check_dashboard(faults, prometheus):
         if answer["status"] != "success":
             faults.append(f"{title}: {answer.get('error')}\n{query}")
         elif not answer["data"]["result"] and title not in MAY_BE_EMPTY and not title.startswith("note "):
-            faults.append(f"{title}: nothing to see\n{query}")
+            faults.append(f"{title}: the result is empty\n{query}")
     print(f"queries of the dashboard, evaluated by Prometheus: {queries}")
 
 
@@ -165,12 +165,12 @@ def check_alerts(faults, prometheus):
         if rule["health"] != "ok":
             faults.append(f"{rule['name']}: {rule.get('lastError', rule['health'])}")
         if rule["state"] == "firing":
-            faults.append(f"{rule['name']} fires at a service that is in order")
+            faults.append(f"{rule['name']} fires for a healthy service")
     print(f"alerts, evaluated by Prometheus: {len(rules)}")
 
 
 def main():
-    place = RenderedPlace(arguments(__doc__).parse_args().veiloc)
+    place = RenderedScene(arguments(__doc__).parse_args().veiloc)
     faults = []
     folder = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-monitoring-"))
     promtool, program = prometheus_programs(folder)
@@ -192,7 +192,7 @@ def main():
         ended = server.stop()
         shutil.rmtree(folder, ignore_errors=True)
     if ended != 0:
-        faults.append("the service did not end well")
+        faults.append("the service did not exit with 0")
     print(f"{len(faults)} faults")
     for fault in faults:
         print(fault, file=sys.stderr)

@@ -1,11 +1,11 @@
-"""What the scenarios of this folder share: a place, `veiloc serve`, and clients of every kind.
+"""Shared code of the scenarios in this folder: maps, `veiloc serve`, and clients.
 
-Each scenario is a finding of an attack on the service, as a script: what somebody does, and what becomes of the service.
-It runs against any build, so that before and after can be compared:
+Each scenario reproduces one attack on the service and reports how the service behaves. It runs against any build, to compare
+versions:
 
     VEILOC_DATA=../shared/data scripts/service/stuck_log.py [--veiloc PROGRAM]
 
-Loopback only, standard library only. The place is made once and kept in `service-place` of the target folder.
+Loopback only, standard library only. The maps are built once and cached in `service-place` of the target folder.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def first_words(path):
 
 
 class Program:
-    """The program, and a folder to work in."""
+    """The program and a temporary folder."""
 
     def __init__(self, veiloc=None):
         target = target_dir()
@@ -53,7 +53,7 @@ class Program:
         subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
 
     def tokens(self, names, path=None):
-        """A file of tokens; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
+        """Writes a token file; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
         path = path or self.work / "tokens"
         lines = []
         for name in names:
@@ -64,56 +64,56 @@ class Program:
         return path
 
     def options(self):
-        """All options that this build knows."""
-        said = subprocess.run([self.veiloc, "serve", "--help"], check=True, capture_output=True, text=True).stdout
-        return set(re.findall(r"--[a-z-]+", said))
+        """All options of this build."""
+        help_text = subprocess.run([self.veiloc, "serve", "--help"], check=True, capture_output=True, text=True).stdout
+        return set(re.findall(r"--[a-z-]+", help_text))
 
 
-class Place(Program):
-    """Maps of redkitchen, and sealed queries of an image that they do not hold."""
+class RedKitchen(Program):
+    """Maps of RedKitchen, and sealed queries of an image that is not in them."""
 
     def __init__(self, veiloc=None):
         super().__init__(veiloc)
-        kept = self.target / "service-place"
-        self.map, self.smaller, self.large_query = kept / "place.vmap", kept / "smaller.vmap", kept / "large.vquery"
+        cache = self.target / "service-place"
+        self.map, self.smaller, self.large_query = cache / "place.vmap", cache / "smaller.vmap", cache / "large.vquery"
         if not self.large_query.exists():
-            self.make(kept)
-        self.query, self.large = (kept / "query.vquery").read_bytes(), self.large_query.read_bytes()
+            self.make(cache)
+        self.query, self.large = (cache / "query.vquery").read_bytes(), self.large_query.read_bytes()
 
-    def make(self, kept):
+    def make(self, cache):
         data = os.environ.get("VEILOC_DATA")
         if not data:
             sys.exit("set VEILOC_DATA to the folder of the real photographs")
-        kept.mkdir(parents=True, exist_ok=True)
+        cache.mkdir(parents=True, exist_ok=True)
         kitchen = pathlib.Path(data).resolve() / "redkitchen"
         names = first_words(kitchen / "map.txt")
         self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
                  kitchen / "map.txt", "--query-keypoints", "4096", "-o", self.map)
-        # Every other photograph taken out: another file, the same vocabulary and profile.
+        # Without every second image: another file with the same vocabulary and profile.
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.run("map", "profile", self.map, "-o", kept / "profile")
+        self.run("map", "profile", self.map, "-o", cache / "profile")
         camera_lines = (kitchen / "posed" / "cameras.txt").read_text().splitlines()
         camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
         photo = kitchen / "images" / first_words(kitchen / "query.txt")[0]
         for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
-            self.run("seal", photo, "--camera", camera, "--profile", kept / "profile", "--scheme", "dcl",
-                     "--max-keypoints", str(keypoints), "-o", kept / name)
+            self.run("seal", photo, "--camera", camera, "--profile", cache / "profile", "--scheme", "dcl",
+                     "--max-keypoints", str(keypoints), "-o", cache / name)
 
 
-class RenderedPlace(Program):
-    """The map of the demo's rendered place and a sealed query of a view that it does not hold: needs no data."""
+class RenderedScene(Program):
+    """The map of the rendered demo scene, and a sealed query of an image that is not in it. Needs no data."""
 
     def __init__(self, veiloc=None):
         super().__init__(veiloc)
-        kept = self.target / "service-rendered"
-        self.map, query = kept / "place.vmap", kept / "query.vquery"
+        cache = self.target / "service-rendered"
+        self.map, query = cache / "place.vmap", cache / "query.vquery"
         if not query.exists():
-            kept.mkdir(parents=True, exist_ok=True)
-            self.run("demo", "--out", kept)
-            camera_lines = (kept / "posed" / "cameras.txt").read_text().splitlines()
+            cache.mkdir(parents=True, exist_ok=True)
+            self.run("demo", "--out", cache)
+            camera_lines = (cache / "posed" / "cameras.txt").read_text().splitlines()
             camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
-            self.run("map", "profile", self.map, "-o", kept / "profile")
-            self.run("seal", kept / "images" / "query-00.png", "--camera", camera, "--profile", kept / "profile",
+            self.run("map", "profile", self.map, "-o", cache / "profile")
+            self.run("seal", cache / "images" / "query-00.png", "--camera", camera, "--profile", cache / "profile",
                      "-o", query)
         self.query = query.read_bytes()
 
@@ -123,18 +123,18 @@ def token(name):
 
 
 class Server:
-    """`veiloc serve` on a free port of loopback, its log in a file unless told otherwise."""
+    """`veiloc serve` on a free loopback port; the log goes to a file unless `stderr` is given."""
 
-    def __init__(self, place, *more, maps=None, stderr=None, port=None, nofile=None, rate=1000000):
+    def __init__(self, scene, *more, maps=None, stderr=None, port=None, nofile=None, rate=1000000):
         self.port = port or free_port()
-        self.known = place.options()
+        self.known = scene.options()
         self.admin = free_port() if "--admin-listen" in self.known else None
-        maps = maps if maps is not None else ["--map", f"place={place.map}"]
-        command = [place.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", str(rate)]
+        maps = maps if maps is not None else ["--map", f"place={scene.map}"]
+        command = [scene.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", str(rate)]
         command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
         if nofile:
             command = ["sh", "-c", f'ulimit -n {nofile}; exec "$@"', "sh", *command]
-        self.log_path = place.work / f"server-{self.port}.log"
+        self.log_path = scene.work / f"server-{self.port}.log"
         self.process = subprocess.Popen([*map(str, command), *map(str, more)], stderr=stderr or open(self.log_path, "w"))
         wait_for(lambda: self.process.poll() is not None or connects(self.port), "the service")
         if self.process.poll() is not None:
@@ -146,12 +146,12 @@ class Server:
     def alive(self):
         return self.process.poll() is None
 
-    def stop(self, how=signal.SIGTERM, patience=60):
-        """The exit code, or None when it had to be killed."""
+    def stop(self, how=signal.SIGTERM, timeout=60):
+        """Sends a signal; returns the exit code, or None when the process had to be killed."""
         if self.alive():
             self.process.send_signal(how)
         try:
-            return self.process.wait(patience)
+            return self.process.wait(timeout)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -175,18 +175,18 @@ def connects(port):
         return False
 
 
-def wait_for(condition, what, patience=60.0, pause=0.01):
-    deadline = time.monotonic() + patience
+def wait_for(condition, what, timeout=60.0, pause=0.01):
+    deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > deadline:
-            sys.exit(f"{what} never came about")
+            sys.exit(f"timeout while waiting for {what}")
         time.sleep(pause)
 
 
-def ask(port, path="/healthz", body=None, who=None, timeout=20.0, method=None):
-    """Status, body and headers of one request on a connection of its own; status None when there was no answer."""
+def ask(port, path="/healthz", body=None, user=None, timeout=20.0, method=None):
+    """Sends one request on a new connection; returns status, body and headers, with status None when there was no answer."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
-    headers = {"authorization": f"Bearer {token(who)}"} if who else {}
+    headers = {"authorization": f"Bearer {token(user)}"} if user else {}
     if body is not None:
         headers["content-type"] = PROTOBUF
     try:
@@ -200,14 +200,14 @@ def ask(port, path="/healthz", body=None, who=None, timeout=20.0, method=None):
 
 
 def pose(body):
-    """What must be equal however often the same bytes are sent: everything but the times."""
+    """The answer without its times; it must be equal for equal queries."""
     answer = json.loads(body)
     answer.pop("ms", None)
     return json.dumps(answer, sort_keys=True)
 
 
 def in_threads(count, work):
-    """Runs `work(i)` in so many threads; joins them."""
+    """Starts `work(i)` in `count` threads; returns the threads."""
     threads = [threading.Thread(target=work, args=(i,), daemon=True) for i in range(count)]
     for thread in threads:
         thread.start()
@@ -216,7 +216,7 @@ def in_threads(count, work):
 
 def arguments(doc):
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--veiloc", help="the program to attack; default: the release build of this repository")
+    parser.add_argument("--veiloc", help="the program to test (default: the release build of this repository)")
     return parser
 
 

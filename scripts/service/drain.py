@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""SIGTERM as an orchestrator sends it: what `/readyz` says, who is still answered, how long it takes, what the exit code is.
+"""Graceful shutdown by SIGTERM, as from an orchestrator: status of `/readyz`, answered queries, duration and exit code.
 
     VEILOC_DATA=../shared/data scripts/service/drain.py [--veiloc PROGRAM]
 """
@@ -10,17 +10,17 @@ import socket
 import threading
 import time
 
-from common import LOCALIZE, Ended, Place, Server, arguments, ask, header, row
+from common import LOCALIZE, Ended, RedKitchen, Server, arguments, ask, header, row
 
 
-def ended(server, started, patience=60):
-    code = server.stop(how=0, patience=patience)
+def ended(server, started, timeout=60):
+    code = server.stop(how=0, timeout=timeout)
     return ("killed" if code is None else f"exit {code}"), f"{time.monotonic() - started:.1f}"
 
 
 def main():
-    place = Place(arguments(__doc__).parse_args().veiloc)
-    header("", "`/readyz` after SIGTERM", "queries that came after it", "answered", "end", "after s")
+    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    header("", "`/readyz` after SIGTERM", "queries sent after it", "answered", "end", "after s")
 
     server = Server(place)
     seen, sent, got = set(), 0, 0
@@ -56,7 +56,7 @@ def main():
     row("30 large queries accepted, a second SIGTERM after 0.3 s", "-", "-", "-", *ended(server, started))
 
     print()
-    header("one broken map beside a good one", "queries for the good one", "for the broken one")
+    header("one broken map and one good map", "queries to the good map", "to the broken map")
     broken = place.work / "broken.vmap"
     broken.write_bytes(place.map.read_bytes()[:1000])
     try:
@@ -65,7 +65,7 @@ def main():
         bad = ask(server.port, LOCALIZE.replace("place", "broken"), place.query)[0]
         shutil.copyfile(place.map, broken)
         time.sleep(4)
-        row("starts", good, f"{bad}, {ask(server.port, LOCALIZE.replace('place', 'broken'), place.query)[0]} when mended")
+        row("starts", good, f"{bad}, {ask(server.port, LOCALIZE.replace('place', 'broken'), place.query)[0]} after repair")
         server.stop()
     except Ended as end:
         row(f"exit {end.args[0]}", "-", "-")

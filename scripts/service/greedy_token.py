@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""One token sends queries of 4096 rows at its allowance of 20 a second; another asks as a phone does. Who is answered?
+"""One token sends queries of 4096 rows at its rate limit of 20 per second; another token behaves like a phone. Which queries are answered?
 
     VEILOC_DATA=../shared/data scripts/service/greedy_token.py [--veiloc PROGRAM]
 """
@@ -8,13 +8,13 @@ import socket
 import threading
 import time
 
-from common import LOCALIZE, PROTOBUF, Place, Server, arguments, ask, header, row, token, wait_for
+from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, header, row, token, wait_for
 
 VICTIM = 20
 
 
 def main():
-    place = Place(arguments(__doc__).parse_args().veiloc)
+    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
     path = place.tokens(["greedy", "phone", "ops!"])
     server = Server(place, "--tokens", path)
     victim(place, server, "quiet")
@@ -26,7 +26,7 @@ def main():
             status, _, _ = ask(server.port, LOCALIZE, place.large, "greedy", timeout=60)
             with lock:
                 counts[status] = counts.get(status, 0) + 1
-            # Forty clients, twenty a second in all.
+            # 40 clients send 20 queries per second in total.
             time.sleep(max(0.0, 2.0 - (time.monotonic() - started)))
 
     threads = [threading.Thread(target=flood, args=(i,), daemon=True) for i in range(40)]
@@ -34,20 +34,20 @@ def main():
         thread.start()
         time.sleep(0.05)
     time.sleep(5)
-    victim(place, server, "one token floods")
+    victim(place, server, "one token floods the service")
     stop.set()
     for thread in threads:
         thread.join(60)
     print()
-    header("the flood got", *sorted(map(str, counts)))
+    header("answers to the flooding token", *sorted(map(str, counts)))
     row("", *(counts[key] for key in sorted(counts, key=str)))
     print()
-    gone(place, server)
-    server.stop(patience=60)
+    disconnected(place, server)
+    server.stop(timeout=60)
 
 
 def victim(place, server, when):
-    """A phone's queries, one a quarter of a second, each tried once."""
+    """Queries of a phone, one each 0.25 s, without retries."""
     if when == "quiet":
         header("", f"answered of {VICTIM}", "p50 ms", "slowest ms", "refused")
     times, refused = [], 0
@@ -63,13 +63,13 @@ def victim(place, server, when):
     row(when, len(times), f"{times[len(times) // 2]:.0f}" if times else "-", f"{times[-1]:.0f}" if times else "-", refused)
 
 
-def gone(place, server):
-    """Clients that leave at once, with bytes of a next request behind their query: is it computed all the same?"""
+def disconnected(place, server):
+    """Clients that disconnect at once, after a query and the start of a next request: is the query still computed?"""
     def done():
-        text = ask(server.port, "/metrics", who="ops")[1].decode()
+        text = ask(server.port, "/metrics", user="ops")[1].decode()
         return sum(float(line.split()[-1]) for line in text.splitlines() if line.startswith("veiloc_localizations_total"))
 
-    wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", who="ops")[1].decode(), "quiet")
+    wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", user="ops")[1].decode(), "idle workers")
     before = done()
     head = f"POST {LOCALIZE} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\n" \
            f"content-type: {PROTOBUF}\r\ncontent-length: {len(place.large)}\r\n\r\n"
@@ -78,8 +78,8 @@ def gone(place, server):
         stream.sendall(head.encode() + place.large + b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
         stream.close()
     time.sleep(1)
-    wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", who="ops")[1].decode(), "quiet")
-    header("queries of clients that left, bytes behind them", "computed to the end")
+    wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", user="ops")[1].decode(), "idle workers")
+    header("queries of clients that disconnected", "computed")
     row(12, int(done() - before))
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""1024 connections without a token that ask for `/healthz` every three seconds: who with a token is still answered?
+"""1024 unauthenticated connections request `/healthz` every three seconds: are clients with a token still answered?
 
     VEILOC_DATA=../shared/data scripts/service/idle_clients.py [--veiloc PROGRAM]
 """
@@ -10,14 +10,14 @@ import socket
 import threading
 import time
 
-from common import LOCALIZE, Ended, Place, Server, arguments, ask, header, row
+from common import LOCALIZE, Ended, RedKitchen, Server, arguments, ask, header, row
 
 UNKNOWN_CLIENTS = 1024
 REQUEST = b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n"
 
 
 def idle(port, stop, counts):
-    """Holds connections open, each asking again before it is idle for too long; opens closed ones anew."""
+    """Holds connections open by a request before the idle timeout; reopens closed ones."""
     selector = selectors.DefaultSelector()
 
     def new():
@@ -55,7 +55,7 @@ def idle(port, stop, counts):
 def main():
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(8192, hard), hard))
-    place = Place(arguments(__doc__).parse_args().veiloc)
+    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
     server = Server(place, "--tokens", place.tokens(["phone", "ops!"]))
     stop, counts = threading.Event(), {"open": 0, "closed": 0}
     threading.Thread(target=idle, args=(server.port, stop, counts), daemon=True).start()
@@ -69,20 +69,20 @@ def main():
             times.append(time.monotonic() - started)
         time.sleep(0.1)
     probe = ask(server.admin or server.port, "/healthz", timeout=5)[0] or "none"
-    header("idle clients hold open", "closed for others", "queries with a token answered of 20", "slowest s", "probe")
+    header("open connections of idle clients", "evicted", "answered queries with a token, of 20", "slowest s", "probe")
     row(counts["open"], counts["closed"], answered, f"{max(times):.2f}" if times else "-", probe)
     stop.set()
-    server.stop(patience=40)
+    server.stop(timeout=40)
     print()
-    # A limit of open files below the number of connections.
+    # The limit of open files is below the number of connections.
     try:
         server = Server(place, "--connections", "1024", nofile=600)
-        said = "it starts, and cannot open what was promised"
+        outcome = "it starts, but cannot open this many connections"
         server.stop()
     except Ended as ended:
-        said = f"exit {ended.args[0]}: " + " ".join(ended.args[1].split())[:150]
+        outcome = f"exit {ended.args[0]}: " + " ".join(ended.args[1].split())[:150]
     header("`--connections 1024` with `ulimit -n 600`")
-    row(said)
+    row(outcome)
 
 
 if __name__ == "__main__":

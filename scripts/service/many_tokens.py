@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""What finding a token costs: the time of a request with one token in the file, and with 30 000.
+"""Cost of the token lookup: time of a request with 1 token in the file, and with 30 000.
 
     VEILOC_DATA=../shared/data scripts/service/many_tokens.py [--requests 5000]
 
-One connection over loopback, requests one after the other; the token asked with stands at the end of the file, and the
-two services are asked in turns, so that what else the machine does falls on both. Prints the rows of docs/results/service.md.
+One loopback connection, requests one after the other. The token is the last one of the file. The two services take turns, so
+that other load on the machine affects both. Prints the rows of docs/service.md.
 """
 
 import hashlib
@@ -29,9 +29,9 @@ def ask(connection, token):
 
 def main():
     parser = common.arguments(__doc__)
-    parser.add_argument("--requests", type=int, default=5000, help="of each service")
+    parser.add_argument("--requests", type=int, default=5000, help="requests to each service")
     arguments = parser.parse_args()
-    place = common.Place(arguments.veiloc)
+    place = common.RedKitchen(arguments.veiloc)
     services = []
     for count in COUNTS:
         tokens = [secrets.token_hex(32) for _ in range(count)]

@@ -1,18 +1,17 @@
 #!/usr/bin/env python3
-"""The API description, and real answers held to it.
+"""Checks real answers of the service against its OpenAPI description.
 
     scripts/service/openapi_check.py [--veiloc PROGRAM]
 
-Starts `veiloc serve` on a rendered place, fetches `/v1/openapi.json`, and fails when
+Starts `veiloc serve` with a rendered scene, fetches `/v1/openapi.json`, and fails when
 
 - openapi-spec-validator finds a fault in it;
-- an answer has a status, a content type or a header that the description does not have, lacks a header that it has, or
-  is not of the form that it gives (jsonschema);
-- two requests have one name, or a refusal does not carry its own.
+- the description does not have the status or the content type of an answer, the answer lacks a described header, or its body
+  does not match the schema (jsonschema);
+- two requests have the same id, or a problem document does not carry the id of its request.
 
-Provoked is each status that one can provoke; of those that are left (they need a bug, or files that break at the right
-moment) the description alone is looked at. The two packages come from PyPI, into an environment of their own in a
-temporary folder.
+The script provokes each status that a client can provoke. The others need a bug, or a file that breaks at the right moment; for
+them it only validates the description. The two packages come from PyPI, into a virtual environment in a temporary folder.
 """
 
 import http.client
@@ -26,17 +25,17 @@ import sys
 import tempfile
 import time
 
-from common import LOCALIZE, PROTOBUF, RenderedPlace, Server, arguments, ask, in_threads, token
+from common import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in_threads, token
 
 NEEDED = ["openapi-spec-validator", "jsonschema"]
 RIG = "/v1/maps/place/localize-rig"
 PROFILE = "/v1/maps/place/profile"
-# What nobody can provoke from outside: a bug.
+# Only a bug gives these.
 NOT_PROVOKED = {("/v1/maps", "500"), ("/v1/maps/{name}/localize", "500"), ("/v1/maps/{name}/localize-rig", "500")}
 
 
 def packages():
-    """Makes both packages importable, in an environment of their own."""
+    """Installs both packages into a virtual environment and makes them importable."""
     folder = tempfile.mkdtemp(prefix="veiloc-openapi-")
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
     subprocess.run([f"{folder}/bin/pip", "install", "--quiet", "--disable-pip-version-check", *NEEDED], check=True)
@@ -44,7 +43,7 @@ def packages():
 
 
 class Checker:
-    """The description, and what was found not to be as it says."""
+    """The description, and the faults that were found."""
 
     def __init__(self, document):
         from jsonschema import Draft202012Validator
@@ -56,7 +55,7 @@ class Checker:
         self.faults.append(what)
 
     def errors(self, schema, value):
-        # References begin at the document's root.
+        # References are relative to the root of the document.
         whole = {**schema, "components": self.document["components"]}
         return [error.message for error in self.validator(whole).iter_errors(value)]
 
@@ -68,13 +67,13 @@ class Checker:
         return None
 
     def answer(self, method, path, status, headers, body):
-        """Holds one answer to the description."""
+        """Checks one answer against the description."""
         what = f"{method} {path} {status}"
         template = self.template(path)
         if template is None:
-            return self.fault(f"{what}: the address is not described")
+            return self.fault(f"{what}: the path is not described")
         item = self.document["paths"][template]
-        # 405 is described with the methods that there are.
+        # The description of 405 is with the existing methods.
         operation = item.get(method.lower()) or next(iter(item.values()))
         described = operation["responses"].get(str(status))
         self.seen[template, str(status)] = self.seen.get((template, str(status)), 0) + 1
@@ -87,31 +86,31 @@ class Checker:
             for error in self.errors(header["schema"], headers.get(name, "")):
                 self.fault(f"{what}: header {name}: {error}")
         if headers.get("veiloc-request-id") in self.ids:
-            self.fault(f"{what}: a name that another request had")
+            self.fault(f"{what}: another request had the same id")
         self.ids.add(headers.get("veiloc-request-id"))
         content = described.get("content", {})
         kind = headers.get("content-type", "").split("; charset")[0].split("; version=1.0.0")[0]
         if not content and not body:
             return None
         if kind not in content:
-            return self.fault(f"{what}: content type {kind} is not described, but {list(content)}")
+            return self.fault(f"{what}: content type {kind} is not described; described are {list(content)}")
         if "json" in kind:
             value = json.loads(body)
             for error in self.errors(content[kind]["schema"], value):
                 self.fault(f"{what}: {kind}: {error}")
             if kind == "application/problem+json":
                 if value.get("instance") != f"urn:veiloc:request:{headers['veiloc-request-id']}":
-                    self.fault(f"{what}: it does not carry its own name")
+                    self.fault(f"{what}: it does not carry the id of its request")
         self.seen[template, kind] = self.seen.get((template, kind), 0) + 1
         return None
 
 
-def request(checker, port, method, path, body=None, who=None, **headers):
-    """Asks, holds the answer to the description, and returns its status and headers."""
+def request(checker, port, method, path, body=None, user=None, **headers):
+    """Sends a request, checks the answer, and returns its status and headers."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     sent = {name.replace("_", "-"): value for name, value in headers.items()}
-    if who:
-        sent["authorization"] = f"Bearer {token(who)}"
+    if user:
+        sent["authorization"] = f"Bearer {token(user)}"
     connection.request(method, path, body, sent)
     response = connection.getresponse()
     answer = response.read()
@@ -121,7 +120,7 @@ def request(checker, port, method, path, body=None, who=None, **headers):
 
 
 def announced(checker, port, path, length, begun=b"", more=""):
-    """A body that is announced and does not come, or not all of it."""
+    """Announces a body, and sends nothing or only a part of it."""
     stream = socket.create_connection(("127.0.0.1", port), timeout=60)
     head = f"POST {path} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\n"
     stream.sendall(f"{head}content-type: {PROTOBUF}\r\ncontent-length: {length}\r\n{more}\r\n".encode() + begun)
@@ -132,24 +131,24 @@ def announced(checker, port, path, length, begun=b"", more=""):
 
 
 def provoke(checker, place, server):
-    """One answer of each kind that a service in order gives, and of most refusals."""
+    """Provokes each kind of successful answer, and most refusals."""
     query, port = place.query, server.port
     for form in ("application/json", PROTOBUF):
         request(checker, port, "POST", LOCALIZE, query, "phone", content_type=PROTOBUF, accept=form)
     rig = rig_of(query)
     for form in ("application/json", PROTOBUF):
         request(checker, port, "POST", RIG, rig, "phone", content_type="application/octet-stream", accept=form)
-    elsewhere = bytearray(query)
-    elsewhere[8] ^= 1  # in the profile's id
+    other_profile = bytearray(query)
+    other_profile[8] ^= 1  # in the profile's id
     blank = blanked(query)
     for path, good in ((LOCALIZE, query), (RIG, rig)):
-        post = lambda body=good, who="phone", path=path, **headers: request(
-            checker, port, "POST", path, body, who, **{"content_type": PROTOBUF, **headers})
+        post = lambda body=good, user="phone", path=path, **headers: request(
+            checker, port, "POST", path, body, user, **{"content_type": PROTOBUF, **headers})
         post(good[: len(good) // 2])
         post(veiloc_near="nowhere")
-        post(who="nobody")
-        post(path=path.replace("place", "elsewhere"))
-        post(bytes(elsewhere) if path == LOCALIZE else rig_of(bytes(elsewhere)))
+        post(user="unknown")
+        post(path=path.replace("place", "other"))
+        post(bytes(other_profile) if path == LOCALIZE else rig_of(bytes(other_profile)))
         announced(checker, port, path, 1 << 40, more="expect: 100-continue\r\n")
         announced(checker, port, path, len(good), begun=good[:100])
         post(content_type="text/plain")
@@ -161,8 +160,8 @@ def provoke(checker, place, server):
     request(checker, port, "POST", "/v1/maps", b"")
     _, headers = request(checker, port, "GET", PROFILE, None, "phone")
     request(checker, port, "GET", PROFILE, None, "phone", if_none_match=headers["etag"])
-    request(checker, port, "GET", PROFILE, None, "nobody")
-    request(checker, port, "GET", PROFILE.replace("place", "elsewhere"), None, "phone")
+    request(checker, port, "GET", PROFILE, None, "unknown")
+    request(checker, port, "GET", PROFILE.replace("place", "other"), None, "phone")
     request(checker, port, "GET", PROFILE.replace("place", "broken"), None, "phone")
     request(checker, port, "POST", PROFILE, b"")
     for path in ("/v1/openapi.json", "/healthz", "/readyz"):
@@ -175,7 +174,7 @@ def provoke(checker, place, server):
 
 
 def blanked(query):
-    """The same query with all descriptors alike: nothing of it matches."""
+    """The query with all descriptors equal, so that nothing matches."""
     # Field 16: its key is 0x82 0x01, then a varint of three bytes for more than 16383 bytes.
     at = query.index(b"\x82\x01")
     length = (query[at + 2] & 127) | (query[at + 3] & 127) << 7 | (query[at + 4] & 127) << 14
@@ -183,7 +182,7 @@ def blanked(query):
 
 
 def provoke_load(checker, place):
-    """Refusals that depend on how much there is to do, on allowances, on time, and on the operator's files."""
+    """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
     tokens = place.tokens(["phone", "operator!"], place.work / "few-tokens")
     slow = ["--workers", "1", "--queue", "1", "--hypotheses", "20000"]
     busy = Server(place, "--tokens", tokens, *slow, "--request-timeout", "1")
@@ -208,12 +207,12 @@ def provoke_load(checker, place):
 
 
 def rig_of(query):
-    """A session of one image, whose camera is where the rig is."""
+    """A rig of one camera, at the rig's origin."""
     return b"vqrig1\n\x01" + struct.pack("<9d", 1, *[0] * 8) + struct.pack("<I", len(query)) + query
 
 
 def main():
-    place = RenderedPlace(arguments(__doc__).parse_args().veiloc)
+    place = RenderedScene(arguments(__doc__).parse_args().veiloc)
     packages()
     from openapi_spec_validator import validate
     broken = place.work / "broken.vmap"
@@ -222,7 +221,7 @@ def main():
     server = Server(place, "--tokens", place.tokens(["phone", "operator!"]), "--body-timeout", "2", maps=maps)
     document = json.loads(ask(server.port, "/v1/openapi.json")[1])
     validate(document)
-    print(f"openapi-spec-validator: in order, {len(document['paths'])} addresses")
+    print(f"openapi-spec-validator: valid, {len(document['paths'])} paths")
     checker = Checker(document)
     try:
         provoke(checker, place, server)
@@ -242,7 +241,7 @@ def main():
     print(f"content types described: {len(forms)}, seen: {len(forms & set(checker.seen))}")
     for what in sorted(left) + sorted(unseen):
         print(f"not provoked: {what[0]} {what[1]}")
-    print(f"answers held to the description: {len(checker.ids)}, faults: {len(checker.faults)}")
+    print(f"answers checked against the description: {len(checker.ids)}, faults: {len(checker.faults)}")
     for fault in checker.faults:
         print(fault, file=sys.stderr)
     return 1 if checker.faults or left or unseen else 0

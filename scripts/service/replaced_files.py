@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Files replaced badly under a running service: maps copied over, cut short, overwritten; tokens deleted, emptied, and a
-revocation at a moment when no file can be opened.
+"""Unsafe replacement of files under a running service: maps copied over, truncated, overwritten; token files deleted or emptied;
+a token revoked while no file can be opened.
 
     VEILOC_DATA=../shared/data scripts/service/replaced_files.py [--veiloc PROGRAM]
 """
@@ -10,11 +10,11 @@ import shutil
 import socket
 import time
 
-from common import LOCALIZE, Place, Server, arguments, ask, header, pose, row
+from common import LOCALIZE, RedKitchen, Server, arguments, ask, header, pose, row
 
 
 def state(server, place, poses):
-    """What a query gets: which map's pose, or what else."""
+    """The result of a query: the map of its pose, or the error."""
     if not server.alive():
         return f"process died (exit {server.process.returncode})"
     status, body, _ = ask(server.port, LOCALIZE, place.query)
@@ -39,9 +39,9 @@ def maps(place, memory):
     old, new = place.map.read_bytes(), place.smaller.read_bytes()
     for what, change in [
         ("`cp new.vmap live.vmap`", lambda: shutil.copyfile(place.smaller, live)),
-        ("cut to a third", lambda: overwrite(live, old[:len(old) // 3])),
-        ("overwritten with as many bytes", lambda: overwrite(live, bytes(len(old)))),
-        ("renamed over (as it should be)", lambda: (shutil.copyfile(place.smaller, place.work / "n"),
+        ("truncated to a third", lambda: overwrite(live, old[:len(old) // 3])),
+        ("overwritten with the same number of bytes", lambda: overwrite(live, bytes(len(old)))),
+        ("replaced by rename (the correct way)", lambda: (shutil.copyfile(place.smaller, place.work / "n"),
                                                     (place.work / "n").rename(live))),
     ]:
         shutil.copyfile(place.map, live)
@@ -52,7 +52,7 @@ def maps(place, memory):
         time.sleep(4)
         later = state(server, place, poses)
         row(what, before, at_once, later)
-        server.stop(patience=10)
+        server.stop(timeout=10)
     del new
 
 
@@ -60,53 +60,53 @@ def tokens(place):
     for what, change in [
         ("deleted", lambda path: path.unlink()),
         ("emptied", lambda path: path.write_text("")),
-        ("one token taken out", lambda path: place.tokens(["ops!"], path)),
+        ("one token removed", lambda path: place.tokens(["ops!"], path)),
     ]:
         path = place.tokens(["phone", "ops!"], place.work / "changing")
         more = ["--stale-tokens", "8"] if "--stale-tokens" in place.options() else []
         server = Server(place, "--tokens", path, *more)
         change(path)
         time.sleep(4)
-        soon = [ask(server.port, "/v1/maps", who=who)[0] for who in ("phone", "ops")]
+        soon = [ask(server.port, "/v1/maps", user=user)[0] for user in ("phone", "ops")]
         time.sleep(8)
-        late = [ask(server.port, "/v1/maps", who=who)[0] for who in ("phone", "ops")]
-        said = sum("token" in line for line in server.log().splitlines())
-        row(what, *soon, *late, said)
-        server.stop(patience=10)
+        late = [ask(server.port, "/v1/maps", user=user)[0] for user in ("phone", "ops")]
+        log_lines = sum("token" in line for line in server.log().splitlines())
+        row(what, *soon, *late, log_lines)
+        server.stop(timeout=10)
 
 
 def revoked_without_files(place):
-    """A token is taken out of the file while connections take all open files; then they go."""
+    """Removes a token from the file while connections use up all open files; then closes the connections."""
     path = place.tokens(["phone", "ops!"], place.work / "revoked")
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
     connections = "1024" if "--admin-listen" not in place.options() else "100"
     server = Server(place, "--tokens", path, "--connections", connections, nofile=300)
-    held = []
+    connections_held = []
     for _ in range(400):
         try:
-            held.append(socket.create_connection(("127.0.0.1", server.port), timeout=1))
+            connections_held.append(socket.create_connection(("127.0.0.1", server.port), timeout=1))
         except OSError:
             break
     place.tokens(["ops!"], path)
     time.sleep(4)
-    for stream in held:
+    for stream in connections_held:
         stream.close()
     time.sleep(6)
-    row("revoked while no file could be opened", ask(server.port, "/v1/maps", who="phone")[0])
-    server.stop(patience=40)
+    row("revoked while no file could be opened", ask(server.port, "/v1/maps", user="phone")[0])
+    server.stop(timeout=40)
 
 
 def main():
-    place = Place(arguments(__doc__).parse_args().veiloc)
+    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
     header("the map file is", "before", "at once", "after 4 s")
     maps(place, [])
     if "--map-memory" in place.options():
-        print("\nThe same with `--map-memory mapped`, where the operator promised that none of this happens:\n")
+        print("\nThe same with `--map-memory mapped`, where the operator must prevent all of this:\n")
         header("the map file is", "before", "at once", "after 4 s")
         maps(place, ["--map-memory", "mapped"])
     print()
-    header("the file of tokens is", "phone after 4 s", "ops", "phone after 12 s", "ops", "lines of log that say so")
+    header("the token file is", "phone after 4 s", "ops", "phone after 12 s", "ops", "log lines about it")
     tokens(place)
     print()
     header("a token", "after 10 s")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A log that nobody reads, whose reader has gone, or whose disk is full; and a client without token that fills a disk.
+"""Logs to a pipe without a reader, a closed pipe or a full disk; and an unauthenticated client that tries to fill the log.
 
     VEILOC_DATA=../shared/data scripts/service/stuck_log.py [--veiloc PROGRAM]
 """
@@ -7,40 +7,40 @@
 import os
 import subprocess
 
-from common import Place, Server, arguments, ask, header, row
+from common import RedKitchen, Server, arguments, ask, header, row
 
 REQUESTS = 3000
 
 
-def outcome(server, patience=3.0):
-    """Of so many requests, how many were answered before the first that was not; and how the service ended."""
+def outcome(server, timeout=3.0):
+    """The number of requests answered before the first failure, the health probe after it, and how the service ended."""
     answered = 0
-    while answered < REQUESTS and ask(server.port, "/v1/maps", timeout=patience)[0] == 200:
+    while answered < REQUESTS and ask(server.port, "/v1/maps", timeout=timeout)[0] == 200:
         answered += 1
-    probe = ask(server.admin or server.port, "/healthz", timeout=patience)[0]
-    code = server.stop(patience=10)
+    probe = ask(server.admin or server.port, "/healthz", timeout=timeout)[0]
+    code = server.stop(timeout=10)
     return answered, probe or "none", "killed after 10 s" if code is None else f"exit {code}"
 
 
 def main():
-    place = Place(arguments(__doc__).parse_args().veiloc)
+    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
     header("stderr is", f"requests answered of {REQUESTS}", "`/healthz` then", "after SIGTERM")
     read, write = os.pipe()
     server = Server(place, "--log", "trace", stderr=write)
-    row("a pipe that nobody reads", *outcome(server))
+    row("a pipe without a reader", *outcome(server))
     os.close(read)
     os.close(write)
     read, write = os.pipe()
     server = Server(place, stderr=write)
     os.close(write)
     os.close(read)
-    row("a pipe whose reader has gone", *outcome(server))
+    row("a closed pipe", *outcome(server))
     with open("/dev/full", "w") as full:
         row("a full disk (/dev/full)", *outcome(Server(place, stderr=full)))
     print()
     server = Server(place, "--tokens", place.tokens(["phone"]))
     for _ in range(REQUESTS):
-        ask(server.port, "/v1/maps", who="nobody")
+        ask(server.port, "/v1/maps", user="unknown")
     server.stop()
     header("requests with a wrong token", "bytes of log")
     row(REQUESTS, len(server.log()))

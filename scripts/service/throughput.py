@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""How many queries a second the service answers, beside what its workers could do if nothing but the library cost time.
+"""Queries per second of the service, against the rate that its workers would reach if only the library took time.
 
     VEILOC_DATA=../shared/data scripts/service/throughput.py [--veiloc PROGRAM] [--seconds 15]
 
-One sealed query of 1024 keypoints, over and over, by as many clients as keep all workers busy: HTTP/1.1, plain and
-over TLS. *Library* is what the service itself measured of retrieval, matching and pose (`veiloc_stage_seconds`), so workers
-over its mean is the rate that no service could exceed; *share* is how much of that is reached. Needs `h2load` (Debian:
-nghttp2-client) and `openssl`. Client and service share the machine's cores: the share is a lower bound.
+Sends one sealed query of 1024 keypoints repeatedly, with enough clients to keep all workers busy: HTTP/1.1, plain and with TLS.
+*Library* is the service's own measurement of retrieval, matching and pose (`veiloc_stage_seconds`). The number of workers over
+its mean is an upper bound of the rate; *share* is the fraction of it that is reached. Needs `h2load` (Debian: nghttp2-client)
+and `openssl`. Client and service share the machine's cores, so the share is a lower bound.
 """
 
 import os
@@ -14,46 +14,46 @@ import re
 import subprocess
 import sys
 
-from common import LOCALIZE, PROTOBUF, Place, Server, arguments, ask, header, row, wait_for
+from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, header, row, wait_for
 
 STAGES = ("retrieve", "match", "pose")
 
 
 def library(server):
-    """Seconds in the library so far, and localizations."""
+    """Seconds spent in the library so far, and number of localizations."""
     text = ask(server.admin, "/metrics")[1].decode()
     read = lambda what, stage: float(re.search(rf'veiloc_stage_seconds_{what}{{stage="{stage}"}} (\S+)', text)[1])
     return sum(read("sum", stage) for stage in STAGES), read("count", "pose")
 
 
 def load(url, query, seconds, clients):
-    """Answers a second, and those that were no 200."""
+    """Answers per second, the number of successful ones, and the other statuses."""
     command = ["h2load", "--warm-up-time=2", "-D", str(seconds), "-c", str(clients), "-m", "1", "-d", query,
                "-H", f"content-type: {PROTOBUF}", "--h1", url]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    rate = float(re.search(r"finished in [\d.]+\w*, ([\d.]+) req/s", said)[1])
-    good, others = re.search(r"status codes: (\d+) 2xx, (.*)", said).groups()
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    rate = float(re.search(r"finished in [\d.]+\w*, ([\d.]+) req/s", output)[1])
+    good, others = re.search(r"status codes: (\d+) 2xx, (.*)", output).groups()
     return rate, int(good), others
 
 
 def main():
     parser = arguments(__doc__)
-    parser.add_argument("--seconds", type=int, default=15, help="of each row")
-    given = parser.parse_args()
-    place = Place(given.veiloc)
+    parser.add_argument("--seconds", type=int, default=15, help="duration of each row")
+    args = parser.parse_args()
+    place = RedKitchen(args.veiloc)
     query, cert, key = place.work / "query", place.work / "cert.pem", place.work / "key.pem"
     query.write_bytes(place.query)
     subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
                     "-keyout", key, "-out", cert, "-days", "1", "-subj", "/CN=localhost"], check=True, capture_output=True)
     workers = os.cpu_count()
-    header("", "answers a second", "library, ms", f"{workers} workers could", "share")
+    header("", "answers per second", "library, ms", f"bound of {workers} workers", "share")
     worst = 1.0
     for tls in (False, True):
         server = Server(place, "--log", "error", *(["--cert", cert, "--key", key] if tls else []))
         wait_for(lambda: ask(server.admin, "/readyz")[0] == 200, "readiness")
         url = f"{'https' if tls else 'http'}://127.0.0.1:{server.port}{LOCALIZE}"
         before = library(server)
-        rate, good, others = load(url, query, given.seconds, 2 * workers)
+        rate, good, others = load(url, query, args.seconds, 2 * workers)
         after = library(server)
         if not good:
             sys.exit(f"no answer: {others}")
