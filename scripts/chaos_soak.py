@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Everything at once that has ever taken the service down, and a well-behaved client beside it.
+"""Soak test: all known attacks on the service at once, while well-behaved clients send queries.
 
     VEILOC_DATA=../shared/data scripts/chaos_soak.py --minutes 30 [--load 0.7] [--veiloc PROGRAM]
 
-A client with a token asks at 70 % (--load) of what the service was measured to answer, first alone, then beside: clients that send
-byte by byte or nothing, wrong tokens, a flood of large queries from one token, the map replaced every few seconds (valid by
-renaming, by copying over, corrupt, truncated), the tokens replaced (valid, empty, deleted for a moment), a log whose reader
-stops and goes on or whose disk is full, and SIGTERM with a restart. Prints tables, and last `accepted N lost N`: of the queries whose whole body
-was sent on a connection that the service had taken, how many got no answer of any kind. The script fails when one is lost.
+Clients with a token send queries at 70 % (--load) of the measured capacity, first alone, then together with: clients that send byte
+by byte or nothing, wrong tokens, a flood of large queries from one token, replaced map files every few seconds (by rename, copied
+over, corrupt, truncated), replaced token files (valid, empty, deleted for a moment), a log whose reader pauses or whose disk is full,
+and SIGTERM with a restart. Prints tables. The last line is `accepted N lost N`: a query is accepted when its whole body was sent on an
+accepted connection, and lost when it then got no answer. The script fails when a query is lost.
 
 Loopback only, standard library only.
 """
@@ -32,14 +32,14 @@ CLIENTS = 4
 
 
 class Service:
-    """The service on a fixed port, restarted now and then, its log read by a thread that can be stopped."""
+    """The service on a fixed port, which can be restarted; a thread reads its log and can be paused."""
 
-    def __init__(self, place):
-        self.place, self.port = place, free_port()
-        self.live = place.work / "live.vmap"
-        shutil.copyfile(place.map, self.live)
-        self.tokens = place.tokens(["phone", "greedy", "ops!"])
-        # Held by who changes files, and while the service starts: a start needs files in order.
+    def __init__(self, scene):
+        self.scene, self.port = scene, free_port()
+        self.live = scene.work / "live.vmap"
+        shutil.copyfile(scene.map, self.live)
+        self.tokens = scene.tokens(["phone", "greedy", "ops!"])
+        # A thread that changes files holds this lock, and so does a start of the service, which needs valid files.
         self.files = threading.Lock()
         self.reading = threading.Event()
         self.reading.set()
@@ -57,7 +57,7 @@ class Service:
         threading.Thread(target=self.read_log, args=(read,), daemon=True).start()
 
     def serve(self, stderr):
-        self.server = Server(self.place, "--tokens", self.tokens, "--request-timeout", "10", "--drain-delay", "1",
+        self.server = Server(self.scene, "--tokens", self.tokens, "--request-timeout", "10", "--drain-delay", "1",
                              maps=["--map", f"place={self.live}"], stderr=stderr, port=self.port)
 
     def read_log(self, pipe):
@@ -85,7 +85,7 @@ class Service:
 
 
 class WellBehavedClients:
-    """Well-behaved clients: each sends its next query when it is due, and again after what `Retry-After` says."""
+    """Well-behaved clients: each sends a query at a fixed rate."""
 
     def __init__(self, service, rate):
         self.service, self.every = service, CLIENTS / rate
@@ -106,7 +106,7 @@ class WellBehavedClients:
             fresh, restarting = connection is None, self.service.restarting
             try:
                 connection = connection or http.client.HTTPConnection("127.0.0.1", self.service.port, timeout=60)
-                connection.request("POST", LOCALIZE, self.service.place.query, headers)
+                connection.request("POST", LOCALIZE, self.service.scene.query, headers)
                 sent = True
                 response = connection.getresponse()
                 response.read()
@@ -126,7 +126,7 @@ class WellBehavedClients:
                     if status == 200:
                         self.times.append((time.monotonic() - started) * 1e3)
                 elif sent and (fresh or time.monotonic() - started > 0.5):
-                    # It was taken, and there was no word: what must not happen.
+                    # The query was accepted and never answered: this must not happen.
                     self.accepted += 1
                     self.lost += 1
                 else:
@@ -136,13 +136,13 @@ class WellBehavedClients:
 
     @staticmethod
     def cause(error, fresh, restarting):
-        """Why a query was not accepted: it can be sent again."""
+        """Why a query was not accepted. The client can retry it."""
         when = "in a restart" if restarting else "while it ran"
         if isinstance(error, ConnectionRefusedError):
-            return f"nobody listened, {when}"
+            return f"connection refused, {when}"
         if not fresh:
-            return f"a kept connection had been closed, {when}"
-        return f"closed before the whole query was sent ({type(error).__name__}), {when}"
+            return f"the service had closed an idle connection, {when}"
+        return f"connection closed before the whole query was sent ({type(error).__name__}), {when}"
 
     def end(self):
         self.stop.set()
@@ -155,7 +155,7 @@ class WellBehavedClients:
 
 
 class Chaos:
-    """The rest, each in threads of its own, until it is told to stop."""
+    """The attacks, each in its own threads, until `end`."""
 
     def __init__(self, service, rng):
         self.service, self.rng = service, rng
@@ -194,13 +194,13 @@ class Chaos:
 
     def flood(self):
         while not self.pause(self.rng.uniform(0.5, 1.5)):
-            status = ask(self.service.port, LOCALIZE, self.service.place.large, "greedy", timeout=60)[0]
+            status = ask(self.service.port, LOCALIZE, self.service.scene.large, "greedy", timeout=60)[0]
             self.count(f"flood: {status or 'no connection'}")
 
     def maps(self):
-        live, place = self.service.live, self.service.place
-        old, new = place.map.read_bytes(), place.smaller.read_bytes()
-        fresh = place.work / "fresh.vmap"
+        live, scene = self.service.live, self.service.scene
+        old, new = scene.map.read_bytes(), scene.smaller.read_bytes()
+        fresh = scene.work / "fresh.vmap"
         while not self.pause(3):
             kind = self.rng.choice(["renamed", "copied over", "corrupt", "truncated"])
             whole = self.rng.choice([old, new])
@@ -229,7 +229,7 @@ class Chaos:
                     path.unlink()
             self.count(f"tokens {kind}")
             self.pause(3)
-            # Renamed over, so that nobody reads half of it.
+            # Replaced by rename, so that the service never reads half of the file.
             fresh = path.with_suffix(".new")
             fresh.write_text(good)
             with self.service.files:
@@ -244,11 +244,11 @@ class Chaos:
 
     def stops(self):
         while not self.pause(45):
-            path, place = self.service.tokens, self.service.place
+            path, scene = self.service.tokens, self.service.scene
             with self.service.files:
-                place.tokens(["phone", "greedy", "ops!"], path.with_suffix(".start")).replace(path)
-                shutil.copyfile(place.map, place.work / "start.vmap")
-                (place.work / "start.vmap").replace(self.service.live)
+                scene.tokens(["phone", "greedy", "ops!"], path.with_suffix(".start")).replace(path)
+                shutil.copyfile(scene.map, scene.work / "start.vmap")
+                (scene.work / "start.vmap").replace(self.service.live)
                 full_disk = self.rng.random() < 0.3
                 self.service.restart(full_disk)
             self.count("SIGTERM and restart" + (", log on a full disk" if full_disk else ""))
@@ -261,7 +261,7 @@ class Chaos:
 
 
 def capacity(service):
-    """Answers a second with as many connections as keep all workers busy."""
+    """Capacity: answers per second of connections that keep all workers busy."""
     clients = WellBehavedClients(service, 10_000)
     time.sleep(8)
     clients.end()
@@ -272,8 +272,8 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--load", type=float, default=0.7,
-                        help="share of the capacity that the client asks for; beside one flooding token its fair share is a half")
-    parser.add_argument("--seed", type=int, default=0, help="of what happens when")
+                        help="rate of the well-behaved clients, as a share of the capacity; next to one flooding token the fair share is 0.5")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random events")
     args = parser.parse_args()
     service = Service(RedKitchen(args.veiloc))
     wait_for(lambda: ask(service.port, "/readyz")[0] == 200, "readiness")
@@ -291,18 +291,18 @@ def main():
         sys.exit(f"the service died: {service.server.process.returncode}")
     time.sleep(8)
     after_memory, after_descriptors = service.facts()
-    header("well-behaved client", "sent", "answered", "other", "not taken", "p50 ms", "p99 ms")
-    for name, one in (("alone", quiet), ("in the chaos", clients)):
+    header("well-behaved clients", "sent", "answered", "other", "not accepted", "p50 ms", "p99 ms")
+    for name, one in (("alone", quiet), ("under attack", clients)):
         other = ", ".join(f"{status}: {n}" for status, n in sorted(one.got.items()) if status != 200)
         broken = sum(one.broken.values())
         row(name, one.accepted + broken, one.got.get(200, 0), other or "-", broken,
             f"{one.percentile(0.5):.0f}", f"{one.percentile(0.99):.0f}")
     print()
-    header("queries that were not taken, and why", "times")
+    header("reason why a query was not accepted", "count")
     for cause, n in sorted(clients.broken.items()):
         row(cause, n)
     print()
-    header("beside it", "times")
+    header("attack", "count")
     for what, n in sorted(chaos.counts.items()):
         row(what, n)
     print()
@@ -310,7 +310,7 @@ def main():
     row("before", f"{memory:.0f}", descriptors)
     row("after", f"{after_memory:.0f}", after_descriptors)
     exits = ", ".join(map(str, service.exits)) or "none"
-    print(f"\n{rate:.1f} queries a second ({100 * args.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
+    print(f"\n{rate:.1f} queries per second ({100 * args.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
     service.server.stop(signal.SIGTERM)
     print(f"accepted {clients.accepted} lost {clients.lost}")
     sys.exit(1 if clients.lost else 0)

@@ -3,13 +3,13 @@
 #
 #     scripts/cluster.sh MAP.vmap [WORKERS]
 #
-# The map is cut into regions and published; WORKERS (default 2) each take all of them with one thread. Ends with Ctrl-C, and
-# everything with it. Logs and the store lie in the folder it names. Needs nats-server (Debian: nats-server) and a release
-# build with the feature `cluster`. VEILOC: another program. IMAGES: images a region at most (default: the program's). PORT: of the gateway; the others'
-# are those after it.
+# Splits the map into regions and publishes them; WORKERS (default 2) serve all regions with one thread each. Ctrl-C stops
+# everything. Logs and store are in the folder that is printed at the end. Needs nats-server (Debian: nats-server) and a release
+# build with the feature `cluster`. Variables: VEILOC: the program; IMAGES: most images per region; PORT: port of the gateway, the
+# other ports follow it.
 set -euo pipefail
 here="$(cd "$(dirname "$0")/.." && pwd)"
-[ $# -ge 1 ] || { sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,10s/^# \{0,1\}//p' "$0"; exit 2; }
 map="$1" workers="${2:-2}" port="${PORT:-8080}"
 veiloc="${VEILOC:-$here/target/release/veiloc}"
 command -v nats-server > /dev/null || { echo "nats-server is missing: apt-get install nats-server" >&2; exit 1; }
@@ -18,7 +18,7 @@ command -v nats-server > /dev/null || { echo "nats-server is missing: apt-get in
 folder="$(mktemp -d -t veiloc-cluster-XXXXXX)"
 pids=()
 stop() {
-    # Gateway and workers first: they finish what they were asked.
+    # Gateway and workers first, so that they finish their requests.
     for ((i = ${#pids[@]} - 1; i >= 0; i--)); do kill "${pids[i]}" 2> /dev/null || true; done
     wait
     echo "stopped; logs and store: $folder"
@@ -55,5 +55,5 @@ until curl -sf -o /dev/null "http://127.0.0.1:$port/readyz"; do
     kill -0 "$gateway" 2> /dev/null || { cat "$folder"/*.log >&2; exit 1; }
     sleep 0.2
 done
-echo "the map is served as place on http://127.0.0.1:$port (metrics on $((port + 1)), workers' from $((port + 30))); Ctrl-C ends it"
+echo "the map is served as place on http://127.0.0.1:$port (metrics on $((port + 1)), workers' from $((port + 30))); Ctrl-C stops it"
 wait "$gateway"

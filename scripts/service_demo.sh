@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A service from nothing, as a transcript: map, certificate, token, `veiloc serve`, one image sent, curl on the rest.
+# Prints a transcript of setting up a service: map, certificate, token, `veiloc serve`, one query, and curl on the other resources.
 #
 #     VEILOC_DATA=../shared/data scripts/service_demo.sh
 set -euo pipefail
@@ -9,12 +9,12 @@ cd "$(dirname "$0")/.."
 cargo build --release --quiet
 bin="$(cargo metadata --format-version 1 --no-deps | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')/release"
 PATH="$bin:$PATH"
-place="$(cd "$VEILOC_DATA/redkitchen" && pwd)"
+scene="$(cd "$VEILOC_DATA/redkitchen" && pwd)"
 work="$(mktemp -d)"
 server=
 trap '[ -z "$server" ] || kill "$server" 2>/dev/null || true; rm -rf "$work"' EXIT
 cd "$work"
-ln -s "$place" redkitchen
+ln -s "$scene" redkitchen
 
 show() {
     echo

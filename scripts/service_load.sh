@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints the load table of docs/results/service.md: dcl with 1024 keypoints on redkitchen's map, one worker a core, queue of 32.
+# Prints the load table of docs/service.md: dcl with 1024 keypoints on RedKitchen's map, one worker per core, queue of 32.
 #
 #     VEILOC_DATA=../shared/data scripts/service_load.sh
 set -euo pipefail
@@ -9,16 +9,16 @@ cd "$(dirname "$0")/.."
 cargo build --release --quiet -p veiloc-cli
 cargo build --release --quiet -p veiloc-service --example load
 bin="$(cargo metadata --format-version 1 --no-deps | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')/release"
-place="$VEILOC_DATA/redkitchen"
+scene="$VEILOC_DATA/redkitchen"
 work="$(mktemp -d)"
 server=
 trap '[ -z "$server" ] || kill "$server" 2>/dev/null || true; rm -rf "$work"' EXIT
 
-"$bin/veiloc" --quiet map build --posed "$place/posed" --images "$place/images" --list "$place/map.txt" \
+"$bin/veiloc" --quiet map build --posed "$scene/posed" --images "$scene/images" --list "$scene/map.txt" \
     --query-keypoints 1024 -o "$work/place.vmap"
 "$bin/veiloc" --quiet map profile "$work/place.vmap" -o "$work/profile"
-camera="$(grep -v '^#' "$place/posed/cameras.txt" | head -1 | cut -d' ' -f2- | tr ' ' ,)"
-photo="$place/images/$(grep -v '^#' "$place/query.txt" | head -1 | cut -d' ' -f1)"
+camera="$(grep -v '^#' "$scene/posed/cameras.txt" | head -1 | cut -d' ' -f2- | tr ' ' ,)"
+photo="$scene/images/$(grep -v '^#' "$scene/query.txt" | head -1 | cut -d' ' -f1)"
 "$bin/veiloc" seal "$photo" --camera "$camera" --profile "$work/profile" --scheme dcl -o "$work/query"
 
 : > "$work/log"

@@ -61,11 +61,11 @@ class RedKitchen:
 class Server:
     """`veiloc serve` on a free loopback port."""
 
-    def __init__(self, place, path, port=0, *more):
-        self.log = open(place.work / "server.log", "w+")
+    def __init__(self, scene, path, port=0, *more):
+        self.log = open(scene.work / "server.log", "w+")
         self.process = subprocess.Popen(
-            [place.veiloc, "serve", "--map", f"place={path}", "--listen", f"127.0.0.1:{port}", "--tokens",
-             place.work / "tokens", "--rate", "1000000", *more], stderr=self.log)
+            [scene.veiloc, "serve", "--map", f"place={path}", "--listen", f"127.0.0.1:{port}", "--tokens",
+             scene.work / "tokens", "--rate", "1000000", *more], stderr=self.log)
         deadline = time.monotonic() + 30
         while not (found := re.search(r"serving.*:(\d+)\n", pathlib.Path(self.log.name).read_text())):
             if self.process.poll() is not None or time.monotonic() > deadline:
@@ -167,9 +167,9 @@ def endless():
         yield block
 
 
-def bad_requests(place):
-    server = Server(place, place.map)
-    port, query = server.port, place.query
+def bad_requests(scene):
+    server = Server(scene, scene.map)
+    port, query = server.port, scene.query
     rng = random.Random(0)
     flipped = bytearray(query)
     flipped[len(query) // 2 - 1000] ^= 0x40
@@ -220,12 +220,12 @@ def bad_requests(place):
 
 # ---------------------------------------------------------------- kill -9
 
-def killed_writes(place, kills, rng):
+def killed_writes(scene, kills, rng):
     """Kills `map remove` at a random time; the file must be the old or the new map."""
-    live = place.work / "live.vmap"
-    old, new = place.map.read_bytes(), place.smaller.read_bytes()
-    command = [place.veiloc, "--quiet", "map", "remove", live, *place.removed]
-    shutil.copyfile(place.map, live)
+    live = scene.work / "live.vmap"
+    old, new = scene.map.read_bytes(), scene.smaller.read_bytes()
+    command = [scene.veiloc, "--quiet", "map", "remove", live, *scene.removed]
+    shutil.copyfile(scene.map, live)
     started = time.monotonic()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     took = time.monotonic() - started
@@ -233,7 +233,7 @@ def killed_writes(place, kills, rng):
     counts = {"old": 0, "new": 0}
     unfinished, successful = 0, 0
     for _ in range(kills):
-        shutil.copyfile(place.map, live)
+        shutil.copyfile(scene.map, live)
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(rng.uniform(0, took * 1.05))
         process.kill()
@@ -241,11 +241,11 @@ def killed_writes(place, kills, rng):
         now = live.read_bytes()
         check(now in (old, new), "a killed write left half a map")
         counts["new" if now == new else "old"] += 1
-        place.run("map", "info", live)
-        left = [p for p in place.work.iterdir() if p.name.startswith(".") or p.suffix == ".tmp"]
+        scene.run("map", "info", live)
+        left = [p for p in scene.work.iterdir() if p.name.startswith(".") or p.suffix == ".tmp"]
         unfinished += bool(left)
         # Files that the killed write left must not disturb the next write.
-        subprocess.run(command if now == old else [place.veiloc, "--quiet", "map", "info", live], check=True,
+        subprocess.run(command if now == old else [scene.veiloc, "--quiet", "map", "info", live], check=True,
                        stdout=subprocess.DEVNULL)
         check(live.read_bytes() == new, "the write after a killed one")
         successful += 1
@@ -255,22 +255,22 @@ def killed_writes(place, kills, rng):
           f"byte by byte; {unfinished} times an unfinished temporary file was left; the next write succeeded {successful} times |")
 
 
-def killed_reloads(place, kills, rng):
+def killed_reloads(scene, kills, rng):
     """Kills the server at a random time after its map was replaced by rename."""
-    live = place.work / "served.vmap"
-    shutil.copyfile(place.map, live)
+    live = scene.work / "served.vmap"
+    shutil.copyfile(scene.map, live)
     poses = {}
-    for path in (place.map, place.smaller):
-        server = Server(place, path)
-        poses[path] = pose(localize(server.port, place.query)[1])
+    for path in (scene.map, scene.smaller):
+        server = Server(scene, path)
+        poses[path] = pose(localize(server.port, scene.query)[1])
         server.kill()
-    check(poses[place.map] != poses[place.smaller], "the two maps give different poses")
+    check(poses[scene.map] != poses[scene.smaller], "the two maps give different poses")
     outcomes = {"old": 0, "new": 0, "none": 0}
     for i in range(kills):
-        target = (place.smaller, place.map)[i % 2]
-        before = (place.map, place.smaller)[i % 2]
-        server = Server(place, live)
-        fresh = place.work / "fresh.vmap"
+        target = (scene.smaller, scene.map)[i % 2]
+        before = (scene.map, scene.smaller)[i % 2]
+        server = Server(scene, live)
+        fresh = scene.work / "fresh.vmap"
         shutil.copyfile(target, fresh)
         os.replace(fresh, live)
         server.process.send_signal(signal.SIGHUP)
@@ -278,7 +278,7 @@ def killed_reloads(place, kills, rng):
 
         def ask():
             try:
-                got.append(localize(server.port, place.query))
+                got.append(localize(server.port, scene.query))
             except OSError:
                 pass
 
@@ -294,8 +294,8 @@ def killed_reloads(place, kills, rng):
             check(answer in (poses[target], poses[before]), "the answer is from neither map")
         else:
             outcomes["none"] += 1
-        server = Server(place, live)
-        status, body = localize(server.port, place.query)
+        server = Server(scene, live)
+        status, body = localize(server.port, scene.query)
         check(status == 200 and pose(body) == poses[target], "a restarted server answers with the new map")
         server.kill()
     print(f"| a hot reload during a query | {kills} | the query: {outcomes['old']} times answered from the old map, "
@@ -303,11 +303,11 @@ def killed_reloads(place, kills, rng):
           f"after the restart, {kills} of {kills} answers are from the new map |")
 
 
-def killed_requests(place, requests, rng):
+def killed_requests(scene, requests, rng):
     """Requests of eight clients while the server is killed and restarted; the clients retry broken requests."""
-    server = Server(place, place.map)
+    server = Server(scene, scene.map)
     port = server.port
-    expected = pose(localize(port, place.query)[1])
+    expected = pose(localize(port, scene.query)[1])
     todo = queue.Queue()
     for i in range(requests):
         todo.put(i)
@@ -322,7 +322,7 @@ def killed_requests(place, requests, rng):
                 return
             while True:
                 try:
-                    status, body = localize(port, place.query)
+                    status, body = localize(port, scene.query)
                 except (OSError, http.client.HTTPException):
                     with lock:
                         count["broken"] += 1
@@ -351,7 +351,7 @@ def killed_requests(place, requests, rng):
         while count["answered"] < share * requests:
             time.sleep(0.002)
         server.kill()
-        server = Server(place, place.map, port)
+        server = Server(scene, scene.map, port)
         restarts += 1
     for thread in threads:
         thread.join()
@@ -376,12 +376,12 @@ def main():
         sys.exit("build the program first: cargo build --release")
     rng = random.Random(arguments.seed)
     with tempfile.TemporaryDirectory() as work:
-        place = RedKitchen(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
-        bad_requests(place)
+        scene = RedKitchen(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
+        bad_requests(scene)
         print("| `kill -9` during | times | result |\n|---|---|---|")
-        killed_writes(place, arguments.kills, rng)
-        killed_reloads(place, arguments.kills, rng)
-        killed_requests(place, arguments.requests, rng)
+        killed_writes(scene, arguments.kills, rng)
+        killed_reloads(scene, arguments.kills, rng)
+        killed_requests(scene, arguments.requests, rng)
 
 
 if __name__ == "__main__":

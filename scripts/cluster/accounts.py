@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Who may say what on the bus of a cluster: three NATS nodes with the settings that operators are given, and what they refuse.
+"""Tests the permissions on the cluster's bus: three NATS nodes with the settings of deploy/cluster, and what they refuse.
 
     scripts/cluster/accounts.py [--veiloc PROGRAM]
 
-Makes an authority and certificates, fills in addresses and passwords of deploy/cluster/nats.conf and of the example settings of
-gateway and worker, publishes a rendered room to a folder, starts three nodes, two workers and a gateway over TLS, and
-localizes through the gateway; all must be answered, also after a node is killed and a new manifest is published. A second map
-gets its account as the comments of nats.conf tell. Then it says, byte by byte, what must not be reason, as somebody without a
-password, with one, with a password of another map, or as a node of another authority: one line `refused: …` each.
-Prints, last, `all N checks hold`; ends with 1 otherwise. Loopback and standard library only; needs nats-server (Debian:
-nats-server), openssl and a build of the program.
+Creates a certificate authority and certificates, fills addresses and passwords into deploy/cluster/nats.conf and the example
+settings of gateway and worker, publishes a rendered room to a folder, and starts three nodes, two workers and a gateway with TLS.
+All queries through the gateway must be answered, also after a node is killed and a new manifest is published. A second map gets an
+account as the comments of nats.conf describe. Then a client that speaks the NATS protocol by hand tries all forbidden operations:
+without a password, with one, with the password of another map, and as a node of another authority. Each gives a line `refused: …`.
+The last line is `all N checks hold`; otherwise the script exits with 1. Loopback and standard library only; needs nats-server
+(Debian: nats-server), openssl and a build of the program.
 """
 
 import http.client
@@ -34,7 +34,7 @@ from common import PROTOBUF, ROOT, token  # noqa: E402
 MAP, OTHER = "town", "harbour"
 DEPLOY = ROOT / "deploy" / "cluster"
 PASSWORDS = {name: secrets.token_hex(24) for name in ("gateway", f"worker-{MAP}", f"worker-{OTHER}")}
-# A region that nobody holds: what is reason about it reaches no program.
+# A region without workers: messages to it reach no program.
 REGION = f"veiloc.{MAP}.region.{'0' * 64}"
 INBOX = "_INBOX_gateway.by-hand"
 FOREIGN = f"veiloc.{OTHER}.region.{'0' * 64}"
@@ -58,22 +58,22 @@ def works(what, holds, reason=""):
 
 
 def refused(what, reason, expected):
-    """`reason` is what the other side answered; it must name the reason that is expected."""
-    if check(f"{what} is refused", bool(reason) and expected.lower() in reason.lower(), reason or "nothing was reason against it"):
+    """Checks that an operation was refused: `reason`, the answer of the other side, must contain `expected`."""
+    if check(f"{what} is refused", bool(reason) and expected.lower() in reason.lower(), reason or "it was not refused"):
         print(f"refused: {what} ({reason.strip()[:90]})", flush=True)
 
 
-def filled(text, places):
-    """The text with each of these in place of what stands there; all must stand there."""
-    for old, new in places.items():
+def filled(text, replacements):
+    """The text with all replacements; each old string must occur."""
+    for old, new in replacements.items():
         if old not in text:
-            sys.exit(f"{old!r} is not in the settings that are to be tested")
+            sys.exit(f"{old!r} is not in the settings to test")
         text = text.replace(old, str(new))
     return text
 
 
 class Authority:
-    """Vouches for nodes and for the gateway's own address; made anew each time."""
+    """A new certificate authority, and a certificate for the nodes and the gateway."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -101,7 +101,7 @@ class Authority:
 
 
 class SecuredCluster(Cluster):
-    """A cluster whose bus, gateway and workers have the settings of deploy/cluster."""
+    """A cluster with the settings of deploy/cluster for bus, gateway and workers."""
 
     def __init__(self, program, map_file, images):
         self.mine, self.foreign = Authority(program.work / "nats-tls"), Authority(program.work / "other-tls")
@@ -134,7 +134,7 @@ class SecuredCluster(Cluster):
         self.program.run("map", "publish", regions, self.store)
 
     def settings(self, user, example, places):
-        """The example's file with our addresses; readable for us alone, as it holds a password."""
+        """An example file with our addresses; only we can read it, because it holds a password."""
         text = (DEPLOY / example).read_text()
         name = user.upper().replace("-", "_") + "_PASSWORD"
         places = {f"@nats-{i}:4222": f"@127.0.0.1:{port}" for i, port in enumerate(self.ports)} | places
@@ -163,7 +163,7 @@ class SecuredCluster(Cluster):
         return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
 
     def localized(self, queries):
-        """The status that a device got for each."""
+        """HTTP status of each query."""
         statuses = []
         for query in queries:
             connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=60, context=self.mine.trusts())
@@ -174,7 +174,7 @@ class SecuredCluster(Cluster):
         return statuses
 
     def refuses(self, command, user, places, *more):
-        """What the program says when it is started so; it must end by itself."""
+        """The error of the program with these settings; it must exit by itself."""
         settings = self.settings(user, f"{command if command == 'worker' else 'gateway'}.example.toml", places)
         try:
             done = subprocess.run([self.program.veiloc, command, "--config", settings, *more], capture_output=True, text=True,
@@ -186,15 +186,15 @@ class SecuredCluster(Cluster):
 
 
 def with_second_map(text):
-    """As the comments of the file tell: the map's block again."""
+    """The settings with a second map, as the comments of the file describe: a copy of the map's block."""
     block = re.search(rf"^    # The workers of the map `{MAP}`.*?^    }}\n", text, re.M | re.S)
     if not block:
-        sys.exit("deploy/cluster/nats.conf has no block of a map where this script looks for it")
+        sys.exit("deploy/cluster/nats.conf has no block for the workers of a map")
     return text.replace(block[0], block[0] + block[0].replace(MAP, OTHER).replace(MAP.upper(), OTHER.upper()))
 
 
 class NatsClient:
-    """Somebody who talks NATS by hand."""
+    """A client that speaks the NATS protocol by hand."""
 
     def __init__(self, port, context, user=None, password=None, tls=True):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT)
@@ -212,7 +212,7 @@ class NatsClient:
         try:
             self.socket.sendall(data)
         except OSError as error:
-            # What was reason before can still be read.
+            # Earlier messages of the node can still be read.
             self.errors.append(f"the node hung up ({error})")
 
     def more(self):
@@ -237,7 +237,7 @@ class NatsClient:
         return data
 
     def step(self):
-        """Reads one thing that the server says; its first word."""
+        """Reads one protocol message of the server; returns its first word."""
         words = self.line().decode().split()
         match words[0].upper():
             case "-ERR":
@@ -250,7 +250,7 @@ class NatsClient:
         return words[0].upper()
 
     def settle(self):
-        """Reads until the server has seen all that was sent."""
+        """Reads until the server has processed everything that was sent."""
         self.send(b"PING\r\n")
         try:
             while self.step() != "PONG":
@@ -259,7 +259,7 @@ class NatsClient:
             self.errors.append(str(error))
 
     def subscribe(self, subject, queue="", sid=1):
-        """What is reason against it."""
+        """Subscribes; returns the error, or an empty string."""
         self.errors.clear()
         self.send(f"SUB {subject} {queue} {sid}\r\n".encode())
         self.settle()
@@ -284,8 +284,8 @@ class NatsClient:
         return self.messages.pop(0) if self.messages else None
 
 
-def gets_in(cluster):
-    """Who does not get in at all."""
+def check_authentication(cluster):
+    """Connections that the nodes must refuse."""
     trusts, password = cluster.mine.trusts(), PASSWORDS["gateway"]
     violation = "Authorization Violation"
 
@@ -293,17 +293,17 @@ def gets_in(cluster):
         return " ".join(NatsClient(port, trusts, *credentials, **how).errors[:1])
 
     for port in cluster.ports:
-        works(f"node on {port} takes the gateway's password", connect_errors("gateway", password, port=port) == "")
+        works(f"node on {port} accepts the gateway's password", connect_errors("gateway", password, port=port) == "")
     refused("a connection without credentials", connect_errors(), violation)
     refused("a connection with a wrong password", connect_errors("gateway", "wrong"), violation)
     refused("a user with the password of another one", connect_errors("gateway", PASSWORDS[f"worker-{MAP}"]), violation)
-    refused("a user that there is not", connect_errors("admin", password), violation)
+    refused("an unknown user", connect_errors("admin", password), violation)
     refused("a password without TLS", connect_errors("gateway", password, tls=False), "hung up")
     try:
         with_other = " ".join(NatsClient(cluster.ports[0], cluster.foreign.trusts(), "gateway", password).errors)
     except ssl.SSLError as error:
         with_other = str(error)
-    refused("by who trusts another authority: the node's certificate", with_other, "certificate verify failed")
+    refused("the node's certificate, by a client that trusts another authority", with_other, "certificate verify failed")
 
     for command, user in (("worker", f"worker-{MAP}"), ("serve", "gateway")):
         own = ["--admin-listen", "127.0.0.1:0"] + (["--listen", "127.0.0.1:0"] if command == "serve" else [])
@@ -315,16 +315,16 @@ def gets_in(cluster):
         refused(f"veiloc {command} with a wrong password", cluster.refuses(command, user, wrong, *own), "authorization violation")
         none = other | {f"{user}:{PASSWORDS[user]}@": ""}
         refused(f"veiloc {command} without a password", cluster.refuses(command, user, none, *own), "authorization violation")
-        refused(f"by veiloc {command} that trusts another authority: the nodes",
+        refused(f"the nodes, by veiloc {command} that trusts another authority",
                 cluster.refuses(command, user, other, *own, "--nats-ca", cluster.foreign.ca), "certificate")
 
 
-def nodes(cluster):
-    """Who cannot be a node."""
+def check_nodes(cluster):
+    """Nodes that must not join the cluster."""
     def routes(i):
         return json.loads(ask(cluster.monitors[i], "/routez")[1])["num_routes"]
 
-    # Newer servers have several routes between two nodes.
+    # Newer servers open several routes between two nodes.
     wait_for(lambda: all(routes(i) >= 2 for i in range(3)), "routes between all nodes")
     rogue = cluster.node(3, free_port(), free_port(), cluster.foreign)
     time.sleep(3)
@@ -343,8 +343,8 @@ def nodes(cluster):
     refused("a node without a certificate", reason, "certificate")
 
 
-def says(cluster):
-    """What those who got in may not say."""
+def check_permissions(cluster):
+    """Operations that authenticated users must not do."""
     trusts = cluster.mine.trusts()
 
     def user(name, node=0):
@@ -354,81 +354,84 @@ def says(cluster):
     region = f"veiloc.{MAP}.region.*"
     gateway = user("gateway")
     for what, subject, queue in (
-            ("hears the queries of a region", REGION, ""), ("hears all regions", region, ""),
-            ("takes a worker's place", region, "members"), ("hears all of veiloc", "veiloc.>", ""),
-            ("hears everything", ">", ""), ("hears replies to workers", f"_INBOX_worker-{MAP}.>", ""),
-            ("hears what other gateways cancel", f"{region}.cancel", ""),
-            ("hears inboxes of no user", "_INBOX.>", ""), ("hears all inboxes", "*.>", ""), ("hears the system", "$SYS.>", "")):
+            ("subscribes to the queries of a region", REGION, ""), ("subscribes to all regions", region, ""),
+            ("joins the workers' queue group", region, "members"), ("subscribes to all of veiloc", "veiloc.>", ""),
+            ("subscribes to everything", ">", ""), ("subscribes to replies to workers", f"_INBOX_worker-{MAP}.>", ""),
+            ("subscribes to cancel messages of other gateways", f"{region}.cancel", ""),
+            ("subscribes to inboxes of no user", "_INBOX.>", ""), ("subscribes to all inboxes", "*.>", ""),
+            ("subscribes to the system account", "$SYS.>", "")):
         refused(f"the gateway's user {what}", gateway.subscribe(subject, queue), no_sub)
-    for what, subject in (("says what no worker is asked", f"veiloc.{MAP}.other"), ("answers in a worker's place", f"{INBOX}.1"),
-                          ("asks the system", "$SYS.REQ.SERVER.PING"), ("says beside a group what nobody hears", f"{REGION}.other"),
-                          ("asks for what is stored", "$JS.API.INFO")):
+    for what, subject in (("publishes to an unknown subject", f"veiloc.{MAP}.other"), ("answers instead of a worker", f"{INBOX}.1"),
+                          ("sends a request to the system account", "$SYS.REQ.SERVER.PING"),
+                          ("publishes to an unknown subject of a region", f"{REGION}.other"),
+                          ("sends a request to JetStream", "$JS.API.INFO")):
         refused(f"the gateway's user {what}", gateway.publish(subject), no_pub)
-    works("the gateway's user hears its own replies", gateway.subscribe(f"{INBOX}.*") == "")
+    works("the gateway's user receives its own replies", gateway.subscribe(f"{INBOX}.*") == "")
     gateway.publish(FOREIGN, reply=f"{INBOX}.1")
     heard = gateway.hear()
-    works("it is deadline at once that nobody holds a region", heard is not None and b" 503" in heard[2], heard)
+    works("it is notified at once that a region has no workers", heard is not None and b" 503" in heard[2], heard)
 
     worker = user(f"worker-{MAP}", 1)
     for what, subject, queue in (
-            ("listens beside a region's group", region, ""), ("listens to one region", REGION, ""),
-            ("listens in a group of its own", region, "spies"), ("hears all of veiloc", "veiloc.>", ""),
-            ("hears everything", ">", ""), ("hears replies to gateways", "_INBOX_gateway.>", ""),
-            ("hears one gateway's replies", f"{INBOX}.*", ""), ("hears inboxes of no user", "_INBOX.>", ""),
-            ("hears all inboxes", "*.>", ""), ("hears the system", "$SYS.>", ""),
-            ("hears replies to workers of another map", f"_INBOX_worker-{OTHER}.>", ""),
-            ("hears queries about another map", FOREIGN, "members"),
-            ("hears what is cancelled of another map", f"{FOREIGN}.cancel", ""),
-            ("hears all regions of another map", f"veiloc.{OTHER}.region.*", "members")):
+            ("subscribes to all regions outside the queue group", region, ""),
+            ("subscribes to one region outside the queue group", REGION, ""),
+            ("joins a queue group of its own", region, "spies"), ("subscribes to all of veiloc", "veiloc.>", ""),
+            ("subscribes to everything", ">", ""), ("subscribes to replies to gateways", "_INBOX_gateway.>", ""),
+            ("subscribes to one gateway's replies", f"{INBOX}.*", ""), ("subscribes to inboxes of no user", "_INBOX.>", ""),
+            ("subscribes to all inboxes", "*.>", ""), ("subscribes to the system account", "$SYS.>", ""),
+            ("subscribes to replies to workers of another map", f"_INBOX_worker-{OTHER}.>", ""),
+            ("subscribes to queries for another map", FOREIGN, "members"),
+            ("subscribes to cancel messages of another map", f"{FOREIGN}.cancel", ""),
+            ("subscribes to all regions of another map", f"veiloc.{OTHER}.region.*", "members")):
         refused(f"a worker's user {what}", worker.subscribe(subject, queue), no_sub)
     for what, subject in (
-            ("sends a pose to a gateway that did not ask it", f"{INBOX}.1"),
-            ("cancels what a gateway asked for", f"{REGION}.cancel"),
-            ("asks about another map", FOREIGN), ("asks the index of another map", f"veiloc.{OTHER}.index.0"),
-            ("asks for what is stored", "$JS.API.INFO")):
+            ("sends a pose to a gateway that did not request it", f"{INBOX}.1"),
+            ("cancels a request of a gateway", f"{REGION}.cancel"),
+            ("sends a request to another map", FOREIGN), ("sends a request to another map's index", f"veiloc.{OTHER}.index.0"),
+            ("sends a request to JetStream", "$JS.API.INFO")):
         refused(f"a worker's user {what}", worker.publish(subject), no_pub)
     other = user(f"worker-{OTHER}", 2)
-    refused("a user of the other map asks about this one", other.publish(REGION), no_pub)
-    refused("a user of the other map joins a region of this one", other.subscribe(region, "members"), no_sub)
+    refused("a worker of the other map sends a request to this map", other.publish(REGION), no_pub)
+    refused("a worker of the other map joins a region of this map", other.subscribe(region, "members"), no_sub)
 
-    # One who asks, one who answers and one who listens, on different nodes, by hand.
+    # A gateway, a worker that answers, and a worker that listens, on different nodes.
     listener = user(f"worker-{MAP}", 2)
     listener.subscribe(f"_INBOX_worker-{MAP}.>")
     works("a worker joins the group of a region", worker.subscribe(REGION, "members") == "")
-    works("it listens to what is cancelled there", worker.subscribe(f"{REGION}.cancel", sid=2) == "")
+    works("it subscribes to the region's cancel messages", worker.subscribe(f"{REGION}.cancel", sid=2) == "")
     reached, deadline = None, time.monotonic() + TIMEOUT
     while reached is None and time.monotonic() < deadline:
-        # Word of who joined takes a moment to get to the other nodes.
+        # It takes a moment until the other nodes know the subscription.
         gateway.publish(REGION, reply=f"{INBOX}.2")
         reached = worker.hear(0.5)
-    works("the gateway asks it", reached is not None and reached[2] == b"hello", reached)
+    works("the gateway sends it a request", reached is not None and reached[2] == b"hello", reached)
     gateway.messages.clear()
     if reached:
-        refused("a worker's user answers what another worker was asked", listener.publish(reached[1], b"pose"), no_pub)
-        works("it answers", worker.publish(reached[1], b"pose") == "")
+        refused("a worker answers a request to another worker", listener.publish(reached[1], b"pose"), no_pub)
+        works("the worker answers", worker.publish(reached[1], b"pose") == "")
         heard = gateway.hear()
-        works("the gateway hears the answer", heard is not None and heard[0] == f"{INBOX}.2" and heard[2] == b"pose", heard)
-        refused("a worker's user answers a second time", worker.publish(reached[1], b"another pose"), no_pub)
-    works("the gateway says what it no longer waits for", gateway.publish(f"{REGION}.cancel", f"{INBOX}.2".encode()) == "")
+        works("the gateway receives the answer", heard is not None and heard[0] == f"{INBOX}.2" and heard[2] == b"pose", heard)
+        refused("a worker answers a second time", worker.publish(reached[1], b"another pose"), no_pub)
+    works("the gateway sends a cancel message", gateway.publish(f"{REGION}.cancel", f"{INBOX}.2".encode()) == "")
     heard = worker.hear()
     while heard is not None and heard[0] == REGION:
-        # Said more than once above.
+        # The request was sent several times above.
         heard = worker.hear()
-    works("the worker hears it", heard is not None and heard[:2] == (f"{REGION}.cancel", ""), heard)
+    works("the worker receives it", heard is not None and heard[:2] == (f"{REGION}.cancel", ""), heard)
     longest = cluster.longest
-    works(f"the nodes take {longest} bytes", gateway.publish(REGION, bytes(longest), f"{INBOX}.3") == "", gateway.errors)
+    works(f"the nodes accept {longest} bytes", gateway.publish(REGION, bytes(longest), f"{INBOX}.3") == "", gateway.errors)
     heard = worker.hear()
-    works("they get there", heard is not None and len(heard[2]) == longest)
-    works("a worker asks its own map, as before it leaves a manifest",
+    works("the worker receives them", heard is not None and len(heard[2]) == longest)
+    works("a worker sends a request to its own map, as before it drops a manifest",
           worker.publish(REGION, reply=f"_INBOX_worker-{MAP}.by-hand.1") == "")
-    # Said by the first line alone: the node hangs up on what follows.
+    # The first line is enough: the node closes the connection before the payload.
     gateway.send(f"PUB {REGION} {longest + 1}\r\n".encode())
     gateway.settle()
     refused("a message of one byte more than max_payload", " ".join(gateway.errors[:1]), "Maximum Payload Violation")
 
 
-def loser(cluster, town):
-    """A worker that hangs is asked, and another one beside it: what the first has is cancelled, and it stops."""
+def check_cancellation(cluster, scene):
+    """A request to a worker that hangs is hedged to another worker; the job of the first worker is cancelled."""
     def cancelled():
         text = ask(cluster.workers[0].admin, "/metrics")[1].decode()
         return sum(counter(text, "veiloc_cancelled_total", f'when="{when}"') for when in ("waiting", "working"))
@@ -436,14 +439,14 @@ def loser(cluster, town):
     def hedges():
         return counter(ask(cluster.admin, "/metrics")[1].decode(), "veiloc_cluster_hedges_total")
 
-    def asked_beside_it():
-        """Asks while the worker hangs; then it finds what it was asked, and that others were asked too."""
+    def localize_while_hung():
+        """Sends queries while the worker hangs; when it resumes, it finds requests and their cancel messages."""
         answered = []
-        asking = threading.Thread(target=lambda: answered.extend(cluster.localized(town.queries * 2)))
+        asking = threading.Thread(target=lambda: answered.extend(cluster.localized(scene.queries * 2)))
         hung.send_signal(signal.SIGSTOP)
         sent = hedges()
         asking.start()
-        # No longer: its node would hang up on it, and replies by way of another one are nobody's.
+        # At most 6 s, or its node closes the connection, and its replies after a reconnect reach no gateway.
         deadline = time.monotonic() + 6
         while hedges() == sent and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -453,37 +456,37 @@ def loser(cluster, town):
         return answered
 
     before, hung, rounds, answered = cancelled(), cluster.workers[0].process, 0, []
-    # Of two workers chance takes one: in a round it may be asked for nothing but a search, which ends before it is deadline.
+    # The gateway chooses one of two workers at random; a round may send this worker only a search, which ends before the cancel.
     while cancelled() == before and rounds < 10:
         rounds += 1
-        answered += asked_beside_it()
+        answered += localize_while_hung()
         deadline = time.monotonic() + 2
         while cancelled() == before and time.monotonic() < deadline:
             time.sleep(0.05)
-    works("queries are answered beside a worker that hangs", answered.count(200) == rounds * 2 * len(town.queries), answered)
-    works("what it was asked is cancelled", cancelled() > before, f"nothing in {rounds} rounds")
-    works("it goes on", ask(cluster.workers[0].admin, "/readyz")[0] == 200)
+    works("queries are answered while a worker hangs", answered.count(200) == rounds * 2 * len(scene.queries), answered)
+    works("its requests are cancelled", cancelled() > before, f"nothing in {rounds} rounds")
+    works("it continues", ask(cluster.workers[0].admin, "/readyz")[0] == 200)
 
 
 def main():
     args = arguments(__doc__).parse_args()
     if not shutil.which("openssl"):
         sys.exit("openssl is missing: apt-get install openssl")
-    town = Rendered(args.veiloc)
-    cluster = SecuredCluster(town, town.map, town.images)
-    count = len(town.queries)
+    scene = Rendered(args.veiloc)
+    cluster = SecuredCluster(scene, scene.map, scene.images)
+    count = len(scene.queries)
 
     def all_answered(when):
-        answered = cluster.localized(town.queries).count(200)
+        answered = cluster.localized(scene.queries).count(200)
         works(f"{count} of {count} queries are answered {when}", answered == count, f"{answered} of {count}")
 
     all_answered("through gateway and workers, over TLS")
-    gets_in(cluster)
-    nodes(cluster)
-    says(cluster)
-    loser(cluster, town)
-    # A worker asks whether others hold the new manifest before it leaves the old one: its account must let it.
-    cluster.publish(town.smaller)
+    check_authentication(cluster)
+    check_nodes(cluster)
+    check_permissions(cluster)
+    check_cancellation(cluster, scene)
+    # A worker checks that others have the new manifest before it drops the old one; its account must allow this.
+    cluster.publish(scene.smaller)
     objects = 1 + len(json.loads((cluster.work / "regions" / "manifest.json").read_text())["regions"])
 
     def holds(worker):
@@ -491,17 +494,17 @@ def main():
 
     wait_for(lambda: all(worker.log.read_text().count("no longer published was left") for worker in cluster.workers),
              "the end of the old manifest")
-    works("workers leave an old manifest", all(holds(worker) == objects for worker in cluster.workers))
-    cluster.publish(town.map)
+    works("workers drop an old manifest", all(holds(worker) == objects for worker in cluster.workers))
+    cluster.publish(scene.map)
     wait_for(lambda: all(worker.log.read_text().count("no longer published was left") > 1 for worker in cluster.workers),
              "the end of the smaller manifest")
     cluster.nats[0].kill()
     wait_for(lambda: ask(cluster.admin, "/readyz")[0] == 200, "readiness")
     all_answered("after a node was killed")
     codes = cluster.stop()
-    works("gateway and workers end as they should", not any(codes), codes)
+    works("gateway and workers exit with 0", not any(codes), codes)
     logs = {part.name: part.log.read_text() for part in (cluster.gateway, *cluster.workers)}
-    works("the programs were refused nothing", not any("violation" in log.lower() for log in logs.values()),
+    works("no operation of the programs was refused", not any("violation" in log.lower() for log in logs.values()),
           [line for log in logs.values() for line in log.splitlines() if "violation" in line.lower()][:2])
     works("no password is in a log", not any(password in log for log in logs.values() for password in PASSWORDS.values()))
     if failed:

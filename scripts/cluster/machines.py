@@ -1,7 +1,6 @@
-"""A cluster on loopback whose parts can be killed one by one: NATS servers, a folder as store, workers, a gateway.
+"""A cluster on loopback whose processes can be killed one by one: NATS servers, a folder as store, workers, a gateway; and clients.
 
-Beside it the clients that the scenarios share. Loopback only, standard library only; needs nats-server (Debian:
-nats-server) and a build of the program.
+Loopback only, standard library only; needs nats-server (Debian: nats-server) and a build of the program.
 """
 
 import atexit
@@ -32,7 +31,7 @@ class Part:
         self.cluster, self.name, self.command, self.ready = cluster, name, [str(word) for word in command], ready
         self.log = cluster.work / f"{name}.log"
         self.process = None
-        # Whatever ends the script: nothing is left running.
+        # No process is left running, however the script ends.
         atexit.register(self.end)
         self.start()
 
@@ -55,7 +54,7 @@ class Part:
         self.process.wait()
 
     def stop(self, timeout=60):
-        """The exit code after SIGTERM, or None when it had to be killed."""
+        """Sends SIGTERM; returns the exit code, or None when the process had to be killed."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
         try:
@@ -66,7 +65,7 @@ class Part:
 
 
 class Cluster:
-    """Everything, with an address for the clients that stays the same."""
+    """All processes; the gateway's address stays the same after a restart."""
 
     def __init__(self, program, map_file, workers=2, images=None, nats=3, threads=1, queue=32, gateway=True, more=()):
         if not shutil.which("nats-server"):
@@ -80,7 +79,7 @@ class Cluster:
         self.gateway = self.serve(more) if gateway else None
 
     def bus(self, count):
-        """So many nodes of NATS, each with routes to all."""
+        """Starts `count` NATS nodes, each with routes to all."""
         ports, routes = [free_port() for _ in range(count)], [free_port() for _ in range(count)]
         self.servers = ",".join(f"nats://127.0.0.1:{port}" for port in ports)
         settings = self.work / "nats.conf"
@@ -95,7 +94,7 @@ class Cluster:
         return nodes
 
     def publish(self, map_file):
-        """What the program said last of it."""
+        """Splits a map into regions and publishes them."""
         regions = self.work / "regions"
         images = ["--images", self.images] if self.images else []
         self.program.run("map", "split", map_file, "--name", MAP, "--out", regions, *images)
@@ -119,7 +118,7 @@ class Cluster:
         return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
 
     def stop(self):
-        """Exit codes of all that were asked to end."""
+        """Stops all processes; returns the exit codes of gateway and workers."""
         parts = [self.gateway, *self.workers] if self.gateway else self.workers
         codes = [part.stop() for part in parts if part.process.poll() is None]
         for server in self.nats:
@@ -128,9 +127,9 @@ class Cluster:
 
 
 class Clients:
-    """Well-behaved clients of one address: each sends its queries in turn, and the same bytes again when value to come back or
-    when the connection broke, until `timeout` is over. A query counts as accepted when its whole body was sent to somebody who
-    had taken the connection; it is lost when it never got an answer (200, or a refusal that says that there is no pose)."""
+    """Well-behaved clients of one address. Each sends its queries in turn, and retries the same bytes after a busy answer or a
+    broken connection, until `timeout`. A query is accepted when its whole body was sent on an accepted connection; an accepted
+    query is lost when it never gets an answer (200, or a refusal because no pose was found)."""
 
     def __init__(self, port, queries, count, rate=None, timeout=60.0):
         self.port, self.queries, self.timeout = port, queries, timeout
@@ -191,7 +190,7 @@ class Clients:
             return None, b"", taken, None, 0.1
 
     def compare(self, number, status, body):
-        """Equal bytes have equal poses, whoever answers: of each query the set of answers."""
+        """Collects the answers of each query; equal queries must get equal poses from all workers."""
         value = json.loads(body)["cam_from_world"]["q"] if status == 200 else status
         self.poses.setdefault(number, set()).add(str(value))
 
@@ -202,7 +201,7 @@ class Clients:
         return self
 
     def between(self, begin, end):
-        """Times of the queries that began then, rising, in milliseconds."""
+        """Sorted times of the queries that started in this interval, milliseconds."""
         with self.lock:
             return sorted(1e3 * took for started, took in self.times if begin <= started < end)
 
@@ -212,7 +211,7 @@ def percentile(times, share):
 
 
 class ClusterScene(Program):
-    """A map, a smaller one of the same profile, and sealed queries of images that neither holds; made once and cache."""
+    """A map, a smaller map with the same profile, and sealed queries of images in neither; built once and cached."""
 
     def __init__(self, veiloc, cache, count):
         super().__init__(veiloc)
@@ -234,7 +233,7 @@ class ClusterScene(Program):
 
 
 class Kitchen(ClusterScene):
-    """RedKitchen: 83 images in regions of 30."""
+    """RedKitchen: 83 images, in regions of 30."""
 
     images, whole = 30, 1000
 
@@ -255,7 +254,7 @@ class Kitchen(ClusterScene):
 
 
 class Rendered(ClusterScene):
-    """A rendered room: 24 images in regions of 8; made in a fraction of the time that the demo takes."""
+    """A rendered room: 24 images, in regions of 8. It builds much faster than the demo."""
 
     images, whole = 8, 1000
 
@@ -264,7 +263,7 @@ class Rendered(ClusterScene):
 
     def make(self, cache, count):
         room = cache / "room"
-        # What a run that was broken off left there.
+        # Removes files of an interrupted run.
         shutil.rmtree(room, ignore_errors=True)
         self.run("synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
         names = first_words(room / "map.txt")
@@ -274,14 +273,14 @@ class Rendered(ClusterScene):
         self.seal(cache, [room / "images" / name for name in first_words(room / "query.txt")], room / "posed")
 
 
-def place(args):
+def load_scene(args):
     return Rendered(args.veiloc) if args.rendered else Kitchen(args.veiloc)
 
 
 def counter(text, name, labels=""):
-    """A value of a page of metrics; 0 when there is none."""
+    """Value of a metric in the exported text; 0 when it is missing."""
     start = f"{name}{{{labels}}} " if labels else f"{name} "
     return sum(float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if line.startswith(start))
 
 
-__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "percentile", "place", "row", "wait_for"]
+__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "load_scene", "percentile", "row", "wait_for"]

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Holds the files of deploy/cluster against the program, nats-server and each other, and says what it could not check.
+"""Checks the files of deploy/cluster against the program, nats-server and each other, and lists the checks that it had to skip.
 
     scripts/cluster/manifests.py [--veiloc PROGRAM]
 
-Every command line of the program and every setting must be known to it; ports, probes, volumes, secrets, labels and times must
-fit; each pod has a readiness probe, resources and a PodDisruptionBudget; who holds which secret; what Kubernetes is given for
-NATS must be nats.conf. Kubernetes' schema is asked of kubernetes-validate (PyPI), compose of `docker compose config`, settings
-of NATS of `nats-server -t`, each where it is installed. Needs PyYAML. Prints, last, `all N checks hold`; ends with 1 otherwise.
+The program must know every command line and every setting. Ports, probes, volumes, secrets, labels and times must agree. Each pod
+needs a readiness probe, resources and a PodDisruptionBudget, and mounts only its own secrets. The NATS settings in Kubernetes must
+equal nats.conf. kubernetes-validate (PyPI), `docker compose config` and `nats-server -t` run if they are installed. Needs PyYAML.
+The last line is `all N checks hold`; otherwise the script exits with 1.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from common import ROOT, target_dir  # noqa: E402
 
 DEPLOY = ROOT / "deploy" / "cluster"
 CONTAINERFILE = "deploy/cluster/Containerfile"
-# What stands in for a secret's value.
+# Placeholder for a secret's value.
 SERVERS = "tls://somebody:password@nats:4222"
 passed, faults, skipped = [], [], []
 
@@ -52,8 +52,8 @@ def port(address):
     return int(str(address).rsplit(":", 1)[1])
 
 
-class Known:
-    """What the program knows: the options of its commands."""
+class Program:
+    """The program and the options of its commands."""
 
     def __init__(self, veiloc):
         self.veiloc = veiloc
@@ -63,17 +63,17 @@ class Known:
         return set(re.findall(r"--[a-z][a-z-]*", done.stdout)) if done.returncode == 0 else set()
 
     def settings(self, where, command, text, environment=None):
-        """What holds with these settings; the program's own complaint is a fault."""
+        """The effective settings; an error of the program is a fault."""
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "settings.toml"
             path.write_text(text)
             args = {"PATH": os.environ["PATH"]} | (environment or {})
             done = run(self.veiloc, command, "--config", path, "--print-config", env=variables)
-        fine = check(done.returncode == 0, f"{where}: veiloc {command} takes these settings {done.stderr.strip()[:200]}")
+        fine = check(done.returncode == 0, f"{where}: veiloc {command} accepts these settings {done.stderr.strip()[:200]}")
         return tomllib.loads(done.stdout) if fine else {}
 
     def line(self, where, words):
-        """A command line after the program's name."""
+        """Checks a command line, without the program's name."""
         count = 2 if words[:1] == ["map"] else 1
         command, rest = words[:count], words[count:]
         options = self.options(*command)
@@ -88,11 +88,11 @@ class Known:
             check(name in options, f"{where}: {name} belongs to an option of veiloc {command}")
 
 
-def examples(known):
+def examples(program):
     taken = {}
     for name, command in (("gateway", "serve"), ("worker", "worker")):
         text = (DEPLOY / f"{name}.example.toml").read_text()
-        taken[name] = known.settings(f"{name}.example.toml", command, text)
+        taken[name] = program.settings(f"{name}.example.toml", command, text)
         for user, password in re.findall(r"//([^:@/]+):([^@]+)@", text):
             check(password == user.upper().replace("-", "_") + "_PASSWORD", f"{name}.example.toml: a placeholder for {user}")
             check(f"user: {user}," in (DEPLOY / "nats.conf").read_text(), f"{name}.example.toml: {user} is a user of nats.conf")
@@ -100,7 +100,7 @@ def examples(known):
 
 
 def image(example):
-    """Our Containerfile is the service's but for what a cluster needs."""
+    """The Containerfile equals the one of the service, except for what a cluster needs."""
     text, service = (ROOT / CONTAINERFILE).read_text(), (ROOT / "deploy" / "Containerfile").read_text()
 
     def of(pattern, where):
@@ -110,26 +110,26 @@ def image(example):
                           (r"^COPY (.*)", "files"), (r"^ENTRYPOINT (.*)", "program"), (r"^STOPSIGNAL (.*)", "signal")):
         check(of(pattern, text) == of(pattern, service), f"Containerfile: {what} as of deploy/Containerfile")
     clouds = bool(re.search(r"^clouds = ", (ROOT / "crates" / "tools" / "cli" / "Cargo.toml").read_text(), re.M))
-    check(clouds and "--features full" in text, "Containerfile: built with the clouds' storage, of which the examples are")
+    check(clouds and "--features full" in text, "Containerfile: built with the cloud storage that the examples use")
     made = re.search(r"^RUN install --directory --owner (\d+) --group \d+ (.*)$", text, re.M)
     user = of(r"^USER (\d+):", text)[0]
     check(bool(made) and made[1] == user, "Containerfile: folders of the container's user")
     check(example["cache"] in made[2].split(), "Containerfile: the cache is one of them")
-    skip("Containerfile: an image was built", "this takes a registry; build it by hand")
+    skip("Containerfile: image build", "needs a registry; build it by hand")
     return user, made[2].split()
 
 
-def compose(known, taken, user, folders):
+def compose(program, taken, user, folders):
     where = "compose.yaml"
     all_of = yaml.safe_load((DEPLOY / where).read_text())
     services, volumes, networks = all_of["services"], all_of["volumes"], all_of["networks"]
-    program = ["/usr/local/bin/veiloc", "serve"]
+    entrypoint = ["/usr/local/bin/veiloc", "serve"]
     for name, service in services.items():
         here = f"{where} {name}"
         check(service["read_only"] and service["cap_drop"] == ["ALL"], f"{here}: read-only, no capabilities")
-        check(all(network in networks for network in service["networks"]), f"{here}: its networks are there")
+        check(all(network in networks for network in service["networks"]), f"{here}: its networks are defined")
         check(service.get("mem_limit") or "profiles" in service, f"{here}: memory has a limit")
-        check("healthcheck" in service, f"{here}: says how it is")
+        check("healthcheck" in service, f"{here}: has a health check")
         mounts = {}
         for volume in service["volumes"]:
             source, _, rest = volume.partition(":")
@@ -137,8 +137,8 @@ def compose(known, taken, user, folders):
             mounts[target] = source
             check(not rest or source.startswith("./") or source in volumes, f"{here}: {source} is a volume")
             if not rest.endswith(":ro") and not name.startswith("nats"):
-                check(target in folders, f"{here}: {target} is written to, and the image makes it the user's")
-        line = service.get("entrypoint", program) + service["command"]
+                check(target in folders, f"{here}: {target} is writable, and belongs to the image's user")
+        line = service.get("entrypoint", entrypoint) + service["command"]
         if name.startswith("nats"):
             line = service["command"]
             check(mounts["/etc/nats.conf"] == "./nats.conf" and line[1] == "/etc/nats.conf", f"{here}: reads nats.conf")
@@ -150,56 +150,56 @@ def compose(known, taken, user, folders):
             check(sorted(routes) == [(other, "6222") for other in others], f"{here}: routes to the others")
             check(name == line[line.index("--name") + 1], f"{here}: its name")
             continue
-        check(line[0] == program[0], f"{here}: runs the program")
-        known.line(here, line[1:])
+        check(line[0] == entrypoint[0], f"{here}: runs the program")
+        program.line(here, line[1:])
         check(service["user"] == f"{user}:{user}", f"{here}: the image's user")
         check((DEPLOY / service["build"]["context"] / service["build"]["dockerfile"]).resolve() == ROOT / CONTAINERFILE,
               f"{here}: the image of {CONTAINERFILE}")
-        check("/etc/nats-tls" not in mounts, f"{here}: has no key of a node")
+        check("/etc/nats-tls" not in mounts, f"{here}: has no key of a NATS node")
         if name not in taken:
             continue
         holds = taken[name]
-        check(line[-1] == f"/etc/veiloc/{name}.toml" and mounts["/etc/veiloc"] == f"./{name}", f"{here}: its settings alone")
-        known.variables(here, line[1], service["environment"])
+        check(line[-1] == f"/etc/veiloc/{name}.toml" and mounts["/etc/veiloc"] == f"./{name}", f"{here}: only its own settings")
+        program.variables(here, line[1], service["environment"])
         for key in ("nats-ca", "cache", "cert", "key", "tokens"):
             if key in holds:
                 check(any(holds[key] == mount or holds[key].startswith(mount + "/") for mount in mounts),
-                      f"{here}: {key} lies in a volume")
+                      f"{here}: {key} is in a volume")
         timeout = float(service["stop_grace_period"].rstrip("s"))
-        check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, more than it may take")
+        check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, longer than grace and drain")
         servers = re.findall(r"@([^:]+):(\d+)", holds["cluster" if name == "gateway" else "nats"])
         check(sorted(servers) == sorted((other, "4222") for other in services if other.startswith("nats")),
               f"{here}: all nodes of NATS")
         check("bus" in service["networks"], f"{here}: reaches the bus")
     check(services["gateway"]["ports"] == [f"{port(taken['gateway']['listen'][0])}:8443"], f"{where}: the gateway's port")
     check([name for name, service in services.items() if service.get("ports")] == ["gateway"],
-          f"{where}: no port but the gateway's")
-    check(networks["bus"]["internal"] is True, f"{where}: the bus is not reached from outside")
+          f"{where}: only the gateway publishes a port")
+    check(networks["bus"]["internal"] is True, f"{where}: the bus is not reachable from outside")
     check(services["gateway"]["ulimits"]["nofile"] >= taken["gateway"]["connections"] + 192,
           f"{where}: files for all connections")
     probed = re.search(r"PROBE_PORT:-(\d+)", (ROOT / "deploy" / "probe.sh").read_text())[1]
     check(all(str(port(holds["admin-listen"])) == probed for holds in taken.values()),
-          f"{where}: the probe asks the settings' port")
+          f"{where}: the probe uses the admin port of the settings")
     if shutil.which("docker") and run("docker", "compose", "version").returncode == 0:
         done = run("docker", "compose", "-f", DEPLOY / where, "--profile", "publish", "config", "--quiet")
         check(done.returncode == 0, f"{where}: docker compose config {done.stderr.strip()}")
     else:
-        skip(f"{where}: by its schema", "no docker compose here")
+        skip(f"{where}: schema", "docker compose is not installed")
 
 
-def meaning(text):
-    """Settings of NATS without remarks."""
+def without_comments(text):
+    """NATS settings without comments."""
     return [line.split("#")[0].strip() for line in text.splitlines() if line.split("#")[0].strip()]
 
 
 def nats(documents):
-    """nats.conf is valid, and Kubernetes is given the same."""
+    """nats.conf is valid, and the ConfigMap holds the same settings."""
     ours, theirs = (DEPLOY / "nats.conf").read_text(), documents["ConfigMap", "veiloc-cluster"]["data"]["nats.conf"]
-    differ = set(meaning(ours)) ^ set(meaning(theirs))
-    check(differ == {"http: 127.0.0.1:8222", "http: 0.0.0.0:8222"}, f"kubernetes.yaml: nats.conf but for the monitor {differ}")
+    differ = set(without_comments(ours)) ^ set(without_comments(theirs))
+    check(differ == {"http: 127.0.0.1:8222", "http: 0.0.0.0:8222"}, f"kubernetes.yaml: nats.conf is the same except for the monitor {differ}")
     server, openssl = shutil.which("nats-server"), shutil.which("openssl")
     if not server or not openssl:
-        return skip("nats.conf: by nats-server", "nats-server or openssl is not installed")
+        return skip("nats.conf: check by nats-server", "nats-server or openssl is not installed")
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         run("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout",
@@ -215,7 +215,7 @@ def nats(documents):
 
 
 def secrets_to_make(text):
-    """Names and keys of the secrets that the head of the file tells to make."""
+    """Names and keys of the secrets that the head of the file creates with kubectl."""
     made = {}
     for kind, name, rest in re.findall(r"^#   kubectl create secret (\w+) (\S+) (.*)$", text, re.M):
         keys = {"tls.crt", "tls.key"} if kind == "tls" else set(re.findall(r"--from-(?:file|literal)=([^= ]+)", rest))
@@ -223,12 +223,12 @@ def secrets_to_make(text):
     return made
 
 
-def kubernetes(known, user):
+def kubernetes(program, user):
     where = "kubernetes.yaml"
     text = (DEPLOY / where).read_text()
     read = list(yaml.safe_load_all(text))
     documents = {(document["kind"], document["metadata"]["name"]): document for document in read}
-    check(len(documents) == len(read), f"{where}: no name twice")
+    check(len(documents) == len(read), f"{where}: names are unique")
     nats(documents)
     secrets, used = secrets_to_make(text), set()
     files = documents["ConfigMap", "veiloc-cluster"]["data"]
@@ -243,17 +243,17 @@ def kubernetes(known, user):
                    and budget["spec"]["selector"]["matchLabels"].items() <= labels.items()]
         check(len(budgets) == 1, f"{here}: one PodDisruptionBudget")
         check(all(0 < budget["spec"]["maxUnavailable"] < spec["replicas"] for budget in budgets),
-              f"{here}: which leaves some, and lets go")
+              f"{here}: which allows a disruption, but not of all pods")
         check(str(pod["securityContext"]["runAsUser"]) == user and pod["securityContext"]["runAsNonRoot"],
               f"{here}: the image's user")
-        check(pod["automountServiceAccountToken"] is False, f"{here}: no token of the cluster's")
+        check(pod["automountServiceAccountToken"] is False, f"{here}: no service account token")
         volumes = {volume["name"]: volume for volume in pod["volumes"]}
         mine = {}
         for container in pod["containers"]:
             ports = {p["name"]: p["containerPort"] for p in container["ports"]}
             for probe in ("readinessProbe", "livenessProbe"):
                 check(probe in container and container[probe]["httpGet"]["port"] in ports,
-                      f"{here}: {probe} asks a port of its own")
+                      f"{here}: {probe} uses a port of the container")
             check("startupProbe" not in container or container["startupProbe"]["httpGet"]["port"] in ports,
                   f"{here}: startupProbe")
             check({"cpu",
@@ -265,17 +265,17 @@ def kubernetes(known, user):
             mounts = {mount["mountPath"]: mount for mount in container["volumeMounts"]}
             check({mount["name"] for mount in mounts.values()} == volumes.keys(), f"{here}: mounts are its volumes")
             check(not any(a != b and a.startswith(b + "/") for a in mounts for b in mounts),
-                  f"{here}: no volume within another")
+                  f"{here}: no mount inside another one")
             for mount in mounts.values():
                 volume = volumes[mount["name"]]
                 if "configMap" in volume:
-                    check(("ConfigMap", volume["configMap"]["name"]) in documents, f"{here}: the ConfigMap is there")
+                    check(("ConfigMap", volume["configMap"]["name"]) in documents, f"{here}: the ConfigMap exists")
                     check(mount.get("subPath", next(iter(files))) in files,
                           f"{here}: {mount.get('subPath', 'its settings')} are in it")
                 if "secret" in volume:
                     secret = volume["secret"]["secretName"]
                     keys = {item["key"] for item in volume["secret"].get("items", [])} or secrets.get(secret, set())
-                    check(keys and keys <= secrets.get(secret, set()), f"{here}: the secret {secret} is told to be made")
+                    check(keys and keys <= secrets.get(secret, set()), f"{here}: the head of the file creates the secret {secret}")
                     mine |= {f"{mount['mountPath']}/{key}": secret for key in keys}
                     used.add(secret)
             variables = {}
@@ -283,18 +283,18 @@ def kubernetes(known, user):
                 source = variable["valueFrom"]
                 if "secretKeyRef" in source:
                     secret, key = source["secretKeyRef"]["name"], source["secretKeyRef"]["key"]
-                    check(key in secrets.get(secret, ()), f"{here}: the secret {secret} is told to be made, with {key}")
+                    check(key in secrets.get(secret, ()), f"{here}: the head of the file creates the secret {secret} with {key}")
                     used.add(secret)
                     variables[variable["name"]] = SERVERS
             for source in container.get("envFrom", []):
                 check(source["secretRef"]["name"] in secrets,
-                      f"{here}: the secret {source['secretRef']['name']} is told to be made")
+                      f"{here}: the head of the file creates the secret {source['secretRef']['name']}")
                 used.add(source["secretRef"]["name"])
             if name == "veiloc-nats":
                 bus(here, spec, container, ports, mounts, files)
             else:
-                ours(known, here, pod, container, ports, mounts, files, variables, mine)
-    check(used == secrets.keys(), f"{where}: every secret that is to be made is used {used ^ secrets.keys()}")
+                ours(program, here, pod, container, ports, mounts, files, variables, mine)
+    check(used == secrets.keys(), f"{where}: every created secret is used {used ^ secrets.keys()}")
     check_services(where, documents, pods)
     schema(where, documents)
 
@@ -311,41 +311,41 @@ def bus(here, spec, container, ports, mounts, files):
         check(int(re.search(pattern, files["nats.conf"], re.M)[1]) == ports[name], f"{here}: port {name} as in nats.conf")
 
 
-def ours(known, here, pod, container, ports, mounts, files, variables, mine):
+def ours(program, here, pod, container, ports, mounts, files, variables, mine):
     """A pod of the program."""
     line = container.get("command", ["/usr/local/bin/veiloc", "serve"]) + container["args"]
-    known.line(here, line[1:])
-    known.variables(here, line[1], variables)
-    holds = known.settings(here, line[1], files[pathlib.Path(line[-1]).name], variables)
+    program.line(here, line[1:])
+    program.variables(here, line[1], variables)
+    holds = program.settings(here, line[1], files[pathlib.Path(line[-1]).name], variables)
     check(line[-1].startswith("/etc/veiloc/") and "/etc/veiloc" in mounts, f"{here}: its settings are mounted")
     for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
         got = container[probe]["httpGet"]
         check((got["path"], got["port"]) == (path, "admin"), f"{here}: {probe} asks {path}")
-    # With the key of a node, or with the other's password, it could hear and say more than it should.
+    # With the key of a node, or with another user's password, a pod could read and send more than it may.
     check(not any(path.startswith("/etc/nats-tls") and path != "/etc/nats-tls/ca.crt" for path in mine),
-          f"{here}: no key of a node")
+          f"{here}: no key of a NATS node")
     check(len(variables) == 1, f"{here}: one password of the bus")
     if not holds:
         return
     check(port(holds["admin-listen"]) == ports["admin"] and not holds["admin-listen"].startswith("127."),
-          f"{here}: the operator's port")
+          f"{here}: the admin port")
     if "https" in ports:
         check(port(holds["listen"][0]) == ports["https"], f"{here}: the port of the settings")
-        look = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
-        check(holds["drain-delay"] > look, f"{here}: drain-delay is more than {look} s between looks")
+        detection = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
+        check(holds["drain-delay"] > detection, f"{here}: drain-delay is more than the {detection} s of the readiness probe")
     for key in ("nats-ca", "cert", "key", "tokens"):
         if key in holds:
-            check(holds[key] in mine, f"{here}: {key} is of a secret")
-    check(holds["cache"] in mounts and not mounts[holds["cache"]].get("readOnly"), f"{here}: the cache can be written")
+            check(holds[key] in mine, f"{here}: {key} is in a secret")
+    check(holds["cache"] in mounts and not mounts[holds["cache"]].get("readOnly"), f"{here}: the cache is writable")
     size = next(volume["emptyDir"]["sizeLimit"] for volume in pod["volumes"] if volume["name"] == "cache")
-    check(float(size.removesuffix("Gi")) * 1.0737 > holds["cache-gb"], f"{here}: the cache has room")
+    check(float(size.removesuffix("Gi")) * 1.0737 > holds["cache-gb"], f"{here}: the volume is large enough for the cache")
     timeout = pod["terminationGracePeriodSeconds"]
-    check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, more than it may take")
-    check(pod["enableServiceLinks"] is False, f"{here}: no variables of the cluster's")
+    check(timeout > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {timeout} s, longer than grace and drain")
+    check(pod["enableServiceLinks"] is False, f"{here}: no service environment variables")
 
 
 def check_services(where, documents, pods):
-    """Services and the policy lead to pods and ports that are there."""
+    """Services and the network policy select existing pods and ports."""
     def found(selector):
         return [document for document in pods.values()
                 if selector.items() <= document["spec"]["template"]["metadata"]["labels"].items()]
@@ -356,7 +356,7 @@ def check_services(where, documents, pods):
     for (kind, name), document in documents.items():
         if kind == "Service":
             target = found(document["spec"]["selector"])
-            check(len(target) == 1, f"{where}: the Service {name} leads to pods")
+            check(len(target) == 1, f"{where}: the Service {name} selects pods")
             for p in document["spec"]["ports"]:
                 check(bool(target) and p.get("targetPort", p["port"]) in ports_of(target[0]),
                       f"{where}: Service {name}, port {p['port']}")
@@ -365,25 +365,25 @@ def check_services(where, documents, pods):
             check(bool(service) and service["spec"]["clusterIP"] == "None", f"{where}: {name} has a headless Service")
         if kind == "NetworkPolicy":
             target = found(document["spec"]["podSelector"]["matchLabels"])
-            check(len(target) == 1, f"{where}: NetworkPolicy {name} is about pods")
+            check(len(target) == 1, f"{where}: NetworkPolicy {name} selects pods")
             allowed = {p["port"] for rule in document["spec"]["ingress"] for p in rule["ports"]}
             check(allowed <= ports_of(target[0]), f"{where}: NetworkPolicy {name}: ports {allowed}")
             labels = [set(e["values"]) for rule in document["spec"]["ingress"] for source in rule["from"]
                       for e in source["podSelector"].get("matchExpressions", [])]
             check(all(found({"app": label}) for some in labels for label in some),
-                  f"{where}: NetworkPolicy {name}: whom it lets in")
+                  f"{where}: NetworkPolicy {name}: the allowed pods exist")
 
 
 def schema(where, documents):
     if not importlib.util.find_spec("kubernetes_validate"):
-        return skip(f"{where}: by the schema", "kubernetes-validate is not installed (PyPI)")
+        return skip(f"{where}: schema", "kubernetes-validate is not installed (PyPI)")
     import kubernetes_validate
     version = kubernetes_validate.latest_version()
     for (kind, name), document in documents.items():
         try:
             kubernetes_validate.validate(document, version, strict=True)
             error_text = ""
-        except Exception as error:  # its classes differ between versions
+        except Exception as error:  # the exception classes differ between versions
             error_text = f": {error}"
         check(not error_text, f"{where}: {kind} {name} by the schema of {version}{error_text}")
 
@@ -391,12 +391,12 @@ def schema(where, documents):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--veiloc", help="default: the release build of this repository")
-    known = Known(pathlib.Path(parser.parse_args().veiloc or target_dir() / "release" / "veiloc").resolve())
-    taken = examples(known)
+    program = Program(pathlib.Path(parser.parse_args().veiloc or target_dir() / "release" / "veiloc").resolve())
+    taken = examples(program)
     if all(taken.values()):
         user, folders = image(taken["gateway"])
-        compose(known, taken, user, folders)
-        kubernetes(known, user)
+        compose(program, taken, user, folders)
+        kubernetes(program, user)
     if faults:
         print(f"{len(faults)} of {len(passed) + len(faults)} checks do not hold")
         sys.exit(1)

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""How many queries a second a cluster answers with 1, 2, 4 and 10 workers, and what its road costs beside the direct call.
+"""Throughput of a cluster with 1, 2, 4 and 10 workers, and its latency overhead against a service without a cluster.
 
     VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4 10]
         [--json FILE] [--rendered]
 
-*Road*: one client, one query after the other, through HTTP, gateway and NATS to one worker, against the same queries to
-`veiloc serve` with the whole map and with the region's map in memory. *Throughput*: as many clients as keep all workers busy;
-*busy* is how long the workers' threads were localizing by the clock (`veiloc_busy_seconds_total`), waits for a processor among it:
-*share* is that over the machine's processors, and above 1 there are more busy threads than processors. Clients, gateway, NATS and
-workers share the machine's cores: with more workers than cores the answers a second cannot grow.
+*Latency*: one client sends one query after the other through HTTP, gateway and NATS to one worker, and the same queries to
+`veiloc serve` with the whole map in memory. *Throughput*: enough clients to keep all workers busy. *Busy threads* is the wall time
+that the workers' threads spent localizing (`veiloc_busy_seconds_total`), with waits for a processor; *share* is this over the
+machine's processors, and above 1 there are more busy threads than processors. Clients, gateway, NATS and workers share the
+machine's cores, so with more workers than cores the throughput cannot grow.
 """
 
 import json
@@ -20,11 +20,11 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from machines import Clients, Cluster, Server, ask, arguments, counter, header, percentile, place, row, wait_for  # noqa: E402
+from machines import Clients, Cluster, Server, ask, arguments, counter, header, percentile, load_scene, row, wait_for  # noqa: E402
 
 
 def one_by_one(port, queries, seconds):
-    """Median and p95 of the time of an answer, and all times by query, milliseconds."""
+    """Sorted times of the answers, milliseconds, without the first round of queries."""
     clients = Clients(port, queries, 1)
     time.sleep(seconds)
     return sorted(1e3 * took for _, took in clients.stop().times[len(queries):])
@@ -42,35 +42,35 @@ def histogram_mean(text, name):
 def main():
     parser = arguments(__doc__)
     parser.add_argument("--rendered", action="store_true", help="a rendered room, which needs no data")
-    parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
+    parser.add_argument("--seconds", type=float, default=15.0, help="duration of each row")
     parser.add_argument("--json", metavar="FILE", help="also write the points for research/notes/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])
     args = parser.parse_args()
-    town = place(args)
+    scene = load_scene(args)
 
-    header("road", "median, ms", "p95, ms", "median beside the direct call, ms")
-    direct = Server(town, "--workers", 1, maps=["--map", f"place={town.map}"])
+    header("latency", "median, ms", "p95, ms", "median over direct, ms")
+    direct = Server(scene, "--workers", 1, maps=["--map", f"place={scene.map}"])
     wait_for(lambda: ask(direct.admin, "/readyz")[0] == 200, "readiness")
-    cluster = Cluster(town, town.map, workers=1, images=town.whole)
-    # In turns, so that what else the machine does meets both.
-    alone, road = [], []
+    cluster = Cluster(scene, scene.map, workers=1, images=scene.whole)
+    # In turns, so that other load on the machine affects both.
+    alone, clustered = [], []
     for _ in range(3):
-        alone += one_by_one(direct.port, town.queries, args.seconds / 3)
-        road += one_by_one(cluster.port, town.queries, args.seconds / 3)
+        alone += one_by_one(direct.port, scene.queries, args.seconds / 3)
+        clustered += one_by_one(cluster.port, scene.queries, args.seconds / 3)
     direct.stop()
     base = statistics.median(alone)
-    for name, times in (("direct: the map in memory", sorted(alone)), ("cluster: one region, the whole map", sorted(road))):
+    for name, times in (("direct: the map in memory", sorted(alone)), ("cluster: one region, the whole map", sorted(clustered))):
         row(name, f"{statistics.median(times):.1f}", f"{percentile(times, 0.95):.1f}", f"{statistics.median(times) - base:+.1f}")
     text = ask(cluster.admin, "/metrics")[1].decode()
-    print(f"\nmessage to a worker and back beside its work, by the gateway's own clock: "
+    print(f"\nround trip to a worker without its computation, measured by the gateway: "
           f"mean {1e3 * histogram_mean(text, 'veiloc_cluster_road_seconds'):.2f} ms over searches and poses\n")
     cluster.stop()
 
-    header("workers", "answers a second", "busy threads", "answers a busy second", "share of all processors", "regions a query")
+    header("workers", "answers per second", "busy threads", "answers per busy second", "share of all processors", "regions per query")
     points = []
     for workers in args.workers:
-        cluster = Cluster(town, town.map, workers=workers, images=town.images)
-        clients = Clients(cluster.port, town.queries, 2 * workers + 2)
+        cluster = Cluster(scene, scene.map, workers=workers, images=scene.images)
+        clients = Clients(cluster.port, scene.queries, 2 * workers + 2)
         time.sleep(2)
         before, begin = busy(cluster), time.monotonic()
         time.sleep(args.seconds)

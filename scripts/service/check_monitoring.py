@@ -125,12 +125,12 @@ def static_checks(faults, promtool):
     check(faults, "promtool test rules", [promtool, "test", "rules", TESTS])
 
 
-def ask_for_a_while(server, place):
+def ask_for_a_while(server, scene):
     """Sends requests of each kind over several scrapes, so that each panel has data."""
     for _ in range(6):
-        for body in (place.query, place.query, place.query[:100]):
+        for body in (scene.query, scene.query, scene.query[:100]):
             ask(server.port, LOCALIZE, body, user="phone")
-        ask(server.port, LOCALIZE, place.query, user="unknown")
+        ask(server.port, LOCALIZE, scene.query, user="unknown")
         with socket.create_connection(("127.0.0.1", server.port)) as noise:
             noise.sendall(b"this is no HTTP\r\n\r\n")
             noise.recv(1024)
@@ -170,19 +170,19 @@ def check_alerts(faults, prometheus):
 
 
 def main():
-    place = RenderedScene(arguments(__doc__).parse_args().veiloc)
+    scene = RenderedScene(arguments(__doc__).parse_args().veiloc)
     faults = []
     folder = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-monitoring-"))
     promtool, program = prometheus_programs(folder)
     static_checks(faults, promtool)
-    server = Server(place, "--tokens", place.tokens(["phone", "operator!"]))
+    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]))
     prometheus = None
     try:
         text = ask(server.admin, "/metrics")[1].decode()
         check(faults, "promtool check metrics", [promtool, "check", "metrics"], input=plain_text(text))
         prometheus = Prometheus(program, folder, server.admin)
         wait_for(prometheus.up, "Prometheus")
-        ask_for_a_while(server, place)
+        ask_for_a_while(server, scene)
         check_names(faults, names_in(ask(server.admin, "/metrics")[1].decode()))
         check_dashboard(faults, prometheus)
         check_alerts(faults, prometheus)

@@ -19,23 +19,23 @@ def ended(server, started, timeout=60):
 
 
 def main():
-    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    scene = RedKitchen(arguments(__doc__).parse_args().veiloc)
     header("", "`/readyz` after SIGTERM", "queries sent after it", "answered", "end", "after s")
 
-    server = Server(place)
+    server = Server(scene)
     seen, sent, got = set(), 0, 0
     started = time.monotonic()
     server.process.send_signal(signal.SIGTERM)
     while time.monotonic() - started < 1.5:
         status = ask(server.port, "/readyz", timeout=2)[0]
         seen.add(str(status or "no answer"))
-        status = ask(server.port, LOCALIZE, place.query, timeout=10)[0]
+        status = ask(server.port, LOCALIZE, scene.query, timeout=10)[0]
         sent, got = sent + 1, got + (status == 200)
         time.sleep(0.1)
     row("plain", " ".join(sorted(seen)), sent, got, *ended(server, started))
 
-    grace = ["--grace", "0.2"] + (["--drain-delay", "0"] if "--drain-delay" in place.options() else [])
-    server = Server(place, *grace)
+    grace = ["--grace", "0.2"] + (["--drain-delay", "0"] if "--drain-delay" in scene.options() else [])
+    server = Server(scene, *grace)
     idle = socket.create_connection(("127.0.0.1", server.port))
     time.sleep(0.5)
     started = time.monotonic()
@@ -43,8 +43,8 @@ def main():
     row("`--grace 0.2`, one idle connection", "-", "-", "-", *ended(server, started))
     idle.close()
 
-    server = Server(place, "--workers", "1", "--grace", "60")
-    jobs = [threading.Thread(target=ask, args=(server.port, LOCALIZE, place.large), kwargs={"timeout": 90}, daemon=True)
+    server = Server(scene, "--workers", "1", "--grace", "60")
+    jobs = [threading.Thread(target=ask, args=(server.port, LOCALIZE, scene.large), kwargs={"timeout": 90}, daemon=True)
             for _ in range(30)]
     for job in jobs:
         job.start()
@@ -57,13 +57,13 @@ def main():
 
     print()
     header("one broken map and one good map", "queries to the good map", "to the broken map")
-    broken = place.work / "broken.vmap"
-    broken.write_bytes(place.map.read_bytes()[:1000])
+    broken = scene.work / "broken.vmap"
+    broken.write_bytes(scene.map.read_bytes()[:1000])
     try:
-        server = Server(place, maps=["--map", f"place={place.map}", "--map", f"broken={broken}"])
-        good = ask(server.port, LOCALIZE, place.query)[0]
-        bad = ask(server.port, LOCALIZE.replace("place", "broken"), place.query)[0]
-        shutil.copyfile(place.map, broken)
+        server = Server(scene, maps=["--map", f"place={scene.map}", "--map", f"broken={broken}"])
+        good = ask(server.port, LOCALIZE, scene.query)[0]
+        bad = ask(server.port, LOCALIZE.replace("place", "broken"), scene.query)[0]
+        shutil.copyfile(scene.map, broken)
         time.sleep(4)
         row("starts", good, f"{bad}, {ask(server.port, LOCALIZE.replace('place', 'broken'), place.query)[0]} after repair")
         server.stop()

@@ -14,16 +14,16 @@ VICTIM = 20
 
 
 def main():
-    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
-    path = place.tokens(["greedy", "phone", "ops!"])
-    server = Server(place, "--tokens", path)
-    victim(place, server, "quiet")
+    scene = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    path = scene.tokens(["greedy", "phone", "ops!"])
+    server = Server(scene, "--tokens", path)
+    victim(scene, server, "quiet")
     stop, counts, lock = threading.Event(), {}, threading.Lock()
 
     def flood(i):
         while not stop.is_set():
             started = time.monotonic()
-            status, _, _ = ask(server.port, LOCALIZE, place.large, "greedy", timeout=60)
+            status, _, _ = ask(server.port, LOCALIZE, scene.large, "greedy", timeout=60)
             with lock:
                 counts[status] = counts.get(status, 0) + 1
             # 40 clients send 20 queries per second in total.
@@ -34,7 +34,7 @@ def main():
         thread.start()
         time.sleep(0.05)
     time.sleep(5)
-    victim(place, server, "one token floods the service")
+    victim(scene, server, "one token floods the service")
     stop.set()
     for thread in threads:
         thread.join(60)
@@ -42,18 +42,18 @@ def main():
     header("answers to the flooding token", *sorted(map(str, counts)))
     row("", *(counts[key] for key in sorted(counts, key=str)))
     print()
-    disconnected(place, server)
+    disconnected(scene, server)
     server.stop(timeout=60)
 
 
-def victim(place, server, when):
+def victim(scene, server, when):
     """Queries of a phone, one each 0.25 s, without retries."""
     if when == "quiet":
         header("", f"answered of {VICTIM}", "p50 ms", "slowest ms", "refused")
     times, refused = [], 0
     for _ in range(VICTIM):
         started = time.monotonic()
-        status, _, _ = ask(server.port, LOCALIZE, place.query, "phone", timeout=60)
+        status, _, _ = ask(server.port, LOCALIZE, scene.query, "phone", timeout=60)
         if status == 200:
             times.append((time.monotonic() - started) * 1e3)
         else:
@@ -63,7 +63,7 @@ def victim(place, server, when):
     row(when, len(times), f"{times[len(times) // 2]:.0f}" if times else "-", f"{times[-1]:.0f}" if times else "-", refused)
 
 
-def disconnected(place, server):
+def disconnected(scene, server):
     """Clients that disconnect at once, after a query and the start of a next request: is the query still computed?"""
     def done():
         text = ask(server.port, "/metrics", user="ops")[1].decode()
@@ -72,10 +72,10 @@ def disconnected(place, server):
     wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", user="ops")[1].decode(), "idle workers")
     before = done()
     head = f"POST {LOCALIZE} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\n" \
-           f"content-type: {PROTOBUF}\r\ncontent-length: {len(place.large)}\r\n\r\n"
+           f"content-type: {PROTOBUF}\r\ncontent-length: {len(scene.large)}\r\n\r\n"
     for _ in range(12):
         stream = socket.create_connection(("127.0.0.1", server.port))
-        stream.sendall(head.encode() + place.large + b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
+        stream.sendall(head.encode() + scene.large + b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n")
         stream.close()
     time.sleep(1)
     wait_for(lambda: "veiloc_workers_busy 0" in ask(server.port, "/metrics", user="ops")[1].decode(), "idle workers")

@@ -55,15 +55,15 @@ def idle(port, stop, counts):
 def main():
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(8192, hard), hard))
-    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
-    server = Server(place, "--tokens", place.tokens(["phone", "ops!"]))
+    scene = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    server = Server(scene, "--tokens", scene.tokens(["phone", "ops!"]))
     stop, counts = threading.Event(), {"open": 0, "closed": 0}
     threading.Thread(target=idle, args=(server.port, stop, counts), daemon=True).start()
     time.sleep(8)
     answered, times = 0, []
     for _ in range(20):
         started = time.monotonic()
-        status, _, _ = ask(server.port, LOCALIZE, place.query, "phone", timeout=5)
+        status, _, _ = ask(server.port, LOCALIZE, scene.query, "phone", timeout=5)
         if status == 200:
             answered += 1
             times.append(time.monotonic() - started)
@@ -76,7 +76,7 @@ def main():
     print()
     # The limit of open files is below the number of connections.
     try:
-        server = Server(place, "--connections", "1024", nofile=600)
+        server = Server(scene, "--connections", "1024", nofile=600)
         outcome = "it starts, but cannot open this many connections"
         server.stop()
     except Ended as ended:

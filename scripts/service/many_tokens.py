@@ -31,13 +31,13 @@ def main():
     parser = common.arguments(__doc__)
     parser.add_argument("--requests", type=int, default=5000, help="requests to each service")
     arguments = parser.parse_args()
-    place = common.RedKitchen(arguments.veiloc)
+    scene = common.RedKitchen(arguments.veiloc)
     services = []
     for count in COUNTS:
         tokens = [secrets.token_hex(32) for _ in range(count)]
-        file = place.work / f"tokens-{count}"
+        file = scene.work / f"tokens-{count}"
         file.write_text("".join(f"t{i} {hashlib.sha256(t.encode()).hexdigest()}\n" for i, t in enumerate(tokens)))
-        server = common.Server(place, "--tokens", file)
+        server = common.Server(scene, "--tokens", file)
         connection = http.client.HTTPConnection("127.0.0.1", server.port)
         services.append((count, server, connection, tokens[-1], []))
     for i in range(arguments.requests):

@@ -130,9 +130,9 @@ def announced(checker, port, path, length, begun=b"", more=""):
     stream.close()
 
 
-def provoke(checker, place, server):
+def provoke(checker, scene, server):
     """Provokes each kind of successful answer, and most refusals."""
-    query, port = place.query, server.port
+    query, port = scene.query, server.port
     for form in ("application/json", PROTOBUF):
         request(checker, port, "POST", LOCALIZE, query, "phone", content_type=PROTOBUF, accept=form)
     rig = rig_of(query)
@@ -181,24 +181,24 @@ def blanked(query):
     return query[: at + 5] + bytes([45]) * length + query[at + 5 + length :]
 
 
-def provoke_load(checker, place):
+def provoke_load(checker, scene):
     """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
-    tokens = place.tokens(["phone", "operator!"], place.work / "few-tokens")
+    tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
     slow = ["--workers", "1", "--queue", "1", "--hypotheses", "20000"]
-    busy = Server(place, "--tokens", tokens, *slow, "--request-timeout", "1")
-    for path, body in ((LOCALIZE, place.query), (RIG, rig_of(place.query))):
+    busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1")
+    for path, body in ((LOCALIZE, scene.query), (RIG, rig_of(scene.query))):
         ask_busy = lambda i, path=path, body=body: request(
             checker, busy.port, "POST", path, body, "phone", content_type=PROTOBUF)
         for thread in in_threads(8, ask_busy):
             thread.join()
     busy.stop()
-    limited = Server(place, "--tokens", tokens, rate=1)
+    limited = Server(scene, "--tokens", tokens, rate=1)
     request(checker, limited.port, "GET", "/v1/maps", None, "phone")
-    for method, path, body in (("GET", "/v1/maps", None), ("GET", PROFILE, None), ("POST", LOCALIZE, place.query),
-                               ("POST", RIG, rig_of(place.query))):
+    for method, path, body in (("GET", "/v1/maps", None), ("GET", PROFILE, None), ("POST", LOCALIZE, scene.query),
+                               ("POST", RIG, rig_of(scene.query))):
         request(checker, limited.port, method, path, body, "phone", content_type=PROTOBUF)
     limited.stop()
-    shut = Server(place, "--tokens", tokens, "--stale-tokens", "0", "--watch", "0.2")
+    shut = Server(scene, "--tokens", tokens, "--stale-tokens", "0", "--watch", "0.2")
     tokens.write_text("")
     time.sleep(1.0)
     for path in ("/v1/maps", "/metrics", "/readyz"):
@@ -212,22 +212,22 @@ def rig_of(query):
 
 
 def main():
-    place = RenderedScene(arguments(__doc__).parse_args().veiloc)
+    scene = RenderedScene(arguments(__doc__).parse_args().veiloc)
     packages()
     from openapi_spec_validator import validate
-    broken = place.work / "broken.vmap"
+    broken = scene.work / "broken.vmap"
     broken.write_bytes(b"no map")
-    maps = ["--map", f"place={place.map}", "--map", f"broken={broken}"]
-    server = Server(place, "--tokens", place.tokens(["phone", "operator!"]), "--body-timeout", "2", maps=maps)
+    maps = ["--map", f"place={scene.map}", "--map", f"broken={broken}"]
+    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]), "--body-timeout", "2", maps=maps)
     document = json.loads(ask(server.port, "/v1/openapi.json")[1])
     validate(document)
     print(f"openapi-spec-validator: valid, {len(document['paths'])} paths")
     checker = Checker(document)
     try:
-        provoke(checker, place, server)
+        provoke(checker, scene, server)
     finally:
         server.stop()
-    provoke_load(checker, place)
+    provoke_load(checker, scene)
 
     described, forms = set(), set()
     for template, item in document["paths"].items():

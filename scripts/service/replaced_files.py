@@ -13,11 +13,11 @@ import time
 from common import LOCALIZE, RedKitchen, Server, arguments, ask, header, pose, row
 
 
-def state(server, place, poses):
+def state(server, scene, poses):
     """The result of a query: the map of its pose, or the error."""
     if not server.alive():
         return f"process died (exit {server.process.returncode})"
-    status, body, _ = ask(server.port, LOCALIZE, place.query)
+    status, body, _ = ask(server.port, LOCALIZE, scene.query)
     if status != 200:
         return f"{status or 'no answer'}" + ("" if server.alive() else f", process died ({server.process.returncode})")
     return f"200, {poses.get(pose(body), 'a pose of no map')}"
@@ -29,42 +29,42 @@ def overwrite(path, data):
         file.truncate(len(data))
 
 
-def maps(place, memory):
-    live = place.work / "live.vmap"
+def maps(scene, memory):
+    live = scene.work / "live.vmap"
     poses = {}
-    for path, name in ((place.map, "old map"), (place.smaller, "new map")):
-        server = Server(place, maps=["--map", f"place={path}"])
-        poses[pose(ask(server.port, LOCALIZE, place.query)[1])] = name
+    for path, name in ((scene.map, "old map"), (scene.smaller, "new map")):
+        server = Server(scene, maps=["--map", f"place={path}"])
+        poses[pose(ask(server.port, LOCALIZE, scene.query)[1])] = name
         server.stop()
-    old, new = place.map.read_bytes(), place.smaller.read_bytes()
+    old, new = scene.map.read_bytes(), scene.smaller.read_bytes()
     for what, change in [
-        ("`cp new.vmap live.vmap`", lambda: shutil.copyfile(place.smaller, live)),
+        ("`cp new.vmap live.vmap`", lambda: shutil.copyfile(scene.smaller, live)),
         ("truncated to a third", lambda: overwrite(live, old[:len(old) // 3])),
         ("overwritten with the same number of bytes", lambda: overwrite(live, bytes(len(old)))),
-        ("replaced by rename (the correct way)", lambda: (shutil.copyfile(place.smaller, place.work / "n"),
-                                                    (place.work / "n").rename(live))),
+        ("replaced by rename (the correct way)", lambda: (shutil.copyfile(scene.smaller, scene.work / "n"),
+                                                    (scene.work / "n").rename(live))),
     ]:
-        shutil.copyfile(place.map, live)
-        server = Server(place, *memory, maps=["--map", f"place={live}"])
-        before = state(server, place, poses)
+        shutil.copyfile(scene.map, live)
+        server = Server(scene, *memory, maps=["--map", f"place={live}"])
+        before = state(server, scene, poses)
         change()
-        at_once = state(server, place, poses)
+        at_once = state(server, scene, poses)
         time.sleep(4)
-        later = state(server, place, poses)
+        later = state(server, scene, poses)
         row(what, before, at_once, later)
         server.stop(timeout=10)
     del new
 
 
-def tokens(place):
+def tokens(scene):
     for what, change in [
         ("deleted", lambda path: path.unlink()),
         ("emptied", lambda path: path.write_text("")),
-        ("one token removed", lambda path: place.tokens(["ops!"], path)),
+        ("one token removed", lambda path: scene.tokens(["ops!"], path)),
     ]:
-        path = place.tokens(["phone", "ops!"], place.work / "changing")
-        more = ["--stale-tokens", "8"] if "--stale-tokens" in place.options() else []
-        server = Server(place, "--tokens", path, *more)
+        path = scene.tokens(["phone", "ops!"], scene.work / "changing")
+        more = ["--stale-tokens", "8"] if "--stale-tokens" in scene.options() else []
+        server = Server(scene, "--tokens", path, *more)
         change(path)
         time.sleep(4)
         soon = [ask(server.port, "/v1/maps", user=user)[0] for user in ("phone", "ops")]
@@ -75,20 +75,20 @@ def tokens(place):
         server.stop(timeout=10)
 
 
-def revoked_without_files(place):
+def revoked_without_files(scene):
     """Removes a token from the file while connections use up all open files; then closes the connections."""
-    path = place.tokens(["phone", "ops!"], place.work / "revoked")
+    path = scene.tokens(["phone", "ops!"], scene.work / "revoked")
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
-    connections = "1024" if "--admin-listen" not in place.options() else "100"
-    server = Server(place, "--tokens", path, "--connections", connections, nofile=300)
+    connections = "1024" if "--admin-listen" not in scene.options() else "100"
+    server = Server(scene, "--tokens", path, "--connections", connections, nofile=300)
     connections_held = []
     for _ in range(400):
         try:
             connections_held.append(socket.create_connection(("127.0.0.1", server.port), timeout=1))
         except OSError:
             break
-    place.tokens(["ops!"], path)
+    scene.tokens(["ops!"], path)
     time.sleep(4)
     for stream in connections_held:
         stream.close()
@@ -98,19 +98,19 @@ def revoked_without_files(place):
 
 
 def main():
-    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    scene = RedKitchen(arguments(__doc__).parse_args().veiloc)
     header("the map file is", "before", "at once", "after 4 s")
-    maps(place, [])
-    if "--map-memory" in place.options():
+    maps(scene, [])
+    if "--map-memory" in scene.options():
         print("\nThe same with `--map-memory mapped`, where the operator must prevent all of this:\n")
         header("the map file is", "before", "at once", "after 4 s")
-        maps(place, ["--map-memory", "mapped"])
+        maps(scene, ["--map-memory", "mapped"])
     print()
     header("the token file is", "phone after 4 s", "ops", "phone after 12 s", "ops", "log lines about it")
-    tokens(place)
+    tokens(scene)
     print()
     header("a token", "after 10 s")
-    revoked_without_files(place)
+    revoked_without_files(scene)
 
 
 if __name__ == "__main__":

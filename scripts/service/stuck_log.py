@@ -23,22 +23,22 @@ def outcome(server, timeout=3.0):
 
 
 def main():
-    place = RedKitchen(arguments(__doc__).parse_args().veiloc)
+    scene = RedKitchen(arguments(__doc__).parse_args().veiloc)
     header("stderr is", f"requests answered of {REQUESTS}", "`/healthz` then", "after SIGTERM")
     read, write = os.pipe()
-    server = Server(place, "--log", "trace", stderr=write)
+    server = Server(scene, "--log", "trace", stderr=write)
     row("a pipe without a reader", *outcome(server))
     os.close(read)
     os.close(write)
     read, write = os.pipe()
-    server = Server(place, stderr=write)
+    server = Server(scene, stderr=write)
     os.close(write)
     os.close(read)
     row("a closed pipe", *outcome(server))
     with open("/dev/full", "w") as full:
-        row("a full disk (/dev/full)", *outcome(Server(place, stderr=full)))
+        row("a full disk (/dev/full)", *outcome(Server(scene, stderr=full)))
     print()
-    server = Server(place, "--tokens", place.tokens(["phone"]))
+    server = Server(scene, "--tokens", scene.tokens(["phone"]))
     for _ in range(REQUESTS):
         ask(server.port, "/v1/maps", user="unknown")
     server.stop()

@@ -40,16 +40,16 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--seconds", type=int, default=15, help="duration of each row")
     args = parser.parse_args()
-    place = RedKitchen(args.veiloc)
-    query, cert, key = place.work / "query", place.work / "cert.pem", place.work / "key.pem"
-    query.write_bytes(place.query)
+    scene = RedKitchen(args.veiloc)
+    query, cert, key = scene.work / "query", scene.work / "cert.pem", scene.work / "key.pem"
+    query.write_bytes(scene.query)
     subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
                     "-keyout", key, "-out", cert, "-days", "1", "-subj", "/CN=localhost"], check=True, capture_output=True)
     workers = os.cpu_count()
     header("", "answers per second", "library, ms", f"bound of {workers} workers", "share")
     worst = 1.0
     for tls in (False, True):
-        server = Server(place, "--log", "error", *(["--cert", cert, "--key", key] if tls else []))
+        server = Server(scene, "--log", "error", *(["--cert", cert, "--key", key] if tls else []))
         wait_for(lambda: ask(server.admin, "/readyz")[0] == 200, "readiness")
         url = f"{'https' if tls else 'http'}://127.0.0.1:{server.port}{LOCALIZE}"
         before = library(server)
