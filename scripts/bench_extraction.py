@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""How long each kind of features takes beside its rivals, one thread each, in turns in one run.
+"""Benchmarks feature extraction against other implementations, with one thread each, in alternating rounds.
 
-SIFT and compact beside OpenCV's SIFT (as in `bench_sift.py`); each network run by rten and by ONNX Runtime as a library of ours,
-beside ONNX Runtime from PyPI on the same graph. Of ours it is the whole extraction, from the gray image in memory to bytes of
-descriptors; of PyPI's the network alone, on an input of the same size. Processor time of an extraction, the median of all rounds (a
-round is the mean of a few), without reading the image or the network.
+Compares SIFT and compact features with OpenCV's SIFT (as in `bench_sift.py`), and each network, run by rten and by ONNX Runtime in
+veiloc, with ONNX Runtime from PyPI on the same graph. For veiloc the time is that of the whole extraction, from the gray image in
+memory to the bytes of descriptors; for PyPI it is that of the network only, on an input of the same size. Times are processor times,
+median of all rounds (a round is the mean of a few extractions), without reading the image or the network.
 
-Both engines must find the same keypoints: the share of rten's with one of ONNX Runtime's within 0.1 px is printed, and the
-program fails where it is below 99 %.
+Both engines must find the same keypoints: the script prints the share of rten's keypoints with one of ONNX Runtime's within 0.1 px,
+and fails if it is below 99 %.
 
     cargo build --release -p veiloc-features --example extract
     cargo build --release -p veiloc-features --example layers --features rten,onnxruntime
@@ -27,15 +27,15 @@ import numpy as np
 import onnxruntime
 
 import bench_sift
-from beside import child_seconds, one_thread
+from timing import child_seconds, one_thread
 
 SAME_PX, SAME_SHARE = 0.1, 0.99
-# Extractions timed at once; a network takes longer.
+# Extractions per timing.
 REPEATS = 2
 
 
 def library():
-    """The library of ONNX Runtime within its wheel."""
+    """Path of ONNX Runtime's library in its wheel."""
     found = sorted((Path(onnxruntime.__file__).parent / "capi").glob("libonnxruntime.*"))
     if not found:
         raise SystemExit("the wheel of onnxruntime has no library")
@@ -43,7 +43,7 @@ def library():
 
 
 class Sift:
-    """One of `bench_sift`'s rivals."""
+    """An implementation of `bench_sift`."""
 
     def __init__(self, rival):
         self.rival, self.name = rival, rival.name
@@ -56,7 +56,7 @@ class Sift:
 
 
 class Ours:
-    """A network of ours in an engine."""
+    """A network in veiloc, run by one engine."""
 
     def __init__(self, program, model, file, engine, keypoints):
         self.name = "veiloc, " + {"rten": "rten", "onnxruntime": "ONNX Runtime"}[engine]
@@ -76,7 +76,7 @@ class Ours:
 
 
 class Runtime:
-    """The network alone."""
+    """The network only."""
 
     name = "ONNX Runtime from PyPI, the network alone"
 
@@ -97,7 +97,7 @@ class Runtime:
 
 
 def networks(arguments, size):
-    """(model, file, input of the network on an image of this size) of each whose file is there."""
+    """(model, file, input shape for an image of this size) of each network whose file exists."""
     weights, (width, height) = arguments.weights, size
     whole = lambda side, multiple, margin: -(-(side + 2 * margin) // multiple) * multiple
     sides = lambda multiple, margin: (whole(height, multiple, margin), whole(width, multiple, margin))
@@ -112,7 +112,7 @@ def networks(arguments, size):
 
 
 def rivals_of(arguments, gray):
-    """{features: their rivals, what they are compared with last}"""
+    """{features: implementations}; the last one is the reference."""
     ours = lambda name, extra: Sift(bench_sift.Ours(arguments.extract, arguments.keypoints, extra, name))
     groups = {}
     if "sift" in arguments.features.split(","):
@@ -125,7 +125,7 @@ def rivals_of(arguments, gray):
 
 
 def same(first, second):
-    """Share of the first's points with one of the second's near."""
+    """Share of the first points that have one of the second points near."""
     away = [np.square(second - point).sum(1).min() for point in first]
     return float(np.mean(np.array(away) < SAME_PX**2))
 
@@ -151,24 +151,24 @@ def main():
         for _ in range(arguments.rounds):
             for (name, rival), seconds in times.items():
                 seconds.append(rival.seconds(gray, folder))
-        # Not the least: ours are differences of two runs, and the least of those is too good.
+        # Not the minimum: our times are differences of two runs, whose minimum is biased.
         median = {key: float(np.median(seconds)) for key, seconds in times.items()}
-        print("| features, input | program | ms | of the last's | keypoints | within 0.1 px of the first's |\n|---|---|--:|--:|--:|--:|")
+        print("| features, input | program | ms | ratio to the last | keypoints | within 0.1 px of the first |\n|---|---|--:|--:|--:|--:|")
         others = []
         for name, rivals in groups.items():
             found = [rival.found(gray, folder) for rival in rivals]
             for i, rival in enumerate(rivals):
                 time_of = median[name, rival]
                 keypoints = "" if found[i] is None else len(found[i])
-                # OpenCV's keypoints are another detector's.
+                # OpenCV has another detector, so its keypoints are not compared.
                 alike = "" if i == 0 or i == len(rivals) - 1 else same(found[0], found[i])
                 if alike != "" and alike < SAME_SHARE:
                     others.append(name)
                 ratio = time_of / median[name, rivals[-1]]
-                told = "" if alike == "" else f"{100 * alike:.2f} %"
-                print(f"| {name} | {rival.name} | {1e3 * time_of:.1f} | {ratio:.2f} | {keypoints} | {told} |", flush=True)
+                share = "" if alike == "" else f"{100 * alike:.2f} %"
+                print(f"| {name} | {rival.name} | {1e3 * time_of:.1f} | {ratio:.2f} | {keypoints} | {share} |", flush=True)
     if others:
-        sys.exit(f"other keypoints: {', '.join(others)}")
+        sys.exit(f"the engines find different keypoints: {', '.join(others)}")
 
 
 if __name__ == "__main__":

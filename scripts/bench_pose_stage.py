@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The whole pose stage beside PoseLib's P3P LO-RANSAC: the same matches, one thread each, one run, taking turns.
+"""Benchmarks pose estimation against PoseLib's P3P LO-RANSAC: the same matches, one thread each, in alternating rounds.
 
-PoseLib gets the keypoints themselves and its own defaults (inlier threshold 4 px), since it has no robust estimator for
-lines; ours gets what each scheme sends. A query's time is the fastest of all rounds. Recall is at the thresholds of the
-tables: 5 cm / 5 degrees on RedKitchen, 10 cm / 1 degree on Herz-Jesu.
+PoseLib gets the keypoints and its own defaults (inlier threshold 4 px), because it has no robust estimator for lines; veiloc gets the
+obfuscated keypoints of each scheme. A query's time is the fastest of all rounds. Recall is at the thresholds of the tables: 5 cm /
+5 degrees on RedKitchen, 10 cm / 1 degree on Herz-Jesu.
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
     cargo build --release
@@ -38,7 +38,7 @@ def rotation(q):
 
 
 def ours(veiloc, file, seed):
-    """Per scheme: milliseconds, translation errors and rotation errors of every query."""
+    """For each scheme: milliseconds, translation error and rotation error of every query."""
     with tempfile.NamedTemporaryFile(suffix=".json") as out:
         subprocess.run(
             [veiloc, "-q", "eval", "pose", file, "--schemes", ",".join(SCHEMES), "--recipes", "default",

@@ -1,26 +1,25 @@
 #!/usr/bin/env python3
-"""Our minimal solvers beside PoseLib's: the same problems, one run, taking turns, judged by the same rules.
+"""Benchmarks our minimal solvers against PoseLib's: the same problems, in alternating rounds, with the same criteria.
 
-For every family of problems, `judge_solvers` (crate veiloc-benches) makes the problems, solves them and writes both
-down; here PoseLib's C++ functions solve the very same ones. They are called straight from the shared object of the
-`poselib` wheel by a small C loop that is compiled on the spot, so neither side pays for Python. Rounds alternate, ours
-then theirs; each side's time is the sum over chunks of 500 problems of the fastest pass over the chunk, and the
-smallest of all rounds.
+For each family of problems, `solver_benchmark` (crate veiloc-benches) generates and solves the problems and writes both; here
+PoseLib's C++ functions solve the same problems. A small C loop, compiled by this script, calls them in the shared object of the
+`poselib` wheel, so the time of Python is not measured. Each side's time is the sum over chunks of 500 problems of the fastest pass over
+the chunk, and the smallest of all rounds.
 
-u4lp and p6lp_dual_radial have no counterpart in PoseLib; they are held against its p6lp on the same scene, which for
-u4lp means two more lines instead of the vertical. PoseLib's p6lp eliminates the translation through its first three
-lines; dual-radial samples are ordered so that it can, and "any order" shows what happens otherwise. Its up2p turns both
-verticals for every sample; ours has done so once for all.
+u4lp and p6lp_dual_radial have no counterpart in PoseLib. They are compared with its p6lp on the same scene; for u4lp this means two
+more lines instead of the vertical. PoseLib's p6lp eliminates the translation with its first three lines; dual-radial samples are
+ordered so that this works, and "any order" shows the other case. PoseLib's up2p rotates both verticals for every sample; ours
+rotates them once for all samples.
 
-Judged for both sides:
+Criteria for both sides:
   poses     returned per problem
-  valid     of the returned poses, share whose equations hold and that put every point in front of the camera (on its
-            half-line for p5lp_radial). PoseLib's line solvers do not look: the rest is for the caller to throw away
-  truth     of the problems, share with a pose within 1e-6 of the true one, and within 1e-3:
-            ||R - R_true|| + ||t - t_true||, map points being one to eight units away
+  valid     share of the returned poses that fulfil the equations and have every point in front of the camera (on its half-line for
+            p5lp_radial). PoseLib's line solvers leave this check to the caller
+  truth     share of the problems with a pose within 1e-6 of the true one, and within 1e-3:
+            ||R - R_true|| + ||t - t_true||, with map points one to eight units away
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
-    cargo build --release -p veiloc-benches --bin judge_solvers
+    cargo build --release -p veiloc-benches --bin solver_benchmark
     .venv/bin/python scripts/bench_poselib.py [--problems 100000] [--rounds 5] [--only WORD] [--json]
 """
 
@@ -111,12 +110,12 @@ SYMBOLS = {
 
 
 class Rival:
-    """PoseLib's functions, by their addresses in the wheel's shared object."""
+    """PoseLib's functions in the wheel's shared object."""
 
     def __init__(self, folder):
         library = ctypes.CDLL(poselib._core.__file__)
         self.functions = {name: ctypes.cast(library[symbol], ctypes.c_void_p) for name, symbol in SYMBOLS.items()}
-        # Once to learn the size of a pose (its alignment is the compiler's affair), once with it.
+        # The first call finds the size of a pose, which depends on the compiler's alignment; the second uses it.
         probe = self.compile(folder, 64)
         self.size_of_pose = self.probe(probe)
         self.shim = self.compile(folder, self.size_of_pose)
@@ -168,9 +167,9 @@ class Rival:
 
 
 def judge(rows, size, poses, solver):
-    """Poses per problem, share of valid ones, share of truths found at 1e-6 and at 1e-3."""
+    """Poses per problem, share of valid poses, share of true poses found within 1e-6 and within 1e-3."""
     count = len(rows)
-    # u4lp knows only the first four of the six lines that PoseLib's p6lp gets.
+    # u4lp gets only the first four of the six lines of PoseLib's p6lp.
     used = 4 if solver == "u4lp" else size
     vectors = rows[:, :3 * size].reshape(count, size, 3)[:, :used]
     points = rows[:, 3 * size:6 * size].reshape(count, size, 3)[:, :used]
@@ -217,9 +216,9 @@ def main():
     parser.add_argument("--problems", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--passes", type=int, default=3)
-    parser.add_argument("--only", default="", help="families whose solver or problems contain this")
+    parser.add_argument("--only", default="", help="only families whose solver or problems contain this text")
     parser.add_argument("--binary", default=os.path.join(
-        os.environ.get("CARGO_TARGET_DIR", "target"), "release", "judge_solvers"))
+        os.environ.get("CARGO_TARGET_DIR", "target"), "release", "solver_benchmark"))
     parser.add_argument("--json", action="store_true", help="one JSON document instead of the table")
     options = parser.parse_args()
     families = int(subprocess.run([options.binary], check=True, capture_output=True, text=True).stdout)

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""What a call from Python costs: our Python call, our own Rust call and PoseLib's on the same problems in one run.
+"""Overhead of a call from Python: our Python call, our Rust call and PoseLib's Python call on the same problems.
 
     python scripts/bench_python.py RUST [--correspondences 1000] [--problems 40] [--rounds 7]
 
-Needs `veiloc` and `poselib`. `RUST` is what `cargo build --release -p veiloc-benches --bin time_poses` builds. Problems are points with half a pixel of noise, 30 % of them wrong. Each
-round times every problem once by every way; a problem's time is its best, and ratios are of the sums.
+Needs `veiloc` and `poselib`. `RUST` is the program that `cargo build --release -p veiloc-benches --bin time_poses` builds. Problems
+are points with noise of 0.5 px and 30 % outliers. Each round times every problem once with each method. A problem's time is its
+fastest; ratios are those of the sums.
 """
 
 import argparse
@@ -34,7 +35,7 @@ def problem(rng, count):
 
 
 def timed(call, problems):
-    """Milliseconds of each."""
+    """Milliseconds of each problem."""
     times = []
     for pixels, points in problems:
         began = time.perf_counter()
@@ -72,7 +73,7 @@ def main():
         for name, way in ways.items():
             best[name] = np.minimum(best[name], way())
     for name, times in best.items():
-        print(f"{name:<8} {times.mean():.3f} ms a call, {times.sum() / best['rust'].sum():.3f} x our Rust call")
+        print(f"{name:<8} {times.mean():.3f} ms per call, {times.sum() / best['rust'].sum():.3f} x our Rust call")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""The search index of large maps beside usearch (HNSW), on the same global descriptors and queries.
+"""Benchmarks the retrieval index of large maps against usearch (HNSW), on the same global descriptors and queries.
 
     pip install numpy usearch
     cargo build --release
     scripts/bench_search.py --map redkitchen.vmap --images redkitchen/images --query-list redkitchen/query.txt \
         --others training-photos --sizes 10000,100000,1000000 --csv search_index.csv
 
-`veiloc eval search --save` writes what it searches; usearch is asked for the same queries on one thread. It is tried twice:
-over the codes as they are (`i8`, cosine), and over their signs (`b1`, Hamming) with as many candidates compared code by code
-as veiloc's index compares. `recall@10` is the share of the true ten (cosine over all codes) that is found.
+`veiloc eval search --save` writes its descriptors and queries; usearch runs the same queries on one thread, in two ways: over the
+descriptors (`i8`, cosine), and over their binary codes (`b1`, Hamming) with exact re-ranking of as many candidates as in veiloc's
+index. `recall@10` is the share of the true 10 nearest (cosine over all descriptors) that is found.
 """
 
 import argparse
@@ -24,23 +24,23 @@ import numpy as np
 from usearch.index import Index, MetricKind, ScalarKind
 
 WANTED = 10
-CANDIDATES = 300  # what veiloc's index compares code by code
+CANDIDATES = 300  # candidates that veiloc's index re-ranks exactly
 
 
 def unit(codes: np.ndarray) -> np.ndarray:
-    """Rows of length one, float32."""
+    """Rows normalized to length one, float32."""
     rows = codes.astype(np.float32)
     return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
 
 
 def best(query: np.ndarray, searched: np.ndarray, among: np.ndarray) -> np.ndarray:
-    """The ten most alike of some rows."""
+    """The 10 nearest of the given rows."""
     found = unit(searched[among]) @ query
     return among[np.argsort(-found, kind="stable")[:WANTED]]
 
 
 def exact(queries: np.ndarray, searched: np.ndarray) -> list[set[int]]:
-    """The true ten of each query."""
+    """The true 10 nearest of each query."""
     parts = [unit(queries) @ unit(searched[at : at + 20000]).T for at in range(0, len(searched), 20000)]
     return [set(row) for row in np.argsort(-np.hstack(parts), axis=1, kind="stable")[:, :WANTED].tolist()]
 
@@ -76,8 +76,8 @@ def main() -> None:
     parser.add_argument("--query-list")
     parser.add_argument("--others")
     parser.add_argument("--sizes", default="10000,100000")
-    parser.add_argument("--usearch-up-to", type=int, default=1_000_000, help="larger sizes are veiloc's alone")
-    parser.add_argument("--csv", help="where the table goes as well")
+    parser.add_argument("--usearch-up-to", type=int, default=1_000_000, help="run usearch only up to this size")
+    parser.add_argument("--csv", help="also write the table to this file")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         command = [args.veiloc, "eval", "search", "--map", args.map, "--images", args.images, "--sizes", args.sizes,

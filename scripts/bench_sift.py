@@ -1,22 +1,20 @@
 #!/usr/bin/env python3
-"""How long our SIFT takes beside OpenCV's, one thread each, in turns in one run, and how well both repeat.
+"""Benchmarks our SIFT against OpenCV's: time with one thread each, in alternating rounds, and repeatability.
 
-Both get the same gray bytes, double the image first, and keep their own best N keypoints; OpenCV's contrast threshold is
-the same as ours (its own default finds fewer keypoints: `--contrast 0.04`). Times are processor time of an extraction, the
-median of all rounds (a round is the mean of a few; of WebAssembly the median of a few), without reading the image: what else
-runs on the machine adds to the time of the clock and less to this one. Repeatable is the share of keypoints, among those
-that a warp leaves inside the image, with a keypoint of the other image within 1.5 px of where they go; correct are the
-mutual nearest neighbours within 3 px, score is their share. Means of four warps: a turn by 30 degrees, a scale of 0.7, a
-perspective, a change of light with noise.
+Both get the same gray bytes, double the image first, and return their own best N keypoints. OpenCV's contrast threshold is the same
+as ours (its default finds fewer keypoints: `--contrast 0.04`). Times are processor times of an extraction without reading the image,
+median of all rounds (a round is the mean of a few; for WebAssembly the median of a few); other load on the machine affects them less
+than wall time. Repeatable is the share of keypoints, among those that a warp leaves inside the image, with a keypoint of the other
+image within 1.5 px of their warped position. Correct are the mutual nearest neighbours within 3 px; score is their share. All are
+means over four warps: a rotation by 30 degrees, a scale of 0.7, a perspective, and a change of light with noise.
 
     cargo build --release -p veiloc-features --example extract
     python3 -m venv .venv && .venv/bin/pip install numpy opencv-python-headless
     .venv/bin/python scripts/bench_sift.py --extract target/release/examples/extract \\
         $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg $VEILOC_DATA/photos/01.jpg
 
-`--extract` may be given more than once: each is measured. With `--wasm` ours is also built for WebAssembly with vectors of
-128 bits and run by node, and its bytes must be those of the first `--extract`; it needs the target
-wasm32-unknown-unknown.
+`--extract` may be repeated to measure several builds. With `--wasm` ours is also built for WebAssembly with 128-bit vectors and run
+by node; its output must equal that of the first `--extract`. This needs the target wasm32-unknown-unknown.
 """
 
 import argparse
@@ -29,12 +27,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from beside import child_seconds
+from timing import child_seconds
 
 REPEAT_PX = 1.5
 CORRECT_PX = 3.0
 MARGIN_PX = 8
-# Extractions timed at once.
+# Extractions per timing.
 REPEATS = 4
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -51,7 +49,7 @@ class Ours:
         self.name, self.binary, self.keypoints, self.extra = name or Path(binary).name, binary, keypoints, extra
 
     def run(self, image, out, repeats):
-        """Processor seconds of a run with so many extractions more."""
+        """Processor seconds of a run with this number of additional extractions."""
         return child_seconds([self.binary, "--max", self.keypoints, "--repeat", repeats, *self.extra, image, out])
 
     def features(self, gray, folder):
@@ -97,7 +95,7 @@ class Wasm:
         return self.run(gray, 3 * REPEATS)[0]
 
 
-# A library of two functions; a page would do the same.
+# A library with two functions, as a web page would use it.
 WASM_MANIFEST = """
 [package]
 name = "sift"
@@ -240,14 +238,14 @@ def main():
 
 
 def measure(rivals, arguments):
-    print("| image | extractor | ms | of OpenCV's | keypoints | repeatable % | score % | correct |")
+    print("| image | extractor | ms | ratio to OpenCV | keypoints | repeatable % | score % | correct |")
     print("|---|---|--:|--:|--:|--:|--:|--:|")
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         for path in arguments.images:
             gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
             times = [[rival.seconds(gray, folder) for rival in rivals] for _ in range(arguments.rounds)]
-            # Not the least: ours are differences of two runs, and the least of those is too good.
+            # Not the minimum: our times are differences of two runs, whose minimum is biased.
             median = np.median(times, axis=0)
             height, width = gray.shape
             chosen = [(warp, warped(gray, *warp)) for warp in warps(width, height)]

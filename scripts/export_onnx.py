@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Files of published networks as ONNX, for the program's runner.
+"""Exports published networks as ONNX files for the program.
 
     .venv/bin/pip install -e research/train scipy
     .venv/bin/python scripts/export_onnx.py alike alike-t.pth alike-t.onnx
@@ -9,18 +9,18 @@
     .venv/bin/python scripts/export_onnx.py lpips alex.pth lpips.onnx --backbone alexnet-owt-7be5be79.pth
     .venv/bin/python scripts/export_onnx.py efficientnet-lite0 efficientnet-lite0-57934424.pth efficientnet-lite0.onnx
 
-Weights are `.pth` or `.npz` of the same tensors. Layers are written after the papers and have the names of the tensors in the files.
-Normalizations over a training's images end up in the convolutions before them. Every file that is written is run by ONNX Runtime
-beside PyTorch, where ONNX Runtime is installed, and the largest difference is printed.
+Weights are `.pth` files, or `.npz` with the same tensors. The layers follow the papers, with the names of the tensors in the files.
+Batch normalizations are folded into the convolutions before them. If ONNX Runtime is installed, each written file is compared with
+PyTorch, and the largest difference is printed.
 
 Inputs and outputs:
 
 - alike: `image` [1, 3, H, W], 0 to 1, sides multiples of 32 -> `scores` [1, 1, H, W]; `level1` to `level4` [1, dim/4, ...], of the sizes
-  1, 1/2, 1/8 and 1/32; `head` [dim, dim], which makes a descriptor of the joined levels at a keypoint, each enlarged corner upon
-  corner; with --dense `descriptors` [1, dim, H, W], those of all pixels.
+  1, 1/2, 1/8 and 1/32; `head` [dim, dim], which maps the concatenated levels at a keypoint (each upsampled with aligned corners) to a
+  descriptor; with --dense `descriptors` [1, dim, H, W], those of all pixels.
 - superpoint: `image` [1, 1, H, W], 0 to 1, sides multiples of 8 -> `scores` [1, 65, H/8, W/8] before the softmax; `descriptors`
-  [1, 256, H/8, W/8] before they get length 1.
-- netvlad: `image` [1, 3, H, W], 0 to 1 -> `vector` [1, numbers] of length 1; with --features alone `features` [1, 512, H/16, W/16].
+  [1, 256, H/8, W/8] before normalization.
+- netvlad: `image` [1, 3, H, W], 0 to 1 -> `vector` [1, numbers] of length 1; with --features only `features` [1, 512, H/16, W/16].
 - st-lpips, lpips: `a` and `b` [1, 3, H, W], sRGB, 0 to 1 -> `distance` [1].
 - efficientnet-lite0: `image` [1, 3, 224, 224], (x - 127) / 128 of 0 to 255 -> `logits` [1, 1000].
 """
@@ -49,7 +49,7 @@ def tensors_of(path: Path) -> dict[str, torch.Tensor]:
 
 
 def fill(network: nn.Module, tensors: dict[str, torch.Tensor]) -> nn.Module:
-    """With these weights, all of them; counts of batches are nobody's."""
+    """Loads exactly these weights; batch counters are ignored."""
     wanted = {name for name in network.state_dict() if not name.endswith("num_batches_tracked")}
     given = {name: value for name, value in tensors.items() if not name.endswith("num_batches_tracked")}
     if wanted != set(given):
@@ -60,7 +60,7 @@ def fill(network: nn.Module, tensors: dict[str, torch.Tensor]) -> nn.Module:
 
 
 class AlikeBlock(nn.Module):
-    """Two convolutions; what came in is added where the block has a way around."""
+    """Two convolutions, with a skip connection if the block has one."""
 
     def __init__(self, inputs: int, outputs: int, residual: bool):
         super().__init__()
@@ -80,7 +80,7 @@ class AlikeBlock(nn.Module):
 class Alike(nn.Module):
     """Zhao et al., ALIKE, IEEE Transactions on Multimedia 2022, with one head.
 
-    The last convolution is of single pixels: it is done before the enlargement for the scores, and left to whoever runs the
+    The last convolution is pointwise: for the scores it runs before the upsampling, and for descriptors it is left to the caller of the
     network for the descriptors.
     """
 
@@ -115,7 +115,7 @@ class Alike(nn.Module):
         return found
 
     def head(self) -> torch.Tensor:
-        """Of the joined levels it makes the descriptor. `[dim, dim]`"""
+        """Maps the concatenated levels to the descriptor. `[dim, dim]`"""
         return self.convhead2.weight[: self.dim, :, 0, 0].detach()
 
     @staticmethod
@@ -250,7 +250,7 @@ class Lpips(nn.Module):
 
 
 def same(x: torch.Tensor, side: int, stride: int) -> torch.Tensor:
-    """Zeros around an image as TensorFlow's "same" has them: the odd one behind."""
+    """Zero padding like TensorFlow's "same": an odd pixel goes to the end."""
     pads = []
     for length in (x.shape[-1], x.shape[-2]):
         whole = max((-(-int(length) // stride) - 1) * stride + side - int(length), 0)
@@ -259,7 +259,7 @@ def same(x: torch.Tensor, side: int, stride: int) -> torch.Tensor:
 
 
 class MobileBlock(nn.Module):
-    """Expansion, a convolution of each channel for itself, projection; added to what came in where the shapes agree."""
+    """Inverted residual: expansion, depthwise convolution, projection; with a skip connection where the shapes agree."""
 
     def __init__(self, inputs: int, outputs: int, expand: int, side: int, stride: int):
         super().__init__()
@@ -318,7 +318,7 @@ class EfficientNetLite0(nn.Module):
 
 
 def add_constant(path: Path, name: str, value: torch.Tensor) -> None:
-    """One more output, which is the same for every image."""
+    """An additional output that is the same for every image."""
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
@@ -331,7 +331,7 @@ def add_constant(path: Path, name: str, value: torch.Tensor) -> None:
 
 
 def write(network: nn.Module, given: dict[str, torch.Tensor], results: list[str], path: Path, fixed: bool = False) -> None:
-    """The file, and how far it is from PyTorch on an input of another size."""
+    """Writes the file, and compares it with PyTorch on an input of another size."""
     network = network.eval()
     axes = {} if fixed else {2: "height", 3: "width"}
     with torch.no_grad():
@@ -365,9 +365,9 @@ def main() -> None:
         command.add_argument("weights", type=Path)
         command.add_argument("out", type=Path)
         if name == "alike":
-            command.add_argument("--dense", action="store_true", help="descriptors of all pixels too")
+            command.add_argument("--dense", action="store_true", help="also output the descriptors of all pixels")
         if name == "netvlad":
-            command.add_argument("--features", action="store_true", help="the convolutions alone")
+            command.add_argument("--features", action="store_true", help="only the convolutions")
         if name == "lpips":
             command.add_argument("--backbone", type=Path, required=True, help="torchvision's file of AlexNet")
     args = parser.parse_args()

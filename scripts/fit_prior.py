@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Fits the match prior of `veiloc_robust::prior`: a logistic in descriptor ratio, votes and track length.
+"""Fits the match prior: a logistic regression on descriptor ratio, votes and track length.
 
-Reads problems.jsonl.gz files, calls a match right when its map point re-projects within 4 px of the keypoint under the
-true pose, and fits by Newton's method, every file counting the same. Prints coefficients and the mean log loss on each
-file. The shipped coefficients come from held-out map images, never from queries:
+Reads problems.jsonl.gz files. A match is right when its map point reprojects within 4 px of the keypoint under the true pose. Fits by
+Newton's method with equal weight for every file, and prints the coefficients and the mean log loss on each file. The coefficients in
+the program come from held-out map images, never from queries:
 
     scripts/training_problems.sh train
     python3 scripts/fit_prior.py --fit train/lund-door.jsonl.gz train/herzjesu.jsonl.gz --check train/redkitchen.jsonl.gz

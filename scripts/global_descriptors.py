@@ -1,17 +1,17 @@
-"""What global descriptors find, and what they tell beyond the rows of a query.
+"""Retrieval quality of global descriptors, and what they reveal beyond the rows of a query.
 
     global_descriptors.py write --weights DIR
     global_descriptors.py measure --globals target/release/examples/globals --data DIR --weights DIR --folder DIR [--photos N]
 
-`write` makes the test's numbers of `xfeat-netvlad` with ONNX Runtime. `measure` computes VLAD of RootSIFT and `xfeat-netvlad` of
-the places and of N training images (chosen by a hash of their names, an eighth of them learns VLAD's words) with veiloc, and
-prints, beside each other:
+`write` writes the reference values of `xfeat-netvlad` for the tests, with ONNX Runtime. `measure` computes VLAD of RootSIFT and
+`xfeat-netvlad` with veiloc, for the scenes and for N training images (chosen by a hash of their names; one eighth trains VLAD's
+vocabulary). It prints for both:
 
-- what is retrieved: for each query the first map image that shows the same, alone and among the images;
-- what a linear reader learns of an image from the vector, cross-validated in five folds: whether a detector sees a person in it,
-  how bright and how contrasted it is, which collection it is of, and how much of one vector the other tells.
+- retrieval: the rank of the first right map image of each query, without and with the training images as distractors;
+- attribute inference: what linear regression predicts about an image from its vector, cross-validated in five folds: whether a
+  detector finds a person, brightness, contrast, its collection, and the other vector.
 
-The vectors stay in the folder, and are computed again when they are taken away.
+The folder caches the vectors.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def gray(path: Path) -> np.ndarray:
 
 
 def write(args: argparse.Namespace) -> None:
-    """480 x 640 pixels in the middle of XFeat's input, its mirror image above and below."""
+    """The image of 640 x 480 pixels is centred in XFeat's input, with reflected padding above and below."""
     open_ = lambda name: onnxruntime.InferenceSession(str(args.weights / name))
     image = drawn(640, 480)
     whole = np.pad((image - image.mean(dtype=float)) / np.sqrt(image.var(dtype=float) + 1e-5), ((80, 80), (0, 0)), "symmetric")
@@ -54,7 +54,7 @@ def number_of(name: str) -> int:
 
 
 def vectors(args: argparse.Namespace, model: str, paths: list[Path], words: list[Path]) -> np.ndarray:
-    """`[images, numbers]`, of length 1, of codes as they are sent."""
+    """Quantized global descriptors as they are sent, normalized. `[images, numbers]`"""
     out = args.folder / f"{model}-{len(paths)}.f32"
     if not out.exists():
         lists = {"list": paths, "words": words}
@@ -62,8 +62,8 @@ def vectors(args: argparse.Namespace, model: str, paths: list[Path], words: list
             (args.folder / name).write_text("".join(f"{path}\n" for path in content))
         how = ["vlad", args.folder / "words", args.folder / "list"] if model == "vlad" else [model, "vectors", args.folder / "list"]
         environment = dict(os.environ, VEILOC_MODELS=str(args.weights))
-        told = subprocess.run([args.globals, *how, out], check=True, env=environment, capture_output=True, text=True).stdout
-        (args.folder / f"{model}.log").write_text(told)
+        output = subprocess.run([args.globals, *how, out], check=True, env=environment, capture_output=True, text=True).stdout
+        (args.folder / f"{model}.log").write_text(output)
     all_ = np.fromfile(out, np.float32).reshape(len(paths), -1)
     if model != "vlad":
         all_ = np.clip(np.round(all_ * 32 * all_.shape[1] ** 0.5), -127, 127)
@@ -71,7 +71,7 @@ def vectors(args: argparse.Namespace, model: str, paths: list[Path], words: list
 
 
 def poses(file: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Name to rotation and centre, of COLMAP's images.txt."""
+    """{name: (rotation, centre)} from COLMAP's images.txt."""
     found = {}
     lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
     for line in lines[::2]:
@@ -87,12 +87,12 @@ def poses(file: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def retrieval(all_: np.ndarray, index: dict, data: Path, photos: list[Path]) -> None:
-    """A map image is right that was taken within so many metres and degrees of the query."""
-    print("| place | queries | among | mean reciprocal rank | first right | one of 5 right | of 5 right |\n|---|--:|--:|--:|--:|--:|--:|")
-    for place, near, degrees in [("redkitchen", 0.2, 15), ("herzjesu", 5.0, 30)]:
-        known = poses(data / place / "posed/images.txt")
-        lists = {kind: (data / place / f"{kind}.txt").read_text().split() for kind in ["map", "query"]}
-        at = lambda name: index[data / place / "images" / name]
+    """A map image is right when it is within a distance and an angle of the query."""
+    print("| scene | queries | images | mean reciprocal rank | first right | one of 5 right | of 5 right |\n|---|--:|--:|--:|--:|--:|--:|")
+    for scene, near, degrees in [("redkitchen", 0.2, 15), ("herzjesu", 5.0, 30)]:
+        known = poses(data / scene / "posed/images.txt")
+        lists = {kind: (data / scene / f"{kind}.txt").read_text().split() for kind in ["map", "query"]}
+        at = lambda name: index[data / scene / "images" / name]
         for others in [[], photos]:
             candidates = [at(name) for name in lists["map"]] + [index[path] for path in others]
             ranks, of_five = [], []
@@ -108,14 +108,14 @@ def retrieval(all_: np.ndarray, index: dict, data: Path, photos: list[Path]) -> 
                     ranks.append(1 + int(np.argmax(right[order])))
                     of_five.append(right[order[:5]].mean())
             r = np.array(ranks)
-            print(f"| {place} | {r.size} | {len(candidates)} | {(1 / r).mean():.3f} | {(r == 1).mean():.1%} | {(r <= 5).mean():.1%} | {np.mean(of_five):.1%} |")
+            print(f"| {scene} | {r.size} | {len(candidates)} | {(1 / r).mean():.3f} | {(r == 1).mean():.1%} | {(r <= 5).mean():.1%} | {np.mean(of_five):.1%} |")
 
 
 def persons(args: argparse.Namespace, paths: list[Path]) -> np.ndarray:
-    """The detector's largest score of a person, in a square of gray like its own."""
-    kept = args.folder / f"persons-{len(paths)}.npy"
-    if kept.exists():
-        return np.load(kept)
+    """The detector's largest person score for each image, with gray letterbox padding."""
+    cache = args.folder / f"persons-{len(paths)}.npy"
+    if cache.exists():
+        return np.load(cache)
     session = onnxruntime.InferenceSession(str(args.weights / "yolo/yolo11n_int8.onnx"))
     scores = []
     for path in paths:
@@ -126,7 +126,7 @@ def persons(args: argparse.Namespace, paths: list[Path]) -> np.ndarray:
         square[: image.height, : image.width] = np.asarray(image)
         output = session.run(None, {session.get_inputs()[0].name: square.transpose(2, 0, 1)[None] / np.float32(255)})[0][0]
         scores.append(float(output[4].max()))
-    np.save(kept, scores)
+    np.save(cache, scores)
     return np.array(scores)
 
 
@@ -135,7 +135,7 @@ def folds(paths: list[Path]) -> np.ndarray:
 
 
 def ridge(kernel: np.ndarray, targets: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """Predictions of ridge regression for each fold by the others; how strong, is chosen within the others."""
+    """Cross-validated predictions of ridge regression; the strength is chosen within the training folds."""
     def fitted(train: np.ndarray, test: np.ndarray, strength: float) -> np.ndarray:
         mean = targets[train].mean(0)
         own = kernel[np.ix_(train, train)]
@@ -154,22 +154,22 @@ def ridge(kernel: np.ndarray, targets: np.ndarray, fold: np.ndarray) -> np.ndarr
 STRENGTHS = [0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0]
 
 
-def ranked(scores: np.ndarray, labels: np.ndarray) -> float:
-    """How often of an image with and one without the first has the higher score."""
+def roc_auc(scores: np.ndarray, labels: np.ndarray) -> float:
+    """Area under the ROC curve."""
     order = np.argsort(np.argsort(scores)) + 1
     positive = labels.sum()
     return float((order[labels].sum() - positive * (positive + 1) / 2) / (positive * (len(labels) - positive)))
 
 
-def uncertain(right: float, labels: np.ndarray) -> float:
-    """Standard error of `ranked` (Hanley and McNeil, Radiology 1982)."""
+def roc_auc_error(right: float, labels: np.ndarray) -> float:
+    """Standard error of `roc_auc` (Hanley and McNeil, Radiology 1982)."""
     one, other = labels.sum(), len(labels) - labels.sum()
     a, b = right / (2 - right) - right**2, 2 * right**2 / (1 + right) - right**2
     return float(((right * (1 - right) + (one - 1) * a + (other - 1) * b) / (one * other)) ** 0.5)
 
 
-def told(targets: np.ndarray, predicted: np.ndarray) -> float:
-    """Share of the variance that is predicted."""
+def explained_variance(targets: np.ndarray, predicted: np.ndarray) -> float:
+    """Share of the variance that is predicted (R²)."""
     return float(1 - ((targets - predicted) ** 2).sum() / ((targets - targets.mean(0)) ** 2).sum())
 
 
@@ -177,16 +177,16 @@ def measure(args: argparse.Namespace) -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     photos = sorted((args.data / "training-photos").glob("*/*.jpg"), key=lambda path: number_of(path.name))[: args.photos]
     words, held = photos[: len(photos) // 8], photos[len(photos) // 8 :]
-    places = [path for place in ["redkitchen", "herzjesu"] for path in sorted((args.data / place / "images").glob("*.jpg"))]
-    paths = places + held
+    scenes = [path for scene in ["redkitchen", "herzjesu"] for path in sorted((args.data / scene / "images").glob("*.jpg"))]
+    paths = scenes + held
     index = {path: at for at, path in enumerate(paths)}
     models = {model: vectors(args, model, paths, words) for model in ["vlad", "xfeat-netvlad"]}
     for model, all_ in models.items():
         print(f"\n{model}: {all_.shape[1]} numbers\n")
         retrieval(all_, index, args.data, held)
-    own = {model: all_[len(places) :] for model, all_ in models.items()}
+    own = {model: all_[len(scenes) :] for model, all_ in models.items()}
     kernels = {model: all_ @ all_.T for model, all_ in own.items()}
-    # What a machine adds that reads both: the mean of both kernels, each as wide as the other.
+    # A regression on both vectors: the mean of both kernels, normalized to the same trace.
     centred = {m: k - k.mean(0) - k.mean(1)[:, None] + k.mean() for m, k in kernels.items()}
     kernels = {m: k / np.trace(k) for m, k in centred.items()}
     kernels["both"] = sum(kernels.values()) / 2
@@ -197,18 +197,18 @@ def measure(args: argparse.Namespace) -> None:
     contrast = np.array([image.std() for image in pixels])
     collection = np.array([[path.parent.name == name for name in ["objects", "nature", "streets"]] for path in held], float)
     print(f"\n{len(held)} images, {label.sum()} with a person\n")
-    print("| of | person, right of two | brightness told | contrast told | collection right |\n|---|--:|--:|--:|--:|")
+    print("| vector | person, ROC AUC | brightness, R² | contrast, R² | collection, accuracy |\n|---|--:|--:|--:|--:|")
     for model, kernel in kernels.items():
-        person = ranked(ridge(kernel, label.astype(float), fold), label)
-        brightness, spread = (told(t, ridge(kernel, t, fold)) for t in [light, contrast])
+        person = roc_auc(ridge(kernel, label.astype(float), fold), label)
+        brightness, spread = (explained_variance(t, ridge(kernel, t, fold)) for t in [light, contrast])
         chosen = (ridge(kernel, collection, fold).argmax(1) == collection.argmax(1)).mean()
-        print(f"| {model} | {person:.3f} ± {uncertain(person, label):.3f} | {brightness:.1%} | {spread:.1%} | {chosen:.1%} |")
+        print(f"| {model} | {person:.3f} ± {roc_auc_error(person, label):.3f} | {brightness:.1%} | {spread:.1%} | {chosen:.1%} |")
     rng = np.random.default_rng(1)
-    print(f"\nby chance: person 0.5, nothing told, collection {collection.mean(0).max():.1%}")
+    print(f"\nby chance: person 0.5, R² 0, collection {collection.mean(0).max():.1%}")
     turned = label[rng.permutation(len(label))]
-    print(f"labels exchanged at random: person {ranked(ridge(kernels['both'], turned.astype(float), fold), turned):.3f}")
+    print(f"permuted labels: person {roc_auc(ridge(kernels['both'], turned.astype(float), fold), turned):.3f}")
     for a, b in [("vlad", "xfeat-netvlad"), ("xfeat-netvlad", "vlad")]:
-        print(f"of {b}, {a} tells {told(own[b], ridge(kernels[a], own[b], fold)):.1%} of the variance")
+        print(f"{a} predicts {explained_variance(own[b], ridge(kernels[a], own[b], fold)):.1%} of the variance of {b}")
 
 
 def main() -> None:
@@ -220,7 +220,7 @@ def main() -> None:
         if name == "measure":
             job.add_argument("--globals", type=Path, required=True, help="the example `globals` of veiloc-features")
             job.add_argument("--data", type=Path, required=True, help="folder of the real images")
-            job.add_argument("--folder", type=Path, required=True, help="where vectors are kept")
+            job.add_argument("--folder", type=Path, required=True, help="folder that caches the vectors")
             job.add_argument("--photos", type=int, default=720)
     args = parser.parse_args()
     write(args) if args.job == "write" else measure(args)

@@ -1,4 +1,4 @@
-"""Lines on log axes as SVG, for the scripts beside it. Standard library only."""
+"""Line plots on log axes as SVG, for other scripts. Standard library only."""
 
 import math
 
@@ -6,7 +6,7 @@ COLOURS = ["#1b6ca8", "#c46210", "#5b2a86", "#2e7d32", "#b3261e", "#555"]
 
 
 class LogPlot:
-    """One pair of axes, each by powers of ten."""
+    """One pair of log axes, each over powers of ten."""
 
     def __init__(self, title, across, up, x_powers, y_powers, width=640, height=400):
         self.x_powers, self.y_powers = x_powers, y_powers
@@ -32,12 +32,12 @@ class LogPlot:
         return self.bottom - (math.log10(value) - low) / (high - low) * (self.bottom - self.top)
 
     def line(self, name, points, colour=None, dashed=False):
-        """Points are (x, y); those that are not above zero have no place on the axes."""
+        """Draws points (x, y); values of zero or below cannot be drawn on log axes and are skipped."""
         colour = colour or COLOURS[self.lines % len(COLOURS)]
         dash = ' stroke-dasharray="5 4"' if dashed else ""
-        places = [f"{self.x(x):.1f} {self.y(y):.1f}" for x, y in points if x > 0 and y > 0]
-        self.parts.append(f'<path d="M{"L".join(places)}" fill="none" stroke="{colour}" stroke-width="2"{dash}/>')
-        self.parts += [f'<circle cx="{place.split()[0]}" cy="{place.split()[1]}" r="2.5" fill="{colour}"/>' for place in places]
+        positions = [f"{self.x(x):.1f} {self.y(y):.1f}" for x, y in points if x > 0 and y > 0]
+        self.parts.append(f'<path d="M{"L".join(positions)}" fill="none" stroke="{colour}" stroke-width="2"{dash}/>')
+        self.parts += [f'<circle cx="{at.split()[0]}" cy="{at.split()[1]}" r="2.5" fill="{colour}"/>' for at in positions]
         at = self.top + 8 + 18 * self.lines
         self.parts.append(f'<path d="M{self.right + 12} {at}h26" stroke="{colour}" stroke-width="2"{dash}/>'
                           f'<text x="{self.right + 43}" y="{at + 4}">{name}</text>')
@@ -48,7 +48,7 @@ class LogPlot:
 
 
 def page(plots):
-    """Plots side by side as one drawing."""
+    """One SVG with the plots side by side."""
     width, height = sum(plot.width for plot in plots), max(plot.height for plot in plots)
     at, groups = 0, []
     for plot in plots:

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Projections and rays of all of COLMAP's cameras that veiloc has, by pycolmap: crates/core/geometry/tests/data/cameras.txt.
+"""Writes reference projections by pycolmap for all COLMAP cameras in veiloc: crates/core/geometry/tests/data/cameras.txt.
 
     python -m venv venv && venv/bin/pip install pycolmap numpy
     venv/bin/python scripts/oracle_cameras.py crates/core/geometry/tests/data/cameras.txt
 
-A line is `camera MODEL,W,H,PARAMS…` or `point X Y U V X' Y'`: a position on the plane z = 1, its pixel, and the position that
-pycolmap finds for that pixel again. Its iterations end at a step, not at a residual: how far X', Y' are off X, Y is printed.
+A line is `camera MODEL,W,H,PARAMS…` or `point X Y U V X' Y'`: a position on the plane z = 1, its pixel, and the position to which
+pycolmap unprojects this pixel. pycolmap stops iterating by step size, not by residual; the script prints the error of X', Y'.
 """
 import sys
 
@@ -36,13 +36,13 @@ def main() -> None:
         camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
         words = [repr(float(p)) for p in params]
         lines.append(f"camera {','.join([model, str(width), str(height), *words])}")
-        # Within the image and at its centre, where quotients are small.
+        # Inside the image, and at its centre, where quotients are small.
         reach = 0.45 * min(width, height) / params[0]
         xy = np.vstack([rng.uniform(-reach, reach, (24, 2)), [[0, 0], [1e-9, 0], [1e-5, -1e-5], [3e-3, 1e-3]]])
         rays = np.hstack([xy, np.ones((len(xy), 1))])
         pixels = np.asarray([camera.img_from_cam(ray) for ray in rays]).reshape(-1, 2)
         back = np.asarray([camera.cam_from_img(pixel) for pixel in pixels]).reshape(-1, 2)
-        print(f"{model}: pycolmap's way back is off by {np.abs(back - xy).max():.1e} at most", file=sys.stderr)
+        print(f"{model}: error of pycolmap's unprojection: {np.abs(back - xy).max():.1e} at most", file=sys.stderr)
         for (x, y), (u, v), (bx, by) in zip(xy, pixels, back):
             lines.append("point " + " ".join(repr(float(n)) for n in (x, y, u, v, bx, by)))
     with open(sys.argv[1], "w") as file:

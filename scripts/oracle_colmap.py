@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""COLMAP's own reader and writer beside ours.
+"""Tests our COLMAP reader and writer against COLMAP's own.
 
     .venv/bin/python scripts/oracle_colmap.py fixtures      writes crates/server/map/tests/data/colmap/{text,binary}
-    .venv/bin/python scripts/oracle_colmap.py read DIR      reads a model we wrote, prints what COLMAP sees in it
+    .venv/bin/python scripts/oracle_colmap.py read DIR      reads a model that we wrote, and prints its content as COLMAP reads it
 
-`fixtures` makes one small model (five camera models, four images, points, an image without 2D points) and has pycolmap
-write it as text and as binary; the tests of crates/server/map hold our two readers against them.
+`fixtures` creates a small model (five camera models, four images, points, an image without 2D points), and pycolmap writes it as text
+and as binary; the tests of crates/server/map compare our two readers with them.
 `read` recomputes every reprojection error with COLMAP's projection and compares it with the ERROR column.
 """
 
@@ -38,7 +38,7 @@ def fixtures(root):
         if i < 3:
             camera = model.cameras[i + 2]
             pixels = [camera.img_from_cam(pose * p) + rng.normal(size=2) * 0.3 for p in points]
-            pixels.insert(i, rng.uniform(0, 400, 2))  # a keypoint that sees nothing
+            pixels.insert(i, rng.uniform(0, 400, 2))  # a keypoint without a point
             image.points2D = pycolmap.Point2DList([pycolmap.Point2D(p) for p in pixels])
         model.add_image_with_trivial_frame(image, pose)
     for k, point in enumerate(points):
@@ -60,9 +60,9 @@ def fixtures(root):
 def read(folder):
     model = pycolmap.Reconstruction(str(folder))
     print(model.summary())
-    told = {i: p.error for i, p in model.points3D.items()}
+    stored = {i: p.error for i, p in model.points3D.items()}
     model.update_point_3d_errors()
-    apart = [abs(p.error - told[i]) / max(told[i], 1e-9) for i, p in model.points3D.items()]
+    apart = [abs(p.error - stored[i]) / max(stored[i], 1e-9) for i, p in model.points3D.items()]
     print(f"ERROR column against COLMAP's projection: {len(apart)} points, largest relative difference {max(apart):.2e}")
 
 

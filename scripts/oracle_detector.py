@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Boxes of a detector file by ONNX Runtime on a few images, and small detector files for tests.
+"""Reference boxes of a detector by ONNX Runtime on a few images, and small detector files for tests.
 
-Writes what crates/device/features/tests hold ours against: `oracle.json` (boxes from another runtime, with its own letterbox and its
-own choice of one box for each thing) and `*.onnx` (detectors of two classes that find the same two boxes in any image, and ones
-that are wrong in one way each). The detector file itself is the user's and is not kept here.
+Writes the references of crates/device/features/tests: `oracle.json` (boxes from another runtime, with its own letterbox and its own
+non-maximum suppression) and `*.onnx` (detectors with two classes that find the same two boxes in any image, and invalid ones with one
+fault each). The detector file belongs to the user and is not stored in the repository.
 
     .venv/bin/pip install numpy pillow onnx onnxruntime
     .venv/bin/python scripts/oracle_detector.py --data $VEILOC_DATA --detector $VEILOC_DATA/../weights/yolo/yolo11n_int8.onnx
@@ -32,7 +32,7 @@ def axis(old: int, new: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def letterbox(image: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, float, tuple[int, int]]:
-    """Linear interpolation without smoothing, in the middle of gray 114."""
+    """Letterbox: bilinear interpolation without smoothing, centred, padded with gray 114."""
     (height, width), (rows, columns) = size, image.shape[:2]
     scale = min(width / columns, height / rows)
     inner = round(rows * scale), round(columns * scale)
@@ -71,7 +71,7 @@ def boxes(session: onnxruntime.InferenceSession, path: Path) -> list[dict]:
 
 
 def toy(name: str, names: str | None = "{0: 'person', 1: 'car'}", columns: int = 6, side: int | str = 64, nan: bool = False) -> None:
-    """A network that finds a person in the left and a car in the right half, whatever it is shown."""
+    """A network that finds a person in the left half and a car in the right half of any image."""
     table = np.zeros((1, columns, 3), np.float32)
     table[0, :4, 0], table[0, :4, 1] = [16, 32, 12, 40], [48, 32, 20, 10]
     table[0, 4, 0], table[0, 5, 1] = 0.9, 0.6

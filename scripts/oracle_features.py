@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Our SIFT beside pycolmap's and OpenCV's: repeatability and matching score at an equal number of keypoints.
+"""Compares our SIFT with pycolmap's and OpenCV's: repeatability and matching score for the same number of keypoints.
 
-Every extractor gets the same gray images (COLMAP's gray, saved as PNG) and keeps its own best N keypoints; all
-descriptors are compared as RootSIFT. Two kinds of pairs:
+Every extractor gets the same gray images (COLMAP's gray, saved as PNG) and returns its own best N keypoints; all descriptors are
+compared as RootSIFT. Two kinds of pairs:
 
 - an image and its warp by a known homography (rotation by 30 degrees, scale 0.7, perspective, a change of light
   with noise). Repeatable: the share of keypoints, among those that the warp leaves inside the image, with a keypoint
-  of the other image within 1.5 px of where they go. Correct: a mutual nearest neighbour within 3 px.
+  of the other image within 1.5 px of their warped position. Correct: a mutual nearest neighbour within 3 px.
 - two photographs with known poses. Correct: a mutual nearest neighbour within 2 px of its epipolar line in both.
 
 `score` is the share of mutual nearest neighbours that are correct, `correct` their number per pair.
@@ -15,8 +15,8 @@ descriptors are compared as RootSIFT. Two kinds of pairs:
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA
 
-With `--fixture crates/device/features/tests/data` it writes instead a small drawn image and what pycolmap and OpenCV find in
-it, which crates/device/features/tests/it/oracle.rs compares with.
+With `--fixture crates/device/features/tests/data` it instead writes a small synthetic image and the features of pycolmap and OpenCV in
+it, as references for crates/device/features/tests/it/oracle.rs.
 """
 
 import argparse
@@ -49,7 +49,7 @@ class Colmap:
 
     def __call__(self, gray):
         keypoints, descriptors = self.extractor.extract(np.ascontiguousarray(gray))
-        # COLMAP keeps the largest scales; it stops after the scale at which the budget is full.
+        # COLMAP prefers the largest scales; it stops after the scale at which the budget is full.
         order = np.argsort(-keypoints[:, 2], kind="stable")[: self.budget]
         return keypoints[order], np.round(descriptors[order] * 512.0)
 
@@ -183,7 +183,7 @@ def undistorted(points, camera):
 
 
 def epipolar_error(points_a, points_b, pose_a, pose_b):
-    """Larger distance of the two to the epipolar line of the other, pixels (of the undistorted images)."""
+    """The larger of both distances to the epipolar line of the other point, pixels (of the undistorted images)."""
     (ra, ta, camera_a), (rb, tb, camera_b) = pose_a, pose_b
     r = rb @ ra.T
     t = tb - r @ ta
@@ -210,7 +210,7 @@ def mutual_matches(a, b):
 
 
 def near(points, others, radius):
-    """Which points have another within the radius."""
+    """Whether each point has a point of the other set within the radius."""
     hit = np.zeros(len(points), bool)
     for start in range(0, len(points), 512):
         part = points[start : start + 512]
@@ -341,8 +341,8 @@ def main():
     parser.add_argument("--data", type=Path, help="the folder with the photographs")
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--photos", type=int, default=8)
-    parser.add_argument("--fixture", type=Path, help="a folder: write the reference files of the Rust tests into it")
-    parser.add_argument("--rankings", action="store_true", help="compare ways to rank our keypoints instead")
+    parser.add_argument("--fixture", type=Path, help="write the reference files of the Rust tests into this folder")
+    parser.add_argument("--rankings", action="store_true", help="compare rankings of our keypoints instead")
     arguments = parser.parse_args()
     n = arguments.keypoints
     if arguments.fixture:

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""hloc's files as h5py writes them, and what we write as h5py reads it.
+"""Tests our hloc files against h5py: writes reference files, and reads files that we wrote.
 
     python -m venv venv && venv/bin/pip install h5py numpy
     venv/bin/python scripts/oracle_hloc.py fixtures     writes crates/tools/mapping/tests/data/importers/hloc
-    venv/bin/python scripts/oracle_hloc.py read FILE    reads a file of features or matches, prints what is in it
+    venv/bin/python scripts/oracle_hloc.py read FILE    reads a file of features or matches, and prints its content
 
-`fixtures` writes what hloc's extract_features, match_features and global descriptors write: groups nested by the image's name,
-`libver="latest"`, float16 where `as_half` says so, the attribute `uncertainty`, pairs under the new and the old names; and the same in
-other forms that are allowed (float32 and float64, gzip with shuffle in chunks, h5py's older default format). What is in them is a
-formula of the index, which crates/tools/mapping/tests/it/importers/hloc/oracle.rs knows too.
+`fixtures` writes files in the form of hloc's extract_features, match_features and global descriptors: groups nested by the image's
+name, `libver="latest"`, float16 with `as_half`, the attribute `uncertainty`, pairs under the new and the old names; and other valid
+forms (float32 and float64, gzip with shuffle in chunks, h5py's older default format). Values are a formula of the index, which
+crates/tools/mapping/tests/it/importers/hloc/oracle.rs also has.
 """
 
 import sys
@@ -64,7 +64,7 @@ def fixtures():
         for image in IMAGES:
             vector = numbers(16, 13, 64) + IMAGES.index(image)
             file.create_group(image).create_dataset("global_descriptor", data=vector.astype(np.float16))
-    # A group that holds itself.
+    # A group that contains itself.
     with h5py.File(DATA / "cycle.h5", "w") as file:
         file.create_group("a")["b"] = file["/"]
 

@@ -1,11 +1,11 @@
-"""Nearest neighbours, mutual matches and VLAD by NumPy, for the tests of the crate `veiloc-descriptor`.
+"""Writes reference nearest neighbours, mutual matches and VLAD by NumPy for the tests of the crate `veiloc-descriptor`.
 
 Writes crates/core/descriptor/tests/data/matching_oracle.json next to this script's folder (or to the path given):
 
     python3 scripts/oracle_matching.py [OUT]
 
-Everything is computed the plain way: all differences in int64 for matching, float64 for VLAD. The random numbers are
-seeded, so the same NumPy writes the same file.
+The computation is straightforward: all differences in int64 for matching, float64 for VLAD. The random generator is seeded, so the
+same NumPy version writes the same file.
 """
 
 import json
@@ -62,11 +62,11 @@ def main():
     rng = np.random.default_rng(20260)
     database = rootsift_like(rng, 80)
     database[70:75] = database[10:15]  # rows that occur twice: ties
-    # Half of the queries see a row of the database with noise, some of them the same row; the rest see nothing.
+    # Half of the queries are rows of the database with noise, some of them of the same row; the rest match nothing.
     query = np.concatenate([noisy(rng, database[rng.integers(0, 80, 30)], 40), rootsift_like(rng, 27), database[70:73]])
     query[41:44] = query[3:6]
     words = rootsift_like(rng, 6)
-    words[5] = 255  # a word that nothing is nearest to
+    words[5] = 255  # a word without assigned descriptors
     vectors = [vlad(words, query), vlad(words, database)]
     fixture = {
         "made_by": "scripts/oracle_matching.py",

@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
-"""XFeat by ONNX Runtime, layer by layer, for ours to be held against.
+"""Reference outputs of networks by ONNX Runtime, layer by layer.
 
     .venv/bin/pip install numpy pillow onnx onnxruntime torch
     .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
     cargo build --release -p veiloc-features --example layers --features rten
     .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights --layers target/release/examples/layers
 
-`write` makes crates/device/features/tests/data/learned: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn
-image) and networks by a formula. `compare` prints the largest difference of each layer over all its numbers (how long they take:
-`bench_extraction.py`). Networks whose authors publish weights alone are held against them where they are exported
-(`export_onnx.py`).
+`write` writes crates/device/features/tests/data/learned: `oracle.json` (sample values of layers, keypoints and descriptors of one
+synthetic image) and networks with weights from a formula. `compare` prints the largest difference of each whole layer (for timings see
+`bench_extraction.py`). Networks that are published as weights only are compared when they are exported (`export_onnx.py`).
 """
 
 import argparse
@@ -25,7 +24,7 @@ import onnxruntime
 import torch
 import torch.nn.functional as F
 
-from beside import one_thread
+from timing import one_thread
 
 DATA = Path(__file__).parent.parent / "crates/device/features/tests/data/learned"
 MARGIN = 32
@@ -35,7 +34,7 @@ KEPT = 60
 
 
 def drawn(width: int, height: int) -> np.ndarray:
-    """Blocks with noise, in whole numbers, so that both sides have the very same."""
+    """Blocks with noise, by integer formulas, so that both sides have the same image."""
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     a, b = x // 11, y // 13
     block = (a * 7 + b * 11 + (a ^ b) * 37) % 160
@@ -52,7 +51,7 @@ def continued(gray: np.ndarray, multiple: int) -> np.ndarray:
 
 
 class Names(OrderedDict):
-    """Layers by name, as they come."""
+    """Layers by name, in the order of the outputs."""
 
     def keep(self, name, value):
         self[name] = value
@@ -69,7 +68,7 @@ def xfeat(path: Path, image: np.ndarray, inner: list[str]) -> tuple[Names, list[
 
 
 def xfeat_inner(path: Path) -> list[str]:
-    """Some layers on the way: the sums where scales meet, and every sixth convolution's end."""
+    """Some intermediate layers: the sums where scales are joined, and every sixth convolution."""
     nodes = onnx.load(path).graph.node
     sums = [n.output[0] for n in nodes if n.op_type == "Add"]
     ends = [n.output[0] for n in nodes if n.op_type == "Relu"]
@@ -88,7 +87,7 @@ def nms(scores: torch.Tensor, radius: int, rounds: int) -> torch.Tensor:
 
 
 def peaks(scores: torch.Tensor, size: tuple[int, int], radius: int, rounds: int, threshold: float) -> np.ndarray:
-    """x, y in the network's image, strongest first; those of the image and not on its border."""
+    """x, y in the network's input, strongest first; only those inside the image and not on its border."""
     height, width = scores.shape[-2:]
     kept = (nms(scores, radius, rounds) & (scores > threshold))[0, 0].numpy()
     (left, upper) = ((width - size[0]) // 2, (height - size[1]) // 2)
@@ -108,7 +107,7 @@ def sampled(dense: torch.Tensor, grid: torch.Tensor, mode: str, corners: bool) -
 
 
 def pixels(logits: torch.Tensor) -> torch.Tensor:
-    """Softmax over 64 positions and none, laid out as pixels."""
+    """Softmax over 64 positions and "no keypoint", rearranged to pixels."""
     shares = torch.softmax(logits, 1)[:, :-1]
     b, _, h, w = shares.shape
     return shares.permute(0, 2, 3, 1).reshape(b, h, w, 8, 8).permute(0, 1, 3, 2, 4).reshape(b, 1, h * 8, w * 8)
@@ -163,7 +162,7 @@ def write(folder: Path) -> None:
     lines = [f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in document.items()]
     (DATA / "oracle.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
     small_network("corners.onnx", {"strides": [1, 1], "dilations": [1, 1]})
-    small_network("corners-plain.onnx", {})  # ONNX lets them be left out
+    small_network("corners-plain.onnx", {})  # optional in ONNX
 
 
 def small_network(name: str, plain: dict) -> None:
@@ -224,9 +223,9 @@ def ours(program: Path, model: str, file: Path, image: np.ndarray, layers: list[
 def compare(args: argparse.Namespace) -> None:
     print("| network | layer | numbers | largest number | largest difference |\n|---|---|--:|--:|--:|")
     for name, file, image, layers, _, _ in runs(args.weights):
-        # Outputs by number: some have a number for a name.
-        asked = [str(i) if i < 3 else layer for i, layer in enumerate(layers)]
-        for (layer, theirs), own in zip(layers.items(), ours(args.layers, name, file, image, asked)):
+        # Outputs by index, because some names are numbers.
+        names = [str(i) if i < 3 else layer for i, layer in enumerate(layers)]
+        for (layer, theirs), own in zip(layers.items(), ours(args.layers, name, file, image, names)):
             theirs = theirs.detach().numpy()
             assert theirs.shape == own.shape, (name, layer)
             off = float(np.abs(theirs - own).max())

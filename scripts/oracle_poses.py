@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Minimal problems and other programs' solutions to them: the fixture that `crates/core/pose/tests/it/solvers/oracle.rs` checks.
+"""Writes minimal problems and reference solutions for `crates/core/pose/tests/it/solvers/oracle.rs`.
 
-Random exact problems of a 640 x 480 camera for p3p, p6lp, p5lp_radial (in a camera whose optical axis is the ray of
-DCL's first anchor) and up2p, solved by PoseLib, an independent implementation. For p6lp, PoseLib eliminates the
-translation through the first three lines; the problems of two anchors are ordered so that it can. p6lp_dual_radial is
-PoseLib's p6lp again, less the poses that put a point on the wrong half of its line. u4lp has no counterpart there: a
-scan of all angles about the vertical for the sign changes of a determinant, refined by bisection.
+Random exact problems of a 640 x 480 camera for p3p, p6lp, p5lp_radial (in a camera whose optical axis is the ray of DCL's first anchor)
+and up2p, solved by PoseLib, an independent implementation. PoseLib's p6lp eliminates the translation with the first three lines; the
+problems with two anchors are ordered so that this works. p6lp_dual_radial is also solved by PoseLib's p6lp, without the poses that put
+a point on the wrong half of its line. u4lp has no counterpart in PoseLib; its reference is a scan of all angles about the vertical for
+sign changes of a determinant, refined by bisection.
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib
     .venv/bin/python scripts/oracle_poses.py > crates/core/pose/tests/data/solvers/poselib.json
@@ -40,7 +40,7 @@ def scene(rng, pixels):
 
 
 def rounded(r, t):
-    """A pose to the nine digits that the test looks at."""
+    """A pose with nine digits, as the test compares it."""
     return {"r": numbers(np.round(r, 9)), "t": numbers(np.round(t, 9))}
 
 
@@ -82,7 +82,7 @@ def p5lp_radial_problem(rng):
     seen = rng.uniform([-3, -3, -2], [3, 3, 5], size=(5, 3))
     x = (seen - t) @ r
     u = seen[:, :2] / np.linalg.norm(seen[:, :2], axis=1, keepdims=True)
-    # PoseLib's lines pass through the origin: (-v, u, 0); it does not know on which half the point lies.
+    # PoseLib's lines pass through the origin: (-v, u, 0); it does not use the half on which the point lies.
     lines = np.column_stack([-u[:, 1], u[:, 0], np.zeros(5)])
     poses = []
     for p in poselib.p5lp_radial(lines, x):

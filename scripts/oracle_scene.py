@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Reference localization of a scene with pycolmap's features and PoseLib's P3P.
 
-The same job as `veiloc eval scene --schemes points`, done by independent programs on the same split: pycolmap SIFT,
-triangulation under the given poses, VLAD retrieval of the top images, mutual nearest neighbours without ratio test,
-PoseLib's LO-RANSAC on points. Prints the figures that stand beside ours in docs/results/poses.md.
+The same evaluation as `veiloc eval scene --schemes points`, by independent programs on the same split: pycolmap SIFT, triangulation
+with the given poses, VLAD retrieval of the top images, mutual nearest neighbours without ratio test, and PoseLib's LO-RANSAC on points.
+Prints the reference figures in docs/results.md.
 
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_scene.py --posed $VEILOC_DATA/redkitchen/posed \
@@ -138,7 +138,7 @@ def main():
     model = work / "posed"
     model.mkdir()
     (model / "points3D.txt").write_text("")
-    # COLMAP wants the ids of its database: the order of a list is not the order of extraction.
+    # COLMAP needs the ids of its database: images are not extracted in the order of the list.
     database = pycolmap.Database.open(map_database)
     images = sorted((database.read_image_with_name(n) for n in map_names), key=lambda i: i.image_id)
     database.close()

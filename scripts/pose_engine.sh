@@ -1,10 +1,9 @@
 #!/usr/bin/env bash
-# Prints tables of docs/results/poses.md and research/notes/pose-engine.md, with the command above each. Needs VEILOC_DATA. Part names
-# choose parts.
+# Prints every table of docs/pose-engine.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
 #
 #     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] > pose_engine.txt
 #
-# `law` also writes docs/images/bound.svg. SEEDS and PROBLEMS make it shorter or longer.
+# `law` also writes docs/images/bound.svg. SEEDS and PROBLEMS set the amount of work.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
@@ -16,7 +15,7 @@ cargo build --release --quiet
 veiloc() {
     echo
     echo "\$ veiloc $*" | sed "s|$VEILOC_DATA|\$VEILOC_DATA|g"
-    # A row that localizes nothing is a result too.
+    # Exit code 1 (nothing localized) is also a result.
     target/release/veiloc "$@" 2>&1 || [ $? -eq 1 ]
 }
 each_file() {
@@ -28,15 +27,15 @@ each_file() {
 for part in $parts; do
     case $part in
     recipes)
-        echo "# Recipes at 100, 1000, 5000 hypotheses and with its own stopping rule; the optimum and the floor"
+        echo "# Recipes with 100, 1000, 5000 hypotheses and with the stopping rule; the optimum and the lower bound"
         each_file --recipes paper,likelihood,likelihood+prior,vote,optimum --oracle --hypotheses 100,1000,5000,adaptive
         ;;
     speed)
-        echo "# The engine as it is shipped, one query at a time on one thread"
+        echo "# Default settings, one query at a time on one thread"
         each_file --recipes default
         ;;
     gravity)
-        echo "# Gravity: not given, exact, and wrong by 1 and 3 degrees"
+        echo "# Gravity: without, exact, and with errors of 1 and 3 degrees"
         each_file --gravity none,0,1,3
         ;;
     law)
@@ -45,7 +44,7 @@ for part in $parts; do
         veiloc eval crb --problems "$problems" --plot docs/images/bound.svg
         ;;
     *)
-        echo "no part is called $part" >&2
+        echo "unknown part: $part" >&2
         exit 2
         ;;
     esac

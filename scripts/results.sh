@@ -10,14 +10,14 @@ cargo build --release --quiet
 veiloc() {
     echo
     echo "\$ veiloc $*" | sed "s|$VEILOC_DATA|\$VEILOC_DATA|g"
-    # Lines of progress are for whoever waits.
+    # Leave out progress lines.
     target/release/veiloc "$@" 2>&1 | grep -vE '^[A-Z][A-Za-z ]+ [0-9]+/[0-9]+$'
 }
 scene() {
-    local place="$VEILOC_DATA/$1"
+    local folder="$VEILOC_DATA/$1"
     shift
-    veiloc eval scene --posed "$place/posed" --images "$place/images" \
-        --map-list "$place/map.txt" --query-list "$place/query.txt" "$@"
+    veiloc eval scene --posed "$folder/posed" --images "$folder/images" \
+        --map-list "$folder/map.txt" --query-list "$folder/query.txt" "$@"
 }
 all=points,random-lines,coordinate-permutation,dcl
 
@@ -27,7 +27,7 @@ scene herzjesu --schemes $all --thresholds 0.1/2,0.25/5
 scene herzjesu --schemes $all --thresholds 0.1/2,0.25/5 --query-keypoints 4096
 
 echo
-echo "# The collapse: both scores for dcl at equal hypotheses, without the prior of the matches"
+echo "# Both scores for dcl with the same number of hypotheses, without the match prior"
 scene redkitchen --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds 0.05/5
 scene herzjesu --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds 0.1/2,0.25/5
 
@@ -36,16 +36,16 @@ trap 'rm -rf "$out"' EXIT
 
 echo
 echo "# The paper's ablations"
-for place in redkitchen herzjesu; do
-    scene $place --schemes points,random-lines,dcl,dcl:s=2,dcl:s=3,dcl:horizontal --json "$out/$place.json" > /dev/null
-    veiloc eval tables "$out/$place.json" | sed "s|$out/||g"
+for name in redkitchen herzjesu; do
+    scene $name --schemes points,random-lines,dcl,dcl:s=2,dcl:s=3,dcl:horizontal --json "$out/$name.json" > /dev/null
+    veiloc eval tables "$out/$name.json" | sed "s|$out/||g"
     for other in dcl:s=2 dcl:s=3 dcl:horizontal; do
-        veiloc eval compare "$out/$place.json" "$out/$place.json" --row dcl --against $other | sed "s|$out/||g"
+        veiloc eval compare "$out/$name.json" "$out/$name.json" --row dcl --against $other | sed "s|$out/||g"
     done
 done
 
 echo
-echo "# A rendered place in the layout of each data set"
+echo "# A rendered scene in the layout of each dataset"
 for layout in 7scenes cambridge aachen aachen-v1.1; do
     veiloc synth export --layout $layout --out "$out/$layout" | sed "s|$out/||g"
     truth=()

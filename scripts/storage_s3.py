@@ -1,14 +1,14 @@
-"""Regions to S3 and back, against a local S3 (moto) behind a road that can be made bad: what docs/reference/map-format.md says of it.
+"""Publishes and fetches regions with a local S3 (moto) behind a proxy that injects faults; see docs/regions.md.
 
     pip install "moto[server,s3]" boto3
     cargo build -p veiloc-cli --features clouds
     python3 scripts/storage_s3.py target/debug/veiloc place.vmap [--images 20]
 
-Publishes the map's regions, publishes again (nothing is sent), fetches them (equal, byte for byte). Then storage that asks to slow
-down (503) and connections that break are got over; an object that is longer than a part goes in parts. Then it goes wrong: other
-bytes under an object's name, a shorter object, a missing one, a pointer to nowhere, a key that is not known, a secret that is
-wrong, no right to write, another region, no such bucket, nobody there. Each must be told with the bucket and what to do, at once
-where waiting does not help; nothing of it must reach the folder, and no secret the screen. Prints, last, `all as it should be`.
+Publishes the map's regions, publishes them again (nothing is sent), and fetches them (byte-identical). The program must retry after
+503 (slow down) and broken connections, and upload large objects in parts. Then each fault must give an error: other bytes under an
+object's name, a truncated object, a missing object, an invalid pointer, an unknown key, a wrong secret, no permission to write, a
+wrong region, an unknown bucket, no server. The error must name the bucket and the remedy, without retries where they do not help;
+nothing may reach the folder, and no secret may be printed. The last line is `all checks passed`.
 """
 import argparse
 import http.client
@@ -30,7 +30,7 @@ from moto.server import ThreadedMotoServer
 BUCKET = "maps"
 URL = f"s3://{BUCKET}/of mine"
 SECRET = "sEcReT-of-the-bucket"
-# As S3 says it.
+# Error codes and messages of S3.
 WRONG = {
     "InvalidAccessKeyId": (403, "The AWS Access Key Id you provided does not exist in our records."),
     "SignatureDoesNotMatch": (403, "The request signature we calculated does not match the signature you provided."),
@@ -41,12 +41,12 @@ WRONG = {
 }
 
 
-class Road:
-    """A proxy in front of the storage that answers in its place as often as it is told to, and counts."""
+class FaultProxy:
+    """A proxy in front of the storage that injects faults and counts requests."""
 
     def __init__(self, host, port):
-        self.lock, self.faults, self.asked, self.parts, self.refused = Lock(), {}, 0, 0, 0
-        road = self
+        self.lock, self.faults, self.requests, self.parts, self.refused = Lock(), {}, 0, 0, 0
+        proxy = self
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
@@ -58,27 +58,27 @@ class Road:
                 try:
                     super().handle()
                 except OSError:
-                    # Who asked is gone, as programs are that were told enough.
+                    # The client has closed the connection, as programs do after an error.
                     self.close_connection = True
 
             def answer(self):
                 body = self.rfile.read(int(self.headers.get("content-length") or 0))
-                fault = road.fault(self.command, self.path)
+                fault = proxy.fault(self.command, self.path)
                 if fault == "breaks":
                     self.close_connection = True
                     return
                 if fault:
                     status, message = WRONG[fault]
-                    said = f"<?xml version='1.0'?><Error><Code>{fault}</Code><Message>{message}</Message></Error>".encode()
+                    content = f"<?xml version='1.0'?><Error><Code>{fault}</Code><Message>{message}</Message></Error>".encode()
                     headers = [("content-type", "application/xml")]
                 else:
                     connection = http.client.HTTPConnection(host, port, timeout=60)
                     connection.request(self.command, self.path, body, dict(self.headers))
                     response = connection.getresponse()
-                    status, said, headers = response.status, response.read(), response.getheaders()
+                    status, content, headers = response.status, response.read(), response.getheaders()
                     connection.close()
                 self.send_response(status)
-                length = str(len(said))
+                length = str(len(content))
                 for name, value in headers:
                     if name.lower() in ("content-length", "transfer-encoding", "connection"):
                         if self.command == "HEAD" and name.lower() == "content-length":
@@ -88,7 +88,7 @@ class Road:
                 self.send_header("content-length", length)
                 self.end_headers()
                 if self.command != "HEAD":
-                    self.wfile.write(said)
+                    self.wfile.write(content)
 
             do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = answer
 
@@ -98,9 +98,9 @@ class Road:
         Thread(target=self.server.serve_forever, daemon=True).start()
 
     def fault(self, method, path):
-        """Each request is met with a fault as often in a row as was told; then it gets through."""
+        """The fault of this request: each request fails the configured number of times, then it succeeds."""
         with self.lock:
-            self.asked += 1
+            self.requests += 1
             self.parts += "partNumber=" in path
             what, times, methods = self.faults.get("now", (None, 0, ()))
             if not what or method not in methods:
@@ -113,25 +113,25 @@ class Road:
                 return what
             return None
 
-    def goes_wrong(self, what, times=10**9, methods=("GET", "HEAD", "PUT", "POST")):
+    def set_fault(self, what, times=10**9, methods=("GET", "HEAD", "PUT", "POST")):
         with self.lock:
             self.faults = {"now": (what, times, methods)}
             self.refused = 0
 
-    def is_fine(self):
+    def clear_faults(self):
         with self.lock:
             self.faults = {}
 
 
-def worker(program, settings, road, folder):
-    """A worker takes its regions from there; one that starts while nothing can be had from there begins with what its cache has."""
+def worker(program, settings, proxy, folder):
+    """A worker fetches its regions from the storage; if the storage is unreachable, it starts with its cache."""
     if not shutil.which("nats-server"):
-        print("not tried: a worker (nats-server is missing: apt-get install nats-server)")
+        print("skipped: a worker (nats-server is missing: apt-get install nats-server)")
         return
     with socket.socket() as one, socket.socket() as two:
-        for held in (one, two):
-            held.bind(("127.0.0.1", 0))
-        bus, admin = (held.getsockname()[1] for held in (one, two))
+        for listener in (one, two):
+            listener.bind(("127.0.0.1", 0))
+        bus, admin = (listener.getsockname()[1] for listener in (one, two))
     settings_of_bus = Path(folder, "nats.conf")
     settings_of_bus.write_text("max_payload: 8388608\n")
     nats = subprocess.Popen(["nats-server", "-c", settings_of_bus, "-a", "127.0.0.1", "-p", str(bus)], stderr=subprocess.DEVNULL)
@@ -141,7 +141,7 @@ def worker(program, settings, road, folder):
     try:
         for what in ("", "breaks"):
             if what:
-                road.goes_wrong(what)
+                proxy.set_fault(what)
             started = time.monotonic()
             with open(log, "w") as out:
                 running = subprocess.Popen(command, env=settings, stderr=out)
@@ -159,33 +159,33 @@ def worker(program, settings, road, folder):
             running.wait()
             assert ready, log.read_text()
             assert ("taken from the cache" in log.read_text()) == bool(what) and SECRET not in log.read_text(), log.read_text()
-            print(f"a worker is ready after {took:.1f} s" + (" though the storage is away" if what else ""))
+            print(f"a worker is ready after {took:.1f} s" + (" while the storage is unreachable" if what else ""))
     finally:
         nats.kill()
         nats.wait()
-        road.is_fine()
+        proxy.clear_faults()
 
 
 def main(program, place, images):
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     server.start()
-    road = Road(*server.get_host_and_port())
+    proxy = FaultProxy(*server.get_host_and_port())
     settings = {
-        "AWS_ENDPOINT": road.address,
+        "AWS_ENDPOINT": proxy.address,
         "AWS_ALLOW_HTTP": "true",
         "AWS_ACCESS_KEY_ID": "key",
         "AWS_SECRET_ACCESS_KEY": SECRET,
         "AWS_REGION": "us-east-1",
     }
-    storage = boto3.client("s3", endpoint_url=road.address, region_name="us-east-1", aws_access_key_id="key",
+    storage = boto3.client("s3", endpoint_url=proxy.address, region_name="us-east-1", aws_access_key_id="key",
                            aws_secret_access_key=SECRET)
     storage.create_bucket(Bucket=BUCKET)
 
     def run(*words):
         started = time.monotonic()
         done = subprocess.run([program, *map(str, words)], env=os.environ | settings, capture_output=True, text=True, check=False)
-        assert SECRET not in done.stdout + done.stderr, "a secret is on the screen"
+        assert SECRET not in done.stdout + done.stderr, "a secret was printed"
         return done, time.monotonic() - started
 
     def document(*words):
@@ -203,14 +203,14 @@ def main(program, place, images):
         published, seconds = document("map", "publish", regions, URL)
         assert published["objects_sent"] == objects and published["bytes_sent"] == split["bytes"], published
         largest = max(region["bytes"] for region in split["regions"])
-        assert (road.parts > 0) == (largest > 8 << 20), (road.parts, largest)
-        print(f"published {objects} objects, {split['bytes'] / 1e6:.1f} MB in {seconds:.1f} s; {road.parts} parts of objects over "
+        assert (proxy.parts > 0) == (largest > 8 << 20), (proxy.parts, largest)
+        print(f"published {objects} objects, {split['bytes'] / 1e6:.1f} MB in {seconds:.1f} s; {proxy.parts} parts of objects over "
               f"8 MB (the largest has {largest / 1e6:.1f} MB)")
         again, seconds = document("map", "publish", regions, URL)
         assert again["objects_sent"] == 0 and again["objects_there"] == objects, again
         print(f"published again: nothing sent, {seconds:.1f} s")
 
-        def fetched_whole(target):
+        def fetch_all(target):
             fetched, seconds = document("map", "fetch", URL, "place", "--out", target)
             assert fetched["objects_fetched"] == objects and fetched["manifest"] == split["manifest"], fetched
             files = sorted(p.relative_to(regions) for p in regions.rglob("*") if p.is_file())
@@ -218,20 +218,19 @@ def main(program, place, images):
             assert all((regions / f).read_bytes() == (target / f).read_bytes() for f in files)
             return seconds
 
-        print(f"fetched {objects} objects in {fetched_whole(back):.1f} s: equal, byte for byte")
+        print(f"fetched {objects} objects in {fetch_all(back):.1f} s: byte-identical")
 
         for what, times in (("SlowDown", 3), ("breaks", 1)):
-            road.goes_wrong(what, times)
-            seconds = fetched_whole(Path(folder, f"back-{what}"))
-            print(f"each read met {times} times with {what}: fetched all the same, in {seconds:.1f} s ({road.refused} refusals)")
-            road.goes_wrong(what, times)
-            # Not by the fault's name: a reply that holds such a word is taken for an error.
-            elsewhere = f"s3://{BUCKET}/through {times}"
-            sent, seconds = document("map", "publish", regions, elsewhere)
+            proxy.set_fault(what, times)
+            seconds = fetch_all(Path(folder, f"back-{what}"))
+            print(f"{what}, {times} times for each read: fetched in {seconds:.1f} s ({proxy.refused} refusals)")
+            proxy.set_fault(what, times)
+            # The URL must not hold the fault's name: the program takes a reply with such a word for an error.
+            target_url = f"s3://{BUCKET}/through {times}"
+            sent, seconds = document("map", "publish", regions, target_url)
             assert sent["objects_sent"] == objects, sent
-            print(f"each request met {times} times with {what}: published all the same, in {seconds:.1f} s ({road.refused} "
-                  f"refusals)")
-            road.is_fine()
+            print(f"{what}, {times} times for each request: published in {seconds:.1f} s ({proxy.refused} refusals)")
+            proxy.clear_faults()
 
         name = split["regions"][0]["sha256"]
         good = (regions / "objects" / name).read_bytes()
@@ -239,57 +238,57 @@ def main(program, place, images):
         def refused(why, *expected, within=30.0, words=("map", "fetch", URL, "place", "--out", "refused")):
             target = Path(folder, "refused")
             done, seconds = run(*(target if word == "refused" else word for word in words))
-            told = " ".join(done.stderr.split())
-            assert done.returncode == 1 and all(part in told for part in expected), (why, done.returncode, done.stderr)
+            message = " ".join(done.stderr.split())
+            assert done.returncode == 1 and all(part in message for part in expected), (why, done.returncode, done.stderr)
             assert not (target / "manifest.json").exists() and not (target / "objects" / name).exists(), why
             assert seconds < within, (why, seconds)
-            print(f"{why}: refused in {seconds:.1f} s\n    {told[:400]}")
+            print(f"{why}: refused in {seconds:.1f} s\n    {message[:400]}")
 
         wrong = bytearray(good)
         wrong[len(wrong) // 2] ^= 1
         storage.put_object(Bucket=BUCKET, Key=key(f"objects/{name}"), Body=bytes(wrong))
-        refused("another byte", name)
+        refused("a changed byte", name)
         storage.put_object(Bucket=BUCKET, Key=key(f"objects/{name}"), Body=good[:-1])
-        refused("a byte less", name)
+        refused("a truncated object", name)
         again, _ = document("map", "publish", regions, URL)
         assert again["objects_sent"] == 1, again
-        print("published again: the short one was sent anew")
+        print("published again: the truncated object was sent again")
         storage.delete_object(Bucket=BUCKET, Key=key(f"objects/{name}"))
-        refused("an object that is gone", "veiloc map publish")
+        refused("a missing object", "veiloc map publish")
         pointer = storage.get_object(Bucket=BUCKET, Key=key("place.json"))["Body"].read()
         storage.put_object(Bucket=BUCKET, Key=key("place.json"),
                            Body=json.dumps({"version": 1, "map": "place", "manifest": "../" * 20 + "0000"}).encode())
-        refused("a pointer to elsewhere", "no pointer")
+        refused("an invalid pointer", "no pointer")
         storage.put_object(Bucket=BUCKET, Key=key("place.json"), Body=pointer)
 
         publish = ("map", "publish", regions, f"s3://{BUCKET}/new")
         for what, remedy in (("InvalidAccessKeyId", "AWS_ACCESS_KEY_ID"), ("SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"),
                              ("ExpiredToken", "AWS_SESSION_TOKEN"), ("AccessDenied", "may"),
                              ("AuthorizationHeaderMalformed", "AWS_REGION")):
-            road.goes_wrong(what)
+            proxy.set_fault(what)
             refused(f"reading: {what}", f"s3://{BUCKET}/", remedy, within=3.0)
-            road.goes_wrong(what, methods=("PUT", "POST"))
+            proxy.set_fault(what, methods=("PUT", "POST"))
             refused(f"writing: {what}", f"s3://{BUCKET}/", remedy, within=3.0, words=publish)
-        road.is_fine()
+        proxy.clear_faults()
         document("map", "publish", regions, URL)
-        worker(program, settings | {"PATH": os.environ["PATH"]}, road, folder)
+        worker(program, settings | {"PATH": os.environ["PATH"]}, proxy, folder)
         refused("reading: no such bucket", "s3://nowhere/x/", "bucket", within=3.0,
                 words=("map", "fetch", "s3://nowhere/x", "place", "--out", "refused"))
         refused("writing: no such bucket", "s3://nowhere/x/", "bucket", within=3.0,
                 words=("map", "publish", regions, "s3://nowhere/x"))
         settings["AWS_ENDPOINT"] = "http://127.0.0.1:9"
-        refused("nobody there", f"s3://{BUCKET}/", "AWS_ENDPOINT", within=60.0)
+        refused("no server", f"s3://{BUCKET}/", "AWS_ENDPOINT", within=60.0)
         del settings["AWS_ACCESS_KEY_ID"], settings["AWS_SECRET_ACCESS_KEY"]
         settings["AWS_METADATA_ENDPOINT"] = "http://127.0.0.1:9"
-        refused("no credentials at all", f"s3://{BUCKET}/", "AWS_ACCESS_KEY_ID", within=60.0)
+        refused("no credentials", f"s3://{BUCKET}/", "AWS_ACCESS_KEY_ID", within=60.0)
     server.stop()
-    print("all as it should be")
+    print("all checks passed")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
     parser.add_argument("map")
-    parser.add_argument("--images", type=int, default=20, help="of a region at most")
-    given = parser.parse_args()
-    main(given.program, given.map, given.images)
+    parser.add_argument("--images", type=int, default=20, help="most images of a region")
+    args = parser.parse_args()
+    main(args.program, args.map, args.images)

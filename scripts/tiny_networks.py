@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Tiny ONNX networks for tests that ask how networks are read and run, and not how well they do.
+"""Writes tiny ONNX networks for tests of reading and running networks.
 
-    python scripts/tiny_networks.py        # takes the package onnx
+    python scripts/tiny_networks.py        # needs the package onnx
 
-Writes crates/research/attacks/tests/data/learned/*.onnx with their descriptions, and the two that judge images: what each
-computes is so simple that the tests say what must come out. Also crates/device/features/tests/data/learned/made-up.onnx, of
-ALIKE's form with few channels.
+Writes crates/research/attacks/tests/data/learned/*.onnx with their descriptions, and the two networks of the image metrics. Their
+computation is so simple that the tests contain the expected outputs. Also writes
+crates/device/features/tests/data/learned/made-up.onnx, with the structure of ALIKE and few channels.
 """
 
 import pathlib
@@ -18,7 +18,7 @@ DATA = CRATES / "research/attacks/tests/data"
 
 
 def made_up(shape, seed, scale):
-    """Numbers from -scale/2 to scale/2, as the tests make them."""
+    """Pseudo-random numbers from -scale/2 to scale/2; the tests have the same formula."""
     i = np.arange(int(np.prod(shape)), dtype=np.uint64)
     x = ((i + seed * 7919) * np.uint64(2_654_435_761) % (1 << 32)) / float(1 << 32) - 0.5
     return (x * scale).astype(np.float32).reshape(shape)
@@ -45,7 +45,7 @@ def describe(name, kind, features, dimension, model=None, **more):
 
 
 def inversion():
-    """Colours by one matrix a cell; a cell is believed by how full it is."""
+    """The colour of a cell is a linear map of its features; its visibility grows with its number of keypoints."""
     grid = {"features": [1, 129, "H", "W"]}
     image, visible = {"image": [1, 3, "H", "W"]}, {"visible": [1, 1, "H", "W"]}
     kernel = made_up((3, 129, 1, 1), 1, 0.5)
@@ -58,7 +58,7 @@ def inversion():
     plain = DATA / "learned/plain.onnx"
     write(plain, grid, image, [conv, colours], kernel=kernel)
     describe("plain", "inversion", "sift", 128, side=32, multiple=4)
-    # Logarithms of nothing, and an image of half the sides.
+    # A network with logarithms of zero, and one whose image has half the sides.
     nan = [conv, node("Log", "colours", "image")]
     write(DATA / "learned/nan.onnx", grid, image, nan, kernel=kernel)
     describe("nan", "inversion", "sift", 128, side=32, multiple=4)
@@ -68,12 +68,12 @@ def inversion():
 
 
 def fields():
-    """Middles of 4 x 3 fields of 80 pixels of an image of 320 x 240 pixels, as places are told."""
+    """Centres of 4 x 3 fields of 80 pixels in an image of 320 x 240 pixels, in normalized coordinates."""
     return np.array([[(80 * x + 40) / 320, (80 * y + 40 - 120) / 320 + 0.5] for y in range(3) for x in range(4)], np.float32)
 
 
 def positions():
-    """A descriptor says which field its keypoint is in: the nearer a place is to the middle, the likelier."""
+    """A descriptor encodes the field of its keypoint; places near the field's centre are likelier."""
     inputs = {"descriptors": [1, "N", 12], "places": [1, "N", "B", 2], "guess": [1, "N", "B"]}
     nodes = [
         node("MatMul", "descriptors middles", "middle"),
@@ -82,14 +82,14 @@ def positions():
         node("Mul", "off off", "square"),
         node("ReduceSum", "square last", "distance", keepdims=0),
         node("Mul", "distance factor", "near"),
-        # What stands in no bin has a share of nothing.
+        # The share of a keypoint in no bin is zero.
         node("Exp", "guess", "share"),
         node("Add", "near share", "logits"),
     ]
     tensors = dict(middles=fields() / np.sqrt(np.float32(12)), bins=np.array([2], np.int64), last=np.array([3], np.int64))
     write(DATA / "learned/positions.onnx", inputs, {"logits": [1, "N", "B"]}, nodes, factor=np.float32(-50), **tensors)
     describe("positions", "positions", "made up", 12, scheme="dcl", sees="row")
-    # One that has learned nothing.
+    # An untrained network.
     zero = [node("Mul", "guess nothing", "small"), node("Mul", "small nothing", "logits")]
     keep = [node("ReduceSum", "descriptors", "d", keepdims=0), node("ReduceSum", "places", "p", keepdims=0)]
     write(DATA / "learned/untrained.onnx", inputs, {"logits": [1, "N", "B"]}, zero + keep, nothing=np.float32(0))
@@ -97,7 +97,7 @@ def positions():
 
 
 def neighbours():
-    """The nearer two fields, the likelier neighbours: on a quarter of a sphere, by the field that a descriptor says."""
+    """Embeddings on a quarter of a sphere by the field of each descriptor: near fields are likelier neighbours."""
     x = fields() - 0.5
     rows = np.concatenate([x, np.ones((12, 1), np.float32)], axis=1)
     nodes = [node("MatMul", "descriptors rows", "long")]
@@ -115,7 +115,7 @@ def judges():
     sides = [1, 3, "H", "W"]
     nodes = [node("Sub", "a b", "off"), node("Mul", "off off", "square"), node("ReduceMean", "square", "distance", keepdims=0)]
     write(DATA / "image_metrics/distance.onnx", {"a": sides, "b": sides}, {"distance": []}, nodes)
-    # Class 10 for red, 20 for green and 30 for blue in the middle; the others by their number, far behind.
+    # Class 10 for red, 20 for green and 30 for blue in the centre; the other classes by their number, with much lower scores.
     weights = np.zeros((3, 1000), np.float32)
     weights[[0, 1, 2], [10, 20, 30]] = 1
     bias = -10 - np.arange(1000, dtype=np.float32) / 1000

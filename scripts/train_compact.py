@@ -6,17 +6,17 @@
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
         --features xfeat --train 200
 
-Linear discriminant analysis. Images are warped by random homographies, blurred, made darker, noisier; keypoints of an image
-and of its warped version that lie within 1.5 px of each other are pairs. Differences of pairs are what must not count (their
-covariance becomes a ball), differences of keypoints at large what must (the directions in which they differ most are
-kept). One step of the 4 bits is the same for all numbers, so that Euclidean distance stays what discriminates.
+Linear discriminant analysis. Training images are warped by random homographies, blurred, darkened and given noise; keypoints of an
+image and its warped version within 1.5 px of each other are pairs. The projection whitens the differences of pairs (within-class
+covariance), and selects the directions in which descriptors of different keypoints differ most (between-class covariance). All numbers
+have the same step of the 4 bits, so Euclidean distance discriminates.
 
-The file: 64 (48, or `--count`) rows of little endian i16, one for each number of a descriptor, then as many i32. Number `i` of a descriptor `x` is
-`(Σ w[i, j] x[j] + o[i]) >> 18`, from -8 to 7: integers, so that every machine computes the same. Of a network's descriptors `x[j]`
-is the signed number that a byte stands for, and it is shifted by 16.
+File: 64 (48, or `--count`) rows of little endian i16, one for each number of a descriptor, then as many i32. Number `i` of a
+descriptor `x` is `(Σ w[i, j] x[j] + o[i]) >> 18`, from -8 to 7, in integers, so that every machine computes the same. For network
+descriptors `x[j]` is the byte as a signed number, and the shift is 16.
 
-Also prints what part of the keypoints of images that were not trained on finds its partner as nearest neighbour among those
-of 13 images, for the descriptors as they are and for projections to other lengths.
+Also prints the share of keypoints in validation images whose nearest neighbour among the keypoints of 13 images is their partner, for
+the original descriptors and for projections to other lengths.
 """
 
 import argparse
@@ -33,15 +33,15 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-SHIFT = {"sift": 18, "learned": 16}  # learned descriptors vary less, so that weights are larger
+SHIFT = {"sift": 18, "learned": 16}  # learned descriptors vary less, so their weights are larger
 LEVELS = 16
-# By what is projected; of networks' chosen for XFeat and ALIKE on 18 images that are neither learned from nor judged by.
+# For each descriptor type; the values for networks were chosen for XFeat and ALIKE on 18 images outside training and validation.
 COUNT = {"sift": 64, "learned": 48}  # numbers of the file
 SPREADS = {"sift": 2.5, "learned": 3.2}  # standard deviations on either side that the levels cover
 FLOOR = {"sift": 0.1, "learned": 0.5}  # added to variances of pairs, in parts of their mean
 PAIR_PX, RIGHT_PX = 1.5, 3.0
-# Distance of a pair; farther are other orientations or scales at the same place. Of networks' in parts of their length: their
-# numbers have both signs, so that descriptors of different places are farther from each other than RootSIFT's.
+# Largest descriptor distance of a pair; larger distances come from another orientation or scale at the same position. For networks in
+# parts of the descriptor length: their numbers have both signs, so different descriptors are farther apart than with RootSIFT.
 FARTHEST = {"sift": 230.0, "learned": 0.8}
 WARPS = 2
 
@@ -52,7 +52,7 @@ def names_by_hash(folder):
 
 
 def warp(image, draw):
-    """A homography and the image under it, taken by another camera in another light."""
+    """A random homography, and the warped image with other blur, brightness and noise."""
     height, width = image.shape[:2]
     scale, turn, stretch = 2 ** draw.uniform(-0.7, 0.7), draw.gauss(0, 0.25), 2 ** draw.gauss(0, 0.25)
     cos, sin = np.cos(turn), np.sin(turn)
@@ -102,14 +102,14 @@ def keypoints(args, names, folder):
 
 
 def moved(points, homography):
-    """Points under a homography; far away where they go behind the camera."""
+    """Warps points by a homography; points behind the camera are moved far away."""
     ahead = np.c_[points, np.ones(len(points))] @ homography.T
     out = ahead[:, :2] / ahead[:, 2:]
     return np.where((ahead[:, 2:] > 0) & (np.abs(out) < 1e5), out, -1e4)
 
 
 def pairs(images, farthest):
-    """Descriptors of pairs, `[N, numbers]` each; of several at one place the most similar."""
+    """Descriptors of pairs, `[N, numbers]` each; of several keypoints at one position the most similar one."""
     first, second = [], []
     for (points, own), warps in images:
         for homography, (other_points, other) in warps:
@@ -126,7 +126,7 @@ def pairs(images, farthest):
 
 
 def discriminant(first, second, count, floor):
-    """Mean and the `count` directions, `[count, numbers]`, in which pairs differ by 1 and others most."""
+    """Mean, and the `count` discriminant directions `[count, numbers]`, in which pairs have unit variance."""
     apart = first - second
     values, vectors = np.linalg.eigh(apart.T @ apart / len(apart) / 2)
     whiten = vectors @ np.diag((values + floor * values.mean()) ** -0.5) @ vectors.T
@@ -141,19 +141,19 @@ def integers(first, mean, directions, spreads, shift):
     weights = np.round(directions / step * 2**shift)
     assert np.abs(weights).max() < 2**15
     offsets = np.round(-(directions @ mean) / step * 2**shift)
-    # The median length of what comes out, with middles of levels kept as multiples of 16: what `DescriptorKind::norm` says.
+    # The median length of the output, with level centres as multiples of 16: the value of `DescriptorKind::norm`.
     coarse = 16 * project(weights, offsets, first, shift)
     return weights.astype("<i2"), offsets.astype("<i4"), float(np.median(np.linalg.norm(coarse, axis=1)))
 
 
 def project(weights, offsets, descriptors, shift):
-    """`[N, count]`, -7.5 to 7.5: middles of the levels."""
+    """`[N, count]`, -7.5 to 7.5: centres of the levels."""
     sums = descriptors.astype(np.int64) @ weights.astype(np.int64).T + offsets.astype(np.int64)
     return np.clip(sums >> shift, -LEVELS // 2, LEVELS // 2 - 1).astype(np.float32) + 0.5
 
 
 def found(images, encode, others=12):
-    """Of keypoints that have a partner, what part has it as nearest neighbour among those of the warped and other images."""
+    """Share of keypoints with a partner whose nearest neighbour, among the warped and other images, is this partner."""
     draw = np.random.default_rng(1)
     encoded = [encode(own[1]) for own, _ in images]
     right = total = 0
@@ -171,7 +171,7 @@ def found(images, encode, others=12):
 
 
 def distances(images, encode, length):
-    """Prints how far apart descriptors are, in units of the kind: of one place, and each from the nearest of another image."""
+    """Prints distances of descriptors: of one keypoint in two images, and to the nearest descriptor of another image."""
     draw = np.random.default_rng(2)
     encoded = [encode(own[1]) for own, _ in images]
     same, apart = [], []
@@ -186,8 +186,8 @@ def distances(images, encode, length):
                 same.append(np.linalg.norm(encoded[number][near] - encode(other)[nearest[near]], axis=1))
     same, apart = np.concatenate(same), np.concatenate(apart)
     for what, values, parts in [("of one place", same, (50, 75, 90)), ("nearest of another image", apart, (1, 5, 50))]:
-        told = ", ".join(f"{part} % below {np.percentile(values, part):.0f} ({np.percentile(values, part) / length:.3f})" for part in parts)
-        print(f"   distances, {what}: {told}")
+        percentiles = ", ".join(f"{part} % below {np.percentile(values, part):.0f} ({np.percentile(values, part) / length:.3f})" for part in parts)
+        print(f"   distances, {what}: {percentiles}")
 
 
 def main():
@@ -195,11 +195,11 @@ def main():
     parser.add_argument("--images", type=Path, required=True)
     parser.add_argument("--veiloc", type=Path, required=True)
     parser.add_argument("--features", default="sift", help="sift, a model of `veiloc models` whose file VEILOC_MODELS finds, or a .toml")
-    parser.add_argument("--train", type=int, default=500, help="images, the first by a hash of their names")
-    parser.add_argument("--judge", type=int, default=30, help="images, the last")
+    parser.add_argument("--train", type=int, default=500, help="number of training images, the first by a hash of their names")
+    parser.add_argument("--judge", type=int, default=30, help="number of validation images, the last by that hash")
     parser.add_argument("--count", type=int, help="numbers of the file, an even number; 64 of sift, 48 of a network")
-    parser.add_argument("--out", type=Path, help="where the projection goes")
-    parser.add_argument("--engine", help="what runs the network; rten without it")
+    parser.add_argument("--out", type=Path, help="file for the projection")
+    parser.add_argument("--engine", help="engine that runs the network (default: rten)")
     args = parser.parse_args()
     names = names_by_hash(args.images)
     with tempfile.TemporaryDirectory() as train, tempfile.TemporaryDirectory() as judge:
@@ -213,14 +213,14 @@ def main():
     print(f"{len(first)} pairs of {args.train} images")
     own = first.shape[1]
     print(f"{args.features}, {own} bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}", flush=True)
-    kept = args.count or COUNT[which]
-    for count in sorted(count for count in {32, 48, 64, 96, 128, kept} if count <= own):
+    chosen = args.count or COUNT[which]
+    for count in sorted(count for count in {32, 48, 64, 96, 128, chosen} if count <= own):
         mean, directions = discriminant(first, second, count, FLOOR[which])
         weights, offsets, length = integers(first, mean, directions, SPREADS[which], shift)
         plain = found(judged, lambda x: ((x - mean) @ directions.T).astype(np.float32))
         coarse = found(judged, lambda x: project(weights, offsets, x, shift))
-        print(f"{count} numbers: {plain:.4f} as they are, {coarse:.4f} with 4 bits ({count // 2} bytes)", flush=True)
-        if count == kept:
+        print(f"{count} numbers: {plain:.4f} unquantized, {coarse:.4f} with 4 bits ({count // 2} bytes)", flush=True)
+        if count == chosen:
             print(f"   their median length is {length:.0f}")
             distances(judged, lambda x: 16 * project(weights, offsets, x, shift), length)
             if args.out:

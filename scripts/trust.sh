@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Prints the tables of docs/results/trust.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
+# Prints every table of docs/trust.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
 #
 #     VEILOC_DATA=../shared/data scripts/trust.sh [negatives] [stress] [focal] [coverage] [frames] [gravity] > trust.txt
 #
-# Maps and the rendered place go to OUT (default: a temporary folder).
+# OUT: folder for maps and the rendered scene (default: a temporary folder).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
@@ -15,17 +15,17 @@ cargo build --release --quiet
 veiloc() {
     echo
     echo "\$ veiloc $*" | sed "s|$VEILOC_DATA|\$VEILOC_DATA|g; s|$out/||g"
-    # Lines of progress are for whoever waits; a row that localizes nothing is a result too.
+    # Leave out progress lines; exit code 1 (nothing localized) is also a result.
     { target/release/veiloc "$@" 2>&1 || [ $? -eq 1 ]; } | grep -vE '^[A-Z][A-Za-z ]+ [0-9]+/[0-9]+$' | sed "s|$out/||g"
 }
-# Names hold no spaces here, so that words may be split.
-place() {
+# The names hold no spaces, so word splitting is safe.
+scene() {
     echo "--posed $VEILOC_DATA/$1/posed --images $VEILOC_DATA/$1/images --map-list $VEILOC_DATA/$1/map.txt --query-list $VEILOC_DATA/$1/query.txt"
 }
 negatives() {
     echo "--negatives-posed $VEILOC_DATA/$1/posed --negatives-images $VEILOC_DATA/$1/images --negatives-list $VEILOC_DATA/$1/map.txt"
 }
-# The place of `veiloc demo`, with the same split: its hidden views are the queries.
+# The scene of `veiloc demo`, with the same split: its query images are the queries.
 rendered() {
     if [ ! -e "$out/demo/query.txt" ]; then
         target/release/veiloc demo --quiet --out "$out/demo" > /dev/null
@@ -34,7 +34,7 @@ rendered() {
     fi
     echo "--posed $out/demo/posed --images $out/demo/images --map-list $out/demo/map.txt --query-list $out/demo/query.txt"
 }
-# Lund door has no queries of its own: every third image is left out of the map.
+# Lund door has no query images: every third image is left out of the map and used as a query.
 lund_door() {
     local images="$VEILOC_DATA/lund-door/images"
     (cd "$images" && printf '%s\n' *) | awk 'NR % 3 == 2' > "$out/lund-query.txt"
@@ -46,7 +46,7 @@ lund_door() {
 for part in $parts; do
     case $part in
     negatives)
-        echo "# Images of elsewhere, in the half that nothing was chosen with"
+        echo "# Out-of-map images, in the half that no default was chosen with"
         for name in redkitchen herzjesu; do
             veiloc map build --posed "$VEILOC_DATA/$name/posed" --images "$VEILOC_DATA/$name/images" \
                 --list "$VEILOC_DATA/$name/map.txt" -o "$out/$name.vmap" --quiet > /dev/null
@@ -60,40 +60,40 @@ for part in $parts; do
                 --schemes points,random-lines,dcl
         done
         echo
-        echo "# Queries of one place asked of the other one's map"
-        veiloc eval scene $(place redkitchen) $(negatives herzjesu) --thresholds 0.05/5
-        veiloc eval scene $(place herzjesu) $(negatives redkitchen) --thresholds 0.1/1
+        echo "# Queries of each scene in the map of the other scene"
+        veiloc eval scene $(scene redkitchen) $(negatives herzjesu) --thresholds 0.05/5
+        veiloc eval scene $(scene herzjesu) $(negatives redkitchen) --thresholds 0.1/1
         ;;
     stress)
         echo "# Under stress"
-        veiloc eval stress $(place redkitchen) --optimum
-        veiloc eval stress $(place herzjesu) --optimum
+        veiloc eval stress $(scene redkitchen) --optimum
+        veiloc eval stress $(scene herzjesu) --optimum
         ;;
     focal)
-        echo "# A wrong focal length that is called calibrated"
-        veiloc eval stress $(place redkitchen) --stress focal-1,focal-3,focal-10,focal-30
-        veiloc eval stress $(place herzjesu) --stress focal-1,focal-3,focal-10,focal-30
+        echo "# A wrong focal length that is declared as calibrated"
+        veiloc eval stress $(scene redkitchen) --stress focal-1,focal-3,focal-10,focal-30
+        veiloc eval stress $(scene herzjesu) --stress focal-1,focal-3,focal-10,focal-30
         ;;
     coverage)
-        echo "# How often the truth lies where the covariances say"
-        veiloc eval scene $(place redkitchen) --thresholds 0.05/5
-        veiloc eval scene $(place herzjesu) --thresholds 0.1/1
+        echo "# Coverage of the covariances"
+        veiloc eval scene $(scene redkitchen) --thresholds 0.05/5
+        veiloc eval scene $(scene herzjesu) --thresholds 0.1/1
         veiloc eval scene $(lund_door) --thresholds 0.1/1
         veiloc eval scene $(rendered) --thresholds 0.05/5
         ;;
     frames)
         echo "# Several images with simulated odometry"
         for stress in none half-hidden sparse-map; do
-            veiloc eval rig $(place redkitchen) --stress $stress
+            veiloc eval rig $(scene redkitchen) --stress $stress
         done
         ;;
     gravity)
         echo "# Gravity in the query"
-        veiloc eval stress $(place redkitchen) --stress half-hidden,sparse-map
-        veiloc eval stress $(place redkitchen) --stress half-hidden,sparse-map --gravity 0.5
+        veiloc eval stress $(scene redkitchen) --stress half-hidden,sparse-map
+        veiloc eval stress $(scene redkitchen) --stress half-hidden,sparse-map --gravity 0.5
         ;;
     *)
-        echo "no part is called $part" >&2
+        echo "unknown part: $part" >&2
         exit 2
         ;;
     esac

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# The wheel for people: built with the release profile, then tried in a new environment whose PATH has no Rust.
+# Builds the wheel for users with the release profile, and tests it in a new environment without Rust on the PATH.
 #
-#     scripts/wheel.sh [DIR]        the wheel stays in DIR (default: wheels beside the builds)
+#     scripts/wheel.sh [DIR]        DIR: folder for the wheel (default: `wheels` in the target folder)
 #
-# It imports, its program says its version, and examples/python/map_and_localize.py maps a rendered room and localizes views of it.
-# CI tries a wheel of the profile that it tests with (`.ci/run python`): this one takes as long as all crates do.
+# Tests the import, the program's version, and examples/python/map_and_localize.py, which maps a rendered room and localizes images in
+# it. CI tests a wheel of the dev profile (`.ci/run python`), because this build takes as long as all crates.
 set -euo pipefail
 here="$(cd "$(dirname "$0")/.." && pwd)"
 wheels="$(realpath -m "${1:-${CARGO_TARGET_DIR:-$here/target}/wheels}")"
@@ -25,9 +25,9 @@ python3 -m venv tried
 tried/bin/pip install --quiet --disable-pip-version-check "$wheel"
 export PATH="$work/tried/bin:/usr/bin:/bin"
 for tool in cargo rustc; do
-    ! command -v "$tool" || { echo "$tool is on the PATH: this would show nothing" >&2; exit 1; }
+    ! command -v "$tool" || { echo "$tool is on the PATH, so this test would prove nothing" >&2; exit 1; }
 done
 veiloc --version
 python -c 'import time; t = time.perf_counter(); import veiloc; print(f"imported in {1e3 * (time.perf_counter() - t):.0f} ms, with numpy")'
 python "$here/examples/python/map_and_localize.py" | tee localized
-[ "$(grep -c '^query.* trusted' localized)" -ge 2 ] || { echo "fewer than two of the views were localized" >&2; exit 1; }
+[ "$(grep -c '^query.* trusted' localized)" -ge 2 ] || { echo "fewer than two images were localized" >&2; exit 1; }

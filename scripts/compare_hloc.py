@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""hloc's localize_sfm beside `veiloc localize`, on the same features and the same pairs.
+"""Compares hloc's localize_sfm with `veiloc localize` on the same features and the same pairs.
 
     cargo build --release --features hloc
     python3 -m venv .venv && .venv/bin/pip install h5py numpy pycolmap
-    .venv/bin/python scripts/hloc_beside.py $VEILOC_DATA/redkitchen
+    .venv/bin/python scripts/compare_hloc.py $VEILOC_DATA/redkitchen
 
-The steps of hloc's localize_sfm, with pycolmap and without torch: of each pair of a query and a map image mutual nearest neighbours
-(hloc's NN-mutual), the points of the map image's keypoints, all pairs together to pycolmap's estimate_and_refine_absolute_pose with a
-threshold of 12 pixels. Features are one file (`veiloc features --out-hloc`), the map is one map (`veiloc map build --features-file`,
-`veiloc map export --colmap`). By default pairs are every query with every map image, so that they are the very same; with
-`--retrieve N` each side ranks map images by VLAD of the same descriptors, here with a vocabulary of its own, and takes N.
-Times are of one query after its features are there: matching and pose; of hloc's matching they are NumPy's.
+Reimplements the steps of hloc's localize_sfm with pycolmap and without torch: mutual nearest neighbours of each query and map image
+(hloc's NN-mutual), the points of the map image's keypoints, and pycolmap's estimate_and_refine_absolute_pose on all pairs with a
+threshold of 12 pixels. Both sides use the same feature file (`veiloc features --out-hloc`) and the same map (`veiloc map build
+--features-file`, `veiloc map export --colmap`). By default every query is matched with every map image, so the pairs are equal; with
+`--retrieve N` each side ranks map images by VLAD of the same descriptors, here with another vocabulary, and takes N.
+Times are those of one query without feature extraction: matching and pose; hloc's matching runs in NumPy here.
 """
 
 import argparse
@@ -26,7 +26,7 @@ import pycolmap
 
 
 def features_of(file, name):
-    """Keypoints in COLMAP's pixels, descriptors in rows: hloc's get_keypoints and its shift of half a pixel."""
+    """Keypoints in COLMAP's pixels (as hloc's get_keypoints with its shift of half a pixel), and descriptors in rows."""
     group = file[name]
     return group["keypoints"][()].astype(np.float64) + 0.5, group["descriptors"][()].astype(np.float32).T
 
@@ -40,7 +40,7 @@ def mutual_nearest(a, b):
 
 
 def vlad(descriptors, words):
-    """Residuals of each descriptor to its nearest word, roots, unit length."""
+    """VLAD: residuals to the nearest word, signed square root, unit length."""
     nearest = (descriptors @ words.T - (words**2).sum(1) / 2).argmax(1)
     sums = np.stack([(descriptors[nearest == k] - word).sum(0) for k, word in enumerate(words)])
     sums = np.sign(sums) * np.sqrt(np.abs(sums))
@@ -56,12 +56,12 @@ def vocabulary(samples, count=64, rounds=15):
 
 
 def points_of(image):
-    """The point of each keypoint, -1 where it has none."""
+    """The point id of each keypoint, -1 for none."""
     return np.array([p.point3D_id if p.has_point3D() else -1 for p in image.points2D])
 
 
 def localize(keypoints, descriptors, camera, map_images, model):
-    """hloc's pose_from_cluster: one row for each pair of a keypoint and a point, whichever map images say it."""
+    """hloc's pose_from_cluster: one correspondence for each distinct pair of keypoint and point."""
     start = time.perf_counter()
     pairs = set()
     for own, points in map_images:
@@ -95,32 +95,32 @@ def row(name, both, match, pose, threshold):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("place", type=Path, help="folder with posed/, images/, map.txt and query.txt")
+    parser.add_argument("scene", type=Path, help="folder with posed/, images/, map.txt and query.txt")
     parser.add_argument("--veiloc", default="target/release/veiloc")
     parser.add_argument("--features", default="sift")
     parser.add_argument("--keypoints", default="1024")
     parser.add_argument("--threshold", default="0.05/5")
-    parser.add_argument("--retrieve", type=int, help="map images of a query; default: all of them")
+    parser.add_argument("--retrieve", type=int, help="map images per query (default: all)")
     args = parser.parse_args()
-    place, threshold = args.place, [float(x) for x in args.threshold.split("/")]
-    lines = lambda name: [x.strip() for x in (place / name).read_text().splitlines() if x.strip()]
+    scene, threshold = args.scene, [float(x) for x in args.threshold.split("/")]
+    lines = lambda name: [x.strip() for x in (scene / name).read_text().splitlines() if x.strip()]
     map_names, query_names = lines("map.txt"), lines("query.txt")
     retrieve = args.retrieve or len(map_names)
-    truth = pycolmap.Reconstruction(str(place / "posed"))
+    truth = pycolmap.Reconstruction(str(scene / "posed"))
     known = {image.name: image for image in truth.images.values()}
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
 
         def veiloc(*words):
             done = subprocess.run([args.veiloc, "-q", *map(str, words)], stdout=subprocess.PIPE, text=True)
-            # Doubtful poses end with 4, queries without a pose with 1: both are counted below.
+            # Exit codes 4 (doubtful) and 1 (not localized) are counted below.
             assert done.returncode in (0, 1, 4), (words, done.returncode)
             return done.stdout
 
-        veiloc("features", place / "images", "--features", args.features, "--max-keypoints", args.keypoints,
+        veiloc("features", scene / "images", "--features", args.features, "--max-keypoints", args.keypoints,
                "--out-hloc", folder / "feats.h5")
         kind = ["--features", args.features, "--features-file", folder / "feats.h5"]
-        veiloc("map", "build", "--posed", place / "posed", "--images", place / "images", "--list", place / "map.txt",
+        veiloc("map", "build", "--posed", scene / "posed", "--images", scene / "images", "--list", scene / "map.txt",
                "--max-keypoints", args.keypoints, "--query-keypoints", args.keypoints, "-o", folder / "place.vmap", *kind)
         veiloc("map", "export", folder / "place.vmap", "--colmap", folder / "sfm")
         camera_words = lambda c: f"{c.model.name} {c.width} {c.height} {' '.join(map(repr, map(float, c.params)))}"
@@ -152,7 +152,7 @@ def main():
         for scheme in ("points", "dcl"):
             document = json.loads(veiloc(
                 "localize", "--map", folder / "place.vmap", "--queries", folder / "queries.txt", "--images",
-                place / "images", "--scheme", scheme, "--retrieve", retrieve, "--json", *kind))
+                scene / "images", "--scheme", scheme, "--retrieve", retrieve, "--json", *kind))
             both, match, pose = [], [], []
             for query in document["queries"]:
                 estimate = None

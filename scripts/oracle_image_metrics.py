@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""PSNR and SSIM by scikit-image, for ours to be held against.
+"""Writes reference values of PSNR and SSIM by scikit-image.
 
     .venv/bin/pip install numpy scikit-image
-    .venv/bin/python scripts/oracle_judge.py
+    .venv/bin/python scripts/oracle_image_metrics.py
 
-Writes crates/research/attacks/tests/data/image_metrics/oracle.json: what the measures say of drawn images, a few for each size.
-Images are made by formulas in whole numbers, so that both sides have the very same and no file need be passed on.
+Writes crates/research/attacks/tests/data/image_metrics/oracle.json: the metrics of synthetic images, a few for each size. Integer
+formulas generate the images, so that both sides have the same images without files.
 """
 
 import json
@@ -19,7 +19,7 @@ SIZES = [(96, 80), (131, 67)]
 
 
 def drawn(width: int, height: int, kind: int) -> np.ndarray:
-    """Blocks with noise, `[height, width, 3]`; kinds 1 and 2 differ from 0 a little, and in everything."""
+    """Blocks with noise, `[height, width, 3]`; kind 1 differs from 0 slightly, kind 2 completely."""
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     a, b = x // 11, y // 13
     block = (a * 7 + b * 11 + (a ^ b) * 37) % 160

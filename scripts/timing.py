@@ -1,11 +1,11 @@
-"""What the scripts that set ours beside other programs share: times of child processes, one thread."""
+"""Shared code of the benchmarks against other programs: processor time of child processes, one thread."""
 
 import os
 import subprocess
 
 
 def child_seconds(command, environment=()):
-    """Processor seconds of a program that uses one thread; it must succeed."""
+    """Runs a program with one thread and returns its processor seconds; it must succeed."""
     command = [str(word) for word in command]
     environment = {**os.environ, "RAYON_NUM_THREADS": "1", **dict(environment)}
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -18,7 +18,7 @@ def child_seconds(command, environment=()):
 
 
 def one_thread():
-    """ONNX Runtime's options."""
+    """ONNX Runtime options for one thread."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

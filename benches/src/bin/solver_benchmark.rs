@@ -1,7 +1,7 @@
 //! Our half of the judgement of the minimal solvers: makes problems, solves and times them, writes all of it down.
 //!
 //! ```text
-//! cargo run --release -p veiloc-benches --bin judge_solvers -- --family N [--problems 100000] [--passes 3] [--out DIR]
+//! cargo run --release -p veiloc-benches --bin solver_benchmark -- --family N [--problems 100000] [--passes 3] [--out DIR]
 //! ```
 //!
 //! `scripts/bench_poselib.py` calls this and PoseLib in turns on the same problems and judges both alike. With `--out`
