@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs every fuzz target for a number of seconds and prints executions, coverage and findings.
-# What it finds goes to fuzz/regressions/TARGET/, where fuzz/tests/seeds.rs runs it for ever.
+# Save findings in fuzz/regressions/TARGET/; fuzz/tests/seeds.rs runs them as regression tests.
 #
 #     cargo install cargo-fuzz
 #     rustup toolchain install nightly
@@ -11,7 +11,7 @@ seconds="${1:-60}"
 corpus="$(mktemp -d)"
 trap 'rm -rf "$corpus"' EXIT
 
-# Seeds: the known answers that are committed anyway.
+# Seeds: the committed known-answer files.
 mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,manifest,index}
 cp ../crates/core/protocol/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/core/protocol/tests/data/*.profile "$corpus/profile/"
@@ -20,7 +20,7 @@ cp ../crates/server/map/tests/data/map*.bin "$corpus/map_file/"
 cp ../crates/server/service/tests/data/auth/*.tokens "$corpus/tokens/"
 cp ../crates/server/map/tests/data/regions/manifest/*.json "$corpus/manifest/"
 cp ../crates/server/map/tests/data/regions/index/*.index "$corpus/index/"
-for kind in txt:T bin:O; do # the last bit of the first byte says which
+for kind in txt:T bin:O; do # the last bit of the first byte selects text or binary
     for folder in $(find ../crates/server/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {
             printf '%s' "${kind#*:}" | tr TO '01'

@@ -1,6 +1,6 @@
-//! The geometry-recovery attack on one image: 2000 keypoints, 20 neighbours each; beside the closed form the same
-//! minimum found as one would write Eq. 3 down: a small least-squares problem a keypoint, solved by singular values.
-#![allow(missing_docs, reason = "a bench has no readers of its interface")]
+//! The geometry-recovery attack on one image: 2000 keypoints with 20 neighbours each. The reference for the closed form
+//! is a direct implementation of Eq. 3: one small least-squares problem per keypoint, solved by SVD.
+#![allow(missing_docs, reason = "a bench has no public interface")]
 
 use divan::Bencher;
 use rand::{Rng, SeedableRng};
@@ -40,7 +40,7 @@ fn recovery_closed_form(bencher: Bencher, scheme: &str) {
     bencher.bench(|| closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::default()));
 }
 
-/// Eq. 3 as a system of equations: the neighbours' lines, and the keypoint's own so heavily that it is kept to.
+/// Eq. 3 as a linear system: the neighbours' lines, and the keypoint's own line with a large weight, as a constraint.
 fn by_least_squares(sent: &[Observation], lists: &NeighbourLists) -> Vec<Pixel> {
     const HEAVY: f64 = 1e4;
     (0..sent.len())
@@ -70,7 +70,7 @@ fn by_least_squares(sent: &[Observation], lists: &NeighbourLists) -> Vec<Pixel> 
 fn recovery_least_squares(bencher: Bencher, scheme: &str) {
     let (keypoints, lists) = image();
     let sent = sent(scheme, &keypoints);
-    // The rival must answer the same question: most answers are the closed form's, to a tenth of a pixel.
+    // Both must solve the same problem: most results agree to 0.1 px.
     let ours = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::default()).expect("lists fit");
     let same =
         by_least_squares(&sent, &lists).iter().zip(&ours).filter(|(a, b)| a.distance(&b.pixel) < 0.1).count();
@@ -79,14 +79,14 @@ fn recovery_least_squares(bencher: Bencher, scheme: &str) {
 }
 
 #[divan::bench(args = SCHEMES)]
-fn guess_prior_only(bencher: Bencher, scheme: &str) {
+fn prior_only_baseline(bencher: Bencher, scheme: &str) {
     let (keypoints, _) = image();
     let sent = sent(scheme, &keypoints);
     bencher.bench(|| prior_only(&sent, 640, 480));
 }
 
 #[divan::bench]
-fn neighbours_of_an_oracle(bencher: Bencher) {
+fn oracle_neighbours(bencher: Bencher) {
     let (keypoints, _) = image();
     bencher.bench(|| NeighbourLists::nearest(&keypoints, 20));
 }

@@ -1,9 +1,9 @@
 //! The loops of SIFT on each instruction set, and a whole extraction, one thread.
 //!
-//! `cargo bench -p veiloc-benches --bench extraction`. The rival is the kernels' own portable twin; all are checked to give
-//! the same bits before they are timed, and the ratios of their best times are printed first. How long OpenCV takes for
-//! the same image tells `scripts/bench_sift.py`.
-#![expect(clippy::print_stdout, reason = "a benchmark talks")]
+//! `cargo bench -p veiloc-benches --bench extraction`. The reference is the portable version of the kernels. All
+//! versions are checked to give the same bits before they are timed; the ratios of their best times are printed first.
+//! For a comparison with OpenCV see `scripts/bench_sift.py`.
+#![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 use std::{hint::black_box, sync::LazyLock, time::Instant};
 
@@ -38,7 +38,7 @@ fn row(y: usize) -> &'static [f32] {
     &LEVEL[y.min(HEIGHT - 1) * STRIDE..][..STRIDE]
 }
 
-/// Work on one backend; what it gives must be the same on all.
+/// Work on one backend; the result must be the same on all backends.
 type Work = fn(Backend) -> Vec<u32>;
 
 const WORK: [(&str, Work); 3] =
@@ -57,7 +57,7 @@ fn main() {
         let portable = times[0].1;
         println!("{name}, {WIDTH} x {HEIGHT}, one thread, best of 9:");
         for (backend, ms) in times {
-            println!("  {backend:<12} {ms:8.2} ms  {:6.2} of the portable twin's", ms / portable);
+            println!("  {backend:<12} {ms:8.2} ms  {:6.2} of the portable version's time", ms / portable);
         }
     }
     divan::main();
@@ -72,7 +72,7 @@ fn best_ms<T>(mut work: impl FnMut() -> T) -> f64 {
     (0..9).map(time).fold(f64::INFINITY, f64::min)
 }
 
-/// One level from another; the bits of its middle row.
+/// Blurs one level; returns the bits of its middle row.
 fn blur(backend: Backend) -> Vec<u32> {
     let kernel = HalfKernel::new(&[1.0 / (2 * RADIUS + 1) as f32; RADIUS + 1]);
     let (mut down, mut out) = (Vec::new(), vec![0.0; BLOCK * STRIDE]);
@@ -92,22 +92,22 @@ fn blur(backend: Backend) -> Vec<u32> {
     bits
 }
 
-/// The peaks of one level of differences, as if neighbouring rows were neighbouring levels.
+/// The peaks of one level of differences; neighbouring rows serve as neighbouring levels.
 fn search(backend: Backend) -> Vec<u32> {
     let mut found = Vec::new();
-    let mut kept = [(); 3].map(|()| vec![0.0; 3 * STRIDE]);
+    let mut ring = [(); 3].map(|()| vec![0.0; 3 * STRIDE]);
     for y in 0..HEIGHT - 3 {
         let rows: [&[f32]; 4] = std::array::from_fn(|level| row(y + level));
-        differences(backend, &rows, &mut kept[y % 3]);
+        differences(backend, &rows, &mut ring[y % 3]);
         let near: [[&[f32]; 3]; 3] = std::array::from_fn(|level| {
-            std::array::from_fn(|k| &kept[(y + 1 + k) % 3][level * STRIDE..][..STRIDE])
+            std::array::from_fn(|k| &ring[(y + 1 + k) % 3][level * STRIDE..][..STRIDE])
         });
         peaks(backend, &near, WIDTH, 0.0032, &mut found);
     }
     found
 }
 
-/// Directions and one descriptor each.
+/// Orientations and one descriptor for each keypoint.
 fn describe(backend: Backend) -> Vec<u32> {
     let patches = Patches::new(backend);
     let mut memory = PatchMemory::new();

@@ -1,8 +1,8 @@
 //! Nearest neighbours of descriptors: 1024 queries against 20 000 rows of 128 bytes, one thread.
 //!
-//! `cargo bench -p veiloc-benches --bench matching`. The rivals are the kernels' own portable twin and matrix products
-//! in f32 (crate `gemm`) followed by the same search for the two best. All contenders are checked to agree before they
-//! are timed, and the ratio of their best times is printed first. For less noise: an idle machine and, on Linux,
+//! `cargo bench -p veiloc-benches --bench matching`. The references are the portable version of the kernels, and matrix
+//! products in f32 (crate `gemm`) followed by the same search for the two best. All are checked to agree before they
+//! are timed; the ratio of their best times is printed first. For less noise use an idle machine and, on Linux,
 //! `taskset -c 1`.
 #![expect(
     unsafe_code,
@@ -32,7 +32,7 @@ fn main() {
     divan::main();
 }
 
-/// Checks that the contenders agree and prints how their times compare.
+/// Checks that all versions agree, and prints the ratios of their times.
 fn compare() {
     let (query, database) = (QUERY.as_bytes(), DATABASE.as_bytes());
     let expected = search(Backend::PORTABLE, query, database);
@@ -68,14 +68,14 @@ fn search(backend: Backend, query: &[u8], database: &[u8]) -> Vec<Option<BestTwo
     best_two(query, &PackedRows::new(backend, database, DIM))
 }
 
-/// Packing and search by the fastest backend, the portable twin, and what lies between.
+/// Packing and search by all backends.
 #[divan::bench(args = Backend::available().into_iter().map(Backend::name))]
 fn one_thread(bencher: Bencher<'_, '_>, name: &str) {
     let backend = Backend::available().into_iter().find(|b| b.name() == name).expect("one of the arguments");
     bencher.bench(|| search(backend, QUERY.as_bytes(), DATABASE.as_bytes()));
 }
 
-/// The rearrangement of the database alone.
+/// Packing of the database only.
 #[divan::bench]
 fn packing() -> PackedRows {
     PackedRows::new(Backend::best(), DATABASE.as_bytes(), DIM)
@@ -87,13 +87,13 @@ fn gemm_f32(bencher: Bencher<'_, '_>) {
     bencher.bench(|| floats.search());
 }
 
-/// As callers see it, with all threads.
+/// The public function, with all threads.
 #[divan::bench]
 fn all_threads() -> usize {
     two_nearest(QUERY.view(), DATABASE.view()).len()
 }
 
-/// One direction, then both from one pass, with all threads, for one retrieved image (1024 x 2000).
+/// One direction, and both directions in one pass, with all threads, for one retrieved image (1024 x 2000).
 #[divan::bench(args = [false, true])]
 fn one_image(bencher: Bencher<'_, '_>, mutual: bool) {
     let options = MatchOptions::default().with_mutual(mutual);
@@ -111,7 +111,7 @@ fn train_64_words_from_20000() -> Vocabulary {
     Vocabulary::train(DATABASE.view(), 64, &mut ChaCha8Rng::seed_from_u64(1)).expect("enough samples")
 }
 
-/// The rival: rows as f32, squared distances by matrix products over blocks of the database.
+/// The reference: rows as f32, squared distances by matrix products over blocks of the database.
 struct FloatRows {
     query: Vec<f32>,
     database: Vec<f32>,

@@ -1,11 +1,11 @@
-//! Minimal solvers, per sample; `p6lp` on the same scenes is the one to beat for those that replace it.
+//! Minimal solvers, time per sample. `p6lp` on the same scenes is the reference for the solvers that replace it.
 //!
 //! ```text
 //! cargo bench -p veiloc-benches --bench solvers
 //! ```
 //!
-//! Each iteration solves a fresh sample out of 8192, so that branches stay unpredictable. Beside PoseLib, and judged:
-//! `scripts/bench_poselib.py`.
+//! Each iteration solves another of 8192 samples, so that branches stay unpredictable. For a comparison with PoseLib
+//! see `scripts/bench_poselib.py`.
 
 use std::cell::Cell;
 

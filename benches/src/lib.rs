@@ -1,3 +1,3 @@
-//! Micro-benchmarks of the libraries, and what they share; see the `benches/` folder of this package and `src/bin`.
+//! Shared code of the micro-benchmarks in the `benches/` folder of this package and in `src/bin`.
 
 pub mod samples;

@@ -1,4 +1,4 @@
-//! Minimal samples with known poses for the solvers: random ones, and ones on the brink of degeneracy.
+//! Minimal samples with known poses for the solvers: random and nearly degenerate ones.
 //!
 //! The camera has 640 × 480 pixels and DCL's two anchors on its vertical midline. Map points are one to eight units
 //! deep, rotations uniform, translations within three units.
@@ -12,7 +12,7 @@ use veiloc_geometry::{
 };
 use veiloc_pose::solvers::HalfPlane;
 
-/// How the map points and the image lie.
+/// Arrangement of the map points in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Layout {
     /// Anywhere in the image, any depth.
@@ -25,14 +25,14 @@ pub enum Layout {
     NearConcurrent,
 }
 
-/// How the lines run.
+/// Directions of the lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lines {
     /// In any direction.
     Random,
-    /// Through the first anchor where true, through the second elsewhere.
+    /// Through the first anchor if true, otherwise through the second.
     Anchored([bool; 6]),
-    /// Through the anchor of whichever side the keypoint happens to be on.
+    /// Through the anchor of the keypoint's side.
     AnchoredAnywhere,
 }
 
@@ -147,5 +147,5 @@ impl Iterator for Samples {
 /// Five keypoints of the first anchor and, last, one of the second.
 pub const FIVE_AND_ONE: Lines = Lines::Anchored([true, true, true, true, true, false]);
 
-/// Three of either anchor, taking turns.
+/// Three of each anchor, alternating.
 pub const THREE_AND_THREE: Lines = Lines::Anchored([true, false, true, false, true, false]);

@@ -1,8 +1,8 @@
-"""The last step of an hloc pipeline, made private by one import.
+"""The last step of an hloc pipeline with obfuscated keypoints, by changing one import.
 
     python examples/python/hloc_pipeline.py OUTPUTS
 
-`OUTPUTS` holds what hloc's own steps wrote: `sfm/`, `queries.txt`, `pairs.txt`, `features.h5` and `matches.h5`.
+`OUTPUTS` holds the files of hloc's earlier steps: `sfm/`, `queries.txt`, `pairs.txt`, `features.h5` and `matches.h5`.
 """
 
 import logging
@@ -14,7 +14,7 @@ from veiloc.hloc import localize_sfm
 
 
 def main(outputs: Path) -> None:
-    """Localizes from points and from lines, and says how far the two are apart."""
+    """Localizes from points and from lines, and prints the distance of both poses."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     files = [outputs / name for name in ("sfm", "queries.txt", "pairs.txt", "features.h5", "matches.h5")]
     points = localize_sfm.main(*files, outputs / "results_points.txt")

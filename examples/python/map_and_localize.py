@@ -1,8 +1,8 @@
-"""Maps a place, seals images as a device does, and localizes them: both roads in one program.
+"""Maps a scene, seals images as a device does, and localizes them: device side and server side in one program.
 
     python examples/python/map_and_localize.py
 
-On a room that is rendered here; everything after the renderer is what real images go through.
+The scene is a rendered room; all other steps are the same for real images.
 """
 
 import tempfile
@@ -12,9 +12,9 @@ import veiloc
 
 
 def main(folder: Path) -> list[float]:
-    """Everything; returns how far off each answer was, metres."""
-    # Names, cameras and poses, as a COLMAP model has them: `Map.build("sparse/0", "images")`.
-    posed, hidden = veiloc.render_place(folder)
+    """Runs all steps; returns the position error of each answer, metres."""
+    # Names, cameras and poses; for a COLMAP model use `Map.build("sparse/0", "images")`.
+    posed, queries = veiloc.render_place(folder)
 
     # The operator: posed images to a map file.
     veiloc.Map.build(posed, folder, self_test=False).save(folder / "room.vmap")
@@ -22,18 +22,18 @@ def main(folder: Path) -> list[float]:
     print(room)
 
     errors = []
-    for name, camera, truth in hidden:
-        # The device: it needs the map's profile, which holds no map data. The bytes are all that leaves it.
+    for name, camera, truth in queries:
+        # The device needs the map's profile, which holds no map data. Only these bytes leave the device.
         query = veiloc.seal(folder / name, camera, room.profile)
-        # The operator again.
+        # The operator.
         try:
             answer = room.localize(query)
         except veiloc.NotLocalizedError as why:
             print(f"{name}: {why}")
             continue
-        degrees, off = answer.pose.error(truth)
-        errors.append(off)
-        print(f"{name}: {answer.state}, {1000 * off:.1f} mm and {degrees:.2f}° off, ± {1000 * answer.position_sd:.1f} mm")
+        degrees, metres = answer.pose.error(truth)
+        errors.append(metres)
+        print(f"{name}: {answer.state}, error {1000 * metres:.1f} mm and {degrees:.2f}°, ± {1000 * answer.position_sd:.1f} mm")
     return errors
 
 

@@ -1,4 +1,4 @@
-"""Poses from points, from lines and from anchored lines of the same keypoints; beside PoseLib, where that is installed.
+"""Compares poses from points, lines and anchored lines of the same keypoints; also with PoseLib, if it is installed.
 
     python examples/python/solver_comparison.py
 """
@@ -13,7 +13,7 @@ CAMERA = {"model": "SIMPLE_PINHOLE", "width": 640, "height": 480, "params": [525
 
 
 def problem(rng: np.random.Generator, count: int = 500, wrong: float = 0.4) -> tuple:
-    """Pixels `[N, 2]`, points `[N, 3]`, the pose: keypoints with half a pixel of noise, and wrong matches."""
+    """Pixels `[N, 2]` with noise of 0.5 px and outliers, points `[N, 3]`, and the true pose."""
     q, t = rng.normal(size=4), rng.normal(size=3)
     pose = veiloc.CameraPose(q, t)
     pixels = rng.uniform([0, 0], [640, 480], (count, 2))
@@ -25,7 +25,7 @@ def problem(rng: np.random.Generator, count: int = 500, wrong: float = 0.4) -> t
 
 
 def main() -> None:
-    """Prints the median errors and times of twenty problems."""
+    """Prints median errors and times of 20 problems."""
     rng = np.random.default_rng(0)
     problems = [problem(rng) for _ in range(20)]
 

@@ -1,9 +1,9 @@
-//! Damaged copies of good inputs, the same in every run.
+//! Mutated copies of valid inputs, the same in every run.
 
-/// Numbers that look random and are the same in every run (splitmix64).
-pub struct Numbers(pub u64);
+/// A deterministic random generator (splitmix64).
+pub struct SplitMix64(pub u64);
 
-impl Numbers {
+impl SplitMix64 {
     /// A number below `bound`, or 0.
     pub fn below(&mut self, bound: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -13,8 +13,8 @@ impl Numbers {
         ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
     }
 
-    /// One to four damages: another byte, another bit, an end cut off, a part twice, a number at an edge.
-    pub fn damaged(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
+    /// One to five mutations: a changed byte, a flipped bit, a truncation, a repeated part, a boundary value, a splice.
+    pub fn mutated(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
         let mut bytes = seed.to_vec();
         for _ in 0..=self.below(4) {
             let at = self.below(bytes.len());
@@ -41,11 +41,11 @@ impl Numbers {
     }
 }
 
-/// Holds `property` on the files of a folder, all of the ending `extension`, and on `count` damaged copies of them
-/// (the environment's `VEILOC_DAMAGED` says another number).
+/// Checks `property` on the files of a folder, which all have the given extension, and on `count` mutated copies of
+/// them (the environment variable `VEILOC_DAMAGED` sets another count).
 ///
 /// # Panics
-/// When there is no such file, or one of another ending, and where the property does.
+/// When the folder has no file or a file with another extension, and when the property panics.
 pub fn hold_on_files(folder: &std::path::Path, extension: &str, count: usize, property: impl Fn(&[u8])) {
     let mut paths: Vec<_> =
         std::fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("an entry").path()).collect();
@@ -53,12 +53,12 @@ pub fn hold_on_files(folder: &std::path::Path, extension: &str, count: usize, pr
     let seeds: Vec<Vec<u8>> = paths.iter().map(|path| std::fs::read(path).expect("a seed")).collect();
     assert!(!seeds.is_empty() && paths.iter().all(|path| path.extension().is_some_and(|e| e == extension)));
     let count = std::env::var("VEILOC_DAMAGED").ok().and_then(|n| n.parse().ok()).unwrap_or(count);
-    let mut numbers = Numbers(1);
+    let mut numbers = SplitMix64(1);
     for seed in &seeds {
         property(seed);
     }
     for _ in 0..count {
         let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
-        property(&numbers.damaged(&seeds[one], &seeds[other]));
+        property(&numbers.mutated(&seeds[one], &seeds[other]));
     }
 }

@@ -1,7 +1,8 @@
-//! What must hold for any bytes: an error, or a value that is written back as the same bytes and can be used.
+//! Properties of the decoders for arbitrary bytes: an error, or a usable value that encodes to the same bytes.
 //!
-//! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/core/protocol/tests/it/hostile.rs`,
-//! `crates/core/protocol/tests/it/answer.rs`, `crates/server/map/src/file/tests.rs`, `crates/server/map/tests/it/any_bytes.rs`,
+//! The same properties run on a few hundred mutated inputs in every `cargo test`:
+//! `crates/core/protocol/tests/it/hostile.rs`, `crates/core/protocol/tests/it/answer.rs`,
+//! `crates/server/map/src/file/tests.rs`, `crates/server/map/tests/it/any_bytes.rs`,
 //! `crates/server/service/tests/it/auth/any_bytes.rs`, `crates/tools/cli/tests/it/args/any_bytes.rs`,
 //! `crates/server/map/tests/it/regions/any_bytes.rs`.
 
@@ -23,39 +24,39 @@ pub use tokens::tokens;
 /// A sealed query.
 pub fn sealed_query(bytes: &[u8]) {
     let Ok(query) = SealedQuery::decode(bytes) else { return };
-    assert_eq!(query.encode(), bytes, "a second form of a query");
+    assert_eq!(query.encode(), bytes, "a query has two encodings");
     assert_eq!(query.observations().len(), query.len());
     let _ = query.check_sides();
-    assert!(format!("{query:?}").len() < 100, "content in a log");
+    assert!(format!("{query:?}").len() < 100, "Debug prints content");
 }
 
 /// A profile.
 pub fn profile(bytes: &[u8]) {
     let Ok(profile) = Profile::decode(bytes) else { return };
-    assert_eq!(profile.encode(), bytes, "a second form of a profile");
+    assert_eq!(profile.encode(), bytes, "a profile has two encodings");
     let _ = profile.id();
 }
 
 /// An answer.
 pub fn answer(bytes: &[u8]) {
     let Ok(answer) = Answer::decode(bytes) else { return };
-    assert_eq!(answer.encode(), bytes, "a second form of an answer");
+    assert_eq!(answer.encode(), bytes, "an answer has two encodings");
 }
 
-/// A map file. Checksums are put right first: they guard against accidents, not against people.
+/// A map file. Checksums are corrected first, because an attacker can compute them.
 pub fn map_file(bytes: &[u8]) {
     let folder = folder();
     let path = folder.path().join("m.vmap");
-    fs::write(&path, with_checksums(bytes)).expect("room in memory");
+    fs::write(&path, with_checksums(bytes)).expect("memory is left");
     let Ok(map) = MapFile::open(&path) else { return };
     let model = map.to_model();
-    model.validate().expect("what opens is a map");
+    model.validate().expect("an opened map is valid");
     let again = folder.path().join("again.vmap");
-    veiloc_map::write(&model, &again).expect("what opens can be written");
-    assert_eq!(MapFile::open(&again).expect("what is written opens").to_model(), model);
+    veiloc_map::write(&model, &again).expect("an opened map can be written");
+    assert_eq!(MapFile::open(&again).expect("a written map opens").to_model(), model);
 }
 
-/// Header of 64 bytes, then as many entries of 32 as it says: `docs/reference/map-format.md`.
+/// Corrects the checksums: a header of 64 bytes, then its number of entries of 32 bytes (`docs/map-format.md`).
 fn with_checksums(bytes: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     let sections = bytes.get(12..16).and_then(|n| n.try_into().ok()).map_or(0, u32::from_le_bytes);
@@ -79,7 +80,7 @@ fn with_checksums(bytes: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A COLMAP model. The first byte says text or binary, then come the three files, parted by a line `====`.
+/// A COLMAP model. The first byte selects text or binary; the three files follow, separated by a line `====`.
 pub fn colmap(bytes: &[u8]) {
     let Some((kind, rest)) = bytes.split_first() else { return };
     let extension = if kind & 1 == 0 { "txt" } else { "bin" };
@@ -87,20 +88,20 @@ pub fn colmap(bytes: &[u8]) {
     let mut rest = rest;
     for name in ["cameras", "images", "points3D"] {
         let end = rest.windows(SEPARATOR.len()).position(|w| w == SEPARATOR).unwrap_or(rest.len());
-        fs::write(folder.path().join(format!("{name}.{extension}")), &rest[..end]).expect("room in memory");
+        fs::write(folder.path().join(format!("{name}.{extension}")), &rest[..end]).expect("memory is left");
         rest = rest.get(end + SEPARATOR.len()..).unwrap_or_default();
     }
     let Ok(model) = read_model(folder.path()) else { return };
     let text = folder.path().join("text");
-    write_text(&model, &text).expect("what is read can be written");
-    let again = read_model(&text).expect("what is written can be read");
-    assert_eq!(poses_aside(again.images(), model.images()), model.images());
+    write_text(&model, &text).expect("a model that was read can be written");
+    let again = read_model(&text).expect("a written model can be read");
+    assert_eq!(with_equal_poses(again.images(), model.images()), model.images());
     assert_eq!(again.points(), model.points());
 }
 
-/// The images with the poses of `others` where they are the same: a rotation is kept as a matrix and written as a
-/// quaternion, and turning one into the other may cost the last bits.
-fn poses_aside(images: &[ColmapImage], others: &[ColmapImage]) -> Vec<ColmapImage> {
+/// The images, with the poses of `others` where they agree up to rounding: a rotation is stored as a matrix and written
+/// as a quaternion, and the conversion may change the last bits.
+fn with_equal_poses(images: &[ColmapImage], others: &[ColmapImage]) -> Vec<ColmapImage> {
     let mut images = images.to_vec();
     for (image, other) in images.iter_mut().zip(others) {
         let (ours, theirs) = (image.cam_from_world, other.cam_from_world);
@@ -111,12 +112,12 @@ fn poses_aside(images: &[ColmapImage], others: &[ColmapImage]) -> Vec<ColmapImag
     images
 }
 
-/// Between the files of [`colmap`].
+/// Separator of the files in [`colmap`].
 const SEPARATOR: &[u8] = b"\n====\n";
 
-/// In memory where there is such a place.
+/// A temporary folder, in memory if possible.
 fn folder() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
-    let made = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
-    made.expect("a temporary folder")
+    let created = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+    created.expect("a temporary folder")
 }

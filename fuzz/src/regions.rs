@@ -1,14 +1,15 @@
-//! What must hold for any manifest and any index of regions. Also a part of `crates/server/map/tests/it/regions/any_bytes.rs`.
+//! Properties of any manifest and any index of regions. `crates/server/map/tests/it/regions/any_bytes.rs` includes this
+//! file.
 
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::MapMemory;
 use veiloc_map::regions::{Index, Manifest, ObjectId};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// A manifest: one content has one form, and so one id; no name leads out of a folder.
+/// A manifest: each content has one encoding, and so one id; no name contains a path.
 pub fn manifest(bytes: &[u8]) {
     let Ok(manifest) = Manifest::decode(bytes) else { return };
-    assert_eq!(manifest.encode(), bytes, "a second form of a manifest");
+    assert_eq!(manifest.encode(), bytes, "a manifest has two encodings");
     assert_eq!(manifest.id(), ObjectId::of(bytes));
     assert!(!manifest.map.contains(['/', '\\', '\0']) && !manifest.map.starts_with(".."));
     for object in manifest.objects() {
@@ -18,7 +19,7 @@ pub fn manifest(bytes: &[u8]) {
     assert_eq!(manifest.regions.iter().map(|region| region.core_images).sum::<u64>(), manifest.images);
 }
 
-/// An index. Its checksum is put right first: it guards against accidents, not against people.
+/// An index. Its checksum is corrected first, because an attacker can compute it.
 pub fn index(bytes: &[u8]) {
     let mut bytes = bytes.to_vec();
     if let Some(field) = bytes.get_mut(CHECKSUM) {
@@ -28,7 +29,7 @@ pub fn index(bytes: &[u8]) {
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("index");
-    std::fs::write(&path, bytes).expect("room");
+    std::fs::write(&path, bytes).expect("space is left");
     let Ok(index) = Index::open(&path, MapMemory::Copied) else { return };
     let regions = 0..index.region_count();
     let mut has_core = vec![false; index.region_count()];
@@ -46,5 +47,5 @@ pub fn index(bytes: &[u8]) {
     assert_eq!(ranked.is_empty(), index.image_count() == 0);
 }
 
-/// Where the checksum stands in an index: `docs/reference/map-format.md`.
+/// Position of the checksum in an index (`docs/regions.md`).
 const CHECKSUM: std::ops::Range<usize> = 56..64;

@@ -1,25 +1,25 @@
-//! Every fuzz target on its seeds, on what was once found, and on a bounded number of damaged seeds: on stable Rust, as
-//! ordinary tests. What the fuzzer finds goes to `fuzz/regressions/TARGET/` and is run here for ever.
+//! Every fuzz target on its seeds, on earlier findings, and on a limited number of mutated seeds, as ordinary tests on
+//! stable Rust. Findings of the fuzzer go to `fuzz/regressions/TARGET/`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use veiloc_fuzz::damage::Numbers;
+use veiloc_fuzz::damage::SplitMix64;
 use veiloc_map::regions::{Index, Manifest};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::{Answer, Profile, SealedQuery};
 use veiloc_service::auth::TokenList;
 
-/// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
-const DAMAGED: usize = 3000;
-const LONGEST: Duration = Duration::from_secs(5);
+/// Mutated inputs for each target; fewer when they take longer than [`TIME_LIMIT`], but at least a tenth.
+const MUTATIONS: usize = 3000;
+const TIME_LIMIT: Duration = Duration::from_secs(5);
 
 fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name)
 }
 
-/// The files of a folder of the repository whose name ends so.
+/// The files in a folder of the repository whose names have this ending.
 fn files(name: &str, ending: &str) -> Vec<Vec<u8>> {
     let mut paths: Vec<PathBuf> =
         fs::read_dir(folder(name)).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
@@ -30,7 +30,7 @@ fn files(name: &str, ending: &str) -> Vec<Vec<u8>> {
     read
 }
 
-/// Runs a target on its seeds, which must be what the target is about, then on findings, then on damaged seeds.
+/// Runs a target on its seeds, which it must accept, then on findings, then on mutated seeds.
 fn run(target: &str, seeds: &[Vec<u8>], is_accepted: impl Fn(&[u8]) -> bool, property: impl Fn(&[u8])) {
     for (index, seed) in seeds.iter().enumerate() {
         assert!(is_accepted(seed), "{target}: seed {index} is refused, so it tests nothing");
@@ -40,13 +40,13 @@ fn run(target: &str, seeds: &[Vec<u8>], is_accepted: impl Fn(&[u8]) -> bool, pro
     if found.is_dir() {
         files(&format!("fuzz/regressions/{target}"), "").iter().for_each(|bytes| property(bytes));
     }
-    let (begun, mut numbers, mut done) = (Instant::now(), Numbers(1), 0);
-    while done < DAMAGED && (done < DAMAGED / 10 || begun.elapsed() < LONGEST) {
+    let (begun, mut numbers, mut done) = (Instant::now(), SplitMix64(1), 0);
+    while done < MUTATIONS && (done < MUTATIONS / 10 || begun.elapsed() < TIME_LIMIT) {
         let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
-        property(&numbers.damaged(&seeds[one], &seeds[other]));
+        property(&numbers.mutated(&seeds[one], &seeds[other]));
         done += 1;
     }
-    println!("{target}: {} seeds, {done} damaged", seeds.len());
+    println!("{target}: {} seeds, {done} mutations", seeds.len());
 }
 
 #[test]
@@ -78,7 +78,7 @@ fn map_file() {
     run("map_file", &files("crates/server/map/tests/data", ".bin"), opens, veiloc_fuzz::map_file);
 }
 
-/// The files of a COLMAP model as one seed: a byte that says text or binary, then the three files.
+/// The files of a COLMAP model as one seed: a byte that selects text or binary, then the three files.
 #[test]
 fn colmap() {
     let mut seeds = Vec::new();

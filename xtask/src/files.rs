@@ -1,17 +1,18 @@
-//! What every source file owes the reader, and what none may hold.
+//! Checks of source files: module docs, the lint against `unsafe`, and no paths of a single machine.
 
 use std::path::Path;
 use std::process::Command;
 
 /// The crate that may hold `unsafe` code.
 const UNSAFE_CRATE: &str = "crates/core/simd/";
-/// Where exports keep their names, which the edition calls `#[unsafe(no_mangle)]` (decision 0027): no lint can forbid that.
+/// The crate with exported functions. The edition spells their attribute `#[unsafe(no_mangle)]` (decision 0027), so the
+/// lint `unsafe_code` cannot be forbidden there.
 const EXPORTS: &str = "bindings/web/";
 
-/// Beginnings of paths that exist on one person's machine only.
+/// Prefixes of paths that exist only on one machine.
 const PERSONAL_PATHS: &[&str] = &["/home/", "/root/", "/Users/"];
 
-/// Checks all files git knows; returns how many were read.
+/// Checks all files known to git; returns how many were read.
 pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, String> {
     let listed = Command::new("git")
         .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
@@ -23,7 +24,7 @@ pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, Stri
     }
     let mut files = 0;
     for name in String::from_utf8_lossy(&listed.stdout).split('\0').filter(|n| !n.is_empty()) {
-        // Neither a file of bytes nor one that was just deleted is text to read.
+        // Binary files and deleted files are skipped.
         let Ok(text) = std::fs::read_to_string(root.join(name)) else { continue };
         files += 1;
         check_file(name, &text, faults);
@@ -34,7 +35,7 @@ pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, Stri
 fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
     if Path::new(name).extension().is_some_and(|e| e == "rs") {
         if !text.starts_with("//!") {
-            faults.push(format!("{name}: does not open with `//!` saying what it is for"));
+            faults.push(format!("{name}: must open with a `//!` comment that says what the file is for"));
         }
         let is_ours = name.starts_with("crates/") || name.starts_with("bindings/");
         let is_root = is_ours && name.ends_with("/src/lib.rs");
@@ -46,7 +47,7 @@ fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
         let has_unsafe =
             || ["unsafe {", "unsafe fn", "unsafe impl", "unsafe extern"].iter().any(|u| text.contains(u));
         if is_exporting && has_unsafe() {
-            faults.push(format!("{name}: has unsafe code; only the names of exports may take the word here"));
+            faults.push(format!("{name}: has unsafe code; only the attribute of exports may be unsafe here"));
         }
     }
     if name.starts_with("xtask/") || name == "Cargo.lock" {
@@ -54,7 +55,7 @@ fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
     }
     for (number, line) in text.lines().enumerate() {
         if let Some(path) = PERSONAL_PATHS.iter().find(|p| starts_a_path(line, p)) {
-            faults.push(format!("{name}:{}: names a place of one machine ({path}…)", number + 1));
+            faults.push(format!("{name}:{}: names a path of one machine ({path}…)", number + 1));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Who may depend on whom, by folder: what stands between a server and the keypoints of a query.
+//! Checks dependencies between the folders of `crates/`, so that no server crate can name the keypoints of a query.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -6,16 +6,16 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// A folder of `crates/`, and those that nothing in it may reach, directly or through others. Tests may.
+/// A folder of `crates/`, and the folders and crates on which it must not depend, directly or indirectly. Tests may.
 const FORBIDDEN: [(&str, &[&str]); 4] = [
     ("core", &["device", "server", "tools", "research"]),
     ("device", &["server", "tools", "research"]),
     ("server", &["device", "tools", "research"]),
-    // The operator's tools bring all together in `cli`; research stands on both sides, and neither reaches it.
+    // Research may use device and server crates; only the operator's tools in `cli` may use research.
     ("research", &["cli"]),
 ];
 
-/// Crates of the workspace by name: the folder in `crates/` and what they depend on outside of tests.
+/// A crate of the workspace: its folder in `crates/`, and its dependencies outside of tests.
 struct Crate {
     folder: String,
     dependencies: Vec<String>,
@@ -36,7 +36,7 @@ pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, Stri
     if crates.len() < 2 {
         return Err("cargo metadata names no crates".to_owned());
     }
-    judge(&crates, faults);
+    check_dependencies(&crates, faults);
     Ok(crates.len())
 }
 
@@ -55,7 +55,7 @@ fn read(metadata: &Value) -> BTreeMap<String, Crate> {
     list(&metadata["packages"]).iter().filter_map(of_package).collect()
 }
 
-fn judge(crates: &BTreeMap<String, Crate>, faults: &mut Vec<String>) {
+fn check_dependencies(crates: &BTreeMap<String, Crate>, faults: &mut Vec<String>) {
     for (name, from) in crates {
         let Some((_, forbidden)) = FORBIDDEN.iter().find(|(folder, _)| *folder == from.folder) else {
             continue;
@@ -69,7 +69,7 @@ fn judge(crates: &BTreeMap<String, Crate>, faults: &mut Vec<String>) {
                 let is_forbidden = |f: &&str| *f == reached.folder || next == &format!("veiloc-{f}");
                 if forbidden.iter().any(is_forbidden) {
                     faults.push(format!(
-                        "{path}: crates/{} may not reach crates/{}",
+                        "{path}: crates/{} must not depend on crates/{}",
                         from.folder, reached.folder
                     ));
                 }
@@ -102,12 +102,12 @@ mod tests {
         };
         let packages: Vec<Value> = packages.iter().map(package).collect();
         let mut faults = Vec::new();
-        judge(&read(&json!({ "packages": packages })), &mut faults);
+        check_dependencies(&read(&json!({ "packages": packages })), &mut faults);
         faults
     }
 
     #[test]
-    fn server_never_reaches_device_even_through_others() {
+    fn server_never_depends_on_device_even_indirectly() {
         let features = ("device", "features", &[] as &[_]);
         let found = faults(&[
             ("server", "service", &[("map", None)]),
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn research_is_reached_by_tools_only() {
+    fn only_tools_depend_on_research() {
         let attacks = ("research", "attacks", &[] as &[_]);
         assert_eq!(faults(&[("tools", "cli", &[("attacks", None)]), attacks]), Vec::<String>::new());
         for folder in ["core", "device", "server"] {

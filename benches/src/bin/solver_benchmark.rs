@@ -1,13 +1,13 @@
-//! Our half of the judgement of the minimal solvers: makes problems, solves and times them, writes all of it down.
+//! Generates problems for the minimal solvers, solves and times them, and writes problems and poses.
 //!
 //! ```text
-//! cargo run --release -p veiloc-benches --bin solver_benchmark -- --family N [--problems 100000] [--passes 3] [--out DIR]
-//! ```
+//! cargo run --release -p veiloc-benches --bin solver_benchmark -- --family N [--problems 100000] [--passes 3] [--out
+//! DIR] ```
 //!
-//! `scripts/bench_poselib.py` calls this and PoseLib in turns on the same problems and judges both alike. With `--out`
-//! it writes `problems.f64` (per problem: the vectors of `size` bearings or lines, `size` map points, down in camera
-//! and world, true rotation row by row, true translation) and `poses.f64` (per pose: number of the problem, rotation,
-//! translation). Time is per problem, the sum over chunks of 500 of each chunk's fastest pass.
+//! `scripts/bench_poselib.py` runs this program and PoseLib alternately on the same problems and evaluates both in the
+//! same way. With `--out` it writes `problems.f64` (per problem: the vectors of `size` bearings or lines, `size` map
+//! points, down in camera and world, true rotation row by row, true translation) and `poses.f64` (per pose: number of
+//! the problem, rotation, translation). Time is per problem, the sum over chunks of 500 of each chunk's fastest pass.
 #![expect(clippy::print_stdout, reason = "a program whose output is its result")]
 
 use std::hint::black_box;
@@ -34,13 +34,13 @@ enum Solver {
     Up2p,
 }
 
-/// One kind of problem for one solver, and what PoseLib has for it.
+/// One family of problems for one solver, and PoseLib's counterpart.
 struct Family {
     solver: Solver,
     name: &'static str,
     layout: Layout,
     lines: Lines,
-    /// The order in which the rival gets the matches.
+    /// Order in which PoseLib gets the matches.
     order: [usize; 6],
 }
 
@@ -76,7 +76,7 @@ const FAMILIES: &[Family] = &[
 ];
 
 impl Solver {
-    /// Our name, PoseLib's solver it is held against, and how many matches that one takes.
+    /// Name of our solver, the PoseLib solver to compare with, and the sample size of the latter.
     fn names(self) -> (&'static str, &'static str, usize) {
         match self {
             Self::P3p => ("p3p", "p3p", 3),
@@ -108,7 +108,7 @@ fn main() -> Result<(), Failure> {
         return Ok(());
     };
     let family = FAMILIES.get(number).ok_or("no such family")?;
-    // Six lines of one anchor determine no pose: nobody would draw them.
+    // Six lines of one anchor determine no pose, so they are not drawn.
     let drawn = |s: &Sample| {
         family.lines != Lines::AnchoredAnywhere
             || !s.half_planes.iter().all(|h| h.axis == s.half_planes[0].axis)
@@ -223,7 +223,7 @@ fn run_any<S, P, const N: usize>(
     (total.as_nanos() as f64 / samples.len().max(1) as f64, rows)
 }
 
-/// Everything the rival needs of a problem, and its truth.
+/// The input of PoseLib's solver for a problem, and the true pose.
 fn row(family: &Family, s: &Sample, size: usize) -> Vec<f64> {
     let mut row = Vec::with_capacity(6 * size + 18);
     for &i in &family.order[..size] {
@@ -279,7 +279,7 @@ fn turn_of(s: &Sample) -> Rotation3<f64> {
     Rotation3::rotation_between(&s.half_planes[0].axis, &Vector3::z()).expect("not opposite")
 }
 
-/// Where the first five half-lines lead in that turned camera.
+/// Directions of the first five half-lines in that rotated camera.
 fn directions(s: &Sample) -> [Vector2<f64>; 5] {
     let turn = turn_of(s);
     first::<_, 5>(&s.half_planes).map(|h| (turn * h.inward).xy())

@@ -1,11 +1,12 @@
-//! Our own call from Rust, for `scripts/bench_python.py`: times `estimate_pose` on the problems of a file.
+//! Times `estimate_pose` in Rust on the problems of a file, for `scripts/bench_python.py`.
 //!
 //! ```text
 //! cargo run --release -p veiloc-benches --bin time_poses -- PROBLEMS.f64 CORRESPONDENCES
 //! ```
 //!
-//! The file holds a problem after the other, for each correspondence a pixel and a map point: `u v x y z`. Prints the
-//! milliseconds of each problem, one a line. What is timed begins with the numbers, as a call from Python does.
+//! The file holds the problems one after the other, each correspondence as a pixel and a map point: `u v x y z`. Prints
+//! the milliseconds of each problem, one on each line. The time includes the conversion from plain numbers, as in
+//! Python.
 #![expect(clippy::print_stdout, reason = "a program whose output is its result")]
 
 use std::hint::black_box;
