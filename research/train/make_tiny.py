@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Tiny networks of random weights and what PyTorch says they answer, for the program's tests of its runner.
+"""Writes tiny networks with random weights, and PyTorch's outputs, for the program's tests of its runner.
 
     python make_tiny.py
 
-Writes crates/research/attacks/tests/data/networks: a network of each kind, and `expected.json` with inputs and outputs. The same
-every time with one release of PyTorch.
+Writes crates/research/attacks/tests/data/networks: a network of each kind, and `expected.json` with inputs and outputs. The files are
+reproducible with the same release of PyTorch.
 """
 
 import argparse
@@ -21,7 +21,7 @@ DIMENSION = 128
 
 
 def shaken(network: torch.nn.Module) -> torch.nn.Module:
-    """With statistics and last layers that are not those of the beginning."""
+    """Replaces initial statistics and zero-initialized layers by random values."""
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             torch.nn.init.uniform_(module.running_mean, -0.2, 0.2)
@@ -45,12 +45,12 @@ def descriptors(count: int) -> torch.Tensor:
 
 
 def rounded(x: torch.Tensor, digits: int) -> torch.Tensor:
-    """To numbers that a short text holds exactly enough."""
+    """Rounds numbers so that a short decimal text represents them."""
     return torch.round(x * 10**digits) / 10**digits
 
 
 def features(height: int, width: int) -> torch.Tensor:
-    """A grid in which a third of the cells hold something."""
+    """A grid in which a third of the cells are filled."""
     grid = torch.zeros(1, DIMENSION + 1, height, width)
     cells = torch.randperm(height * width)[: height * width // 3]
     rows = descriptors(len(cells))
@@ -61,7 +61,7 @@ def features(height: int, width: int) -> torch.Tensor:
 
 
 def spread(rows: int, bins: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Places and guesses of bins; the last row has two bins and is padded."""
+    """Positions and log probabilities of bins; the last row has two bins and padding."""
     places = rounded(torch.rand(1, rows, bins, 2), 4)
     guess = rounded(torch.log_softmax(torch.randn(1, rows, bins), dim=-1), 4)
     places[0, -1, 2:] = places[0, -1, 1]

@@ -1,4 +1,4 @@
-"""`scripts/export_onnx.py` against the numbers that the program is tested by."""
+"""`scripts/export_onnx.py` against the reference outputs of the program's tests."""
 
 import importlib.util
 import json
@@ -33,7 +33,7 @@ def drawn(width: int, height: int) -> np.ndarray:
 
 
 def continued(gray: np.ndarray, multiple: int, margin: int = 32) -> np.ndarray:
-    """With mirror images around it, to sides that are multiples."""
+    """Reflected padding to sides that are multiples."""
     whole = [-(-(side + 2 * margin) // multiple) * multiple for side in gray.shape]
     pads = [((w - s) // 2, w - s - (w - s) // 2) for w, s in zip(whole, gray.shape)]
     return np.pad(gray, pads, mode="symmetric")
@@ -46,14 +46,14 @@ def written(exports, monkeypatch, path, *arguments):
 
 
 def weights(name: str) -> Path:
-    """A file beside the folder of VEILOC_DATA."""
+    """A file next to the folder VEILOC_DATA."""
     file = Path(os.environ.get("VEILOC_DATA", "")) / "../weights" / name
     if "VEILOC_DATA" not in os.environ or not file.exists():
         pytest.skip(f"VEILOC_DATA names no folder with ../weights/{name} beside it")
     return file
 
 
-def test_netvlad_gives_the_vector_of_the_oracle(exports, monkeypatch, tmp_path):
+def test_netvlad_matches_the_reference(exports, monkeypatch, tmp_path):
     pytest.importorskip("scipy")
     session = written(exports, monkeypatch, tmp_path / "netvlad.onnx", "netvlad", DATA / "netvlad.mat")
     known = json.loads((DATA / "netvlad.json").read_text())
@@ -62,7 +62,7 @@ def test_netvlad_gives_the_vector_of_the_oracle(exports, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name, file", [("alike", "alike/alike-n.npz"), ("alike-t", "alike/alike-t.pth")])
-def test_alike_gives_the_layers_of_the_oracle(exports, monkeypatch, tmp_path, name, file):
+def test_alike_layers_match_the_reference(exports, monkeypatch, tmp_path, name, file):
     session = written(exports, monkeypatch, tmp_path / "alike.onnx", "alike", weights(file))
     known = json.loads((DATA / "oracle.json").read_text())[name]
     gray = continued(drawn(*known["size"]), 32)
@@ -75,7 +75,7 @@ def test_alike_gives_the_layers_of_the_oracle(exports, monkeypatch, tmp_path, na
     assert head.shape[0] == head.shape[1] == 4 * known["layers"]["level1"]["shape"][1]
 
 
-def test_alike_descriptors_of_all_pixels_are_the_head_of_the_enlarged_levels(exports, monkeypatch, tmp_path):
+def test_alike_dense_descriptors_equal_head_of_upsampled_levels(exports, monkeypatch, tmp_path):
     session = written(exports, monkeypatch, tmp_path / "alike.onnx", "alike", "--dense", weights("alike/alike-t.pth"))
     image = np.repeat(drawn(96, 64)[None, None], 3, axis=1)
     names = ["level1", "level2", "level3", "level4", "head", "descriptors"]
@@ -85,8 +85,8 @@ def test_alike_descriptors_of_all_pixels_are_the_head_of_the_enlarged_levels(exp
     assert (torch.einsum("od,bdhw->bohw", head, joined) - dense).abs().max() < 1e-3
 
 
-def test_superpoint_gives_the_layers_of_the_oracle(exports, monkeypatch, tmp_path):
-    # Its detector head is made up: no weights of one may be had for tests.
+def test_superpoint_layers_match_the_reference(exports, monkeypatch, tmp_path):
+    # Its detector head has invented weights, because no published ones may be used for tests.
     folder = weights("superpoint/superpoint_v1_encoder_desc.npz").parents[1]
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     from beside import superpoint_weights

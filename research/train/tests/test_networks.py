@@ -1,4 +1,4 @@
-"""Networks, what is fed to them, and training that is interrupted."""
+"""Networks, their inputs, and interrupted training."""
 
 import base64
 import gzip
@@ -49,9 +49,9 @@ def known(**more):
 def test_keypoint_files_are_read_and_split(files):
     images = data.read_keypoints([files / "keypoints.jsonl.gz"])
     assert [len(i.keypoints) for i in images] == [60] * 4 and images[0].descriptors.shape == (60, 128)
-    training, judged = data.split(images, 1)
+    training, validation = data.split(images, 1)
     again = data.split(images[::-1], 1)
-    assert len(training) == 3 and judged[0].name == again[1][0].name
+    assert len(training) == 3 and validation[0].name == again[1][0].name
     outside = line()
     outside["keypoints"][3] = [96.0, 10.0]
     assert len(data.inside(outside).keypoints) == 59
@@ -71,16 +71,16 @@ def test_mirrored_descriptors_mirror_back():
 
 
 @pytest.mark.parametrize("sees", models.SEES)
-def test_positions_say_the_guess_before_they_have_learned(sees):
+def test_untrained_positions_return_the_prior(sees):
     network = models.Positions(128, sees, waves=6, width=16, heads=2, layers=1).eval()
     rng = np.random.default_rng(0)
     image = known()
-    batch = positions.Sent([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng)
+    batch = positions.ObfuscatedBatch([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng)
     assert (network(batch.descriptors, batch.places, batch.guess) == 0).all()
     assert batch.gain(batch.shares(network)).abs().max() < 1e-5
 
 
-def test_answers_are_sums_of_products_of_cosines():
+def test_logits_are_sums_of_cosine_products():
     network = models.Positions(4, "row", waves=3, width=8, heads=2, layers=1).eval()
     answers = torch.randn(3, 3)
     torch.nn.init.zeros_(network.encoder.last.weight)
@@ -94,18 +94,18 @@ def test_answers_are_sums_of_products_of_cosines():
         assert abs(logits[0, 1, b].item() - expected) < 1e-5
 
 
-def test_rows_that_are_not_there_change_nothing():
+def test_padding_rows_have_no_effect():
     torch.manual_seed(1)
     rng = np.random.default_rng(0)
     small, large = (positions.draw(known(count=n, seed=n), 200, False, rng) for n in (30, 55))
     network = models.Positions(128, "set", waves=4, width=16, heads=2, layers=2).eval()
     torch.nn.init.normal_(network.encoder.last.weight)
-    both = positions.Sent([small, large], Scheme.parse("random-lines"), np.random.default_rng(1))
-    alone = positions.Sent([small], Scheme.parse("random-lines"), np.random.default_rng(1))
+    both = positions.ObfuscatedBatch([small, large], Scheme.parse("random-lines"), np.random.default_rng(1))
+    alone = positions.ObfuscatedBatch([small], Scheme.parse("random-lines"), np.random.default_rng(1))
     assert torch.allclose(both.shares(network)[0, :30], alone.shares(network)[0], atol=1e-4)
 
 
-def test_targets_are_the_nearest_that_were_drawn():
+def test_targets_are_the_sampled_neighbours():
     keypoints = np.array([[0.0, 0], [1, 0], [10, 0], [11, 0]])
     near = neighbours.nearest(keypoints, 1)
     assert near[:, 0].tolist() == [1, 0, 3, 2]
@@ -125,7 +125,7 @@ def test_grid_averages_the_descriptors_of_a_cell():
     assert grid.shape == (3, 2, 3)
     assert grid[:, 0, 0].tolist() == pytest.approx([1, 2, math.log(3)])
     assert grid[:, 1, 2].tolist() == pytest.approx([6, 6, math.log(2)]) and np.count_nonzero(grid) == 6
-    # Shares below one in all are no average.
+    # With a total weight below one the cell is not averaged.
     grid = inversion.features(places[:1], descriptors[:1], (2, 3), np.array([0.5]))
     assert grid[:, 0, 0].tolist() == pytest.approx([1, 0, math.log(1.5)])
     right = inversion.right_share(places, np.array([True, False, True]), (2, 3))
@@ -139,13 +139,13 @@ def test_grid_size_is_the_nearest_multiple():
 
 
 @pytest.mark.parametrize("form", models.FORMS)
-def test_papers_networks_have_the_papers_channels(form):
+def test_default_networks_have_the_channels_of_the_papers(form):
     network = models.inversion(form, 128, 64, 5)
     unet = network.network if form == "unet" else network.coarse
     assert [stage[0].out_channels for stage in unet.down] == [64, 128, 256, 512, 1024]
 
 
-def test_exported_inversion_takes_other_sizes(tmp_path):
+def test_exported_inversion_accepts_other_sizes(tmp_path):
     network = models.InvSfm(8, width=4, levels=3).eval()
     export(network, tmp_path / "x", "inversion", "sift", 8, side=32, multiple=4, visible=True)
     grid = torch.randn(1, 9, 12, 20)
@@ -155,7 +155,7 @@ def test_exported_inversion_takes_other_sizes(tmp_path):
         assert np.allclose(own.detach().numpy(), other, atol=1e-5)
 
 
-def test_committed_networks_answer_what_pytorch_said():
+def test_committed_networks_reproduce_pytorch():
     folder = ROOT / "crates/research/attacks/tests/data/networks"
     for name, entry in json.loads((folder / "expected.json").read_text()).items():
         session = onnxruntime.InferenceSession(str(folder / f"{name}.onnx"))
@@ -181,9 +181,9 @@ def run(monkeypatch, kind, files, stem, *more):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_training_goes_on_where_it_was_interrupted(kind, files, monkeypatch):
+def test_interrupted_training_resumes_identically(kind, files, monkeypatch):
     run(monkeypatch, kind, files, files / "whole", "--steps", "4")
-    # Stopped by an error after the second step, as by a person.
+    # Interrupted after the second step.
     real = torch.optim.AdamW.step
     calls = []
 
@@ -205,19 +205,19 @@ def test_training_goes_on_where_it_was_interrupted(kind, files, monkeypatch):
         run(monkeypatch, kind, files, files / "part", "--steps", "6", "--resume")
 
 
-def test_positions_learn_what_there_is_to_learn(monkeypatch, files):
-    """Keypoints whose descriptor says where they are."""
-    with gzip.open(files / "told.jsonl.gz", "wt") as out:
+def test_positions_learn_positions_encoded_in_descriptors(monkeypatch, files):
+    """The descriptors encode the positions of their keypoints."""
+    with gzip.open(files / "encoded.jsonl.gz", "wt") as out:
         for i in range(12):
             fields = line(f"{i}.png", count=100, dimension=16, size=(400, 300), seed=i)
             places = np.array(fields["keypoints"]) / [400, 300]
-            told = np.clip(255 * np.concatenate([np.cos(np.pi * k * places) * 0.5 + 0.5 for k in range(1, 9)], axis=1), 0, 255)
-            fields["descriptors"] = base64.b64encode(told.astype(np.uint8).tobytes()).decode()
+            encoded = np.clip(255 * np.concatenate([np.cos(np.pi * k * places) * 0.5 + 0.5 for k in range(1, 9)], axis=1), 0, 255)
+            fields["descriptors"] = base64.b64encode(encoded.astype(np.uint8).tobytes()).decode()
             out.write(json.dumps(fields) + "\n")
     options = "--steps 150 --every 150 --batch 4 --rows 60 --width 48 --heads 4 --layers 2 --dropout 0 --rate 3e-3"
-    arguments = ["positions", str(files / "told.jsonl.gz"), "-o", str(files / "told"), "--validation", "2", "--device", "cpu"]
+    arguments = ["positions", str(files / "encoded.jsonl.gz"), "-o", str(files / "encoded"), "--validation", "2", "--device", "cpu"]
     monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments, *options.split()])
     command.main()
-    header, first, last = (row.split(",") for row in (files / "told.csv").read_text().splitlines())
+    header, first, last = (row.split(",") for row in (files / "encoded.csv").read_text().splitlines())
     bits = -float(last[header.index("minus_bits")])
     assert float(first[header.index("minus_bits")]) == pytest.approx(0, abs=1e-4) and bits > 0.5, bits

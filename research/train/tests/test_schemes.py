@@ -1,4 +1,4 @@
-"""Candidates and bins against drawn keypoints and closed forms."""
+"""Candidates and bins against random keypoints and closed forms."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def spread(count, seed=0, size=SIZE):
 
 
 def nearest(candidates, keypoints):
-    """Distance of each keypoint from the nearest of its stretches."""
+    """Distance of each keypoint from the nearest of its segments."""
     t = ((keypoints[:, None] - candidates.origin) * candidates.direction).sum(-1)
     empty = candidates.empty()
     t = np.clip(t, np.where(empty, 0, candidates.near), np.where(empty, 0, candidates.far))
@@ -29,19 +29,19 @@ def test_keypoints_lie_on_their_candidates(name, size):
     keypoints = spread(3000, 1, size)
     sent_rows = sent(keypoints, size, Scheme.parse(name), np.random.default_rng(2))
     away = nearest(sent_rows, keypoints)
-    # Half a pixel of dither each way, the rounding, and keypoints on a border.
+    # Dither of half a pixel, rounding, and keypoints on a border.
     assert np.quantile(away, 0.99) < 1.1, np.quantile(away, 0.99)
     assert np.isfinite(away).mean() > 0.998
 
 
 @pytest.mark.parametrize("name", SCHEMES)
-def test_mean_over_bins_is_the_expected_place_of_the_keypoint(name):
+def test_mean_over_bins_is_the_expected_position(name):
     candidates = sent(spread(500, 3), SIZE, Scheme.parse(name), np.random.default_rng(4))
     bins = cuts.cut(candidates, 64)
     share = np.exp(bins.guess.astype(np.float64))
     assert np.allclose(share.sum(axis=1), 1.0, atol=1e-5)
     mean = (share[..., None] * bins.places).sum(axis=1)
-    # By many points of each stretch instead of the closed form.
+    # With many points of each segment instead of the closed form.
     k = (np.arange(20_000) + 0.5) / 20_000
     whole, weight = 0.0, 0.0
     for s in range(candidates.near.shape[1]):
@@ -64,7 +64,7 @@ def test_bins_are_equally_likely(name):
     assert (held >= 0).mean() > 0.999
     counts = np.bincount(held[held >= 0], minlength=8)
     if name == "coordinate-permutation":
-        # Which of the two lines is right is even; of a line, each bin.
+        # Both lines are equally likely, and so are the bins of a line.
         assert np.allclose(counts.reshape(2, 4).sum(1) / counts.sum(), 0.5, atol=0.01)
     assert np.allclose(counts / counts.sum(), 1 / 8, atol=0.008), counts
 
@@ -79,8 +79,8 @@ def test_keypoint_is_near_its_bin():
         assert (own > best + 12).mean() < 0.05, name
 
 
-def test_half_line_of_the_paper_by_its_closed_form():
-    # Left of the midline: from the middle of the top edge through the keypoint to the border, cut in the middle by area.
+def test_half_line_of_the_paper_matches_closed_form():
+    # Left of the midline: from the middle of the top edge through the keypoint to the border, divided into halves by area.
     keypoint = np.array([[200.0, 240.0]])
     candidates = sent(keypoint, SIZE, Scheme.parse("dcl"), np.random.default_rng(0))
     assert np.allclose(candidates.origin[0, 0], [320, 0])
@@ -124,14 +124,14 @@ def test_permutation_exchanges_one_coordinate_within_pairs():
                 assert sorted(got[:, axis]) == sorted(places[:, axis])
 
 
-def test_keypoints_of_one_place_share_their_line():
+def test_keypoints_at_one_position_share_a_line():
     keypoints = np.repeat(spread(20, 1), 2, axis=0)
     for name in SCHEMES:
         rows = sent(keypoints, SIZE, Scheme.parse(name), np.random.default_rng(1))
         assert (rows.direction[0::2] == rows.direction[1::2]).all() and (rows.far[0::2] == rows.far[1::2]).all()
 
 
-def test_other_schemes_are_refused():
+def test_unsupported_schemes_are_refused():
     for text in ["points", "dcl:axis=138:sectors=24", "random-lines:3", "dcl:s=0.01", "dcl:angle=180"]:
         with pytest.raises(ValueError):
             Scheme.parse(text)

@@ -1,4 +1,4 @@
-"""What rows say, against queries that the program seals; it is named by VEILOC_PROGRAM."""
+"""Candidates of rows against queries that the program seals; VEILOC_PROGRAM names the program."""
 
 import json
 import os
@@ -24,7 +24,7 @@ def program():
 
 @pytest.fixture(scope="module")
 def image(program, tmp_path_factory):
-    """A folder with an image of blocks, and its keypoints."""
+    """A folder with an image of random blocks, and its keypoints."""
     folder = tmp_path_factory.mktemp("sealed")
     y, x = np.mgrid[:384, :512]
     noise = np.random.default_rng(0).integers(0, 200, (384 // 12, 512 // 16))
@@ -40,14 +40,14 @@ def run(*command):
 
 
 @pytest.mark.parametrize("name", ["dcl", "dcl:horizontal", "dcl:angle=30,s=2", "random-lines", "coordinate-permutation"])
-def test_keypoints_lie_on_what_their_rows_say(program, image, name, monkeypatch):
+def test_keypoints_lie_on_the_candidates_of_their_rows(program, image, name, monkeypatch):
     folder, known = image
     monkeypatch.syspath_prepend(str(ROOT / "proto"))
     import read_sealed_query as reader
 
     out = folder / name.replace(":", "-")
     profile = ROOT / "crates/core/protocol/tests/data/sift.profile"
-    # A camera that is the canonical one already, so that nothing is rectified.
+    # The camera is already canonical, so the image is not rectified.
     camera = "SIMPLE_PINHOLE,512,384,512,256,192"
     run(program, "seal", folder / "images", "--profile", profile, "-o", out, "--camera", camera, "--scheme", name)
     message = reader.fields(next(out.rglob("*.vquery")).read_bytes())
@@ -62,7 +62,7 @@ def test_keypoints_lie_on_what_their_rows_say(program, image, name, monkeypatch)
         rows = schemes.lines_of_rows(codes[:, 0], (codes[:, 1] - 32768) / 4, SIZE)
     else:
         rows = schemes.crosses_of_rows((codes - 32768) / 4, SIZE)
-    # Rows are shuffled: which keypoint one is of, its descriptor says.
+    # Rows are shuffled; the descriptor identifies the keypoint of a row.
     of = {bytes(row): i for i, row in enumerate(known.descriptors)}
     sent = np.frombuffer(message["descriptors"], np.uint8).reshape(message["rows"], -1)
     pairs = np.array([(row, of[bytes(d)]) for row, d in enumerate(sent) if bytes(d) in of])
@@ -73,12 +73,12 @@ def test_keypoints_lie_on_what_their_rows_say(program, image, name, monkeypatch)
     t = np.clip(((keypoints[:, None] - origin) * direction).sum(-1), near, far)
     away = np.linalg.norm(origin + t[..., None] * direction - keypoints[:, None], axis=-1)
     away = np.where(empty, np.inf, away).min(axis=1)
-    # Dither of half a pixel each way and the rounding; a decoy or two may have a keypoint's descriptor.
+    # Dither of half a pixel and rounding; a few decoys may have a keypoint's descriptor.
     assert np.quantile(away, 0.98) < 0.9, np.quantile(away, [0.5, 0.98, 1.0])
 
 
 def unpacked(packed: bytes, widths: list[int], rows: int) -> np.ndarray:
-    """Whole numbers of these bits, one after another, most significant bit first. `[rows, len(widths)]`"""
+    """Unpacks integers with these bit widths, most significant bit first. `[rows, len(widths)]`"""
     bits = np.unpackbits(np.frombuffer(packed, np.uint8))
     ends = np.cumsum([0, *widths * rows])
     values = [int("".join(map(str, bits[a:b])), 2) for a, b in zip(ends[:-1], ends[1:])]

@@ -6,7 +6,7 @@ from . import inversion, neighbours, positions
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="veiloc_train", description="Trains networks of attacks and writes them as ONNX.")
+    parser = argparse.ArgumentParser(prog="veiloc_train", description="Trains networks of attacks and exports them as ONNX.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (inversion, positions, neighbours):
         name = module.__name__.rpartition(".")[2]

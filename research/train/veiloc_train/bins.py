@@ -1,7 +1,7 @@
-"""Where a keypoint may be, cut into bins in which the exact guess finds it equally likely.
+"""Divides the candidates of a row into bins with equal probability under the prior.
 
-Candidates of a row have bins in proportion to their share, one at least. A bin stands for its expected place, so that the mean over
-all bins of a row is the expected place of its keypoint.
+The number of bins of a candidate is proportional to its share, at least one. A bin is represented by its expected position, so the mean
+over all bins of a row is the expected position of its keypoint.
 """
 
 from dataclasses import dataclass
@@ -10,31 +10,31 @@ import numpy as np
 
 from .schemes import Candidates
 
-#: Of bins that a row does not have.
+#: Log probability of padding bins.
 NEVER = -1e9
 
 
 @dataclass(frozen=True)
 class Bins:
-    """`[N, B]`; rows of fewer bins repeat their last place."""
+    """`[N, B]`; rows with fewer bins repeat their last position."""
 
-    #: Expected place of each, pixels. `[N, B, 2]`
+    #: Expected position of each bin, pixels. `[N, B, 2]`
     places: np.ndarray
-    #: Logarithm of how likely each is.
+    #: Log probability of each bin under the prior.
     guess: np.ndarray
-    #: How many a row has. `[N]`
+    #: Number of bins of each row. `[N]`
     counts: np.ndarray
-    #: Bins of each candidate. `[N, S]`
+    #: Number of bins of each candidate. `[N, S]`
     of_candidate: np.ndarray
     candidates: Candidates
 
     def normalized(self, size: tuple[int, int]) -> np.ndarray:
-        """Places in shares of the longer side, the middle of the image at one half. `[N, B, 2]` float32"""
+        """Positions as shares of the longer side, with the image centre at one half. `[N, B, 2]` float32"""
         size = np.asarray(size, dtype=np.float64)
         return ((self.places - size / 2.0) / size.max() + 0.5).astype(np.float32)
 
     def holding(self, keypoints: np.ndarray) -> np.ndarray:
-        """The bin in which, or nearest to which, each keypoint is; -1 where a row has one alone. `[N]`"""
+        """The bin that holds each keypoint, or the nearest one; -1 for a row with one bin. `[N]`"""
         c = self.candidates
         t = ((keypoints[:, None] - c.origin) * c.direction).sum(axis=-1)
         empty = c.empty()
@@ -54,12 +54,12 @@ class Bins:
 
 
 def mass(near: np.ndarray, far: np.ndarray, growth: np.ndarray) -> np.ndarray:
-    """How likely a stretch is, up to a factor."""
+    """Probability of an interval, up to a factor."""
     return (far - near) * (growth[..., 0] + growth[..., 1] * 0.5 * (near + far))
 
 
 def cut(candidates: Candidates, count: int = 64) -> Bins:
-    """About `count` bins a row; one of each line that misses the image."""
+    """About `count` bins for each row, and one bin for each line that misses the image."""
     rows, stretches = candidates.near.shape
     empty = candidates.empty()
     near = np.where(empty, 0.0, candidates.near)
@@ -89,7 +89,7 @@ def cut(candidates: Candidates, count: int = 64) -> Bins:
 
 
 def quantile(c: Candidates, near: np.ndarray, far: np.ndarray, stretch: int, share: np.ndarray) -> np.ndarray:
-    """Before which this share `[N, K]` of a stretch lies: the likelihood is linear, its integral a square."""
+    """Quantiles `[N, K]` of an interval: the density is linear, so its integral is quadratic."""
     near, far, growth = near[:, stretch, None], far[:, stretch, None], c.growth[:, stretch]
     slope = growth[:, 1, None]
     first = growth[:, 0, None] + slope * near
@@ -103,7 +103,7 @@ def quantile(c: Candidates, near: np.ndarray, far: np.ndarray, stretch: int, sha
 
 
 def expected(a: np.ndarray, b: np.ndarray, offset: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The expected place between `a` and `b`."""
+    """The expected position between `a` and `b`."""
     middle = 0.5 * (a + b)
     whole = (b - a) * (offset + slope * middle)
     with np.errstate(divide="ignore", invalid="ignore"):

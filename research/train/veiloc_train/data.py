@@ -1,4 +1,4 @@
-"""Keypoint files of `veiloc eval keypoints`, and the images they are of."""
+"""Reads keypoint files of `veiloc eval keypoints`, and finds their images."""
 
 import base64
 import gzip
@@ -11,20 +11,20 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Known:
-    """An image of which everything is known."""
+class KeypointImage:
+    """An image with keypoints and descriptors."""
 
     name: str
     width: int
     height: int
-    #: `[N, 2]`: u, v in pixels, from the corner of the image.
+    #: `[N, 2]`: u, v in pixels, from the image corner.
     keypoints: np.ndarray
-    #: `[N, D]` bytes, each the number it is.
+    #: `[N, D]` bytes.
     descriptors: np.ndarray
 
 
-def read_keypoints(paths: list[Path], most: int | None = None, need: int = 2) -> list[Known]:
-    """All images of these files with at least `need` keypoints inside the image; others are left out."""
+def read_keypoints(paths: list[Path], most: int | None = None, need: int = 2) -> list[KeypointImage]:
+    """Reads all images of these files with at least `need` keypoints inside the image, at most `most`."""
     images = []
     for path in paths:
         opened = gzip.open if path.suffix == ".gz" else open
@@ -39,33 +39,33 @@ def read_keypoints(paths: list[Path], most: int | None = None, need: int = 2) ->
         sys.exit(f"no image with {need} keypoints in {', '.join(map(str, paths))}")
     dimensions = {image.descriptors.shape[1] for image in images}
     if len(dimensions) > 1:
-        sys.exit(f"descriptors of several lengths: {sorted(dimensions)}")
+        sys.exit(f"the descriptors have different lengths: {sorted(dimensions)}")
     return images
 
 
-def inside(fields: dict) -> Known:
-    """Without the keypoints outside the image."""
+def inside(fields: dict) -> KeypointImage:
+    """Decodes an image, without keypoints outside of it."""
     width, height, dimension = fields["width"], fields["height"], fields["descriptor_dim"]
     keypoints = np.asarray(fields["keypoints"], dtype=np.float64).reshape(-1, 2)
     descriptors = np.frombuffer(base64.b64decode(fields["descriptors"]), dtype=np.uint8).reshape(-1, dimension)
     if len(keypoints) != len(descriptors):
         sys.exit(f"{fields['name']}: {len(keypoints)} keypoints and {len(descriptors)} descriptors")
     kept = ((keypoints >= 0) & (keypoints < [width, height])).all(axis=1)
-    return Known(fields["name"], width, height, keypoints[kept], descriptors[kept])
+    return KeypointImage(fields["name"], width, height, keypoints[kept], descriptors[kept])
 
 
 def scaled(descriptors: np.ndarray) -> np.ndarray:
-    """Each row of squared length D, as networks are fed; rows of zeros stay zero. `[N, D]` float32"""
+    """Scales each row to squared length D, the input form of the networks; rows of zeros stay zero. `[N, D]` float32"""
     rows = descriptors.astype(np.float32)
     norms = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.maximum(norms, 1e-12) * np.float32(rows.shape[1] ** 0.5)
 
 
 def mirrored(descriptors: np.ndarray) -> np.ndarray:
-    """What SIFT descriptors would be of the mirrored image. `[N, 128]`
+    """SIFT descriptors of the mirrored image. `[N, 128]`
 
-    A descriptor is 4 rows, 4 columns and 8 directions along the keypoint's own axes. Mirrored with the image, rows come in
-    the opposite order and directions turn the other way.
+    A descriptor has 4 rows, 4 columns and 8 directions in the keypoint's own axes. In the mirrored image the order of the rows and the
+    sense of the directions are reversed.
     """
     if descriptors.shape[1] != 128:
         raise ValueError("only SIFT's 128 numbers can be mirrored")
@@ -73,19 +73,17 @@ def mirrored(descriptors: np.ndarray) -> np.ndarray:
     return cells[..., (-np.arange(8)) % 8].reshape(-1, 128)
 
 
-def split(images: list[Known], validation: int, seed: int = 0) -> tuple[list[Known], list[Known]]:
-    """Images to learn from, and others to judge by: those are drawn by name, so that they stay the same.
-
-    Images of one name without its folder come together."""
+def split(images: list[KeypointImage], validation: int, seed: int = 0) -> tuple[list[KeypointImage], list[KeypointImage]]:
+    """Splits images into training and validation images. The split depends only on the sorted names and the seed."""
     validation = min(validation, len(images) // 2)
     order = np.random.default_rng(seed).permutation(len(images))
-    judged = {int(i) for i in order[:validation]}
+    held_out = {int(i) for i in order[:validation]}
     ordered = sorted(images, key=lambda image: image.name)
-    return [x for i, x in enumerate(ordered) if i not in judged], [x for i, x in enumerate(ordered) if i in judged]
+    return [x for i, x in enumerate(ordered) if i not in held_out], [x for i, x in enumerate(ordered) if i in held_out]
 
 
 def find_image(folders: list[Path], name: str) -> Path:
-    """The image of this name, relative to one of the folders."""
+    """Path of the image with this name in one of the folders."""
     for folder in folders:
         if (folder / name).is_file():
             return folder / name

@@ -1,4 +1,4 @@
-"""ONNX files, each with a description beside it that the program reads."""
+"""Writes ONNX files, each with a description file for the program."""
 
 import json
 import warnings
@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 OPSET = 17
-#: Names of what goes in and comes out, with the axes that may have any length.
+#: Names of inputs and outputs, with their dynamic axes.
 INPUTS = {
     "inversion": {"features": {2: "height", 3: "width"}},
     "positions": {
@@ -25,7 +25,7 @@ VISIBLE = {"visible": {2: "height", 3: "width"}}
 
 
 def example(kind: str, dimension: int, multiple: int = 16) -> tuple[torch.Tensor, ...]:
-    """Something that can go in."""
+    """Example inputs."""
     if kind == "inversion":
         return (torch.randn(1, dimension + 1, 2 * multiple, 3 * multiple),)
     descriptors = torch.randn(1, 7, dimension)
@@ -36,7 +36,7 @@ def example(kind: str, dimension: int, multiple: int = 16) -> tuple[torch.Tensor
 
 
 def onnx_graph(network: nn.Module, inputs, path: Path, names: dict, results: dict) -> None:
-    """Writes a graph of an evaluated network; normalizations over batches end up in the convolutions before them."""
+    """Exports a network in evaluation mode; batch normalizations are folded into the convolutions before them."""
     network = network.eval()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -53,13 +53,13 @@ def onnx_graph(network: nn.Module, inputs, path: Path, names: dict, results: dic
 
 
 def describe(path: Path, fields: dict) -> None:
-    """The description file: names and values of TOML's plain kinds."""
+    """Writes the description file: TOML with plain values."""
     lines = [f"{name} = {json.dumps(value)}\n" for name, value in fields.items()]
     path.write_text("".join(lines))
 
 
 def export(network: nn.Module, stem: Path, kind: str, features: str, dimension: int, **more) -> None:
-    """`stem`.onnx and `stem`.toml. `more`: what the description of this kind has besides."""
+    """Writes `stem`.onnx and `stem`.toml. `more`: additional fields of the description."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     results = OUTPUTS[kind] | (VISIBLE if more.pop("visible", False) else {})
     given = example(kind, dimension, more.get("multiple", 16))

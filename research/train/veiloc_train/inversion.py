@@ -1,7 +1,7 @@
-"""The image from descriptors at their places: a U-Net, or three of them (`--form invsfm`).
+"""Reconstructs the image from descriptors and their positions: a U-Net, or three of them (`--form invsfm`).
 
-A draw is a window of an image, of the scale that the whole image has in its grid, more or less; some keypoints are left out, and
-with `--wrong` some stand where they do not belong, as an attack puts them.
+A training sample is a window of an image with a random scale around that of the whole image. Some keypoints are dropped, and with
+`--wrong` some are moved to random positions, like errors of a geometry-recovery attack.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from PIL import Image
 from torch.nn import functional as F
 
 from . import loop
-from .data import Known, find_image, read_keypoints, scaled, split
+from .data import KeypointImage, find_image, read_keypoints, scaled, split
 from .export import export
 from .models import FORMS, inversion, parameters
 from .perceptual import StLpips, unit
@@ -23,30 +23,30 @@ from .perceptual import StLpips, unit
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=100_000, batch=8, rate=3e-4)
     parser.add_argument("--image-folder", type=Path, action="append", required=True,
-                        help="where the names of the keypoint files begin; may be given again")  # fmt: skip
+                        help="folder of the images that the keypoint files name; may be repeated")  # fmt: skip
     parser.add_argument("--form", choices=FORMS, default="unet", help="(%(default)s)")
-    parser.add_argument("--width", type=int, default=64, help="channels at the largest size (%(default)s)")
-    parser.add_argument("--levels", type=int, default=5, help="sizes (%(default)s)")
+    parser.add_argument("--width", type=int, default=64, help="channels at the largest resolution (%(default)s)")
+    parser.add_argument("--levels", type=int, default=5, help="number of resolutions (%(default)s)")
     parser.add_argument("--side", type=int, default=256, help="cells along the longest side of an image (%(default)s)")
-    parser.add_argument("--window", type=int, help="cells of a square window in training; default: about two thirds of the side")
-    parser.add_argument("--zoom", type=float, default=1.25, help="most by which the scale of a window differs (%(default)s)")
-    parser.add_argument("--drop", type=float, default=0.5, help="most of the keypoints that are left out (%(default)s)")
-    parser.add_argument("--wrong", type=float, default=0.0, help="most of the keypoints that are misplaced (%(default)s)")
-    parser.add_argument("--feature-network", type=Path, help="file of ST-LPIPS (AlexNet), for a loss of features; default: none")
+    parser.add_argument("--window", type=int, help="cells of a square training window (default: about two thirds of --side)")
+    parser.add_argument("--zoom", type=float, default=1.25, help="largest factor of the random scale of a window (%(default)s)")
+    parser.add_argument("--drop", type=float, default=0.5, help="largest share of dropped keypoints (%(default)s)")
+    parser.add_argument("--wrong", type=float, default=0.0, help="largest share of misplaced keypoints (%(default)s)")
+    parser.add_argument("--feature-network", type=Path, help="file of ST-LPIPS (AlexNet) for a perceptual loss (default: none)")
     parser.add_argument("--feature-weight", type=float, default=1.0, help="(%(default)s)")
 
 
 def grid_size(width: int, height: int, side: int, multiple: int) -> tuple[int, int]:
-    """Cells across and down of an image: the longer side has `side`, each the nearest multiple, one at least."""
+    """Columns and rows of the grid: the longer side has `side` cells, each side the nearest multiple, at least one."""
     scale = side / max(width, height)
     return tuple(max(int(np.floor(x * scale / multiple + 0.5)), 1) * multiple for x in (width, height))
 
 
 def features(places: np.ndarray, descriptors: np.ndarray, shape: tuple[int, int], share: np.ndarray | None = None) -> np.ndarray:
-    """The grid that goes in. `[D + 1, H, W]`
+    """The input grid. `[D + 1, H, W]`
 
-    `places` `[N, 2]` in cells; `descriptors` scaled. In a cell, the sum of descriptors by their shares over the total
-    share, or over one if that is less; the last channel is ln(1 + total share)."""
+    `places`: positions `[N, 2]` in cells; `descriptors`: scaled. A cell holds the weighted sum of its descriptors, divided by
+    max(1, total weight); the last channel is ln(1 + total weight)."""
     height, width = shape
     share = np.ones(len(places), np.float32) if share is None else share.astype(np.float32)
     column, row = np.floor(places).astype(int).T
@@ -60,7 +60,7 @@ def features(places: np.ndarray, descriptors: np.ndarray, shape: tuple[int, int]
 
 
 def right_share(places: np.ndarray, right: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Of the keypoints in each cell, the share that stand rightly; NaN in an empty one. `[1, H, W]`"""
+    """Share of the keypoints of each cell that are at their true position; NaN for an empty cell. `[1, H, W]`"""
     height, width = shape
     column, row = np.floor(places).astype(int).T
     cell = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
@@ -70,21 +70,21 @@ def right_share(places: np.ndarray, right: np.ndarray, shape: tuple[int, int]) -
 
 
 def misplaced(places: np.ndarray, share: float, shape: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """With this share of them anywhere, and which stand rightly."""
+    """Moves a share of the keypoints to random positions; also returns which are at their true position."""
     right = rng.random(len(places)) >= share
     anywhere = rng.random(places.shape) * [shape[1], shape[0]]
     return np.where(right[:, None], places, anywhere), right
 
 
 class Photographs:
-    """Pixels by name, kept as bytes once read."""
+    """Image pixels by name; caches the bytes of the files."""
 
     def __init__(self, folders: list[Path]):
         self.folders = folders
         self.read: dict[str, bytes] = {}
 
-    def window(self, image: Known, box: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
-        """This part of an image, in the pixels of its keypoints, so high and wide. `[3, H, W]`, 0 to 1."""
+    def window(self, image: KeypointImage, box: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
+        """A part of an image (`box` in the pixels of its keypoints), resized to `shape`. `[3, H, W]`, 0 to 1."""
         if image.name not in self.read:
             self.read[image.name] = find_image(self.folders, image.name).read_bytes()
         with Image.open(io.BytesIO(self.read[image.name])) as opened:
@@ -95,16 +95,16 @@ class Photographs:
         return np.asarray(small, np.float32).transpose(2, 0, 1) / 255.0
 
 
-class Draws:
-    """Windows of images."""
+class WindowSampler:
+    """Samples windows of images."""
 
-    def __init__(self, images: list[Known], photographs: Photographs, args: argparse.Namespace, multiple: int):
+    def __init__(self, images: list[KeypointImage], photographs: Photographs, args: argparse.Namespace, multiple: int):
         self.images, self.photographs, self.args, self.multiple = images, photographs, args, multiple
         window = args.window or round(args.side * 2 / 3 / multiple) * multiple
         self.window = max(window // multiple, 1) * multiple
 
     def one(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Features, shares that stand rightly, image."""
+        """Features, shares of right positions, image."""
         args, window = self.args, self.window
         image = self.images[rng.integers(len(self.images))]
         size = np.array([image.width, image.height])
@@ -124,8 +124,8 @@ class Draws:
         drawn = [self.one(rng) for _ in range(self.args.batch)]
         return [torch.from_numpy(np.stack(x)) for x in zip(*drawn)]
 
-    def whole(self, image: Known, rng: np.random.Generator) -> list[torch.Tensor]:
-        """All of an image, as the program feeds it, with half of `--wrong` misplaced."""
+    def whole(self, image: KeypointImage, rng: np.random.Generator) -> list[torch.Tensor]:
+        """A whole image, as in the program, with half of the share `--wrong` misplaced."""
         width, height = grid_size(image.width, image.height, self.args.side, self.multiple)
         places = image.keypoints * [width / image.width, height / image.height]
         shape = (height, width)
@@ -136,7 +136,7 @@ class Draws:
 
 
 class Loss:
-    """Mean absolute difference, of pixels and of features; of three stages, that of two images and of visibility."""
+    """Mean absolute difference of pixels, and a perceptual loss; for `invsfm` on both images, with the loss of visibility."""
 
     def __init__(self, network: torch.nn.Module, args: argparse.Namespace):
         self.network, self.form, self.weight = network, args.form, args.feature_weight
@@ -159,17 +159,17 @@ class Loss:
 
 
 def run(args: argparse.Namespace) -> None:
-    loop.begin(args)
+    loop.setup(args)
     multiple = 1 << (args.levels - 1)
     training, validation = split(read_keypoints(args.keypoints, args.images), args.validation)
     dimension = training[0].descriptors.shape[1]
     network = inversion(args.form, dimension, args.width, args.levels).to(args.device)
     photographs = Photographs(args.image_folder)
-    draws = Draws(training, photographs, args, multiple)
+    draws = WindowSampler(training, photographs, args, multiple)
     loss = Loss(network, args)
-    print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers, windows of {draws.window}")
+    print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers, windows of {draws.window}")
 
-    def judge() -> dict[str, float]:
+    def validate() -> dict[str, float]:
         rng = np.random.default_rng(0)
         losses, differences, decibels, certain = [], [], [], []
         for image in validation:
@@ -187,6 +187,6 @@ def run(args: argparse.Namespace) -> None:
             figures["visible"] = np.mean(certain)
         return {name: float(value) for name, value in figures.items()}
 
-    trained = loop.train(loop.Task(network, draws.batch, lambda batch: loss(*(x.to(args.device) for x in batch)), judge), args)
+    trained = loop.train(loop.Task(network, draws.batch, lambda batch: loss(*(x.to(args.device) for x in batch)), validate), args)
     more = {"side": args.side, "multiple": multiple, "visible": args.form == "invsfm"}
     export(trained, args.out, "inversion", args.features, dimension, **more)

@@ -1,4 +1,4 @@
-"""The loop of any training: optimizer, schedule, curve, checkpoints."""
+"""The training loop: optimizer, schedule, curve, checkpoints."""
 
 import argparse
 import csv
@@ -19,40 +19,40 @@ from torch import nn
 
 @dataclass(frozen=True)
 class Task:
-    """What is learned."""
+    """A network with its data, loss and validation."""
 
     network: nn.Module
-    #: What a step learns from; the generator says which. Runs beside the training.
+    #: Samples the batch of a step with the generator; runs in other threads.
     draw: Callable[[np.random.Generator], Any]
-    #: The loss of a draw.
+    #: The loss of a batch.
     loss: Callable[[Any], torch.Tensor]
-    #: What the network is worth now: names and values, the first of which is made small.
-    judge: Callable[[], dict[str, float]]
+    #: Validation figures by name; the first one selects the best checkpoint (smaller is better).
+    validate: Callable[[], dict[str, float]]
 
 
 def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate: float) -> None:
-    """Those that every training has."""
+    """Adds the options of all trainings."""
     parser.add_argument("keypoints", type=Path, nargs="+", help="files of `veiloc eval keypoints`")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="STEM",
                         help="STEM.onnx and STEM.toml are the network, STEM.csv its curve, STEM.pt the checkpoint")  # fmt: skip
-    parser.add_argument("--features", default="sift", help="kind of the descriptors, as the program's --features spells it")
-    parser.add_argument("--steps", type=int, default=steps, help="of the optimizer (%(default)s)")
-    parser.add_argument("--batch", type=int, default=batch, help="images of a step (%(default)s)")
+    parser.add_argument("--features", default="sift", help="descriptor type, as for --features of the program")
+    parser.add_argument("--steps", type=int, default=steps, help="steps of the optimizer (%(default)s)")
+    parser.add_argument("--batch", type=int, default=batch, help="images per step (%(default)s)")
     parser.add_argument("--rate", type=float, default=rate, help="highest learning rate (%(default)s)")
     parser.add_argument("--decay", type=float, default=0.01, help="weight decay (%(default)s)")
-    parser.add_argument("--validation", type=int, default=64, help="images to judge by and not to learn from (%(default)s)")
+    parser.add_argument("--validation", type=int, default=64, help="number of validation images (%(default)s)")
     parser.add_argument("--every", type=int, default=250, help="steps between checkpoints (%(default)s)")
-    parser.add_argument("--minutes", type=float, help="stop here, and end the schedule of the learning rate here")
-    parser.add_argument("--images", type=int, help="read so many images and no more")
-    parser.add_argument("--resume", action="store_true", help="go on from STEM.pt, if there is one")
+    parser.add_argument("--minutes", type=float, help="time limit; the learning rate schedule ends with it")
+    parser.add_argument("--images", type=int, help="most images to read")
+    parser.add_argument("--resume", action="store_true", help="continue from STEM.pt, if it exists")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="(%(default)s)")
-    parser.add_argument("--threads", type=int, help="of PyTorch on a processor")
-    parser.add_argument("--workers", type=int, default=2, help="threads that draw in advance; 0: none (%(default)s)")
+    parser.add_argument("--threads", type=int, help="CPU threads of PyTorch")
+    parser.add_argument("--workers", type=int, default=2, help="threads that prepare batches in advance; 0: none (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
 
 
-def begin(args: argparse.Namespace) -> None:
-    """Before a network is made."""
+def setup(args: argparse.Namespace) -> None:
+    """Sets seed and threads; call it before creating the network."""
     torch.manual_seed(args.seed)
     if args.threads:
         torch.set_num_threads(args.threads)
@@ -60,27 +60,27 @@ def begin(args: argparse.Namespace) -> None:
 
 
 def rate_at(done: float) -> float:
-    """Share of the highest learning rate when this share of the training is done: up over 3 %, then down a half cosine."""
+    """Learning rate, relative to the highest, after this share of the training: warm-up over 3 %, then cosine decay."""
     return min(done / 0.03 + 1e-3, 1.0) * (0.02 + 0.98 * 0.5 * (1.0 + math.cos(math.pi * min(done, 1.0))))
 
 
 def decaying(network: nn.Module, decay: float) -> list[dict]:
-    """Matrices decay; biases, normalizations and single numbers do not."""
+    """Parameter groups: weight decay only for matrices, not for biases and normalizations."""
     matrices = [p for p in network.parameters() if p.ndim > 1]
     others = [p for p in network.parameters() if p.ndim <= 1]
     return [{"params": matrices, "weight_decay": decay}, {"params": others, "weight_decay": 0.0}]
 
 
 def identity(args: argparse.Namespace) -> str:
-    """What must be the same for a training to go on."""
+    """The options that must be equal to resume a training."""
     loose = {"out", "resume", "device", "threads", "workers", "minutes", "keypoints", "run", "image_folder"}
     return repr(sorted((k, str(v)) for k, v in vars(args).items() if k not in loose))
 
 
 def draws(task: Task, args: argparse.Namespace, step: int) -> Iterator[Any]:
-    """What the steps from this one on learn from.
+    """The batches from this step on.
 
-    Each draws by its own number, so that a training that goes on draws what it would have drawn, however many workers there are.
+    Each step has a generator seeded by its number, so a resumed training gets the same batches, with any number of workers.
     """
 
     def draw(number: int) -> Any:
@@ -103,20 +103,20 @@ def draws(task: Task, args: argparse.Namespace, step: int) -> Iterator[Any]:
 
 
 def train(task: Task, args: argparse.Namespace) -> nn.Module:
-    """Trains, and gives the network of the best checkpoint."""
+    """Trains, and returns the network of the best checkpoint."""
     network = task.network.to(args.device)
     optimizer = torch.optim.AdamW(decaying(network, args.decay), lr=args.rate)
     state = {"step": 0, "seconds": 0.0, "best": math.inf, "weights": None, "curve": []}
     checkpoint, own = args.out.with_suffix(".pt"), identity(args)
     if args.resume and checkpoint.exists():
-        kept = torch.load(checkpoint, map_location=args.device, weights_only=False)
-        if kept["identity"] != own:
-            sys.exit(f"{checkpoint} is of a training with other options")
-        network.load_state_dict(kept["network"])
-        optimizer.load_state_dict(kept["optimizer"])
-        torch.set_rng_state(kept["random"].cpu())
-        state = kept["state"]
-        print(f"goes on at step {state['step']}", file=sys.stderr)
+        saved = torch.load(checkpoint, map_location=args.device, weights_only=False)
+        if saved["identity"] != own:
+            sys.exit(f"{checkpoint} is from a training with other options; use the same options, or another output")
+        network.load_state_dict(saved["network"])
+        optimizer.load_state_dict(saved["optimizer"])
+        torch.set_rng_state(saved["random"].cpu())
+        state = saved["state"]
+        print(f"resumes at step {state['step']}", file=sys.stderr)
 
     def done() -> float:
         by_time = state["seconds"] / (60.0 * args.minutes) if args.minutes else 0.0
@@ -125,12 +125,12 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
     losses: list[float] = []
     drawn = draws(task, args, state["step"])
     while True:
-        whole = state["step"] % args.every == 0 or done() >= 1.0
-        if whole and (losses or state["step"] == 0):
-            note(task, network, state, losses, args)
+        is_due = state["step"] % args.every == 0 or done() >= 1.0
+        if is_due and (losses or state["step"] == 0):
+            validate_and_log(task, network, state, losses, args)
             losses = []
-            kept = {"identity": own, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
-            replace(checkpoint, kept | {"random": torch.get_rng_state(), "state": state})
+            saved = {"identity": own, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
+            save_atomically(checkpoint, saved | {"random": torch.get_rng_state(), "state": state})
         if done() >= 1.0:
             break
         started = time.monotonic()
@@ -139,7 +139,7 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
             group["lr"] = args.rate * rate_at(done())
         loss = task.loss(next(drawn))
         if not torch.isfinite(loss):
-            sys.exit(f"the loss is no number at step {state['step']}")
+            sys.exit(f"the loss is not finite at step {state['step']}")
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -152,11 +152,11 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
     return network.eval()
 
 
-def note(task: Task, network: nn.Module, state: dict, losses: list[float], args: argparse.Namespace) -> None:
-    """Judges the network, keeps it if it is the best, and writes the curve."""
+def validate_and_log(task: Task, network: nn.Module, state: dict, losses: list[float], args: argparse.Namespace) -> None:
+    """Validates the network, stores its weights if it is the best, and writes the curve."""
     network.eval()
     with torch.no_grad():
-        figures = task.judge()
+        figures = task.validate()
     own = next(iter(figures.values()))
     if own < state["best"] or state["weights"] is None:
         state["best"] = own
@@ -171,8 +171,8 @@ def note(task: Task, network: nn.Module, state: dict, losses: list[float], args:
     print("  ".join(f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), file=sys.stderr, flush=True)
 
 
-def replace(path: Path, kept: dict) -> None:
-    """Whole or not at all."""
-    beside = path.with_suffix(".pt.new")
-    torch.save(kept, beside)
-    beside.replace(path)
+def save_atomically(path: Path, saved: dict) -> None:
+    """Writes a checkpoint; a failure leaves the old file unchanged."""
+    temporary = path.with_suffix(".pt.new")
+    torch.save(saved, temporary)
+    temporary.replace(path)

@@ -1,4 +1,4 @@
-"""The networks. What goes in and out of them is what the program's runner feeds and reads (README.md)."""
+"""The networks. Their inputs and outputs are those of the program's runner (README.md)."""
 
 import math
 
@@ -12,17 +12,16 @@ SEES = ("set", "row", "line")
 
 
 class Positions(nn.Module):
-    """Where on its line each keypoint lies.
+    """Position of each keypoint on its line.
 
-    A line is described by the mean of products of cosines over where the keypoint may be, and an answer is a sum of the
-    same products, read at each bin:
+    A line is encoded by the mean of products of cosines over its bins. The output is a sum of the same products, evaluated at each bin:
 
         logits[n, b] = sum over i, j of A_n[i, j] cos(pi i x_b) cos(pi j y_b),   A_n from all rows
 
-    The answer is added to the logarithm of the exact guess by whoever runs the network. The last layer begins at zero.
+    The caller adds the log prior `guess` to the logits. The last layer is initialized with zeros.
     """
 
-    #: Mean products of cosines are small beside entries of descriptors.
+    #: Mean products of cosines are small compared with entries of descriptors.
     LINE_SCALE = 3.0
 
     def __init__(
@@ -31,7 +30,7 @@ class Positions(nn.Module):
     ):  # fmt: skip
         super().__init__()
         if sees not in SEES:
-            raise ValueError(f"a network sees one of {SEES}, not {sees!r}")
+            raise ValueError(f"sees: must be one of {SEES}, not {sees!r}")
         self.sees, self.waves = sees, waves
         inputs = dimension + waves * waves
         self.encoder = SetEncoder(inputs, waves * waves, width, heads, layers, sees == "set", dropout, zero=True)
@@ -57,14 +56,14 @@ class Positions(nn.Module):
 
 
 class Neighbours(nn.Module):
-    """Unit vectors whose products are large for descriptors of keypoints that are near each other in the image."""
+    """Embeds descriptors as unit vectors; dot products are large for keypoints near each other in the image."""
 
     def __init__(
         self, dimension: int, outputs: int = 96, width: int = 96, heads: int = 4, layers: int = 2, dropout: float = 0.1
     ):
         super().__init__()
         self.encoder = SetEncoder(dimension, outputs, width, heads, layers, True, dropout)
-        #: Of the products, in training alone.
+        #: Scale of the dot products, used only in training.
         self.log_scale = nn.Parameter(torch.tensor(math.log(8.0)))
 
     def forward(self, descriptors: torch.Tensor, present: torch.Tensor | None = None) -> torch.Tensor:
@@ -85,9 +84,9 @@ class Convolutions(nn.Sequential):
 
 
 class UNet(nn.Module):
-    """Ronneberger et al., U-Net, MICCAI 2015: `levels` sizes, `width` channels at the largest, twice as many at each next.
+    """Ronneberger et al., U-Net, MICCAI 2015: `levels` resolutions, `width` channels at the largest, doubled at each next level.
 
-    Of width 64 and five levels it is that of the paper: 64, 128, 256, 512 and 1024 channels. Sides of the input are
+    With width 64 and five levels it is the network of the paper: 64, 128, 256, 512 and 1024 channels. The sides of the input must be
     multiples of `2 ** (levels - 1)`.
     """
 
@@ -101,14 +100,14 @@ class UNet(nn.Module):
         self.last = nn.Conv2d(width, outputs, 1)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        kept = []
+        skips = []
         for level, convolutions in enumerate(self.down):
             x = convolutions(F.max_pool2d(x, 2) if level else x)
-            kept.append(x)
-        kept.pop()
+            skips.append(x)
+        skips.pop()
         for narrow, convolutions in zip(self.narrow, self.up):
             x = narrow(F.interpolate(x, scale_factor=2.0, mode="nearest"))
-            x = convolutions(torch.cat([kept.pop(), x], dim=1))
+            x = convolutions(torch.cat([skips.pop(), x], dim=1))
         return self.last(x)
 
 
@@ -116,7 +115,7 @@ FORMS = ("unet", "invsfm")
 
 
 class Inversion(nn.Module):
-    """The image from descriptors at their places. `[1, D + 1, H, W]` to `[1, 3, H, W]`, sRGB 0 to 1."""
+    """Image from descriptors and their positions. `[1, D + 1, H, W]` to `[1, 3, H, W]`, sRGB 0 to 1."""
 
     def __init__(self, dimension: int, width: int = 64, levels: int = 5):
         super().__init__()
@@ -129,8 +128,8 @@ class Inversion(nn.Module):
 class InvSfm(nn.Module):
     """Three stages after Pittaluga et al., Revealing Scenes by Inverting Structure from Motion Reconstructions, CVPR 2019.
 
-    The first says which cells hold descriptors that stand rightly, the second makes an image of those, the third refines
-    it. There the first stage finds points that are hidden by others; misplaced descriptors take their part here.
+    The first stage predicts which cells hold descriptors at their true position, the second reconstructs an image from these, the
+    third refines it. In the paper the first stage finds occluded points; here it finds misplaced descriptors.
     """
 
     def __init__(self, dimension: int, width: int = 64, levels: int = 5):
@@ -153,10 +152,10 @@ class InvSfm(nn.Module):
 
 
 def inversion(form: str, dimension: int, width: int, levels: int) -> nn.Module:
-    """The network of a form."""
+    """The network of this form."""
     return {"unet": Inversion, "invsfm": InvSfm}[form](dimension, width, levels)
 
 
 def parameters(network: nn.Module) -> int:
-    """How many numbers are learned."""
+    """Number of trainable parameters."""
     return sum(p.numel() for p in network.parameters())

@@ -1,7 +1,7 @@
-"""Which descriptors are of keypoints near each other: embeddings whose products are large for neighbours.
+"""Predicts which descriptors belong to neighbouring keypoints: embeddings with large dot products for neighbours.
 
-The loss is the cross entropy between a keypoint's nearest neighbours, all alike, and the softmax of its products with all others of
-the draw (InfoNCE with several right answers).
+The loss is the cross entropy between the uniform distribution over a keypoint's nearest neighbours and the softmax of its dot products
+with all other keypoints of the sample (InfoNCE with several positives).
 """
 
 import argparse
@@ -10,16 +10,16 @@ import numpy as np
 import torch
 
 from . import loop
-from .data import Known, read_keypoints, scaled, split
+from .data import KeypointImage, read_keypoints, scaled, split
 from .export import export
 from .models import Neighbours, parameters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=20_000, batch=4, rate=1e-3)
-    parser.add_argument("--nearest", type=int, default=20, help="so many are a keypoint's neighbours (%(default)s)")
-    parser.add_argument("--rows", type=int, default=512, help="keypoints drawn from an image (%(default)s)")
-    parser.add_argument("--width", type=int, default=192, help="of what stands for a row in the network (%(default)s)")
+    parser.add_argument("--nearest", type=int, default=20, help="number of neighbours of a keypoint (%(default)s)")
+    parser.add_argument("--rows", type=int, default=512, help="keypoints sampled from an image (%(default)s)")
+    parser.add_argument("--width", type=int, default=192, help="width of the transformer (%(default)s)")
     parser.add_argument("--outputs", type=int, default=96, help="length of an embedding (%(default)s)")
     parser.add_argument("--heads", type=int, default=6, help="(%(default)s)")
     parser.add_argument("--layers", type=int, default=4, help="(%(default)s)")
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def nearest(keypoints: np.ndarray, count: int) -> np.ndarray:
-    """The nearest others of each, unordered. `[N, count]`"""
+    """The nearest other keypoints of each, unsorted. `[N, count]`"""
     count = min(count, len(keypoints) - 1)
     squares = (keypoints**2).sum(axis=1)
     away = squares[:, None] + squares[None] - 2.0 * keypoints @ keypoints.T
@@ -36,11 +36,11 @@ def nearest(keypoints: np.ndarray, count: int) -> np.ndarray:
 
 
 def targets(near: np.ndarray, order: np.ndarray, total: int) -> np.ndarray:
-    """Shares of those neighbours of the drawn ones that were drawn; a row of zeros where none was. `[n, n]`"""
-    place = np.full(total, -1)
-    place[order] = np.arange(len(order))
+    """Target distribution over the sampled neighbours of each sampled keypoint; zeros if none was sampled. `[n, n]`"""
+    index_in_sample = np.full(total, -1)
+    index_in_sample[order] = np.arange(len(order))
     row = np.repeat(np.arange(len(order)), near.shape[1])
-    column = place[near[order]].reshape(-1)
+    column = index_in_sample[near[order]].reshape(-1)
     shares = np.zeros((len(order), len(order)), np.float32)
     shares[row[column >= 0], column[column >= 0]] = 1.0
     return shares / np.maximum(shares.sum(axis=1, keepdims=True), 1.0)
@@ -56,10 +56,10 @@ def cross_entropy(network: Neighbours, descriptors: torch.Tensor, present: torch
     return -(shares * logs).sum(dim=-1)[rows].mean()
 
 
-class Judge:
-    """Of the true nearest, the share that are among as many of the largest products, in whole validation images."""
+class Validation:
+    """Validation on whole images: share of the true nearest neighbours among the same number of largest dot products."""
 
-    def __init__(self, images: list[Known], network: Neighbours, args: argparse.Namespace):
+    def __init__(self, images: list[KeypointImage], network: Neighbours, args: argparse.Namespace):
         rng = np.random.default_rng(0)
         self.network, self.images = network, []
         for image in images:
@@ -81,11 +81,11 @@ class Judge:
 
 
 def run(args: argparse.Namespace) -> None:
-    loop.begin(args)
+    loop.setup(args)
     training, validation = split(read_keypoints(args.keypoints, args.images, args.nearest + 2), args.validation)
     dimension = training[0].descriptors.shape[1]
     network = Neighbours(dimension, args.outputs, args.width, args.heads, args.layers, args.dropout)
-    print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers")
+    print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers")
     known: dict[int, np.ndarray] = {}
 
     def drawn(rng: np.random.Generator) -> list[torch.Tensor]:
@@ -110,5 +110,5 @@ def run(args: argparse.Namespace) -> None:
         return cross_entropy(network, *(x.to(args.device) for x in batch))
 
     network.to(args.device)
-    trained = loop.train(loop.Task(network, drawn, loss, Judge(validation, network, args)), args)
+    trained = loop.train(loop.Task(network, drawn, loss, Validation(validation, network, args)), args)
     export(trained, args.out, "neighbours", args.features, dimension)

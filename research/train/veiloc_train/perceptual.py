@@ -1,7 +1,7 @@
-"""ST-LPIPS: a perceptual distance that bears small shifts, and its layers as features of a loss.
+"""ST-LPIPS, a shift-tolerant perceptual distance, and its layers for a perceptual loss.
 
-Ghildyal and Liu, Shift-tolerant Perceptual Similarity Metric, ECCV 2022, in its AlexNet form. It is no plain LPIPS: pools are
-blurred, and the first convolution has no stride. Tensors have the names of the authors' file.
+Ghildyal and Liu, Shift-tolerant Perceptual Similarity Metric, ECCV 2022, with AlexNet. It differs from LPIPS: pooling is
+anti-aliased, and the first convolution has no stride. Tensors have the names of the authors' file.
 """
 
 from pathlib import Path
@@ -10,9 +10,9 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-#: Slice and number of each convolution in the file, with its padding.
+#: Name of each convolution in the file, and its padding.
 CONVOLUTIONS = [("slice1.0", 2), ("slice2.5", 2), ("slice3.9", 1), ("slice4.11", 1), ("slice5.13", 1)]
-#: Kernels that blur: after the first convolution, before the second and the third.
+#: Blur kernels: after the first convolution, before the second and the third.
 BLURS = ["slice1.1", "slice2.4", "slice3.8"]
 MARGIN = 2
 
@@ -47,7 +47,7 @@ class StLpips(nn.Module):
         return self.blurs[number](F.pad(x, [MARGIN] * 4, mode="reflect"))
 
     def layers(self, image: torch.Tensor, count: int = 5) -> list[torch.Tensor]:
-        """The first layers, rectified."""
+        """The first layers, after ReLU."""
         x = (2.0 * image - 1.0 - self.shift) / self.scale
         found = []
         for number, convolution in enumerate(self.convolutions[:count]):
@@ -70,5 +70,5 @@ class StLpips(nn.Module):
 
 
 def unit(x: torch.Tensor) -> torch.Tensor:
-    """Of length 1 over the channels."""
+    """Normalizes over the channels."""
     return x / (x.square().sum(dim=1, keepdim=True).sqrt() + 1e-10)

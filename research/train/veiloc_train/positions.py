@@ -1,7 +1,7 @@
-"""Positions along lines, from all rows that a device sends.
+"""Predicts positions along lines from all rows of a query.
 
-The loss is the cross entropy of the bin in which a keypoint is, in images obfuscated anew at every draw; the validation is told in
-bits over the exact guess, and in pixels.
+The loss is the cross entropy of the bin that holds the keypoint, on images that are obfuscated again for each batch. The validation
+gives the gain over the prior-only baseline in bits, and errors.
 """
 
 import argparse
@@ -12,43 +12,43 @@ import torch
 
 from . import bins as cuts
 from . import loop
-from .data import Known, mirrored, read_keypoints, scaled, split
+from .data import KeypointImage, mirrored, read_keypoints, scaled, split
 from .export import export
 from .models import SEES, Positions, parameters
 from .schemes import Scheme, sent
 
-#: Bins of a row. Answers are smooth, so that finer ones teach nothing more.
+#: Bins of a row. Outputs are smooth, so more bins do not help.
 BINS = 64
-#: Sides of a part of an image are at least this share of the image's.
-LEAST_SIDE = 0.5
-#: A part with fewer keypoints is not looked at; the whole image is instead.
-FEWEST = 48
+#: Sides of a crop are at least this share of the image's sides.
+MIN_CROP_SIDE = 0.5
+#: A crop with fewer keypoints is replaced by the whole image.
+MIN_KEYPOINTS = 48
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=20_000, batch=4, rate=1e-3)
     schemes = "dcl (also dcl:horizontal, dcl:angle=…,s=…), random-lines or coordinate-permutation"
     parser.add_argument("--scheme", default="dcl", help=f"{schemes} (%(default)s)")
-    parser.add_argument("--sees", choices=SEES, default="set", help="all rows, each row alone, or its line alone (%(default)s)")
-    parser.add_argument("--rows", type=int, default=512, help="keypoints drawn from an image (%(default)s)")
-    parser.add_argument("--width", type=int, default=192, help="of what stands for a row in the network (%(default)s)")
+    parser.add_argument("--sees", choices=SEES, default="set", help="input of the network: all rows, one row, or its line only (%(default)s)")
+    parser.add_argument("--rows", type=int, default=512, help="keypoints sampled from an image (%(default)s)")
+    parser.add_argument("--width", type=int, default=192, help="width of the transformer (%(default)s)")
     parser.add_argument("--heads", type=int, default=6, help="(%(default)s)")
     parser.add_argument("--layers", type=int, default=4, help="(%(default)s)")
     parser.add_argument("--waves", type=int, default=12, help="cosines along each axis (%(default)s)")
     parser.add_argument("--dropout", type=float, default=0.1, help="(%(default)s)")
-    parser.add_argument("--mirror", action="store_true", help="mirror half of the draws; right for SIFT descriptors alone")
+    parser.add_argument("--mirror", action="store_true", help="mirror half of the samples; only valid for SIFT descriptors")
 
 
-def draw(image: Known, most: int, mirror: bool, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
-    """At most `most` keypoints of a part of the image, maybe mirrored: places, descriptors, size of the part."""
+def draw(image: KeypointImage, most: int, mirror: bool, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+    """At most `most` keypoints of a random crop, optionally mirrored: positions, descriptors, size of the crop."""
     size = np.array([image.width, image.height])
     corner = np.zeros(2)
     kept = np.arange(len(image.keypoints))
     if rng.random() < 0.5:
-        part = np.clip(np.ceil(rng.uniform(LEAST_SIDE, 1.0, 2) * size), 1, size).astype(int)
+        part = np.clip(np.ceil(rng.uniform(MIN_CROP_SIDE, 1.0, 2) * size), 1, size).astype(int)
         at = rng.integers(0, size - part + 1)
         within = np.flatnonzero(((image.keypoints >= at) & (image.keypoints < at + part)).all(axis=1))
-        if len(within) >= FEWEST:
+        if len(within) >= MIN_KEYPOINTS:
             corner, size, kept = at, part, within
     kept = rng.permutation(kept)[:most]
     places, descriptors = image.keypoints[kept] - corner, image.descriptors[kept]
@@ -58,8 +58,8 @@ def draw(image: Known, most: int, mirror: bool, rng: np.random.Generator) -> tup
     return places, descriptors, (int(size[0]), int(size[1]))
 
 
-class Sent:
-    """Images as an attacker holds them, as one batch; the true bin is -1 for rows that are not there or have one bin."""
+class ObfuscatedBatch:
+    """Obfuscated images as one batch, as an attacker has them; the true bin is -1 for padding and for rows with one bin."""
 
     def __init__(self, drawn: list[tuple], scheme: Scheme, rng: np.random.Generator):
         rows = max(len(places) for places, _, _ in drawn)
@@ -85,34 +85,34 @@ class Sent:
         tensors = [torch.from_numpy(x) for x in (descriptors, where, guess, truth, present)]
         self.descriptors, self.places, self.guess, self.truth, self.present = tensors
 
-    def to(self, device: str) -> "Sent":
+    def to(self, device: str) -> "ObfuscatedBatch":
         for name in ("descriptors", "places", "guess", "truth", "present"):
             setattr(self, name, getattr(self, name).to(device))
         return self
 
     def shares(self, network: Positions) -> torch.Tensor:
-        """Logarithm of how likely each bin is. `[images, N, B]`"""
+        """Log probability of each bin. `[images, N, B]`"""
         logits = network(self.descriptors, self.places, self.guess, self.present)
         return torch.log_softmax(self.guess + logits, dim=-1)
 
     def gain(self, shares: torch.Tensor) -> torch.Tensor:
-        """Of each row that has a truth: logarithm of how likely its bin is over the guess's."""
+        """Log ratio of the probability of the true bin to its prior, for each row with a true bin."""
         held = self.truth.clamp(min=0).unsqueeze(-1)
         gain = (shares - torch.log_softmax(self.guess, dim=-1)).gather(-1, held).squeeze(-1)
         return gain[self.truth >= 0]
 
 
-class Judge:
-    """The validation images, each whole and obfuscated the same way every time."""
+class Validation:
+    """Validation on whole images, with the same obfuscation every time."""
 
-    def __init__(self, images: list[Known], network: Positions, args: argparse.Namespace, scheme: Scheme):
+    def __init__(self, images: list[KeypointImage], network: Positions, args: argparse.Namespace, scheme: Scheme):
         rng = np.random.default_rng(0)
         self.network = network
         self.sent = []
         for image in images:
             order = rng.permutation(len(image.keypoints))[:1024]
             drawn = (image.keypoints[order], image.descriptors[order], (image.width, image.height))
-            self.sent.append(Sent([drawn], scheme, rng).to(args.device))
+            self.sent.append(ObfuscatedBatch([drawn], scheme, rng).to(args.device))
 
     def __call__(self) -> dict[str, float]:
         gains, errors, guesses = [], [], []
@@ -127,7 +127,7 @@ class Judge:
                 found.append(np.linalg.norm(mean - truth, axis=1) / max(sent_image.sizes[0]))
         bits = torch.cat(gains).mean().item() / math.log(2.0)
         error, guess = np.concatenate(errors), np.concatenate(guesses)
-        # The first is made small.
+        # The first one selects the best checkpoint (smaller is better).
         return {
             "minus_bits": -bits,
             "median_error": float(np.median(error)), "median_guess": float(np.median(guess)),
@@ -136,21 +136,21 @@ class Judge:
 
 
 def run(args: argparse.Namespace) -> None:
-    loop.begin(args)
+    loop.setup(args)
     scheme = Scheme.parse(args.scheme)
     training, validation = split(read_keypoints(args.keypoints, args.images), args.validation)
     dimension = training[0].descriptors.shape[1]
     network = Positions(dimension, args.sees, args.waves, args.width, args.heads, args.layers, args.dropout)
-    print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers")
+    print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers")
 
-    def drawn(rng: np.random.Generator) -> Sent:
+    def drawn(rng: np.random.Generator) -> ObfuscatedBatch:
         chosen = rng.integers(len(training), size=args.batch)
-        return Sent([draw(training[i], args.rows, args.mirror, rng) for i in chosen], scheme, rng)
+        return ObfuscatedBatch([draw(training[i], args.rows, args.mirror, rng) for i in chosen], scheme, rng)
 
-    def loss(batch: Sent) -> torch.Tensor:
+    def loss(batch: ObfuscatedBatch) -> torch.Tensor:
         batch = batch.to(args.device)
         return -batch.gain(batch.shares(network)).mean()
 
     network.to(args.device)
-    trained = loop.train(loop.Task(network, drawn, loss, Judge(validation, network, args, scheme)), args)
+    trained = loop.train(loop.Task(network, drawn, loss, Validation(validation, network, args, scheme)), args)
     export(trained, args.out, "positions", args.features, dimension, scheme=args.scheme, sees=args.sees)

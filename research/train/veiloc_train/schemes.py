@@ -1,8 +1,8 @@
-"""What devices send of keypoints, and where a row says its keypoint may be. All in pixels, from the corner of the image.
+"""The obfuscation schemes, and the candidate positions of a row. All coordinates are pixels from the image corner.
 
-A row has one candidate, or two with `coordinate-permutation`: a stretch of a line in which the keypoint lies. How likely it is at a
-place of the stretch, with keypoints spread evenly over the image, is linear along it: constant on a line of random direction, and
-growing with the distance from the anchor in Dual Convergent Lines. `tests/test_schemes.py` holds this against drawn keypoints.
+A row has one candidate, or two with `coordinate-permutation`: a segment of a line on which the keypoint lies. For keypoints that are
+uniform in the image, the density along the segment is linear: constant on a line of random direction, and proportional to the distance
+from the anchor in Dual Convergent Lines. `tests/test_schemes.py` compares this with random keypoints.
 """
 
 import math
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 TURN = 2.0 * math.pi
-#: Codes of an angle over the half circle are 2 to this, as devices send it.
+#: Bits of a quantized angle over the half circle.
 ANGLE_BITS = 12
-#: Lengths are sent in quarters of a pixel.
+#: Lengths are quantized to quarters of a pixel.
 STEPS_PER_PIXEL = 4.0
-#: Anchors nearer than this cosine to the direction of sight have their angles counted from the vertical.
+#: If the cosine between an anchor and the optical axis is larger, its angles are measured from the vertical.
 MOST_AHEAD = 0.995
 
 
@@ -24,14 +24,14 @@ class Scheme:
     """`random-lines`, `coordinate-permutation`, or `dcl` with two halves."""
 
     kind: str
-    #: Of the dividing line of `dcl`, from right towards down.
+    #: Angle of the dividing line of `dcl`, from right towards down.
     degrees: float = 90.0
     #: Distance of the anchors from the centre, in half image heights.
     s: float = 1.0
 
     @staticmethod
     def parse(text: str) -> "Scheme":
-        """As the program's `--scheme` spells it; layouts of several sectors are not among them."""
+        """Parses a name as for the program's `--scheme`; layouts with more than two sectors are not supported."""
         kind, _, layout = text.partition(":")
         if kind in ("random-lines", "coordinate-permutation") and not layout:
             return Scheme(kind)
@@ -49,23 +49,23 @@ class Scheme:
             elif name == "s":
                 s = round(float(value), 2)
             else:
-                raise ValueError(f"{part!r} is no part of a layout of two halves")
+                raise ValueError(f"{part!r} is not an option of a layout with two halves")
         if not (0.0 <= degrees < 180.0 and 0.1 <= s <= 20.0):
-            raise ValueError(f"{text!r}: an angle from 0 to below 180 degrees and s from 0.1 to 20")
+            raise ValueError(f"{text!r}: the angle must be from 0 to below 180 degrees, and s from 0.1 to 20")
         return Scheme("dcl", degrees, s)
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """`[N, S]` stretches `origin + t direction`, `near <= t <= far`; `near > far` where the line misses the image."""
+    """`[N, S]` segments `origin + t direction`, `near <= t <= far`; `near > far` where the line misses the image."""
 
     origin: np.ndarray  # [N, S, 2]
     direction: np.ndarray  # [N, S, 2], of length 1
     near: np.ndarray
     far: np.ndarray
-    #: The likelihood at t is, up to a factor, `growth[0] + growth[1] * t`. `[N, S, 2]`
+    #: The density at t is, up to a factor, `growth[0] + growth[1] * t`. `[N, S, 2]`
     growth: np.ndarray
-    #: How likely it is this candidate of the row.
+    #: Probability of this candidate of the row.
     share: np.ndarray
 
     def empty(self) -> np.ndarray:
@@ -73,14 +73,14 @@ class Candidates:
         return ~((self.near <= self.far) & np.isfinite(self.near) & np.isfinite(self.far))
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """The place at `t` `[N, S]`, `[N, S, 2]`."""
+        """The position at `t` `[N, S]`, `[N, S, 2]`."""
         return self.origin + t[..., None] * self.direction
 
 
 def sent(keypoints: np.ndarray, size: tuple[int, int], scheme: Scheme, rng: np.random.Generator) -> Candidates:
-    """Candidates of rows as a device sends them: dithered, lifted, rounded. One row a keypoint, in their order.
+    """Obfuscates keypoints as a device does (dither, line, rounding), and returns the candidates of each row, in the same order.
 
-    Keypoints of one position share one line (they would cross in it otherwise)."""
+    Keypoints at one position share one line; otherwise their lines would intersect at it."""
     places, of = np.unique(np.asarray(keypoints, dtype=np.float64), axis=0, return_inverse=True)
     dithered = places + rng.random(places.shape) - 0.5
     made = {"random-lines": random_lines, "coordinate-permutation": permuted, "dcl": convergent}[scheme.kind]
@@ -94,7 +94,7 @@ def rounded(lengths: np.ndarray) -> np.ndarray:
 
 
 def chords(points: np.ndarray, directions: np.ndarray, size: np.ndarray, share: float) -> Candidates:
-    """Whole lines through these points `[N, S, 2]`, where they are in the image."""
+    """Lines through these points `[N, S, 2]`, clipped to the image."""
     center = size / 2.0
     normals = np.stack([-directions[..., 1], directions[..., 0]], axis=-1)
     offset = ((points - center) * normals).sum(axis=-1, keepdims=True)
@@ -105,7 +105,7 @@ def chords(points: np.ndarray, directions: np.ndarray, size: np.ndarray, share: 
 
 
 def clipped(origin: np.ndarray, direction: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From where to where along lines is inside the image."""
+    """The interval of each line inside the image."""
     flat = np.abs(direction) < 1e-12
     step = np.where(flat, 1.0, direction)
     a, b = -origin / step, (size - origin) / step
@@ -124,7 +124,7 @@ def random_lines(places: np.ndarray, size: np.ndarray, _: Scheme, rng: np.random
 
 
 def lines_of_rows(code: np.ndarray, offset: np.ndarray, size: np.ndarray) -> Candidates:
-    """What rows of `random-lines` say: `-sin u + cos v = offset` from the centre, pixels."""
+    """Candidates of `random-lines` rows: `-sin u + cos v = offset` from the centre, pixels."""
     angle = (code + 0.5) * math.pi / (1 << ANGLE_BITS)
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     normal = np.stack([-directions[:, 1], directions[:, 0]], axis=-1)
@@ -133,19 +133,19 @@ def lines_of_rows(code: np.ndarray, offset: np.ndarray, size: np.ndarray) -> Can
 
 
 def permuted(places: np.ndarray, size: np.ndarray, _: Scheme, rng: np.random.Generator) -> Candidates:
-    """Pairs exchange one coordinate: the keypoint is on the horizontal or on the vertical line through what was sent."""
+    """Pairs exchange one coordinate: the keypoint is on the horizontal or the vertical line through the sent position."""
     return crosses_of_rows(rounded(exchanged(places - size / 2.0, size / 2.0, rng)), size)
 
 
 def crosses_of_rows(from_center: np.ndarray, size: np.ndarray) -> Candidates:
-    """What rows of `coordinate-permutation` say: positions from the centre, pixels."""
+    """Candidates of `coordinate-permutation` rows: positions from the centre, pixels."""
     points = from_center + size / 2.0
     directions = np.broadcast_to(np.array([[1.0, 0.0], [0.0, 1.0]]), (len(points), 2, 2)).copy()
     return chords(np.repeat(points[:, None], 2, axis=1), directions, size, 0.5)
 
 
 def exchanged(places: np.ndarray, half: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Places from the centre, each with one coordinate of its partner; the last three of an odd number form a ring."""
+    """Positions from the centre, each with one coordinate of its partner; with an odd number, the last three form a cycle."""
     count = len(places)
     result = places.copy()
     if count == 1:
@@ -164,10 +164,10 @@ def exchanged(places: np.ndarray, half: np.ndarray, rng: np.random.Generator) ->
 
 
 def convergent(places: np.ndarray, size: np.ndarray, scheme: Scheme, _: np.random.Generator) -> Candidates:
-    """The half-line from the anchor of the keypoint's half; its angle over the whole circle has one bit more.
+    """The half-line from the anchor of the keypoint's half; its angle covers the whole circle and has one more bit.
 
-    An anchor is a direction in space, of a camera whose focal length is the image's longer side, and the angle that is rounded is
-    that of the plane through it and the keypoint. Functionals act on `(u, v, 1)`.
+    An anchor is a direction in space, for a camera whose focal length is the image's longer side. The quantized angle is that of the
+    plane through the anchor and the keypoint. Functionals act on `(u, v, 1)`.
     """
     focal, levels = size.max(), 2 << ANGLE_BITS
     homogeneous = np.concatenate([places, np.ones((len(places), 1))], axis=1)
@@ -181,7 +181,7 @@ def convergent(places: np.ndarray, size: np.ndarray, scheme: Scheme, _: np.rando
 
 
 def half_lines_of_rows(first: np.ndarray, code: np.ndarray, size: np.ndarray, scheme: Scheme, focal: float) -> Candidates:
-    """What rows of `dcl` say: whether the first anchor is theirs, and the code of the angle about it."""
+    """Candidates of `dcl` rows, from the anchor (`first`: whether it is the first one) and the quantized angle `code`."""
     angle = (code + 0.5) * TURN / (2 << ANGLE_BITS)
     origin, direction = np.empty((len(code), 2)), np.empty((len(code), 2))
     for chosen, anchor in zip((first, ~first), anchors(scheme, size)):
@@ -195,7 +195,7 @@ def half_lines_of_rows(first: np.ndarray, code: np.ndarray, size: np.ndarray, sc
         origin[chosen] = size / 2.0 + anchor
     near, far = clipped(origin, direction, size)
     near = np.maximum(near, 0.0)
-    # All of a half-line from a point of the dividing line is in one half: where it was rounded across, nothing is left.
+    # A half-line that starts on the dividing line lies in one half; if rounding moved it to the other half, no candidate remains.
     across = (direction @ side_of(scheme)) * np.where(first, 1.0, -1.0) < 0.0
     far = np.where(across | (far - near <= 1e-9), -np.inf, far)
     growth = np.broadcast_to(np.array([0.0, 1.0]), (len(code), 2)).copy()
@@ -204,7 +204,7 @@ def half_lines_of_rows(first: np.ndarray, code: np.ndarray, size: np.ndarray, sc
 
 
 def anchors(scheme: Scheme, size: np.ndarray) -> list[np.ndarray]:
-    """The two of `dcl`, from the centre."""
+    """The two anchors of `dcl`, from the centre."""
     far = 0.5 * scheme.s * size[1] * exact(scheme.degrees)
     return [-far, far]
 
@@ -216,13 +216,13 @@ def side_of(scheme: Scheme) -> np.ndarray:
 
 
 def exact(degrees: float) -> np.ndarray:
-    """Cosine and sine, exact for quarter turns."""
+    """Cosine and sine, exact for multiples of 90 degrees."""
     both = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
     return np.where(np.abs(both) < 1e-15, 0.0, both)
 
 
 def pencil(anchor: np.ndarray, size: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """Functionals of the angle 0 and of a quarter turn about an anchor, which is given from the centre, pixels."""
+    """Functionals of the angles 0 and 90 degrees about an anchor, given from the centre, pixels."""
     toward = np.append(anchor / focal, 1.0)
     toward /= np.linalg.norm(toward)
     start = np.array([0.0, 1.0, 0.0]) if toward[2] > MOST_AHEAD else np.array([0.0, 0.0, 1.0])

@@ -1,6 +1,6 @@
-"""A transformer over a set of keypoints, without any position in the set (Lee et al., Set Transformer, ICML 2019).
+"""A transformer over a set of keypoints, without positional encoding (Lee et al., Set Transformer, ICML 2019).
 
-Attention is written out, so that the exported graph has MatMul and Softmax only, and any number of keypoints fits.
+Attention is implemented explicitly, so that the exported graph has only MatMul and Softmax, for any number of keypoints.
 """
 
 import torch
@@ -8,7 +8,7 @@ from torch import nn
 
 
 class Attention(nn.Module):
-    """Self-attention of several heads. `[1, N, width]` to the same."""
+    """Multi-head self-attention. `[1, N, width]` to the same shape."""
 
     def __init__(self, width: int, heads: int):
         super().__init__()
@@ -18,7 +18,7 @@ class Attention(nn.Module):
         self.query, self.key, self.value, self.out = (nn.Linear(width, width) for _ in range(4))
 
     def forward(self, x: torch.Tensor, present: torch.Tensor | None = None) -> torch.Tensor:
-        """`present` `[images, N]`, for batches of sets of unequal size: False where a set has ended."""
+        """`present` `[images, N]`, for batches of sets of unequal size: False for padding."""
         images, _, width = x.shape
 
         def split(y: torch.Tensor) -> torch.Tensor:
@@ -33,7 +33,7 @@ class Attention(nn.Module):
 
 
 class Block(nn.Module):
-    """Attention and a perceptron, each with normalization before it and added to what came in."""
+    """Attention and a perceptron, each with pre-normalization and a residual connection."""
 
     def __init__(self, width: int, heads: int, attends: bool, dropout: float):
         super().__init__()
@@ -52,7 +52,7 @@ class Block(nn.Module):
 
 
 class SetEncoder(nn.Module):
-    """`[1, N, inputs]` to `[1, N, outputs]`; without attention each row for itself."""
+    """`[1, N, inputs]` to `[1, N, outputs]`; without attention it processes each row separately."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class SetEncoder(nn.Module):
 
 
 def centered(descriptors: torch.Tensor, present: torch.Tensor | None = None) -> torch.Tensor:
-    """Rows without the mean of their set: what tells keypoints of one image apart."""
+    """Rows minus the mean of their set, to emphasize the differences of keypoints in one image."""
     if present is None:
         return descriptors - descriptors.mean(dim=1, keepdim=True)
     weight = present.to(descriptors.dtype).unsqueeze(-1)
