@@ -76,7 +76,7 @@ double measure(void *f, int gravity, const double *rows, long count, int n, int 
     return total;
 }
 
-/* Rows of (problem, q, t) in `poses`; returns how many. The size of a pose is what the vector says. */
+/* Rows of (problem, q, t) in `poses`; returns their number. The size of a pose follows from the vector. */
 long solve(void *f, int gravity, const double *rows, long count, int n, double *poses, long room) {
     static vector out;
     long stride = 6 * n + 18, filled = 0;

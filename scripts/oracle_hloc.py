@@ -71,7 +71,7 @@ def fixtures():
 
 def read(path):
     """`NAME DTYPE SHAPE FIRST LAST SUM` of each dataset, and its attributes."""
-    def tell(name, item):
+    def describe(name, item):
         if isinstance(item, h5py.Dataset):
             values = item[()].astype(np.float64).ravel()
             ends = (values[0], values[-1]) if len(values) else (0.0, 0.0)
@@ -79,7 +79,7 @@ def read(path):
             print(name, item.dtype, shape, *(f"{v:.6f}" for v in (*ends, values.sum())), dict(item.attrs))
 
     with h5py.File(path, "r") as file:
-        file.visititems(tell)
+        file.visititems(describe)
 
 
 if __name__ == "__main__":

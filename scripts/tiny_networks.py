@@ -104,7 +104,7 @@ def neighbours():
     nodes += [node("ReduceL2", "long", "length", axes=[-1], keepdims=1), node("Div", "long length", "embedding")]
     write(DATA / "learned/neighbours.onnx", {"descriptors": [1, "N", 12]}, {"embedding": [1, "N", 3]}, nodes, rows=rows)
     describe("neighbours", "neighbours", "made up", 12)
-    # Of descriptors of 128 numbers: a few of them.
+    # The network uses only a few of the 128 numbers of a descriptor.
     few = np.eye(128, 8, dtype=np.float32)
     nodes = [node("MatMul", "descriptors rows", "long"), node("Tanh", "long", "embedding")]
     write(DATA / "learned/embedding.onnx", {"descriptors": [1, "N", 128]}, {"embedding": [1, "N", 8]}, nodes, rows=few)

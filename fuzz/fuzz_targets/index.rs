@@ -1,4 +1,4 @@
-//! An index of regions, as a storage that is not trusted may give it.
+//! An index of regions from an untrusted store.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::index(bytes));

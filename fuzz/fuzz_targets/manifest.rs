@@ -1,4 +1,4 @@
-//! A manifest of regions, as a storage that is not trusted may give it.
+//! A manifest of regions from an untrusted store.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::manifest(bytes));

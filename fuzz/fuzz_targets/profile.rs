@@ -1,4 +1,4 @@
-//! A profile from an operator, as a device gets it.
+//! A profile from an operator, as the device receives it.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::profile(bytes));

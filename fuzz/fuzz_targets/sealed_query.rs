@@ -1,4 +1,4 @@
-//! A sealed query from anybody, as the service gets it.
+//! A sealed query from any client, as the service receives it.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::sealed_query(bytes));

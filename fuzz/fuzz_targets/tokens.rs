@@ -1,4 +1,4 @@
-//! A file of tokens, as an operator may have written it.
+//! A token file that an operator wrote.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::tokens(bytes));

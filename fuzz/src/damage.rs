@@ -13,7 +13,7 @@ impl SplitMix64 {
         ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
     }
 
-    /// One to five mutations: a changed byte, a flipped bit, a truncation, a repeated part, a boundary value, a splice.
+    /// One to four mutations: a changed byte, a flipped bit, a truncation, a repeated part, a boundary value, a splice.
     pub fn mutated(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
         let mut bytes = seed.to_vec();
         for _ in 0..=self.below(4) {

@@ -320,7 +320,7 @@ def ours(program, here, pod, container, ports, mounts, files, variables, mine):
     check(line[-1].startswith("/etc/veiloc/") and "/etc/veiloc" in mounts, f"{here}: its settings are mounted")
     for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
         got = container[probe]["httpGet"]
-        check((got["path"], got["port"]) == (path, "admin"), f"{here}: {probe} asks {path}")
+        check((got["path"], got["port"]) == (path, "admin"), f"{here}: {probe} uses {path}")
     # With the key of a node, or with another user's password, a pod could read and send more than it may.
     check(not any(path.startswith("/etc/nats-tls") and path != "/etc/nats-tls/ca.crt" for path in mine),
           f"{here}: no key of a NATS node")

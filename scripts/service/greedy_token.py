@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""One token sends queries of 4096 rows at its rate limit of 20 per second; another token behaves like a phone. Which queries are answered?
+"""One token sends queries of 4096 rows at its rate limit of 20 per second while another token behaves like a phone; prints which
+queries are answered.
 
     VEILOC_DATA=../shared/data scripts/service/greedy_token.py [--veiloc PROGRAM]
 """

@@ -36,7 +36,7 @@ pub enum WebError {
     /// An option is invalid.
     #[error("option {name}: {reason}")]
     Option {
-        /// Its name.
+        /// Name of the option.
         name: &'static str,
         /// What is wrong.
         reason: String,

@@ -18,27 +18,27 @@ pub enum Request {
     SessionFrom,
     /// Returns the bytes of a session.
     SessionBytes {
-        /// Its handle.
+        /// Handle of the session.
         session: u32,
     },
     /// Seals an image [32 random bytes, then red, green, blue, alpha of each pixel].
     Seal(Box<Seal>),
     /// Returns the first rows of a query, as bytes to send.
     Step {
-        /// Its handle.
+        /// Handle of the query.
         query: u32,
         /// Number of rows, one of the steps that `seal` returned.
         rows: usize,
     },
     /// Returns the lines of a query, and the keypoints they hide.
     Show {
-        /// Its handle.
+        /// Handle of the query.
         query: u32,
     },
     /// Returns a query with the keypoints it hides, for an attack in another worker of this device. It must not be
     /// sent.
     Exhibit {
-        /// Its handle.
+        /// Handle of the query.
         query: u32,
     },
     /// Attacks an exhibit [its bytes]. The call needs no state, so any worker can run it.
