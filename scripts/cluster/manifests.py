@@ -67,7 +67,7 @@ class Program:
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "settings.toml"
             path.write_text(text)
-            args = {"PATH": os.environ["PATH"]} | (environment or {})
+            variables = {"PATH": os.environ["PATH"]} | (environment or {})
             done = run(self.veiloc, command, "--config", path, "--print-config", env=variables)
         fine = check(done.returncode == 0, f"{where}: veiloc {command} accepts these settings {done.stderr.strip()[:200]}")
         return tomllib.loads(done.stdout) if fine else {}

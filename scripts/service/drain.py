@@ -65,7 +65,7 @@ def main():
         bad = ask(server.port, LOCALIZE.replace("place", "broken"), scene.query)[0]
         shutil.copyfile(scene.map, broken)
         time.sleep(4)
-        row("starts", good, f"{bad}, {ask(server.port, LOCALIZE.replace('place', 'broken'), place.query)[0]} after repair")
+        row("starts", good, f"{bad}, {ask(server.port, LOCALIZE.replace('place', 'broken'), scene.query)[0]} after repair")
         server.stop()
     except Ended as end:
         row(f"exit {end.args[0]}", "-", "-")
