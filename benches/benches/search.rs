@@ -37,7 +37,7 @@ fn main() {
 
 fn compare(images: usize) {
     let all: Vec<i8> =
-        (0..images).into_par_iter().flat_map_iter(|i| image_of(i / OF_A_PLACE, i as u64)).collect();
+        (0..images).into_par_iter().flat_map_iter(|i| image_of(i / IMAGES_PER_SCENE, i as u64)).collect();
     let queries: Vec<GlobalDescriptor> = (0..QUERIES)
         .map(|q| {
             GlobalDescriptor::new(image_of(q * 31 % images.div_ceil(IMAGES_PER_SCENE), (q + images) as u64))

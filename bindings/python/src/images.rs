@@ -17,7 +17,7 @@ pub(crate) enum ImageInput {
 
 impl ImageInput {
     /// A path, or an array `[H, W]` or `[H, W, 3]` of bytes, or `[H, W]` of floats in [0, 1].
-    pub(crate) fn of(image: &Bound<'_, PyAny>) -> Result<Self> {
+    pub(crate) fn from_python(image: &Bound<'_, PyAny>) -> Result<Self> {
         if let Ok(path) = image.extract::<PathBuf>() {
             return Ok(Self::File(path));
         }

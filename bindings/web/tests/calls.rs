@@ -121,7 +121,8 @@ fn session_resumes_from_bytes() {
     let pixels = pixels();
     let (first, _) = call(&mut device, &seal_call, &[&SEED, &pixels]);
     assert_eq!((&first["frames"], &first["starts"]), (&json!(1), &json!(1)), "{first}");
-    let (_, session_bytes) = call(&mut device, &json!({"op": "sessionBytes", "session": seal_call["session"]}), &[]);
+    let (_, session_bytes) =
+        call(&mut device, &json!({"op": "sessionBytes", "session": seal_call["session"]}), &[]);
     let (again, _) = call(&mut device, &json!({"op": "sessionFrom"}), &[&session_bytes]);
     assert_eq!(again["frames"], 1);
     seal_call["session"] = again["session"].clone();
