@@ -8,7 +8,7 @@ use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
 use veiloc_protocol::{Answer, PositionHint};
-use veiloc_service::{Kind, NoPose, Unanswered};
+use veiloc_service::{BodyKind, NoPose, LocalizeFailure};
 
 use std::num::NonZeroU64;
 use std::time::Duration;
@@ -54,7 +54,7 @@ pub enum Wanted {
     /// A pose, of a region.
     Pose {
         /// What the body is.
-        kind: Kind,
+        kind: BodyKind,
         /// The body, as the device sent it.
         body: Bytes,
         /// Where the camera roughly is.
@@ -100,7 +100,7 @@ pub enum Outcome {
     /// The complete answer.
     Pose(Box<Answer>),
     /// There is no pose, or there will be none; asking another worker of the group would give the same.
-    Unanswered(Unanswered),
+    LocalizeFailure(LocalizeFailure),
     /// This worker cannot answer; another worker of the group may.
     Rejected(Why),
 }
@@ -191,8 +191,8 @@ impl Request {
         let (wanted, near, body) = match &self.wanted {
             Wanted::Ping => (PING, None, Vec::new()),
             Wanted::Search { globals } => (SEARCH, None, globals.clone()),
-            Wanted::Pose { kind: Kind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
-            Wanted::Pose { kind: Kind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
+            Wanted::Pose { kind: BodyKind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
+            Wanted::Pose { kind: BodyKind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
         };
         let near = near.map_or_else(Vec::new, |near| {
             let [x, y, z] = near.center();
@@ -229,7 +229,7 @@ impl Request {
             (PING, 0) => Wanted::Ping,
             (SEARCH, 1..=32) => Wanted::Search { globals: body },
             (QUERY | RIG, 1) => {
-                let kind = if frame.wanted == QUERY { Kind::Query } else { Kind::Rig };
+                let kind = if frame.wanted == QUERY { BodyKind::Query } else { BodyKind::Rig };
                 Wanted::Pose { kind, body: body.swap_remove(0), near }
             }
             (PING | SEARCH | QUERY | RIG, _) => return Err(field("body")),
@@ -263,12 +263,12 @@ impl Reply {
                 frame.held = candidates.iter().map(|candidate| candidate.held).collect();
             }
             Outcome::Pose(answer) => frame.answer = answer.encode().into(),
-            Outcome::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
+            Outcome::LocalizeFailure(LocalizeFailure::Busy { retry_after } | LocalizeFailure::Unreached { retry_after })
             | Outcome::Rejected(Why::Busy { retry_after }) => {
                 frame.retry_after =
                     u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
             }
-            Outcome::Here | Outcome::Unanswered(_) | Outcome::Rejected(_) => {}
+            Outcome::Here | Outcome::LocalizeFailure(_) | Outcome::Rejected(_) => {}
         }
         if !matches!(self.outcome, Outcome::Here | Outcome::Regions(_)) {
             // Tag and length of the padding are three bytes where the whole is between 128 and 16384 bytes.
@@ -313,17 +313,17 @@ const fn code_of(outcome: &Outcome) -> u32 {
         Outcome::Here => HERE,
         Outcome::Regions(_) => REGIONS,
         Outcome::Pose(_) => POSE,
-        Outcome::Unanswered(why) => match why {
-            Unanswered::WrongProfile => 16,
-            Unanswered::EmptyMap => 17,
-            Unanswered::NoPose(NoPose::Unsupported) => 18,
-            Unanswered::NoPose(NoPose::OneSided) => 19,
-            Unanswered::NoPose(NoPose::TooFew) => 20,
-            Unanswered::Stopped => 21,
-            Unanswered::Busy { .. } => 22,
-            Unanswered::Unreached { .. } => 23,
-            Unanswered::TimedOut => 24,
-            Unanswered::Broken => 25,
+        Outcome::LocalizeFailure(why) => match why {
+            LocalizeFailure::WrongProfile => 16,
+            LocalizeFailure::EmptyMap => 17,
+            LocalizeFailure::NoPose(NoPose::Unsupported) => 18,
+            LocalizeFailure::NoPose(NoPose::OneSided) => 19,
+            LocalizeFailure::NoPose(NoPose::TooFew) => 20,
+            LocalizeFailure::Stopped => 21,
+            LocalizeFailure::Busy { .. } => 22,
+            LocalizeFailure::Unreached { .. } => 23,
+            LocalizeFailure::TimedOut => 24,
+            LocalizeFailure::Broken => 25,
         },
         Outcome::Rejected(why) => match why {
             Why::Busy { .. } => 32,
@@ -352,16 +352,16 @@ fn said(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
             Outcome::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
         }
         POSE => Outcome::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
-        16 => Outcome::Unanswered(Unanswered::WrongProfile),
-        17 => Outcome::Unanswered(Unanswered::EmptyMap),
-        18 => Outcome::Unanswered(Unanswered::NoPose(NoPose::Unsupported)),
-        19 => Outcome::Unanswered(Unanswered::NoPose(NoPose::OneSided)),
-        20 => Outcome::Unanswered(Unanswered::NoPose(NoPose::TooFew)),
-        21 => Outcome::Unanswered(Unanswered::Stopped),
-        22 => Outcome::Unanswered(Unanswered::Busy { retry_after: retry_after()? }),
-        23 => Outcome::Unanswered(Unanswered::Unreached { retry_after: retry_after()? }),
-        24 => Outcome::Unanswered(Unanswered::TimedOut),
-        25 => Outcome::Unanswered(Unanswered::Broken),
+        16 => Outcome::LocalizeFailure(LocalizeFailure::WrongProfile),
+        17 => Outcome::LocalizeFailure(LocalizeFailure::EmptyMap),
+        18 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::Unsupported)),
+        19 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::OneSided)),
+        20 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::TooFew)),
+        21 => Outcome::LocalizeFailure(LocalizeFailure::Stopped),
+        22 => Outcome::LocalizeFailure(LocalizeFailure::Busy { retry_after: retry_after()? }),
+        23 => Outcome::LocalizeFailure(LocalizeFailure::Unreached { retry_after: retry_after()? }),
+        24 => Outcome::LocalizeFailure(LocalizeFailure::TimedOut),
+        25 => Outcome::LocalizeFailure(LocalizeFailure::Broken),
         32 => Outcome::Rejected(Why::Busy { retry_after: retry_after()? }),
         33 => Outcome::Rejected(Why::AtIt),
         34 => Outcome::Rejected(Why::Leaving),

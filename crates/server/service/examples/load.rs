@@ -1,13 +1,14 @@
-//! A load on a running service: requests per second and percentiles of the time to an answer, by number of connections.
+//! Load test of a running service: requests per second and percentiles of the response time, by number of
+//! connections.
 //!
 //! ```text
 //! veiloc serve --map place=place.vmap --rate 1000000 &
 //! cargo run --release -p veiloc-service --example load -- 127.0.0.1:8080 place query.vquery 1 4 16 64
 //! ```
 //!
-//! Loopback only, a fixed number of requests, each connection sending its next one as soon as the last is answered. A
-//! refused request is not sent again but counted; its connection goes on after a pause of the service's own
-//! `Retry-After`, cut to a tenth of a second, so that a full queue is kept full.
+//! Loopback only, with a fixed number of requests. Each connection sends its next request as soon as the last one is
+//! answered. A refused request is counted and not repeated; its connection continues after the `Retry-After` of the
+//! service, cut to a tenth of a second, so that a full queue stays full.
 
 #[path = "../tests/it/common/http.rs"]
 mod http;
@@ -19,7 +20,7 @@ use std::time::{Duration, Instant};
 
 use http::{Request, Response, connect};
 
-/// Requests of a row of the table; more connections share them.
+/// Requests per row of the table, shared by the connections.
 const REQUESTS: usize = 640;
 /// Pause after a refusal.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -45,7 +46,7 @@ fn run(arguments: &[String]) -> Result<String, String> {
     };
     let address: SocketAddr = address.parse().map_err(|e| format!("{address}: {e}"))?;
     if !address.ip().is_loopback() {
-        return Err("a load is for one's own machine: give a loopback address".to_owned());
+        return Err("the load test runs against the local machine only: give a loopback address".to_owned());
     }
     let query = std::fs::read(file).map_err(|e| format!("{file}: {e}"))?;
     let token = std::env::var("VEILOC_TOKEN").unwrap_or_default();
@@ -67,22 +68,22 @@ fn run(arguments: &[String]) -> Result<String, String> {
     Ok(table)
 }
 
-/// What one request got: its status (`None` when the connection broke) and the time it took.
-type Got = (Option<u16>, Duration);
+/// Result of one request: its status (`None` if the connection broke) and its duration.
+type RequestResult = (Option<u16>, Duration);
 
 struct Load {
-    all: Vec<Got>,
+    all: Vec<RequestResult>,
     took: Duration,
 }
 
 fn load(address: SocketAddr, request: &[u8], connections: usize) -> Load {
     let started = Instant::now();
-    let one = || -> Vec<Got> {
+    let one = || -> Vec<RequestResult> {
         let mut stream = connect(address);
         let send = |_| {
-            let asked = Instant::now();
+            let started_at = Instant::now();
             let response = stream.write_all(request).ok().and_then(|()| Response::try_read(&mut stream));
-            let got = (response.as_ref().map(|r| r.status), asked.elapsed());
+            let got = (response.as_ref().map(|r| r.status), started_at.elapsed());
             if response.is_none() {
                 stream = connect(address);
             }

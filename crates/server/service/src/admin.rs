@@ -1,7 +1,7 @@
-//! A listener of its own for probes and metrics: whatever happens where queries come in, the operator is answered.
+//! A separate listener for probes and metrics. It still answers when the listeners for queries are overloaded.
 //!
-//! It speaks plain HTTP and asks for no token, so it belongs where only the operator reaches it: loopback, or the
-//! network of a cluster. There is nothing of a query on it, and no way to localize.
+//! It speaks plain HTTP and needs no token. So it must be reachable by the operator only: on loopback, or in the
+//! network of a cluster. It shows nothing of a query and cannot localize.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -17,76 +17,82 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::watch;
 
 use crate::error::ServerError;
-use crate::http::{Conduct, ListenAddress, Listener, serve_connection};
+use crate::http::{ConnectionTimeouts, ListenAddress, Listener, serve_connection};
 use crate::options::Timeouts;
 use crate::problem::Problem;
-use crate::queue::{Connections, Entry, Limits};
+use crate::queue::{Admission, ConnectionLimits, Connections};
 use crate::routes::{METRICS_TYPE, admin_router};
 use crate::state::App;
 
-/// Connections at a time; one more takes the place of the one that is idle for longest.
+/// Maximum number of open connections. A further connection evicts the one that has been idle longest.
 pub(crate) const CONNECTIONS: usize = 64;
 
-/// Longest a connection stays open.
+/// Maximum lifetime of a connection.
 const LIFE: Duration = Duration::from_secs(600);
 
-/// Answers until it is dropped or `stop` says so.
+/// Serves until the future is dropped or `stop` becomes true.
 pub(crate) async fn serve(app: Arc<App>, listener: Listener, stop: watch::Receiver<bool>) {
-    let conduct = app.options.timeouts.conduct();
-    serve_router(admin_router(app), conduct, listener, stop).await;
+    let connection_timeouts = app.options.timeouts.connection_timeouts();
+    serve_router(admin_router(app), connection_timeouts, listener, stop).await;
 }
 
-/// What probes and a scrape ask a program that answers no queries over HTTP.
-pub trait Probed: Send + Sync {
-    /// Whether it does its work, or why it does not.
+/// State that a program without an HTTP interface for queries (a worker) exposes to probes and to Prometheus.
+pub trait HealthProbe: Send + Sync {
+    /// Readiness; on failure the reason.
     ///
     /// # Errors
-    /// Why not, in a word or two.
+    /// The reason, in a word or two.
     fn ready(&self) -> Result<(), String>;
 
-    /// Counts and times in the text format of Prometheus.
+    /// Metrics in the text format of Prometheus.
     fn metrics(&self) -> String;
 }
 
-/// Answers `/healthz`, `/readyz` and `/metrics` of a program that answers no queries over HTTP, until `stop` says so; tells
-/// first where it listens.
+/// Binds `address` and returns the bound address and a future that answers `/healthz`, `/readyz` and `/metrics` until
+/// `stop` becomes true.
 ///
 /// # Errors
-/// [`ServerError::Listen`]: the address is taken or not ours.
+/// [`ServerError::Listen`]: the address is in use or does not belong to this machine.
 pub async fn probes(
-    probed: Arc<dyn Probed>,
+    probe: Arc<dyn HealthProbe>,
     address: SocketAddr,
     stop: watch::Receiver<bool>,
 ) -> Result<(SocketAddr, impl Future<Output = ()> + Send), ServerError> {
     let listen = ListenAddress::Tcp(address);
     let wrong = |source| ServerError::Listen { listen: listen.clone(), source };
     let listener = Listener::bind(&listen, 0).await.map_err(wrong)?;
-    let told = listener.address().map_err(|error| wrong(error.into()))?;
+    let bound = listener.address().map_err(|error| wrong(error.into()))?;
     let router = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
         .route("/metrics", get(metrics))
         .method_not_allowed_fallback(async || Problem::WrongMethod)
         .fallback(async || Problem::NotFound)
-        .with_state(probed);
-    let answering = serve_router(router, Timeouts::default().conduct(), listener, stop);
-    Ok((told.tcp().unwrap_or(address), answering))
+        .with_state(probe);
+    let serving = serve_router(router, Timeouts::default().connection_timeouts(), listener, stop);
+    Ok((bound.tcp().unwrap_or(address), serving))
 }
 
-async fn ready(State(probed): State<Arc<dyn Probed>>) -> (StatusCode, String) {
-    match probed.ready() {
+async fn ready(State(probe): State<Arc<dyn HealthProbe>>) -> (StatusCode, String) {
+    match probe.ready() {
         Ok(()) => (StatusCode::OK, "ready\n".to_owned()),
         Err(why) => (StatusCode::SERVICE_UNAVAILABLE, why + "\n"),
     }
 }
 
-async fn metrics(State(probed): State<Arc<dyn Probed>>) -> Response {
-    ([(CONTENT_TYPE, METRICS_TYPE)], probed.metrics()).into_response()
+async fn metrics(State(probe): State<Arc<dyn HealthProbe>>) -> Response {
+    ([(CONTENT_TYPE, METRICS_TYPE)], probe.metrics()).into_response()
 }
 
-async fn serve_router(router: Router, conduct: Conduct, listener: Listener, mut stop: watch::Receiver<bool>) {
-    let connections = Connections::new(Limits { total: CONNECTIONS, per_address: CONNECTIONS, reserved: 0 });
-    let conduct = Conduct { unknown_life: LIFE, life: LIFE, ..conduct };
+async fn serve_router(
+    router: Router,
+    connection_timeouts: ConnectionTimeouts,
+    listener: Listener,
+    mut stop: watch::Receiver<bool>,
+) {
+    let connections =
+        Connections::new(ConnectionLimits { total: CONNECTIONS, per_address: CONNECTIONS, reserved: 0 });
+    let connection_timeouts = ConnectionTimeouts { unknown_life: LIFE, life: LIFE, ..connection_timeouts };
     let ending = watch::Sender::new(false);
     loop {
         let accepted = tokio::select! {
@@ -100,12 +106,12 @@ async fn serve_router(router: Router, conduct: Conduct, listener: Listener, mut 
             tokio::time::sleep(Duration::from_millis(10)).await;
             continue;
         };
-        let entry = connections.enter(from);
-        let (Entry::Taken(place) | Entry::Exchanged(place)) = entry else { continue };
+        let admission = connections.admit(from);
+        let (Admission::Admitted(slot) | Admission::AdmittedByEviction(slot)) = admission else { continue };
         let (service, ending) = (TowerToHyperService::new(router.clone()), ending.subscribe());
         tokio::spawn(async move {
             let (stream, peer) = stream.share();
-            serve_connection(stream, peer, service, &place, conduct, ending).await;
+            serve_connection(stream, peer, service, &slot, connection_timeouts, ending).await;
         });
     }
 }

@@ -1,4 +1,4 @@
-//! What is answered for a pose that was found.
+//! Conversion of a localization result to an [`Answer`].
 
 use veiloc_geometry::Rigid3;
 use veiloc_geometry::frames::World;
@@ -6,30 +6,42 @@ use veiloc_localization::{Localization, RigLocalization, StageTimes};
 use veiloc_pose::{Confidence, Doubt};
 use veiloc_protocol::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, DoubtKind};
 
-/// What is answered for a pose that took `queue_ms` to be begun with.
-pub(crate) fn answer_of(found: &Localization, queue_ms: f64) -> Answer {
+/// The answer for one query. `queue_ms`: time the query waited in the queue, milliseconds.
+pub(crate) fn answer_of(result: &Localization, queue_ms: f64) -> Answer {
     Answer {
-        fit: fit(found.noise_px, found.focal_scale),
-        inliers: count(found.inliers),
-        matches: count(found.matches),
-        hypotheses: count(found.hypotheses),
-        ..told(&found.cam_from_world, &found.covariance, &found.confidence, &found.times, queue_ms)
+        fit: fit(result.noise_px, result.focal_scale),
+        inliers: count(result.inliers),
+        matches: count(result.matches),
+        hypotheses: count(result.hypotheses),
+        ..common_answer(
+            &result.cam_from_world,
+            &result.covariance,
+            &result.confidence,
+            &result.times,
+            queue_ms,
+        )
     }
 }
 
-/// The same for a rig, which takes the camera's place: the pose is the rig's. Rows are those of all its frames.
-pub(crate) fn answer_of_rig(found: &RigLocalization, queue_ms: f64) -> Answer {
+/// The answer for a rig: the pose is the pose of the rig, and counts are sums over all frames.
+pub(crate) fn answer_of_rig(result: &RigLocalization, queue_ms: f64) -> Answer {
     Answer {
-        fit: found.noise_px().zip(found.focal_scale()).and_then(|(noise, focal)| fit(noise, focal)),
-        inliers: count(found.frames.iter().map(|f| f.inliers).sum()),
-        matches: count(found.frames.iter().map(|f| f.matches).sum()),
-        hypotheses: count(found.hypotheses),
-        ..told(&found.rig_from_world, &found.covariance, &found.confidence, &found.times, queue_ms)
+        fit: result.noise_px().zip(result.focal_scale()).and_then(|(noise, focal)| fit(noise, focal)),
+        inliers: count(result.frames.iter().map(|f| f.inliers).sum()),
+        matches: count(result.frames.iter().map(|f| f.matches).sum()),
+        hypotheses: count(result.hypotheses),
+        ..common_answer(
+            &result.rig_from_world,
+            &result.covariance,
+            &result.confidence,
+            &result.times,
+            queue_ms,
+        )
     }
 }
 
-/// What is told of a pose in either case, without what fits it.
-fn told<Frame>(
+/// The fields that both kinds of answers share; `fit` and the counts are left at their defaults.
+fn common_answer<Frame>(
     pose: &Rigid3<Frame, World>,
     covariance: &[[f64; 6]; 6],
     confidence: &Confidence,
@@ -66,10 +78,10 @@ fn count(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
 
-/// `None` when it could not be estimated: then nothing is told, rather than a number that is none.
+/// `None` when noise or focal scale could not be estimated.
 fn fit(noise_px: f64, focal_scale: f64) -> Option<AnswerFit> {
-    let told = [noise_px, focal_scale].iter().all(|value| value.is_finite() && *value > 0.0);
-    told.then_some(AnswerFit { noise_px, focal_scale })
+    let is_known = [noise_px, focal_scale].iter().all(|value| value.is_finite() && *value > 0.0);
+    is_known.then_some(AnswerFit { noise_px, focal_scale })
 }
 
 const fn kind_of(doubt: &Doubt) -> DoubtKind {

@@ -1,22 +1,22 @@
-//! The clock that allowances and the pool's estimates are read from: the system's, or one that a test turns by hand.
+//! The clock of rate limits and of the estimates of the pool: the clock of the system, or a manual clock in tests.
 //!
-//! Limits of connections and requests are timers of tokio and go by tokio's clock.
+//! Timeouts of connections and requests are tokio timers and follow the clock of tokio.
 
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Tells the time. Clones are the same clock.
+/// A monotonic clock. Clones share the same clock.
 #[derive(Clone)]
 pub struct Clock(Arc<dyn Fn() -> Instant + Send + Sync>);
 
 impl Clock {
-    /// A clock that shows what `now` says; it must never go back.
+    /// A clock that returns `now()`; the value must never decrease.
     pub fn new(now: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
         Self(Arc::new(now))
     }
 
-    /// What it shows.
+    /// The current time.
     pub fn now(&self) -> Instant {
         (self.0)()
     }
@@ -35,7 +35,7 @@ impl fmt::Debug for Clock {
     }
 }
 
-/// For rate limiters.
+/// Lets rate limiters of `governor` use this clock.
 impl governor::clock::Clock for Clock {
     type Instant = Instant;
 
@@ -44,7 +44,7 @@ impl governor::clock::Clock for Clock {
     }
 }
 
-/// A clock that stands still until it is advanced.
+/// A clock that changes only when [`Self::advance`] is called.
 #[cfg(test)]
 #[derive(Clone)]
 pub(crate) struct ManualClock(Arc<std::sync::Mutex<Instant>>);

@@ -1,8 +1,9 @@
-//! Pages of other origins that ask from within a browser (CORS, the Fetch standard): off unless the operator names origins.
+//! CORS (Fetch standard): requests from browser pages of other origins. Disabled unless the operator lists allowed
+//! origins.
 //!
-//! A browser asks first whether it may (a preflight, without token), and shows a page only what it is told it may see. An
-//! origin is allowed by its own name, never by `*`, and credentials of the browser (cookies, certificates) never: a token is
-//! a header that the page itself sets.
+//! Before a cross-origin request, a browser sends a preflight request without a token, and it shows a page only the
+//! headers that the server exposes. An origin is allowed by name, never by `*`. Credentials of the browser (cookies,
+//! certificates) are never allowed: the page itself sets the token header.
 
 use std::sync::Arc;
 
@@ -17,20 +18,21 @@ use axum::response::{IntoResponse as _, Response};
 
 use crate::state::App;
 
-/// The methods there are.
-const METHODS: &str = "GET, POST";
+/// Methods of all addresses.
+const ALLOWED_METHODS: &str = "GET, POST";
 
-/// What a client says beside a query, and how it says who it is.
-const ASKED: &str = "authorization, content-type, accept, if-none-match, veiloc-near, veiloc-trusted-only";
+/// Request headers that a page may send.
+const ALLOWED_HEADERS: &str =
+    "authorization, content-type, accept, if-none-match, veiloc-near, veiloc-trusted-only";
 
-/// What a page may see of an answer beside what every page may.
-const SHOWN: &str = "etag, retry-after, veiloc-request-id";
+/// Response headers that a page may read, in addition to the headers that the Fetch standard always exposes.
+const EXPOSED_HEADERS: &str = "etag, retry-after, veiloc-request-id";
 
-/// Seconds that a browser may remember the answer to a preflight.
-const REMEMBERED: &str = "600";
+/// Seconds for which a browser may cache the answer to a preflight.
+const MAX_AGE_SECONDS: &str = "600";
 
-/// Answers preflights of allowed origins, and lets their pages see what is answered. Without allowed origins, or for others,
-/// nothing is added and nothing is answered differently.
+/// Answers preflights of allowed origins and adds the CORS headers to their responses. Responses for other origins
+/// are not changed.
 pub(crate) async fn cors(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let allowed = &app.options.cors;
     if allowed.is_empty() {
@@ -42,21 +44,21 @@ pub(crate) async fn cors(State(app): State<Arc<App>>, request: Request, next: Ne
         request.method() == Method::OPTIONS && request.headers().contains_key(ACCESS_CONTROL_REQUEST_METHOD);
     let mut response = match &origin {
         Some(_) if is_preflight => {
-            let told = [
-                (ACCESS_CONTROL_ALLOW_METHODS, METHODS),
-                (ACCESS_CONTROL_ALLOW_HEADERS, ASKED),
-                (ACCESS_CONTROL_MAX_AGE, REMEMBERED),
+            let preflight = [
+                (ACCESS_CONTROL_ALLOW_METHODS, ALLOWED_METHODS),
+                (ACCESS_CONTROL_ALLOW_HEADERS, ALLOWED_HEADERS),
+                (ACCESS_CONTROL_MAX_AGE, MAX_AGE_SECONDS),
             ];
-            (StatusCode::NO_CONTENT, told).into_response()
+            (StatusCode::NO_CONTENT, preflight).into_response()
         }
         _ => next.run(request).await,
     };
     let headers = response.headers_mut();
-    // Caches on the way must not give one origin's answer to another.
+    // Without `Vary`, a cache would reuse the response for another origin.
     headers.append(VARY, HeaderValue::from_name(ORIGIN_NAME));
     if let Some(origin) = origin {
         headers.insert(ACCESS_CONTROL_ALLOW_ORIGIN, origin.into());
-        headers.insert(ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static(SHOWN));
+        headers.insert(ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static(EXPOSED_HEADERS));
     }
     response
 }

@@ -1,74 +1,73 @@
-//! Why the service could not start or go on, with the remedy.
+//! Errors of the service; each message names the remedy.
 
 use std::path::PathBuf;
 
 use crate::http::{ListenAddress, ListenError, TlsError};
 use veiloc_map::MapError;
 
-/// Why the service could not start, or a file it needs could not be read or written.
+/// Why the service could not start, or a file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ServerError {
-    /// Nothing to serve.
+    /// No map is configured.
     #[error("no map to serve; give at least one")]
     NoMap,
-    /// A name that would need escaping.
+    /// The map name cannot be part of a URL.
     #[error("{name:?} cannot name a map in an address; use letters, digits, `-`, `_` and `.`, at most 64")]
     MapName {
         /// The name.
         name: String,
     },
-    /// One name for two maps.
+    /// Two maps have the same name.
     #[error("two maps are called {name:?}; give each its own name")]
     TwoMaps {
         /// The name.
         name: String,
     },
-    /// Plain HTTP where others can listen.
+    /// Plain HTTP on an address that other machines can reach.
     #[error(
         "plain HTTP on {listen} could be read and changed on the way; give a certificate and its key, or, when a \
          proxy in front of the service does TLS, say so with --insecure-http"
     )]
     PlainHttp {
-        /// Where it was to listen.
+        /// The address.
         listen: ListenAddress,
     },
-    /// No tokens where negatives can ask.
+    /// No tokens on an address that other machines can reach.
     #[error(
-        "everybody who reaches {listen} could ask; give a file of tokens, or say that this is meant with \
-         --allow-anonymous"
+        "anyone who can reach {listen} could send queries; give a file of tokens, or allow this with --allow-anonymous"
     )]
     Anonymous {
-        /// Where it was to listen.
+        /// The address.
         listen: ListenAddress,
     },
-    /// Nowhere to listen.
-    #[error("nowhere to listen; give at least one address")]
+    /// No address to listen on.
+    #[error("no address to listen on; give at least one")]
     NoListener,
-    /// No connection would be left for who is not known yet.
+    /// No connection would be left for unauthenticated clients.
     #[error(
-        "of {connections} connections {reserved} cannot be reserved; who brings a token needs one to bring it on"
+        "{reserved} of {connections} connections cannot be reserved: a client sends its token on an unreserved one"
     )]
     Reserved {
-        /// How many were to be reserved.
+        /// Number of connections to reserve.
         reserved: usize,
-        /// How many there are.
+        /// Number of all connections.
         connections: usize,
     },
-    /// The system allows fewer open files than there may be connections.
+    /// The system allows fewer open files than the configured connections need.
     #[error(
         "{connections} connections need {needed} open files, and the system allows {allowed}; lower --connections, or \
          raise the limit (`ulimit -n {needed}`, systemd: `LimitNOFILE={needed}`)"
     )]
     OpenFiles {
-        /// How many connections were asked for.
+        /// Configured connections.
         connections: usize,
-        /// Open files that they need, all others included.
+        /// Open files that are needed in total.
         needed: u64,
-        /// How many are allowed, the limit raised as far as it goes.
+        /// Open files that the system allows after raising the limit as far as possible.
         allowed: u64,
     },
-    /// The address is taken or not ours.
+    /// The address is in use, or does not belong to this machine.
     #[error(
         "cannot listen on {listen}: {source}; choose another address (--listen, --admin-listen) or stop what uses it"
     )]
@@ -91,69 +90,67 @@ pub enum ServerError {
     Io {
         /// Which file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// A file of tokens with a line that is none, or without any token.
+    /// The file of tokens is invalid or holds no token.
     #[error("{}: {source}", path.display())]
     Tokens {
         /// Which file.
         path: PathBuf,
-        /// What is wrong with it; the line itself is not repeated, as it may hold a secret.
+        /// What is wrong. The message does not repeat the line, because the line may hold a secret.
         source: crate::auth::TokensError,
     },
-    /// Traces cannot be sent there.
+    /// Traces cannot be sent to this collector.
     #[error("traces cannot be sent: {source}")]
     Collector {
         /// Why.
         source: std::io::Error,
     },
-    /// Certificate, key or the authorities of clients cannot be used.
+    /// The certificate, its key or the client authorities cannot be used.
     #[error(transparent)]
     Tls(#[from] TlsError),
-    /// Clients are to show certificates, where none can be asked for.
-    #[error(
-        "clients show certificates over TLS alone; give the service a certificate and its key (--cert, --key)"
-    )]
+    /// Client certificates are required, but the service has no TLS.
+    #[error("client certificates need TLS; give the service a certificate and its key (--cert, --key)")]
     ClientsWithoutTls,
-    /// Threads or signal handlers could not be had.
+    /// The system refused threads, signal handlers or randomness.
     #[error("the system refused {what}: {source}")]
     System {
-        /// What was asked for.
+        /// What was requested.
         what: &'static str,
-        /// What it said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The page is not where it is looked for.
+    /// The page was not found.
     #[error(
         "the page is neither in {} nor in {}; build it with bindings/web/build.sh, or say where it is with \
          --page-folder (the npm package has it in node_modules/veiloc/page)",
         beside.display(), shared.display()
     )]
     NoPage {
-        /// Beside the program.
+        /// The folder next to the program.
         beside: PathBuf,
-        /// Where packages put it.
+        /// The folder where packages install it.
         shared: PathBuf,
     },
-    /// A folder that is no page.
+    /// The folder is not a complete page.
     #[error("{}: {missing} is missing, so this is no built page; build it with bindings/web/build.sh", path.display())]
     PageIncomplete {
         /// The folder.
         path: PathBuf,
-        /// What is not there.
+        /// The missing file.
         missing: &'static str,
     },
-    /// A folder larger than any page.
+    /// The folder is larger than the limit for a page.
     #[error("{}: larger than any page, 64 MiB; give the folder that bindings/web/build.sh makes", path.display())]
     PageTooLarge {
         /// The folder.
         path: PathBuf,
     },
-    /// A name that is no file's of a page.
+    /// The file name is not allowed in a page.
     #[error("{name:?} is no file of a page: letters, digits, `-`, `_` and `.`, with a known ending")]
     PageName {
-        /// It.
+        /// The name.
         name: String,
     },
 }

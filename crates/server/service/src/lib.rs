@@ -1,11 +1,11 @@
-//! The service: sealed queries in over HTTP, poses out, on a network one does not trust.
+//! The service: it accepts sealed queries over HTTP and returns poses, on an untrusted network.
 //!
-//! - [`ServerOptions`]: what to serve, to whom, how much at a time.
-//! - [`Server`]: bound to its addresses with all maps open; [`Server::run`] answers until it is told to stop.
-//! - [`run_until_signal`]: the same for a program that is nothing but the service.
+//! - [`ServerOptions`]: which maps to serve, who may query them, and limits.
+//! - [`Server`]: bound to its addresses with all maps open; [`Server::run`] serves until it is stopped.
+//! - [`run_until_signal`]: the same for a program that only runs the service.
 //!
-//! This crate is for whoever builds a service into a program of their own; `veiloc serve` is the program for all others,
-//! and `docs/reference/http.md` describes addresses, answers and refusals. A device's side is `veiloc-client`.
+//! This crate is for programs that embed the service; `veiloc serve` is the ready program, and `docs/service.md`
+//! describes addresses, answers and refusals. The client side is `veiloc-client`.
 //!
 //! ```
 //! use std::io::{Read, Write};
@@ -35,30 +35,30 @@
 //! ```
 //!
 //! # How a request goes
-//! Who asks is checked first, then how often, then what is sent, and only then is anything computed: a request that is
-//! refused costs nearly nothing. Localization is work for the processor, so it is done by a fixed number of threads
-//! behind a fair queue of fixed length (`pool.rs`, `veiloc_service::queue`); what does not fit, or would not be done in time, is told at once
-//! and with the time to come back.
+//! The service checks first the token, then the rate limit, then the size and form of the request, and only then
+//! computes: a refused request costs almost nothing. Localization is bound by the processor, so a fixed number of
+//! threads does it behind a fair queue of bounded length (`pool.rs`, `queue`). A request that does not fit into the
+//! queue, or would not finish in time, is refused at once with `Retry-After`.
 //!
-//! # What is never told
-//! **Invariant, tested in `tests/privacy.rs`:** no log line, metric, or error holds anything of a query's content
-//! (rule L8 of `docs/reference/privacy-rules.md`). Log lines of requests are made in `routes/record.rs`, from names the operator chose, the
-//! server's own name for the request, status and times; of a panic the place is logged (`panics.rs`), what it said goes nowhere for threads of the service. In a
-//! program that is more than the service, a panic in a thread of rayon's pool, which localization uses for a part of its
-//! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
+//! # What is never logged
+//! **Invariant, tested in `tests/it/privacy.rs`:** no log line, metric or error contains any content of a query (rule
+//! L8 of `docs/privacy.md`). `routes/record.rs` writes the log lines of requests from names that the operator chose,
+//! the request id of the server, status and durations. For a panic only the location is logged (`panics.rs`); for
+//! threads of the service, the panic message is discarded. In a program that embeds the service, a panic in a thread
+//! of rayon, which localization uses for a part of its work, also reaches the panic hook of that program. This crate
+//! depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
 mod admin;
 mod answer;
-mod asked;
 pub mod auth;
 mod clock;
 mod cors;
-mod descriptors;
-mod elsewhere;
+mod decoded_request;
 mod error;
 pub mod http;
 mod maps;
+mod open_files;
 mod options;
 mod origin;
 mod padding;
@@ -67,6 +67,7 @@ mod pool;
 mod problem;
 pub mod queue;
 mod reload;
+mod remote;
 mod routes;
 mod serve;
 mod signals;
@@ -77,24 +78,24 @@ mod tokens_file;
 mod watch;
 pub mod web_page;
 
-/// For programs that localize without HTTP, as the workers of a cluster do: the same threads, the same silence about
-/// panics, the same answers to probes and signals.
+/// For programs that localize without HTTP, such as the workers of a cluster: thread pool, panic handling, probes and
+/// signals of the service.
 pub mod labour {
-    pub use crate::admin::{Probed, probes};
-    pub use crate::panics::{during, mark, own_process};
-    pub use crate::pool::{Order, Pool, Refused};
-    pub use crate::signals::{Signals, Told};
+    pub use crate::admin::{HealthProbe, probes};
+    pub use crate::panics::{mark_service_thread, own_process, with_request};
+    pub use crate::pool::{JobSpec, Pool, Rejected};
+    pub use crate::signals::{Controllable, Signals};
 }
 
 pub use crate::http::{ListenAddress, TlsFiles};
 pub use crate::telemetry::{LogLine, LogQueue};
-pub use asked::{Asked, Found, Kind, NoPose, Unanswered};
 pub use clock::Clock;
-pub use elsewhere::{Answering, Description, Elsewhere, MapElsewhere, Question};
+pub use decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, LocalizeOutput, NoPose};
 pub use error::ServerError;
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
 pub use origin::{BadOrigin, Origin};
 pub use problem::ProblemDocument;
+pub use remote::{AnswerFuture, MapDescription, MapElsewhere, RemoteBackend, RemoteRequest};
 pub use routes::openapi_json;
 pub use serve::{Listening, Server, ServerHandle, Stopped};
 pub use signals::{run_prepared, run_until_signal};

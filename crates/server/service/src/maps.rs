@@ -1,82 +1,83 @@
-//! The maps that are served: each with its own readiness, exchanged, added and removed while queries are answered.
+//! The served maps. Each has its own readiness and can be replaced, added and removed while queries are answered.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
-use crate::http::Attempts;
+use crate::http::ReloadAttempts;
 use crate::web_page::{Content, thinned};
 use veiloc_map::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
 use veiloc_protocol::{Profile, RigMessage};
 
-use crate::asked::Kind;
-use crate::elsewhere::{Description, Elsewhere, MapElsewhere};
+use crate::decoded_request::BodyKind;
 use crate::error::ServerError;
 use crate::options::MapSource;
 use crate::problem::Problem;
+use crate::remote::{MapDescription, MapElsewhere, RemoteBackend};
 
-/// Rows of the largest query, and room for the fields around them.
+/// Maximum rows of a query, and bytes for its other fields.
 const QUERY_ROWS: usize = 4096;
 const QUERY_FIELDS: usize = 4096;
 
-/// A file gone from the folder is a map taken away when so many looks in a row do not find it.
-const LOOKS_WITHOUT: u32 = 2;
+/// A map is removed when this many scans in a row do not find its file.
+const SCANS_UNTIL_REMOVED: u32 = 2;
 
-/// A map as it is now. Whoever answers a query keeps this one, whatever becomes of its name meanwhile.
-pub(crate) struct Hosted {
+/// One loaded version of a map. A query keeps its `Arc`, so replacing or removing the map does not affect queries in
+/// flight.
+pub(crate) struct LoadedMap {
     pub(crate) name: String,
-    pub(crate) held: Held,
+    pub(crate) backend: Backend,
     pub(crate) images: usize,
     pub(crate) points: usize,
-    /// What a device needs.
+    /// The profile with which a device seals.
     pub(crate) profile: Content,
-    /// The profile's name.
+    /// Id of the profile.
     pub(crate) profile_id: String,
-    /// What a page is shown of its points; nothing of a map that others hold.
+    /// Points shown on the web page; empty for remote maps.
     pub(crate) shown: Content,
-    /// No query that fits this map is longer.
+    /// Maximum length of a query for this map, bytes.
     longest_query: usize,
 }
 
-/// How the files of maps are read.
+/// How map files are read.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reading {
+pub(crate) struct MapReadOptions {
     pub(crate) memory: MapMemory,
-    /// Most points of each that a page is shown.
+    /// Maximum number of points that a page shows per map.
     pub(crate) page_points: usize,
 }
 
-/// Who holds the map itself.
-pub(crate) enum Held {
-    /// We do.
+/// Where the map is.
+pub(crate) enum Backend {
+    /// In this process.
     Here(Box<MapFile>),
-    /// Others, who described it so.
-    Elsewhere { by: Arc<dyn Elsewhere>, as_described: Arc<Description> },
+    /// In a remote backend, with its description.
+    Remote { backend: Arc<dyn RemoteBackend>, description: Arc<MapDescription> },
 }
 
-impl Hosted {
-    fn open(source: &MapSource, reading: Reading) -> Result<Self, MapError> {
+impl LoadedMap {
+    fn open(source: &MapSource, reading: MapReadOptions) -> Result<Self, MapError> {
         let map = MapFile::open_in(&source.path, reading.memory)?;
-        // Made before the first query needs it.
+        // Build the index now, not on the first query.
         map.global_index();
         let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
         let shown = thinned(&map, reading.page_points);
-        let hosted = Self::new(&source.name, &profile, [images, points], Held::Here(Box::new(map)));
-        Ok(Self { shown, ..hosted })
+        let loaded = Self::new(&source.name, &profile, [images, points], Backend::Local(Box::new(map)));
+        Ok(Self { shown, ..loaded })
     }
 
-    fn elsewhere(source: &MapElsewhere, as_described: Arc<Description>) -> Self {
-        let counts = [as_described.images, as_described.points];
-        let held = Held::Elsewhere { by: source.held_by.clone(), as_described: as_described.clone() };
-        Self::new(&source.name, &as_described.profile, counts, held)
+    fn remote(source: &MapElsewhere, description: Arc<MapDescription>) -> Self {
+        let counts = [description.images, description.points];
+        let backend = Backend::Remote { backend: source.held_by.clone(), description: description.clone() };
+        Self::new(&source.name, &description.profile, counts, backend)
     }
 
-    fn new(name: &str, profile: &Profile, [images, points]: [usize; 2], held: Held) -> Self {
+    fn new(name: &str, profile: &Profile, [images, points]: [usize; 2], backend: Backend) -> Self {
         Self {
             name: name.to_owned(),
-            held,
+            backend,
             images,
             points,
             longest_query: QUERY_ROWS * (4 + profile.descriptor_kind().packed_len())
@@ -88,39 +89,39 @@ impl Hosted {
         }
     }
 
-    /// No body of this kind that fits this map, and gets to who holds it, is longer.
-    pub(crate) fn longest(&self, kind: Kind) -> usize {
+    /// Maximum length of a body of this kind, bytes: bounded by the map and by the remote backend.
+    pub(crate) fn longest(&self, kind: BodyKind) -> usize {
         let longest = match kind {
-            Kind::Query => self.longest_query,
-            Kind::Rig => RigMessage::longest(self.longest_query),
+            BodyKind::Query => self.longest_query,
+            BodyKind::Rig => RigMessage::longest(self.longest_query),
         };
-        match &self.held {
-            Held::Here(_) => longest,
-            Held::Elsewhere { by, .. } => longest.min(by.longest()),
+        match &self.backend {
+            Backend::Local(_) => longest,
+            Backend::Remote { backend, .. } => longest.min(backend.longest()),
         }
     }
 
-    /// The map itself, when it is here.
+    /// The map, if it is local.
     pub(crate) fn map(&self) -> Option<&MapFile> {
-        match &self.held {
-            Held::Here(map) => Some(map),
-            Held::Elsewhere { .. } => None,
+        match &self.backend {
+            Backend::Local(map) => Some(map),
+            Backend::Remote { .. } => None,
         }
     }
 }
 
-/// What tells one state of a file from another without reading it. A file that is replaced by renaming has another
-/// number; one that was written into has other times.
+/// Identifies a version of a file without reading it. A file replaced by renaming has another inode; a file that was
+/// overwritten has other times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stamp {
     length: u64,
     modified: Option<SystemTime>,
-    /// Number of the file, and when its entry changed: seconds and nanoseconds.
+    /// Inode, and time of the last status change: seconds and nanoseconds.
     file: [i64; 3],
 }
 
 impl Stamp {
-    /// `None` when there is no such file now.
+    /// `None` if the file does not exist.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok()?;
         Some(Self {
@@ -142,26 +143,26 @@ fn file_number(_: &fs::Metadata) -> [i64; 3] {
     [0; 3]
 }
 
-/// One name, and the map it stands for at the moment.
-pub(crate) struct Slot {
+/// A map name and the currently loaded map.
+pub(crate) struct MapSlot {
     source: Source,
-    /// `None` as long as its file could not be opened, or nobody holds it.
-    current: RwLock<Option<Arc<Hosted>>>,
-    attempts: Mutex<Attempts<Option<Stamp>>>,
-    /// Whether it is there because its file is in the folder, and how many looks did not find it.
+    /// `None` while the file cannot be opened or the remote backend is unreachable.
+    current: RwLock<Option<Arc<LoadedMap>>>,
+    attempts: Mutex<ReloadAttempts<Option<Stamp>>>,
+    /// For maps found in the folder: number of scans in a row that did not find the file.
     from_folder: Option<Mutex<u32>>,
 }
 
-/// Where a map comes from.
+/// Source of a map.
 enum Source {
-    File(MapSource, Reading),
-    Elsewhere(MapElsewhere),
+    File(MapSource, MapReadOptions),
+    Remote(MapElsewhere),
 }
 
-/// What became of an attempt to read a map.
-pub(crate) type Reloaded = Result<Arc<Hosted>, MapError>;
+/// Result of an attempt to read a map.
+pub(crate) type ReloadResult = Result<Arc<LoadedMap>, MapError>;
 
-impl Slot {
+impl MapSlot {
     fn new(source: Source, from_folder: bool) -> Self {
         Self {
             source,
@@ -174,69 +175,68 @@ impl Slot {
     pub(crate) fn name(&self) -> &str {
         match &self.source {
             Source::File(source, _) => &source.name,
-            Source::Elsewhere(source) => &source.name,
+            Source::Remote(source) => &source.name,
         }
     }
 
-    /// Whether it is served from this very file.
+    /// Whether the map is served from this file.
     fn is_of(&self, path: &Path) -> bool {
         matches!(&self.source, Source::File(source, _) if source.path == path)
     }
 
-    /// The map as it is now.
-    pub(crate) fn current(&self) -> Option<Arc<Hosted>> {
-        // Nothing panics while it holds the lock; should it ever, the map in it is still whole.
+    /// The currently loaded map.
+    pub(crate) fn current(&self) -> Option<Arc<LoadedMap>> {
+        // Nothing panics while holding the lock; even if it did, the map would be intact.
         let current = self.current.read().unwrap_or_else(PoisonError::into_inner).clone();
         match &self.source {
             Source::File(..) => current,
-            Source::Elsewhere(source) => self.as_described_now(source, current),
+            Source::Remote(source) => self.current_remote(source, current),
         }
     }
 
-    /// The map as those describe it who hold it.
-    fn as_described_now(&self, source: &MapElsewhere, known: Option<Arc<Hosted>>) -> Option<Arc<Hosted>> {
+    /// The remote map as its backend describes it now.
+    fn current_remote(&self, source: &MapElsewhere, known: Option<Arc<LoadedMap>>) -> Option<Arc<LoadedMap>> {
         let now = source.held_by.describe()?;
-        let same = |hosted: &Arc<Hosted>| matches!(&hosted.held, Held::Elsewhere { as_described, .. } if Arc::ptr_eq(as_described, &now));
+        let same = |loaded: &Arc<LoadedMap>| matches!(&loaded.backend, Backend::Remote { description, .. } if Arc::ptr_eq(description, &now));
         if known.as_ref().is_some_and(same) {
             return known;
         }
-        let hosted = Arc::new(Hosted::elsewhere(source, now));
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(hosted.clone());
-        Some(hosted)
+        let loaded = Arc::new(LoadedMap::remote(source, now));
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
+        Some(loaded)
     }
 
-    /// Whether the newest state of its file could not be read.
+    /// Whether the newest version of the file could not be read.
     pub(crate) fn is_failing(&self) -> bool {
         self.attempts().is_failing()
     }
 
-    fn attempts(&self) -> MutexGuard<'_, Attempts<Option<Stamp>>> {
+    fn attempts(&self) -> MutexGuard<'_, ReloadAttempts<Option<Stamp>>> {
         self.attempts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads the file and serves it from now on, if it is another than before or `all` is wished. When it cannot be read,
-    /// the old map stays, and it is tried again.
-    /// Of a map that others hold there is nothing to read.
-    pub(crate) fn reload(&self, all: bool, now: Instant) -> Option<Reloaded> {
+    /// Reads the file if it changed or if `all` is set, and serves it from now on. If the file cannot be read, the
+    /// previous map stays and the reload is retried. Does nothing for remote maps.
+    pub(crate) fn reload(&self, all: bool, now: Instant) -> Option<ReloadResult> {
         let Source::File(source, reading) = &self.source else { return None };
         let before = Stamp::of(&source.path);
-        // Held while reading: two who reload at once would only do the same twice.
+        // Backend while reading: two who reload at once would only do the same twice.
         let mut attempts = self.attempts();
         if !all && !attempts.is_due(&before, now) {
             return None;
         }
-        let opened = Hosted::open(source, *reading);
+        let opened = LoadedMap::open(source, *reading);
         match opened {
-            Ok(hosted) => {
-                let hosted = Arc::new(hosted);
-                *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(hosted.clone());
-                // A file exchanged while it was read is read again: its state is that of neither.
+            Ok(loaded) => {
+                let loaded = Arc::new(loaded);
+                *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
+                // If the file was replaced while it was being read, its stamp is ambiguous: read it again.
                 if Stamp::of(&source.path) == before {
-                    attempts.took(before);
+                    attempts.succeeded(before);
                 } else {
-                    *attempts = Attempts::default();
+                    *attempts = ReloadAttempts::default();
                 }
-                Some(Ok(hosted))
+                Some(Ok(loaded))
             }
             Err(error) => {
                 attempts.failed(before, now);
@@ -246,64 +246,64 @@ impl Slot {
     }
 }
 
-/// What a name stands for.
-pub(crate) enum Named {
-    Served(Arc<Hosted>),
-    /// There should be a map, and its file cannot be opened.
+/// Result of looking up a map name.
+pub(crate) enum MapLookup {
+    Served(Arc<LoadedMap>),
+    /// The map is configured, but its file cannot be opened.
     Broken,
     Unknown,
 }
 
-/// What changed in the folder.
-pub(crate) enum Change {
-    Added(Arc<Slot>),
-    Removed(Arc<Slot>),
-    /// A file whose name cannot be one of a map, or is another's.
+/// A change of the maps folder.
+pub(crate) enum FolderChange {
+    Added(Arc<MapSlot>),
+    Removed(Arc<MapSlot>),
+    /// A file whose name is not a valid map name or belongs to another map.
     Ignored(String),
 }
 
-/// All maps: those given by name in the order given, those that others hold, then those of the folder by name.
+/// All maps: local maps in configured order, then remote maps, then maps of the folder by name.
 pub(crate) struct Maps {
-    slots: RwLock<Vec<Arc<Slot>>>,
+    slots: RwLock<Vec<Arc<MapSlot>>>,
     folder: Option<PathBuf>,
-    reading: Reading,
+    reading: MapReadOptions,
     ignored: Mutex<Vec<String>>,
 }
 
 impl Maps {
-    /// Nothing is opened yet.
+    /// Creates the table; no file is opened yet.
     pub(crate) fn new(
         sources: &[MapSource],
         elsewhere: &[MapElsewhere],
         folder: Option<PathBuf>,
-        reading: Reading,
+        reading: MapReadOptions,
     ) -> Self {
         let files = sources.iter().map(|source| Source::File(source.clone(), reading));
-        let all = files.chain(elsewhere.iter().cloned().map(Source::Elsewhere));
-        let slots = all.map(|source| Arc::new(Slot::new(source, false))).collect();
+        let all = files.chain(elsewhere.iter().cloned().map(Source::Remote));
+        let slots = all.map(|source| Arc::new(MapSlot::new(source, false))).collect();
         Self { slots: RwLock::new(slots), folder, reading, ignored: Mutex::default() }
     }
 
-    /// The map of this name as it is now.
-    pub(crate) fn find(&self, name: &str) -> Named {
+    /// Looks up the current map of this name.
+    pub(crate) fn find(&self, name: &str) -> MapLookup {
         let slots = self.slots.read().unwrap_or_else(PoisonError::into_inner);
         match slots.iter().find(|slot| slot.name() == name).map(|slot| slot.current()) {
-            None => Named::Unknown,
-            Some(None) => Named::Broken,
-            Some(Some(hosted)) => Named::Served(hosted),
+            None => MapLookup::Unknown,
+            Some(None) => MapLookup::Broken,
+            Some(Some(loaded)) => MapLookup::Served(loaded),
         }
     }
 
-    /// The same for whoever needs it.
-    pub(crate) fn served(&self, name: &str) -> Result<Arc<Hosted>, Problem> {
+    /// As [`Self::find`], with a refusal when there is no map.
+    pub(crate) fn served(&self, name: &str) -> Result<Arc<LoadedMap>, Problem> {
         match self.find(name) {
-            Named::Served(hosted) => Ok(hosted),
-            Named::Broken => Err(Problem::MapUnavailable),
-            Named::Unknown => Err(Problem::UnknownMap),
+            MapLookup::Served(loaded) => Ok(loaded),
+            MapLookup::Broken => Err(Problem::MapUnavailable),
+            MapLookup::Unknown => Err(Problem::UnknownMap),
         }
     }
 
-    pub(crate) fn slots(&self) -> Vec<Arc<Slot>> {
+    pub(crate) fn slots(&self) -> Vec<Arc<MapSlot>> {
         self.slots.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
@@ -311,11 +311,11 @@ impl Maps {
         self.folder.is_some()
     }
 
-    /// Looks which files the folder holds, and makes and takes away names accordingly. New ones are not opened yet.
+    /// Scans the folder, and adds and removes maps accordingly. New maps are not opened yet.
     ///
     /// # Errors
-    /// When the folder cannot be read; then nothing changes.
-    pub(crate) fn look_into_folder(&self) -> Result<Vec<Change>, ServerError> {
+    /// The folder cannot be read; then nothing changes.
+    pub(crate) fn scan_folder(&self) -> Result<Vec<FolderChange>, ServerError> {
         let Some(folder) = &self.folder else { return Ok(Vec::new()) };
         let wrong = |source| ServerError::Io { path: folder.clone(), source };
         let mut found = Vec::new();
@@ -332,14 +332,14 @@ impl Maps {
         let mut changes = Vec::new();
         let mut slots = self.slots.write().unwrap_or_else(PoisonError::into_inner);
         slots.retain(|slot| {
-            let Some(looks) = &slot.from_folder else { return true };
-            let mut looks = looks.lock().unwrap_or_else(PoisonError::into_inner);
+            let Some(misses) = &slot.from_folder else { return true };
+            let mut misses = misses.lock().unwrap_or_else(PoisonError::into_inner);
             let is_there = found.iter().any(|(name, _)| name == slot.name());
-            *looks = if is_there { 0 } else { *looks + 1 };
-            if *looks >= LOOKS_WITHOUT {
-                changes.push(Change::Removed(slot.clone()));
+            *misses = if is_there { 0 } else { *misses + 1 };
+            if *misses >= SCANS_UNTIL_REMOVED {
+                changes.push(FolderChange::Removed(slot.clone()));
             }
-            *looks < LOOKS_WITHOUT
+            *misses < SCANS_UNTIL_REMOVED
         });
         let mut ignored = self.ignored.lock().unwrap_or_else(PoisonError::into_inner);
         for (name, path) in found {
@@ -351,13 +351,13 @@ impl Maps {
                 let file = path.display().to_string();
                 if !ignored.contains(&file) {
                     ignored.push(file.clone());
-                    changes.push(Change::Ignored(file));
+                    changes.push(FolderChange::Ignored(file));
                 }
                 continue;
             }
-            let slot = Arc::new(Slot::new(Source::File(MapSource { name, path }, self.reading), true));
+            let slot = Arc::new(MapSlot::new(Source::File(MapSource { name, path }, self.reading), true));
             slots.push(slot.clone());
-            changes.push(Change::Added(slot));
+            changes.push(FolderChange::Added(slot));
         }
         Ok(changes)
     }

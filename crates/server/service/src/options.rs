@@ -1,4 +1,4 @@
-//! What to serve, to whom, and how much at a time; checked before anything is opened.
+//! Options of the service, checked before any file is opened.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -6,61 +6,62 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::http::{Conduct, ListenAddress, TlsFiles};
+use crate::http::{ConnectionTimeouts, ListenAddress, TlsFiles};
 use crate::web_page::Page;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::is_map_name;
 
 use crate::clock::Clock;
-use crate::elsewhere::MapElsewhere;
 use crate::error::ServerError;
 use crate::origin::Origin;
+use crate::remote::MapElsewhere;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
-/// A map and the name it is served under.
+/// A map file and the name under which it is served.
 #[derive(Debug, Clone)]
 pub struct MapSource {
     /// Part of the address: letters, digits, `-`, `_` and `.`, at most 64.
     pub name: String,
-    /// The map file. It may be replaced (by renaming another over it) while it is served.
+    /// The map file. It may be replaced by renaming while it is served.
     pub path: PathBuf,
 }
 
-/// How often one token may ask.
+/// Rate limit of one token.
 #[derive(Debug, Clone, Copy)]
 pub struct RateLimit {
-    /// Requests per second in the long run.
+    /// Sustained requests per second.
     pub per_second: NonZeroU32,
-    /// Requests at once after a pause.
+    /// Burst size.
     pub burst: NonZeroU32,
 }
 
-/// How long anything may take.
+/// Time limits.
 #[derive(Debug, Clone, Copy)]
 pub struct Timeouts {
-    /// Head of a request, and pause between two requests of a connection. Also the TLS handshake.
+    /// Receiving the head of a request, and idle time between two requests of a connection. Also the TLS handshake.
     pub head: Duration,
-    /// Body of a request.
+    /// Receiving the body of a request.
     pub body: Duration,
-    /// From the end of the body to the pose, waiting for a worker included.
+    /// From the end of the body to the pose, time in the queue included.
     pub localize: Duration,
-    /// The client's reading of an answer, as long as it takes nothing.
+    /// Longest stall while the client reads an answer.
     pub write: Duration,
-    /// A connection on which no known token came; where none are needed, any. What is being answered is finished.
+    /// Lifetime of an unauthenticated connection; of any connection if no tokens are required. Requests in flight are
+    /// finished.
     pub unknown_life: Duration,
-    /// Any connection.
+    /// Lifetime of any connection.
     pub life: Duration,
-    /// When the server is told to stop, it says so (`/readyz`, `connection: close`) for so long before it takes no more
-    /// connections: balancers need that time to look elsewhere.
+    /// After a stop request the service reports it (`/readyz`, `connection: close`) for this long before it closes
+    /// its listeners, so that load balancers can redirect clients.
     pub drain: Duration,
-    /// What was accepted may still take this long after that.
+    /// Time limit after that for finishing accepted requests.
     pub grace: Duration,
 }
 
 impl Default for Timeouts {
-    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose; a minute
-    /// for a connection that brings no token, ten for any.
+    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose; one
+    /// minute for an unauthenticated connection, ten for any connection.
     fn default() -> Self {
         Self {
             head: Duration::from_secs(5),
@@ -76,82 +77,84 @@ impl Default for Timeouts {
 }
 
 impl Timeouts {
-    /// Of connections. The last answer of one may take as long as any.
-    pub(crate) fn conduct(&self) -> Conduct {
+    /// The limits that apply to connections.
+    pub(crate) fn connection_timeouts(&self) -> ConnectionTimeouts {
         let Self { head, write, unknown_life, life, .. } = *self;
-        Conduct { head, write, unknown_life, life }
+        ConnectionTimeouts { head, write, unknown_life, life }
     }
 }
 
-/// Everything the service needs to know.
+/// All options of the service.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ServerOptions {
-    /// Where to listen, at least one. Behind a Unix socket there is a proxy of this machine: nobody else reaches it, so
-    /// nothing is asked of it that protects against others on the way, and TLS is the proxy's.
+    /// Addresses to listen on, at least one. A Unix socket is reachable only through this machine, usually by a local
+    /// proxy that does TLS. So neither TLS nor tokens are required there.
     pub listen: Vec<ListenAddress>,
-    /// Who may connect to Unix sockets, as the mode of their files.
+    /// File mode of Unix sockets, which controls who may connect.
     pub socket_mode: u32,
-    /// What to serve, at least one unless there is a folder, or others hold a map.
+    /// Map files to serve. At least one, unless there is a maps folder or a remote map.
     pub maps: Vec<MapSource>,
-    /// What to serve of maps that others hold. [`Self::workers`] are then queries under way at a time.
+    /// Maps of remote backends. [`Self::workers`] then bounds the number of remote queries in flight.
     pub elsewhere: Vec<MapElsewhere>,
-    /// A folder whose files `NAME.vmap` are served too, each as `NAME`, as they come and go.
+    /// A folder whose files `NAME.vmap` are also served, each as `NAME`. Added and removed files are followed.
     pub maps_folder: Option<PathBuf>,
-    /// Where the bytes of maps are: by default copied into memory, so that what becomes of the files cannot touch them.
+    /// How map files are loaded. By default they are copied into memory, so that later changes of the files have no
+    /// effect on them.
     pub map_memory: MapMemory,
-    /// Certificate files. Without them the service speaks plain HTTP, which it does on loopback only.
+    /// Certificate files. Without them the service speaks plain HTTP, on loopback only.
     pub tls: Option<TlsFiles>,
-    /// Plain HTTP beyond loopback: for a proxy that does TLS in front of this service.
+    /// Allows plain HTTP beyond loopback, for use behind a proxy that does TLS.
     pub insecure_http: bool,
-    /// Pages of these origins may ask from within a browser (CORS). None by default.
+    /// Origins whose pages may send requests from a browser (CORS). None by default.
     pub cors: Vec<Origin>,
-    /// Who may ask: one token a line, see `docs/reference/configuration.md`. Without it everybody on this machine may.
+    /// The file of tokens, see `docs/service.md`. Without it any client on this machine may query.
     pub tokens: Option<PathBuf>,
-    /// How long the last valid tokens hold when the file of tokens is gone, empty or wrong; then nobody may ask.
+    /// How long the last valid tokens stay in force when the file of tokens is missing, empty or invalid; after that
+    /// every query is refused.
     pub stale_tokens: Duration,
-    /// Everybody may ask, beyond loopback too.
+    /// Allows queries without tokens beyond loopback.
     pub allow_anonymous: bool,
-    /// For each token; without tokens, for all requests together.
+    /// Rate limit of each token; without tokens, of all requests together.
     pub rate: RateLimit,
-    /// Threads that localize. Default: one a core.
+    /// Threads that localize. Default: one per core.
     pub workers: NonZeroUsize,
-    /// Queries that may wait for a worker; one more is refused with 503. 32 wait about a second on two cores.
+    /// Maximum length of the queue; a further query is refused with 503. 32 queries wait about a second on two cores.
     pub queue: NonZeroUsize,
-    /// Connections at a time. One more takes the place of one that is idle, first of those that brought no token.
+    /// Maximum number of open connections. A further connection evicts an idle one, unauthenticated ones first.
     pub connections: NonZeroUsize,
-    /// Connections of one address (of IPv6, one /64) at a time, those that brought a known token not counted.
+    /// Maximum number of unauthenticated connections per address (for IPv6, per /64).
     pub connections_per_address: NonZeroUsize,
-    /// Of [`Self::connections`], how many are for known tokens alone. `None` for half of them; without
-    /// [`Self::tokens`], none are.
+    /// Number of [`Self::connections`] reserved for authenticated clients. `None`: half of them, or none without
+    /// [`Self::tokens`].
     pub reserved_connections: Option<usize>,
-    /// Where to answer probes and metrics, beside [`Self::listen`]: plain HTTP that asks for no token, so an address that
-    /// only the operator reaches. `None` for no listener of their own.
+    /// Address of a separate listener for probes and metrics: plain HTTP without token, so only the operator may
+    /// reach it. `None`: no such listener.
     pub admin: Option<SocketAddr>,
-    /// The queue that the program's log goes through, if it does: lines it dropped are counted in the metrics.
+    /// The queue through which the program writes its log, if it uses one; dropped lines are counted in the metrics.
     pub log: Option<LogQueue>,
-    /// What is counted of a cluster that holds maps, to be among the metrics.
+    /// Counters of a gateway, to be included in the metrics.
     pub gateway: Option<GatewayCounts>,
-    /// Address of the collector that traces are sent to, as OTLP over HTTP: `/v1/traces` is added.
+    /// Address of the collector for traces (OTLP over HTTP); `/v1/traces` is appended.
     #[cfg(feature = "opentelemetry")]
     pub otlp: Option<String>,
-    /// How long anything may take.
+    /// Time limits.
     pub timeouts: Timeouts,
-    /// What allowances and the estimates of waiting times go by. Default: the system's clock.
+    /// Clock of rate limits and of estimated waiting times. Default: the clock of the system.
     pub clock: Clock,
-    /// How often to look whether map, token and certificate files were replaced, and whether maps came or went; `None` for
-    /// never. A token taken out of its file is refused after so much time at the latest.
+    /// How often map, token and certificate files and the maps folder are checked for changes; `None`: never. A
+    /// revoked token is refused after this time at the latest.
     pub watch: Option<Duration>,
-    /// How to localize.
+    /// Options of localization.
     pub localize: LocalizeOptions,
-    /// The page to serve at `/`; `None` for none.
+    /// The web page served at `/`; `None`: no page.
     pub page: Option<Arc<Page>>,
-    /// Most points of a map that the page is shown, to whoever may ask for the map. Default 0: none.
+    /// Maximum number of map points shown on the page to clients that may use the map. Default 0: none.
     pub page_points: usize,
 }
 
 impl ServerOptions {
-    /// These maps on `127.0.0.1:8080`, with plain HTTP and without tokens.
+    /// Default options for these maps: `127.0.0.1:8080`, plain HTTP, no tokens.
     pub fn new(maps: Vec<MapSource>) -> Self {
         Self {
             listen: vec![ListenAddress::Tcp(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))],
@@ -166,7 +169,7 @@ impl ServerOptions {
             tokens: None,
             stale_tokens: Duration::from_secs(300),
             allow_anonymous: false,
-            rate: RateLimit { per_second: TWENTY, burst: TWENTY },
+            rate: RateLimit { per_second: DEFAULT_RATE, burst: DEFAULT_RATE },
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
             connections: NonZeroUsize::MIN.saturating_add(1023),
@@ -186,10 +189,10 @@ impl ServerOptions {
         }
     }
 
-    /// Refuses what would be a mistake.
+    /// Checks the options.
     pub(crate) fn check(&self) -> Result<(), ServerError> {
-        let own = self.maps.iter().map(|map| &map.name);
-        let names: Vec<&String> = own.chain(self.elsewhere.iter().map(|map| &map.name)).collect();
+        let local = self.maps.iter().map(|map| &map.name);
+        let names: Vec<&String> = local.chain(self.elsewhere.iter().map(|map| &map.name)).collect();
         if names.is_empty() && self.maps_folder.is_none() {
             return Err(ServerError::NoMap);
         }
@@ -218,15 +221,15 @@ impl ServerOptions {
         Ok(())
     }
 
-    /// Where probes and metrics go unless somebody says otherwise: loopback, the port after that of the first TCP port of
-    /// `listen` (for any free port any free one), so that two services of one machine differ in both; without one, 8081.
+    /// Default address for probes and metrics: loopback, on the port after the first TCP port of `listen` (port 0 if
+    /// that is 0; 8081 without a TCP address). So two services on one machine do not collide.
     pub fn default_admin(listen: &[ListenAddress]) -> SocketAddr {
         let port = listen.iter().find_map(ListenAddress::tcp).map_or(8080, |address| address.port());
         SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), default_admin_port(port))
     }
 }
 
-/// The port beside that of the service; any free one for any free one.
+/// The port after `listen`; 0 stays 0.
 const fn default_admin_port(listen: u16) -> u16 {
     match listen {
         0 => 0,
@@ -235,7 +238,7 @@ const fn default_admin_port(listen: u16) -> u16 {
     }
 }
 
-const TWENTY: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
+const DEFAULT_RATE: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
 
 #[cfg(test)]
 mod tests {
@@ -249,9 +252,9 @@ mod tests {
     }
 
     #[test]
-    fn plain_http_and_negatives_stay_on_loopback() {
+    fn plain_http_and_anonymous_access_are_limited_to_loopback() {
         for loopback in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:0", "unix:v.sock"] {
-            options(loopback, &["a"]).check().expect("nobody else can listen");
+            options(loopback, &["a"]).check().expect("reachable from this machine only");
         }
         for public in ["0.0.0.0:80", "192.168.0.2:80", "[::]:80"] {
             let mut options = options(public, &["a"]);
@@ -265,12 +268,15 @@ mod tests {
             options.check().expect("TLS and tokens");
             options.tls = None;
             options.listen.insert(0, "127.0.0.1:0".parse().expect("an address"));
-            assert!(matches!(options.check(), Err(ServerError::PlainHttp { .. })), "any of several");
+            assert!(
+                matches!(options.check(), Err(ServerError::PlainHttp { .. })),
+                "one of several addresses"
+            );
         }
     }
 
     #[test]
-    fn names_are_plain_and_different() {
+    fn map_names_are_valid_and_unique() {
         options("127.0.0.1:0", &["lobby", "floor-2.b_x"]).check().expect("plain names");
         for bad in ["", ".", "..", "a/b", "ä", "a b", "a\nb", "a\"b", &"x".repeat(65)] {
             assert!(

@@ -1,19 +1,19 @@
-//! An origin as browsers say it: whose pages may ask (`cors.rs`).
+//! A web origin in the form that browsers send (`cors.rs`).
 
 use std::fmt;
 use std::str::FromStr;
 
 use axum::http::HeaderValue;
 
-/// Scheme, host and port, as a browser says them.
+/// Scheme, host and port.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin(HeaderValue);
 
-/// A text that is no origin.
+/// The text is not an allowed origin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "https://HOST or https://HOST:PORT is expected, in small letters and without a path (http:// for localhost alone); `*` \
-     would let every page ask, and is not offered"
+    "expected https://HOST or https://HOST:PORT in lower case without a path (http:// only for localhost); `*` would \
+     allow every page and is not supported"
 )]
 pub struct BadOrigin;
 
@@ -30,7 +30,7 @@ impl FromStr for Origin {
             c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, b'-' | b'.' | b'[' | b']' | b':')
         };
         let is_host = !host.is_empty() && host.bytes().all(allowed);
-        // A browser leaves out the port that the scheme has anyway, so such an origin would never match.
+        // Browsers omit the default port of the scheme, so an origin that names it would never match.
         let is_port = port.is_none_or(|port| {
             port.parse::<u16>().is_ok_and(|n| n > 0 && n.to_string() == port)
                 && !matches!((scheme, port), ("https", "443") | ("http", "80"))
@@ -45,9 +45,9 @@ impl FromStr for Origin {
 }
 
 impl Origin {
-    /// Whether a browser says this one.
-    pub(crate) fn is(&self, said: &HeaderValue) -> bool {
-        self.0 == said
+    /// Whether the `Origin` header has this value.
+    pub(crate) fn is(&self, header: &HeaderValue) -> bool {
+        self.0 == header
     }
 }
 
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn origins_are_as_a_browser_says_them() {
+    fn origins_are_parsed_in_browser_form() {
         for good in [
             "https://app.example",
             "https://app.example:8443",

@@ -1,8 +1,8 @@
-//! The threads that localize, behind a fair queue of fixed length.
+//! The threads that localize, behind a fair queue of bounded length.
 //!
-//! Localization keeps a processor busy for tens of milliseconds, so it must not run where connections are served, and
-//! more of it at a time than there are processors only makes everybody wait longer. Dedicated threads and a bounded
-//! queue say both: what does not fit, or would not be done in time, is refused before anything is spent on it.
+//! Localization occupies a processor for tens of milliseconds, so it must not run on the threads that serve
+//! connections, and running more jobs than there are processors only delays all of them. A job that does not fit into
+//! the queue, or would not finish in time, is refused before any work is spent on it.
 
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,11 +18,12 @@ use crate::clock::Clock;
 use crate::panics;
 use crate::queue::FairQueue;
 
-/// One piece of work, whatever its result is.
+/// A job, independent of the type of its result.
 trait Work: Send {
-    /// Whether somebody still waits for its result.
-    fn is_waited_for(&self) -> bool;
-    /// Gets the time it waited, sends its result itself, and tells whether it was begun at all.
+    /// Whether the submitter still waits for the result.
+    fn is_awaited(&self) -> bool;
+    /// Runs the job and sends its result, unless the submitter is gone; returns whether it ran. `waited`: time in the
+    /// queue.
     fn run(self: Box<Self>, waited: Duration) -> bool;
 }
 
@@ -32,14 +33,14 @@ struct Task<T, F> {
 }
 
 impl<T: Send, F: FnOnce(Duration) -> T + Send> Work for Task<T, F> {
-    fn is_waited_for(&self) -> bool {
+    fn is_awaited(&self) -> bool {
         !self.reply.is_closed()
     }
 
     fn run(self: Box<Self>, waited: Duration) -> bool {
-        let begun = self.is_waited_for();
+        let begun = self.is_awaited();
         if begun {
-            // Nobody waits any longer when this fails.
+            // Sending fails only when the submitter is gone.
             let _ = self.reply.send((self.work)(waited));
         }
         begun
@@ -51,58 +52,58 @@ struct Job {
     accepted: Instant,
 }
 
-/// Who asks for work, and how much.
+/// Client, cost and time limit of a job.
 #[derive(Clone, Copy)]
-pub struct Order {
-    /// `None` where nobody is told apart.
-    pub who: Option<TokenKey>,
-    /// What it costs, in rows of a query.
+pub struct JobSpec {
+    /// The token of the client; `None` where clients are not distinguished.
+    pub client: Option<TokenKey>,
+    /// Cost, in descriptor rows.
     pub rows: usize,
-    /// When its result is worth nothing any more.
+    /// Time limit of the result.
     pub limit: Duration,
 }
 
-impl Order {
-    /// Retrieval and the search cost as much as some rows, however few there are.
+impl JobSpec {
+    /// Retrieval and the search for the pose have a fixed cost, here 256 rows.
     const fn cost(&self) -> u64 {
         self.rows as u64 + 256
     }
 }
 
-/// What the pool's users and its threads share.
+/// State shared by submitters and worker threads.
 struct Shared {
-    queue: Mutex<Waiting>,
-    /// Work came, or the pool was closed.
+    queue: Mutex<QueueState>,
+    /// Notified when a job was queued or the pool was closed.
     changed: Condvar,
     busy: AtomicUsize,
-    /// What is being worked on costs so much.
-    in_work: AtomicU64,
-    /// Nanoseconds of work that was begun over its cost, a running mean; 0 before the first.
+    /// Total cost of the running jobs.
+    active_cost: AtomicU64,
+    /// Nanoseconds per unit of cost, a running mean over jobs that ran; 0 before the first.
     mean_ns: AtomicU64,
     clock: Clock,
 }
 
-struct Waiting {
+struct QueueState {
     jobs: FairQueue<TokenKey, Job>,
     closed: bool,
 }
 
 impl Shared {
-    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+    fn waiting(&self) -> MutexGuard<'_, QueueState> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn job_took(&self, time: Duration, cost: u64) {
+    fn record_duration(&self, time: Duration, cost: u64) {
         let took = (u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / cost.max(1)).max(1);
         let next =
             |mean: u64| if mean == 0 { took } else { (mean.saturating_mul(7).saturating_add(took)) / 8 };
-        // Never refuses: the closure always has a next value.
+        // Cannot fail: the closure always returns a value.
         let _ = self.mean_ns.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |mean| Some(next(mean)));
     }
 
-    /// The next job, once there is one; `None` when the pool is closed and empty.
+    /// Waits for the next job; `None` when the pool is closed and empty.
     fn next(&self) -> Option<(u64, Job)> {
-        let mut waiting = self.waiting();
+        let mut waiting = self.state();
         loop {
             if let Some(next) = waiting.jobs.pop() {
                 return Some(next);
@@ -122,15 +123,15 @@ pub struct Pool {
     workers: NonZeroUsize,
 }
 
-/// Why work was not taken.
+/// Why a job was rejected.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Refused {
-    /// There is no room in the queue, or no more for this one; there should be after this many seconds.
+pub enum Rejected {
+    /// The queue is full, or the share of this client is. Retry after this many seconds.
     Full {
         /// Seconds, 1 to 60.
         retry_after: NonZeroU64,
     },
-    /// It would not be done in time; after so many seconds it should.
+    /// The job would not finish in time. Retry after this many seconds.
     Late {
         /// Seconds, 1 to 60.
         retry_after: NonZeroU64,
@@ -140,16 +141,16 @@ pub enum Refused {
 }
 
 impl Pool {
-    /// Starts the threads.
+    /// Starts the worker threads.
     ///
     /// # Errors
-    /// The system has no threads to give.
+    /// The system refused a thread.
     pub fn start(workers: NonZeroUsize, queue: NonZeroUsize, clock: Clock) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
-            queue: Mutex::new(Waiting { jobs: FairQueue::new(queue), closed: false }),
+            queue: Mutex::new(QueueState { jobs: FairQueue::new(queue), closed: false }),
             changed: Condvar::new(),
             busy: AtomicUsize::new(0),
-            in_work: AtomicU64::new(0),
+            active_cost: AtomicU64::new(0),
             mean_ns: AtomicU64::new(0),
             clock,
         });
@@ -157,114 +158,115 @@ impl Pool {
         panics::watch();
         for i in 0..workers.get() {
             let shared = shared.clone();
-            let run = move || work_until_closed(&shared);
+            let run = move || run_worker(&shared);
             threads.push(std::thread::Builder::new().name(format!("localize-{i}")).spawn(run)?);
         }
         Ok(Self { shared, threads: Mutex::new(threads), workers })
     }
 
-    /// Queues work. The receiver gets its result; an error there means that the work panicked, at the place that
-    /// [`panics`] logged.
+    /// Queues a job. The receiver gets its result; a receive error means that the job panicked ([`panics`] logged
+    /// where).
     ///
-    /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun, and gives up
-    /// its place to who else would be refused.
+    /// A job whose receiver was dropped before it started (the client left, or time ran out) is skipped, and its
+    /// queue slot is freed when another job would otherwise be rejected.
     ///
     /// # Errors
-    /// [`Refused`]: there is no room, no time, or the pool is closed.
+    /// [`Rejected`]: the queue is full, time is too short, or the pool is closed.
     pub fn submit<T: Send + 'static>(
         &self,
-        order: Order,
+        spec: JobSpec,
         work: impl FnOnce(Duration) -> T + Send + 'static,
-    ) -> Result<oneshot::Receiver<T>, Refused> {
+    ) -> Result<oneshot::Receiver<T>, Rejected> {
         let (reply, result) = oneshot::channel();
         let work = Box::new(Task { reply, work });
-        let mut waiting = self.shared.waiting();
+        let mut waiting = self.shared.state();
         if waiting.closed {
-            return Err(Refused::Closed);
+            return Err(Rejected::Closed);
         }
-        if let Err(refused) = self.takes(&waiting, order) {
-            // Those who left meanwhile make room; looked for only now, for it looks at all that wait.
+        if let Err(refused) = self.check_room(&waiting, spec) {
+            // Free the slots of abandoned jobs. This scans the whole queue, so it is done only when needed.
             let before = waiting.jobs.len();
-            waiting.jobs.retain(|job| job.work.is_waited_for());
+            waiting.jobs.retain(|job| job.work.is_awaited());
             if waiting.jobs.len() == before {
                 return Err(refused);
             }
-            self.takes(&waiting, order)?;
+            self.check_room(&waiting, spec)?;
         }
-        waiting.jobs.push(order.who, order.cost(), Job { work, accepted: self.shared.clock.now() });
+        waiting.jobs.push(spec.client, spec.cost(), Job { work, accepted: self.shared.clock.now() });
         drop(waiting);
         self.shared.changed.notify_one();
         Ok(result)
     }
 
-    /// Whether there is room for this and it would be done in time.
-    fn takes(&self, waiting: &Waiting, order: Order) -> Result<(), Refused> {
-        let ahead = self.time_of(waiting.jobs.ahead(order.who, order.cost()));
-        if !waiting.jobs.has_room(order.who) {
-            return Err(Refused::Full { retry_after: seconds(ahead) });
+    /// Checks that the queue has room and that the job would finish in time.
+    fn check_room(&self, waiting: &QueueState, spec: JobSpec) -> Result<(), Rejected> {
+        let ahead = self.estimated_time(waiting.jobs.ahead(spec.client, spec.cost()));
+        if !waiting.jobs.has_room(spec.client) {
+            return Err(Rejected::Full { retry_after: seconds(ahead) });
         }
-        match ahead.checked_sub(order.limit) {
-            Some(late) => Err(Refused::Late { retry_after: seconds(late) }),
+        match ahead.checked_sub(spec.limit) {
+            Some(late) => Err(Rejected::Late { retry_after: seconds(late) }),
             None => Ok(()),
         }
     }
 
-    /// The time that work of this cost takes at the pace of late, with all threads and what they have in hand; zero as
-    /// long as nobody knows.
-    fn time_of(&self, cost: u64) -> Duration {
-        let in_work = self.shared.in_work.load(Ordering::Relaxed) / 2;
-        let all = self.shared.mean_ns.load(Ordering::Relaxed).saturating_mul(cost.saturating_add(in_work));
+    /// Estimated time until work of this cost is done by all threads, including half of the running jobs; zero before
+    /// the first measurement.
+    fn estimated_time(&self, cost: u64) -> Duration {
+        let active_cost = self.shared.active_cost.load(Ordering::Relaxed) / 2;
+        let all =
+            self.shared.mean_ns.load(Ordering::Relaxed).saturating_mul(cost.saturating_add(active_cost));
         Duration::from_nanos(all / self.workers.get() as u64)
     }
 
-    /// How many wait.
+    /// Number of queued jobs.
     pub fn queued(&self) -> usize {
-        self.shared.waiting().jobs.len()
+        self.shared.state().jobs.len()
     }
 
-    /// How many are being worked on.
+    /// Number of running jobs.
     pub fn busy(&self) -> usize {
         self.shared.busy.load(Ordering::Acquire)
     }
 
-    /// Takes nothing more; what was taken is finished.
+    /// Rejects further jobs; accepted jobs are finished.
     pub fn close(&self) {
-        self.shared.waiting().closed = true;
+        self.shared.state().closed = true;
         self.shared.changed.notify_all();
     }
 
-    /// The same, and blocks until it is finished.
+    /// As [`Self::close`], and blocks until all accepted jobs are finished.
     pub fn finish(&self) {
         self.close();
         let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
         for thread in threads {
-            // Work that panics is caught where it runs.
+            // Panics of jobs are caught in `run_worker`.
             let _ = thread.join();
         }
     }
 }
 
-/// Whole seconds to wait, from one to a minute.
+/// Whole seconds, clamped to 1 to 60.
 fn seconds(wait: Duration) -> NonZeroU64 {
     let seconds = wait.as_secs() + u64::from(wait.subsec_nanos() > 0);
     NonZeroU64::new(seconds.clamp(1, 60)).unwrap_or(NonZeroU64::MIN)
 }
 
-fn work_until_closed(shared: &Shared) {
-    panics::mark();
+fn run_worker(shared: &Shared) {
+    panics::mark_service_thread();
     while let Some((cost, Job { work, accepted })) = shared.next() {
         shared.busy.fetch_add(1, Ordering::Relaxed);
-        shared.in_work.fetch_add(cost, Ordering::Relaxed);
+        shared.active_cost.fetch_add(cost, Ordering::Relaxed);
         let started = shared.clock.now();
-        // Its reply is dropped with it, which is how the one who waits learns of it. The hook has logged the place; what
-        // the panic said is thrown away here, because it may hold something of a query.
+        // On a panic the reply sender is dropped, which notifies the submitter. The hook has logged the location; the
+        // message is discarded here, because it may contain parts of a query.
         let begun = catch_unwind(AssertUnwindSafe(|| work.run(started.duration_since(accepted))));
-        shared.in_work.fetch_sub(cost, Ordering::Relaxed);
-        // Work that nobody waited for took no time, and says nothing about how long work takes.
+        shared.active_cost.fetch_sub(cost, Ordering::Relaxed);
+        // Skipped jobs took no time and must not enter the mean.
         if begun.unwrap_or(true) {
-            shared.job_took(shared.clock.now().saturating_duration_since(started), cost);
+            shared.record_duration(shared.clock.now().saturating_duration_since(started), cost);
         }
-        // Last: whoever sees a free thread sees what its work took.
+        // Last, so that a thread seen as free has already recorded its duration.
         shared.busy.fetch_sub(1, Ordering::Release);
     }
 }
@@ -285,14 +287,14 @@ mod tests {
         Pool::start(number(workers), number(queue), clock.clone()).expect("threads")
     }
 
-    /// Of nobody in particular, costing as much as 1000 rows.
-    const ORDER: Order = Order { who: None, rows: 744, limit: Duration::from_secs(3600) };
+    /// A job without a client that costs as much as 1000 rows.
+    const SPEC: JobSpec = JobSpec { client: None, rows: 744, limit: Duration::from_secs(3600) };
 
-    /// Keeps a thread busy until the returned barrier is waited for.
+    /// Occupies a thread until the returned barrier is released.
     fn occupy(pool: &Pool) -> (Arc<Barrier>, oneshot::Receiver<()>) {
         let (started, go) = (Arc::new(Barrier::new(2)), Arc::new(Barrier::new(2)));
         let inside = (started.clone(), go.clone());
-        let result = pool.submit(ORDER, move |_| {
+        let result = pool.submit(SPEC, move |_| {
             inside.0.wait();
             inside.1.wait();
         });
@@ -301,34 +303,34 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_and_what_was_taken_is_finished() {
+    fn full_queue_rejects_and_accepted_jobs_finish() {
         let pool = pool(1, 2);
         let (go, first) = occupy(&pool);
-        let second = pool.submit(ORDER, |_| 2).expect("room for one");
-        let third = pool.submit(ORDER, |_| 3).expect("room for two");
+        let second = pool.submit(SPEC, |_| 2).expect("room for one");
+        let third = pool.submit(SPEC, |_| 3).expect("room for two");
         assert_eq!((pool.queued(), pool.busy()), (2, 1));
         assert!(
-            matches!(pool.submit(ORDER, |_| 4), Err(Refused::Full { retry_after }) if retry_after.get() == 1)
+            matches!(pool.submit(SPEC, |_| 4), Err(Rejected::Full { retry_after }) if retry_after.get() == 1)
         );
-        assert_eq!(pool.queued(), 2, "what was refused does not count");
+        assert_eq!(pool.queued(), 2, "rejected jobs do not count");
         go.wait();
         pool.finish();
         first.blocking_recv().expect("finished");
         assert_eq!(second.blocking_recv(), Ok(2));
         assert_eq!(third.blocking_recv(), Ok(3));
         assert_eq!((pool.queued(), pool.busy()), (0, 0));
-        assert_eq!(pool.submit(ORDER, |_| 5).err(), Some(Refused::Closed));
+        assert_eq!(pool.submit(SPEC, |_| 5).err(), Some(Rejected::Closed));
     }
 
     #[test]
-    fn work_nobody_waits_for_is_not_begun() {
+    fn abandoned_jobs_are_skipped() {
         let pool = pool(1, 4);
         let (go, _first) = occupy(&pool);
         let begun = Arc::new(AtomicUsize::new(0));
-        for keep in [false, true, false] {
+        for is_awaited in [false, true, false] {
             let begun = begun.clone();
-            let result = pool.submit(ORDER, move |_| begun.fetch_add(1, Ordering::Relaxed)).expect("room");
-            if keep {
+            let result = pool.submit(SPEC, move |_| begun.fetch_add(1, Ordering::Relaxed)).expect("room");
+            if is_awaited {
                 std::mem::forget(result);
             }
         }
@@ -338,33 +340,33 @@ mod tests {
     }
 
     #[test]
-    fn work_nobody_waits_for_keeps_nobody_out() {
+    fn abandoned_jobs_free_their_slots() {
         let pool = pool(1, 2);
         let (go, _first) = occupy(&pool);
-        let left = pool.submit(ORDER, |_| 1).expect("room");
-        let kept = pool.submit(ORDER, |_| 2).expect("room");
-        assert!(matches!(pool.submit(ORDER, |_| 3), Err(Refused::Full { .. })), "both are waited for");
+        let left = pool.submit(SPEC, |_| 1).expect("room");
+        let awaited = pool.submit(SPEC, |_| 2).expect("room");
+        assert!(matches!(pool.submit(SPEC, |_| 3), Err(Rejected::Full { .. })), "both results are awaited");
         drop(left);
-        let third = pool.submit(ORDER, |_| 3).expect("the place of who left");
+        let third = pool.submit(SPEC, |_| 3).expect("the slot of the abandoned job");
         assert_eq!(pool.queued(), 2);
-        assert!(matches!(pool.submit(ORDER, |_| 4), Err(Refused::Full { .. })));
+        assert!(matches!(pool.submit(SPEC, |_| 4), Err(Rejected::Full { .. })));
         go.wait();
         pool.finish();
-        assert_eq!((kept.blocking_recv(), third.blocking_recv()), (Ok(2), Ok(3)));
+        assert_eq!((awaited.blocking_recv(), third.blocking_recv()), (Ok(2), Ok(3)));
     }
 
-    /// Does work that takes so long by the clock.
+    /// Runs a job that takes this long by the clock.
     fn work(pool: &Pool, clock: &ManualClock, took: Duration) {
         let clock = clock.clone();
-        let result = pool.submit(ORDER, move |_| clock.advance(took)).expect("room");
+        let result = pool.submit(SPEC, move |_| clock.advance(took)).expect("room");
         result.blocking_recv().expect("finished");
-        // The result comes first, then the thread notes how long it took.
+        // The result arrives before the thread records the duration.
         while pool.busy() > 0 {
             std::thread::yield_now();
         }
     }
 
-    /// A burst of clients that leave, as happens under overload, must not make the service promise a free queue.
+    /// Clients that disconnect under overload must not make the service underestimate the waiting time.
     #[test]
     fn abandoned_work_does_not_shorten_the_estimate() {
         let clock = ManualClock::new();
@@ -372,19 +374,19 @@ mod tests {
         work(&pool, &clock, Duration::from_secs(2));
         let (go, first) = occupy(&pool);
         for _ in 0..25 {
-            drop(pool.submit(ORDER, |_| ()).expect("room"));
+            drop(pool.submit(SPEC, |_| ()).expect("room"));
         }
         clock.advance(Duration::from_secs(2));
         go.wait();
         first.blocking_recv().expect("finished");
-        // Takes the pool past those that left.
+        // This job is popped after the abandoned ones.
         work(&pool, &clock, Duration::from_secs(2));
         assert_eq!(pool.shared.mean_ns.load(Ordering::Relaxed), 2_000_000, "2 s for 1000 rows");
         pool.finish();
     }
 
     #[test]
-    fn the_estimate_follows_the_times_of_late() {
+    fn estimate_follows_recent_durations() {
         let clock = ManualClock::new();
         let pool = pool_by(&clock.clock(), 1, 30);
         for (took, mean_ns) in [(400, 400_000), (400, 400_000), (0, 350_000), (0, 306_250)] {
@@ -395,38 +397,41 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_when_to_come_back() {
+    fn rejections_have_retry_after() {
         let clock = ManualClock::new();
         let pool = pool_by(&clock.clock(), 1, 30);
         work(&pool, &clock, Duration::from_secs(1));
         let (go, _first) = occupy(&pool);
-        // 1 s for each that waits, and half of one for what is in work.
-        let hurried =
-            Order { who: Some(TokenKey::of_digest([1; 32])), limit: Duration::from_millis(2400), ..ORDER };
+        // 1 s for each queued job, and half of one for the running job.
+        let urgent = JobSpec {
+            client: Some(TokenKey::of_digest([1; 32])),
+            limit: Duration::from_millis(2400),
+            ..SPEC
+        };
         let mut waiting: Vec<_> =
-            (0..2).map(|_| pool.submit(hurried, |_| ()).expect("0.5 s and 1.5 s are in time")).collect();
-        let late = pool.submit(hurried, |_| ()).err();
-        assert!(matches!(late, Some(Refused::Late { retry_after }) if retry_after.get() == 1), "{late:?}");
-        let patient = Order { limit: Duration::from_secs(3600), ..hurried };
+            (0..2).map(|_| pool.submit(urgent, |_| ()).expect("0.5 s and 1.5 s are in time")).collect();
+        let late = pool.submit(urgent, |_| ()).err();
+        assert!(matches!(late, Some(Rejected::Late { retry_after }) if retry_after.get() == 1), "{late:?}");
+        let patient = JobSpec { limit: Duration::from_secs(3600), ..urgent };
         waiting.push(pool.submit(patient, |_| ()).expect("an hour is enough"));
         while let Ok(result) = pool.submit(patient, |_| ()) {
             waiting.push(result);
         }
-        // A lane alone may hold half of the queue.
+        // A single lane may hold half of the queue.
         assert_eq!(waiting.len(), 15);
         let full = pool.submit(patient, |_| ()).err();
-        assert!(matches!(full, Some(Refused::Full { retry_after }) if retry_after.get() == 16), "{full:?}");
+        assert!(matches!(full, Some(Rejected::Full { retry_after }) if retry_after.get() == 16), "{full:?}");
         drop(waiting);
         go.wait();
         pool.finish();
     }
 
     #[test]
-    fn a_panic_is_told_and_costs_no_thread() {
+    fn panic_is_reported_and_thread_survives() {
         let pool = pool(1, 4);
-        let broken = pool.submit(ORDER, |_| -> u32 { std::panic::panic_any("broken") }).expect("room");
+        let broken = pool.submit(SPEC, |_| -> u32 { std::panic::panic_any("broken") }).expect("room");
         assert!(broken.blocking_recv().is_err());
-        assert_eq!(pool.submit(ORDER, |_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
+        assert_eq!(pool.submit(SPEC, |_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
         pool.finish();
     }
 }

@@ -1,7 +1,7 @@
-//! Refusals: what is told to the client, as `application/problem+json` (RFC 9457), and to the operator, as a name.
+//! Refusals: `application/problem+json` (RFC 9457) for the client, and a name for logs and metrics.
 //!
-//! A refusal names the field that is wrong and what it may be, never what it was: whatever was sent stays where it was
-//! sent from (rule L8), and all refusals have one length (`padding.rs`).
+//! A refusal names the wrong field and its allowed values, but never repeats the received value (rule L8). All
+//! refusals have the same length (`padding.rs`).
 
 use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
@@ -16,10 +16,10 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_protocol::QueryError;
 
-use crate::asked::{NoPose, Unanswered};
-use crate::padding::{self, Hidden};
+use crate::decoded_request::{LocalizeFailure, NoPose};
+use crate::padding::{self, PadLength};
 
-/// Why a request was not answered. The texts are for whoever wrote the client; logs have its name only.
+/// Why a request was refused. The messages are for developers of clients; logs contain only the name.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum Problem {
     #[error("send a token that this service knows, as `Authorization: Bearer TOKEN`")]
@@ -35,14 +35,14 @@ pub(crate) enum Problem {
     #[error("no map of this name is served; /v1/maps lists them")]
     UnknownMap,
     #[error(
-        "this map cannot be opened at the moment; send the same bytes again later, its operator was told"
+        "this map cannot be opened at the moment; send the same bytes again later (the log of the service says why)"
     )]
     MapUnavailable,
     #[error(
-        "nobody who holds this part of the map can be reached; send the same bytes again in {retry_after} s"
+        "no worker for this part of the map can be reached; send the same bytes again in {retry_after} s"
     )]
     Unreached { retry_after: NonZeroU64 },
-    #[error("the service has no valid file of tokens, so nobody may ask; its operator was told")]
+    #[error("the service has no valid file of tokens and refuses all queries; its log says why")]
     NoTokens,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
     MediaType,
@@ -60,20 +60,20 @@ pub(crate) enum Problem {
     Version(String),
     #[error(
         "the query was sealed for another map or with an old profile; fetch the profile, and seal another frame of the same \
-         session with its orientation, or move on first: several images of one spot without a session tell more than one"
+         session with its orientation, or move on first: several images of one position without a session reveal more"
     )]
     WrongProfile,
     #[error("{0}")]
-    BadWish(&'static str),
+    BadOption(&'static str),
     #[error(
         "no pose is supported by the query{0}; send another frame of the same session with its orientation, or move on by a \
-         step or more first: several images of one spot without a session tell more than one"
+         step or more first: several images of one position without a session reveal more"
     )]
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]
     EmptyMap,
     #[error(
-        "all workers are busy and the queue has no more room for this token; send the same bytes again in {retry_after} s"
+        "all workers are busy and the queue has no room for this token; send the same bytes again in {retry_after} s"
     )]
     QueueFull { retry_after: NonZeroU64 },
     #[error("the queue is too long for an answer in time; send the same bytes again in {retry_after} s")]
@@ -82,12 +82,12 @@ pub(crate) enum Problem {
     Stopping { retry_after: NonZeroU64 },
     #[error("no pose within {seconds} s; send the same bytes again later")]
     TimedOut { seconds: u64 },
-    #[error("a bug in veiloc; it was logged")]
+    #[error("an internal error of veiloc; it was logged")]
     Broken,
 }
 
 impl Problem {
-    /// What is wrong with a body that is no sealed query: the field, and what it may be.
+    /// The problem of a body that cannot be decoded: the field, and its allowed values.
     pub(crate) fn of_query(error: &QueryError) -> Self {
         match error {
             QueryError::TooLong { limit, .. } => Self::TooLarge { limit: *limit },
@@ -97,25 +97,27 @@ impl Problem {
         }
     }
 
-    pub(crate) fn of_unanswered(why: Unanswered, within: Duration) -> Self {
+    pub(crate) fn of_failure(why: LocalizeFailure, within: Duration) -> Self {
         match why {
-            Unanswered::WrongProfile => Self::WrongProfile,
-            Unanswered::EmptyMap => Self::EmptyMap,
-            // Nobody waits for what was stopped; should somebody, it did not get its time.
-            Unanswered::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
-            Unanswered::NoPose(NoPose::OneSided) => {
+            LocalizeFailure::WrongProfile => Self::WrongProfile,
+            LocalizeFailure::EmptyMap => Self::EmptyMap,
+            // A cancelled job has no client any more; if it has one after all, the client may retry.
+            LocalizeFailure::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
+            LocalizeFailure::NoPose(NoPose::OneSided) => {
                 Self::NotLocalized(": all lines that match run through one anchor")
             }
-            Unanswered::NoPose(NoPose::TooFew) => Self::NotLocalized(": too few of its rows match the map"),
-            Unanswered::NoPose(NoPose::Unsupported) => Self::NotLocalized(""),
-            Unanswered::Busy { retry_after } => Self::QueueFull { retry_after },
-            Unanswered::Unreached { retry_after } => Self::Unreached { retry_after },
-            Unanswered::TimedOut => Self::TimedOut { seconds: within.as_secs().max(1) },
-            Unanswered::Broken => Self::Broken,
+            LocalizeFailure::NoPose(NoPose::TooFew) => {
+                Self::NotLocalized(": too few of its rows match the map")
+            }
+            LocalizeFailure::NoPose(NoPose::Unsupported) => Self::NotLocalized(""),
+            LocalizeFailure::Busy { retry_after } => Self::QueueFull { retry_after },
+            LocalizeFailure::Unreached { retry_after } => Self::Unreached { retry_after },
+            LocalizeFailure::TimedOut => Self::TimedOut { seconds: within.as_secs().max(1) },
+            LocalizeFailure::Broken => Self::Broken,
         }
     }
 
-    /// Status, a name for programs, metrics and logs, and a title for people.
+    /// HTTP status, a name for programs, metrics and logs, and a title for people.
     const fn facts(&self) -> (StatusCode, &'static str, &'static str) {
         use StatusCode as S;
         match self {
@@ -126,8 +128,8 @@ impl Problem {
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
             Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
-            Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Nobody reached"),
-            Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "Nobody may ask"),
+            Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Workers unreachable"),
+            Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "No valid tokens"),
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
             Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
             Self::SessionTooLong { .. } => (S::PAYLOAD_TOO_LARGE, "session-too-long", "Session too long"),
@@ -135,14 +137,14 @@ impl Problem {
             Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),
             Self::Malformed(_) => (S::BAD_REQUEST, "malformed-query", "Not a sealed query"),
             Self::Version(_) => (S::BAD_REQUEST, "unsupported-version", "Unsupported version"),
-            Self::BadWish(_) => (S::BAD_REQUEST, "bad-option", "Not an option"),
+            Self::BadOption(_) => (S::BAD_REQUEST, "bad-option", "Not an option"),
             Self::WrongProfile => (S::CONFLICT, "wrong-profile", "Sealed for another map"),
             Self::NotLocalized(_) => (S::UNPROCESSABLE_ENTITY, "not-localized", "Not localized"),
             Self::EmptyMap => (S::CONFLICT, "empty-map", "Empty map"),
             Self::QueueFull { .. } => (S::SERVICE_UNAVAILABLE, "queue-full", "Busy"),
             Self::Overdue { .. } => (S::SERVICE_UNAVAILABLE, "overdue", "Busy"),
             Self::Stopping { .. } => (S::SERVICE_UNAVAILABLE, "stopping", "Stopping"),
-            Self::TimedOut { .. } => (S::GATEWAY_TIMEOUT, "timed-out", "Took too long"),
+            Self::TimedOut { .. } => (S::GATEWAY_TIMEOUT, "timed-out", "Timed out"),
             Self::Broken => (S::INTERNAL_SERVER_ERROR, "broken", "Internal error"),
         }
     }
@@ -154,35 +156,35 @@ impl Problem {
             | Self::Overdue { retry_after }
             | Self::Unreached { retry_after }
             | Self::Stopping { retry_after } => Some(*retry_after),
-            Self::MapUnavailable | Self::NoTokens => Some(LATER),
+            Self::MapUnavailable | Self::NoTokens => Some(OPERATOR_RETRY),
             _ => None,
         }
     }
 }
 
-/// Seconds after which something that an operator has to mend may be mended.
-const LATER: NonZeroU64 = NonZeroU64::MIN.saturating_add(29);
+/// Retry interval for failures that an operator has to fix, seconds.
+const OPERATOR_RETRY: NonZeroU64 = NonZeroU64::MIN.saturating_add(29);
 
 /// A refusal (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct ProblemDocument {
-    /// `urn:veiloc:problem:` and a name that stays the same.
+    /// `urn:veiloc:problem:` and a stable name.
     #[serde(rename = "type")]
     #[schema(example = "urn:veiloc:problem:queue-full")]
     pub kind: String,
-    /// The name in words.
+    /// The name as text.
     pub title: &'static str,
     /// The status of the response.
     pub status: u16,
-    /// What is wrong this time, and what to do.
+    /// What is wrong with this request, and the remedy.
     pub detail: String,
-    /// `not-found` when the query was good and no pose was found; beside the states of an answer, the third.
+    /// `not-found` if the query was valid but no pose was found: the third state next to those of an answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<&'static str>,
     /// Seconds after which to send the same bytes again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retry_after: Option<u64>,
-    /// `urn:veiloc:request:` and the name of this request, as in the header `veiloc-request-id`: what to tell the operator.
+    /// `urn:veiloc:request:` and the request id, as in the header `veiloc-request-id`; report it to the operator.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "urn:veiloc:request:4bf92f3577b34da6a3ce929d0e0e4736")]
     pub instance: Option<String>,
@@ -195,16 +197,16 @@ impl ProblemDocument {
     }
 }
 
-/// Writes the name of the request into a refusal; other answers pass.
-pub(crate) fn sign(response: &mut Response, id: RequestId) {
+/// Writes the request id into a refusal; other responses are not changed.
+pub(crate) fn set_instance(response: &mut Response, id: RequestId) {
     let Some(document) = response.extensions_mut().remove::<Arc<ProblemDocument>>() else { return };
     let mut document = Arc::unwrap_or_clone(document);
     document.instance = Some(format!("urn:veiloc:request:{id}"));
     *response.body_mut() = Body::from(document.body());
 }
 
-/// The refusals that a query can get: status and name, as in the table of docs/reference/http.md.
-const OF_QUERIES: [(u16, &str); 23] = [
+/// Refusals of queries: status and name, as in the table of docs/service.md.
+const QUERY_PROBLEMS: [(u16, &str); 23] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),
     (400, "bad-option"),
@@ -230,10 +232,11 @@ const OF_QUERIES: [(u16, &str); 23] = [
     (504, "timed-out"),
 ];
 
-/// All ways in which a query can be answered, of both addresses that take queries.
-pub(crate) fn kinds_of_queries() -> Vec<RequestKind<'static>> {
-    let answers =
-        || std::iter::once((200, None)).chain(OF_QUERIES.map(|(status, problem)| (status, Some(problem))));
+/// All outcomes of queries, for both addresses that accept queries.
+pub(crate) fn query_outcomes() -> Vec<RequestKind<'static>> {
+    let answers = || {
+        std::iter::once((200, None)).chain(QUERY_PROBLEMS.map(|(status, problem)| (status, Some(problem))))
+    };
     ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"]
         .into_iter()
         .flat_map(|route| answers().map(move |(status, problem)| RequestKind { route, status, problem }))
@@ -263,11 +266,11 @@ impl IntoResponse for Problem {
         }
         response.extensions_mut().insert(ProblemKind(kind));
         response.extensions_mut().insert(Arc::new(document));
-        response.extensions_mut().insert(Hidden);
+        response.extensions_mut().insert(PadLength);
         response
     }
 }
 
-/// Travels with a response to whoever logs it.
+/// Response extension with the name of the problem, for the log.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ProblemKind(pub(crate) &'static str);

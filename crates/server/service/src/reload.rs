@@ -1,37 +1,37 @@
-//! Reading files again while the service runs: tokens, certificate, maps.
+//! Reloading tokens, certificate and maps while the service runs.
 //!
-//! Whatever cannot be read or used leaves what was there before in place, is told in the log and the metrics
-//! (`veiloc_reload_failing`), and is tried again. Of tokens the last valid set stays for a limited time only: a
-//! revocation that was written wrongly must not be without effect for ever.
+//! A file that cannot be read or used leaves the previous version in force, is reported in the log and the metrics
+//! (`veiloc_reload_failing`), and is retried. The last valid tokens stay in force for a limited time only, so that an
+//! invalid edit cannot prevent a revocation for ever.
 
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-use crate::maps::{Change, Slot};
+use crate::maps::{FolderChange, MapSlot};
 use crate::state::App;
 use crate::tokens::Callers;
-use crate::tokens_file::Look;
+use crate::tokens_file::TokensCheck;
 
 impl App {
-    /// Looks at tokens and certificate: small files, and the ones that trust hangs on.
+    /// Checks tokens and certificate: small files on which security depends.
     pub(crate) fn reload_credentials(&self, all: bool, now: Instant) {
         if let Some(file) = &self.tokens {
-            match file.look(now) {
-                Look::Same => {}
-                Look::Taken(callers) => {
+            match file.check(now) {
+                TokensCheck::Unchanged => {}
+                TokensCheck::Replaced(callers) => {
                     self.set_callers(callers);
                     self.metrics.reload("tokens", "", true);
                     tracing::info!("tokens replaced");
                 }
-                Look::Refused(error) => {
+                TokensCheck::Invalid(error) => {
                     self.metrics.reload("tokens", "", false);
                     let seconds = self.options.stale_tokens.as_secs();
-                    tracing::error!(%error, "tokens refused; the last valid ones hold for {seconds} s");
+                    tracing::error!(%error, "tokens refused; the last valid ones stay in force for {seconds} s");
                 }
-                Look::Closed(error) => {
+                TokensCheck::Expired(error) => {
                     self.set_callers(Arc::new(Callers::Closed));
                     self.metrics.reload("tokens", "", false);
-                    tracing::error!(%error, "no valid file of tokens for too long: nobody may ask until there is one");
+                    tracing::error!(%error, "no valid file of tokens for too long: all queries are refused until there is one");
                 }
             }
             self.metrics.reload_failing("tokens", "", file.is_failing());
@@ -41,12 +41,14 @@ impl App {
                 self.metrics.reload("certificate", "", result.is_ok());
                 match result {
                     Ok(()) => tracing::info!("certificate replaced"),
-                    Err(error) => tracing::error!(%error, "certificate refused, the old one stays"),
+                    Err(error) => {
+                        tracing::error!(%error, "certificate refused; the previous one stays in force")
+                    }
                 }
             }
             self.metrics.reload_failing("certificate", "", tls.is_failing());
             let unix = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-            match tls.days_to_tell(unix.as_secs().cast_signed()) {
+            match tls.expiry_warning_days(unix.as_secs().cast_signed()) {
                 Some(days) if days < 0 => tracing::error!(days = -days, "the certificate has expired"),
                 Some(days) => tracing::warn!(days, "the certificate expires soon"),
                 None => {}
@@ -55,22 +57,28 @@ impl App {
         }
     }
 
-    /// Looks at the maps: large files, which may take their time.
+    /// Checks the maps: large files, which take longer.
     pub(crate) fn reload_maps(&self, all: bool, now: Instant) {
-        match self.maps.look_into_folder() {
+        match self.maps.scan_folder() {
             Ok(changes) => {
                 for change in changes {
                     match change {
-                        Change::Added(slot) => {
-                            self.metrics.map_begins(slot.name());
+                        FolderChange::Added(slot) => {
+                            self.metrics.register_map(slot.name());
                             tracing::info!(map = slot.name(), "map found in the folder");
                         }
-                        Change::Removed(slot) => {
+                        FolderChange::Removed(slot) => {
                             self.metrics.forget_map(slot.name());
-                            tracing::info!(map = slot.name(), "map taken out of the folder, served no more");
+                            tracing::info!(
+                                map = slot.name(),
+                                "map removed from the folder; it is no longer served"
+                            );
                         }
-                        Change::Ignored(file) => {
-                            tracing::warn!(file, "not served: its name cannot be a map's, or is another's");
+                        FolderChange::Ignored(file) => {
+                            tracing::warn!(
+                                file,
+                                "not served: the file name is not a valid map name, or another map has it"
+                            );
                         }
                     }
                 }
@@ -78,7 +86,7 @@ impl App {
             }
             Err(error) => {
                 self.metrics.reload_failing("folder", "", true);
-                tracing::error!(%error, "the folder of maps cannot be read, maps stay as they are");
+                tracing::error!(%error, "the folder of maps cannot be read; the served maps do not change");
             }
         }
         for slot in self.maps.slots() {
@@ -86,22 +94,22 @@ impl App {
         }
     }
 
-    fn reload_map(&self, slot: &Slot, all: bool, now: Instant) {
+    fn reload_map(&self, slot: &MapSlot, all: bool, now: Instant) {
         let had_one = slot.current().is_some();
         let Some(result) = slot.reload(all, now) else { return };
         self.metrics.reload("map", slot.name(), result.is_ok());
         self.metrics.reload_failing("map", slot.name(), slot.is_failing());
         match result {
-            Ok(hosted) => {
-                let (images, points) = (hosted.images, hosted.points);
+            Ok(loaded) => {
+                let (images, points) = (loaded.images, loaded.points);
                 let what = if had_one { "map replaced" } else { "map opened" };
                 tracing::info!(map = slot.name(), images, points, "{what}");
             }
             Err(error) if had_one => {
-                tracing::error!(map = slot.name(), %error, "map refused, the old one stays");
+                tracing::error!(map = slot.name(), %error, "map refused; the previous one is still served");
             }
             Err(error) => {
-                tracing::error!(map = slot.name(), %error, "map refused, and there is none to serve");
+                tracing::error!(map = slot.name(), %error, "map refused; there is no previous one to serve");
             }
         }
     }

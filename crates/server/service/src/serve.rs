@@ -1,4 +1,4 @@
-//! Accepting connections, and stopping so that everything that was accepted is answered.
+//! Accepts connections, and shuts down so that every accepted request is answered.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::admin;
 use crate::error::ServerError;
 use crate::http::{ListenAddress, Listener, Stream, serve_connection};
 use crate::options::ServerOptions;
-use crate::queue::{Entry, Place};
+use crate::queue::{Admission, Slot};
 use crate::routes::router;
 use crate::state::App;
 use crate::telemetry::ConnectionFault;
@@ -30,37 +30,37 @@ pub struct Server {
     stop: watch::Sender<Phase>,
 }
 
-/// How far the service has got.
+/// Phases of the life of the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
     Serving,
-    /// It says that it will stop, and still takes connections.
-    Leaving,
-    /// It takes no connections, and finishes what was accepted.
+    /// Announces the shutdown and still accepts connections.
+    Draining,
+    /// Accepts no connections and finishes accepted requests.
     Finishing,
-    /// Nothing is waited for any more.
-    GivingUp,
+    /// Closes everything at once.
+    Aborting,
 }
 
 /// How the service ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stopped {
-    /// Requests that were answered after it had been told to stop.
+    /// Requests answered after the stop request.
     pub answered: u64,
-    /// Connections that did not end in time.
+    /// Connections that did not end in time and were closed.
     pub given_up: usize,
-    /// Whether it was told not to wait for them.
+    /// Whether an immediate stop was requested.
     pub forced: bool,
 }
 
-/// Where the service listens, and what it serves.
+/// Bound addresses, and the maps that are served.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listening {
-    /// For queries, in the order they were asked for.
+    /// Addresses for queries, in configured order.
     pub addresses: Vec<ListenAddress>,
-    /// For probes and metrics, if there is a listener of their own.
+    /// Address for probes and metrics, if configured.
     pub admin: Option<SocketAddr>,
-    /// Maps that are served at the start.
+    /// Names of the maps that could be opened.
     pub maps: Vec<String>,
 }
 
@@ -71,7 +71,7 @@ impl Listening {
     }
 }
 
-/// Tells a running service what to do.
+/// Controls a running service.
 #[derive(Clone)]
 pub struct ServerHandle {
     app: Arc<App>,
@@ -79,21 +79,21 @@ pub struct ServerHandle {
 }
 
 impl ServerHandle {
-    /// Stop: first it is said that there will be no more (for [`Timeouts::drain`](crate::Timeouts::drain)), then no new connections are taken;
-    /// what was accepted is answered.
+    /// Shuts down: announces the shutdown for [`Timeouts::drain`](crate::Timeouts::drain), then closes the listeners
+    /// and answers accepted requests.
     pub fn stop(&self) {
         self.app.close();
-        advance(&self.stop, Phase::Leaving);
+        advance(&self.stop, Phase::Draining);
     }
 
-    /// Stop at once: nothing is waited for.
+    /// Stops at once and closes all connections.
     pub fn stop_now(&self) {
         self.app.close();
-        advance(&self.stop, Phase::GivingUp);
+        advance(&self.stop, Phase::Aborting);
     }
 
-    /// Read maps, tokens and certificate again. Blocks while it reads; what cannot be read is refused with a line in
-    /// the log, and what was there before stays.
+    /// Reloads maps, tokens and certificate; blocks while reading. A file that cannot be read is logged, and its
+    /// previous version stays in force.
     pub fn reload(&self) {
         let now = Instant::now();
         self.app.reload_credentials(true, now);
@@ -102,13 +102,13 @@ impl ServerHandle {
 }
 
 impl Server {
-    /// Opens everything and starts to listen; connections wait until [`Self::run`].
+    /// Opens all files and binds all addresses; connections wait until [`Self::run`].
     ///
     /// # Errors
-    /// [`ServerError`]: options that would be a mistake, a file that cannot be used, an address that is taken.
+    /// [`ServerError`]: invalid options, a file that cannot be used, or an address in use.
     pub async fn bind(options: ServerOptions) -> Result<Self, ServerError> {
         let app = Arc::new(App::open(options)?);
-        // What there is to say of the certificate is said at the start.
+        // Reports an expiring certificate at the start.
         app.reload_credentials(false, Instant::now());
         let (mut listeners, mut addresses) = (Vec::new(), Vec::new());
         for listen in &app.options.listen {
@@ -138,26 +138,26 @@ impl Server {
         })
     }
 
-    /// The first TCP address where it answers queries.
+    /// The first TCP address for queries.
     pub fn address(&self) -> Option<SocketAddr> {
         self.listening.address()
     }
 
-    /// All addresses it listens on, and the maps it begins with.
+    /// All bound addresses, and the maps that could be opened.
     pub const fn listening(&self) -> &Listening {
         &self.listening
     }
 
-    /// For stopping and reloading it while it runs.
+    /// A handle for stopping and reloading the running service.
     pub fn handle(&self) -> ServerHandle {
         ServerHandle { app: self.app.clone(), stop: self.stop.clone() }
     }
 
-    /// Answers until [`ServerHandle::stop`], then finishes what was accepted, at most for the grace period.
+    /// Serves until [`ServerHandle::stop`], then finishes accepted requests within the grace period.
     pub async fn run(self) -> Stopped {
         let Self { app, listeners, admin, stop, _watchers, .. } = self;
-        let summing = tokio::spawn(sum_log_lines(app.clone()));
-        // Probes and metrics are answered until the very end.
+        let summing = tokio::spawn(log_suppressed_periodically(app.clone()));
+        // Probes and metrics are answered until the end.
         let end = watch::Sender::new(false);
         let admin = admin.map(|listener| tokio::spawn(admin::serve(app.clone(), listener, end.subscribe())));
         let ending = watch::Sender::new(false);
@@ -166,7 +166,7 @@ impl Server {
         tokio::select! {
             () = accept_all(&app, &listeners, &ending) => {}
             () = async {
-                wait_for(&mut phase, Phase::Leaving).await;
+                wait_for(&mut phase, Phase::Draining).await;
                 tokio::select! {
                     () = tokio::time::sleep(app.options.timeouts.drain) => {}
                     () = wait_for(&mut phase, Phase::Finishing) => {}
@@ -175,43 +175,43 @@ impl Server {
         }
         advance(&stop, Phase::Finishing);
         for listener in listeners {
-            take_those_waiting(&app, &listener, &ending);
+            accept_pending(&app, &listener, &ending);
         }
         ending.send_replace(true);
         tokio::select! {
             () = app.connections.all_closed() => {}
             () = tokio::time::sleep(app.options.timeouts.grace) => {}
-            () = wait_for(&mut phase, Phase::GivingUp) => {}
+            () = wait_for(&mut phase, Phase::Aborting) => {}
         }
         let given_up = app.connections.open();
-        let forced = *phase.borrow() == Phase::GivingUp;
+        let forced = *phase.borrow() == Phase::Aborting;
         if given_up > 0 {
-            // Their requests are dropped with them, which stops the jobs that nobody waits for any more.
+            // Closing a connection drops its requests, which cancels their jobs.
             app.connections.close_all();
-            let _ = tokio::time::timeout(LAST_MOMENT, app.connections.all_closed()).await;
+            let _ = tokio::time::timeout(ABORT_TIMEOUT, app.connections.all_closed()).await;
         }
         summing.abort();
-        tell_sums(&app);
+        log_suppressed(&app);
         end.send_replace(true);
         if let Some(admin) = admin {
-            // It listens to nothing but the word just sent.
+            // It ends only by the message just sent.
             let _ = admin.await;
         }
         let answered = app.answered_since_closing();
-        // Joining threads blocks; jobs that were stopped end soon.
+        // Joining threads blocks; cancelled jobs end soon.
         let pool = tokio::task::spawn_blocking(move || {
-            app.flush_traces(LAST_MOMENT / 2);
+            app.flush_traces(ABORT_TIMEOUT / 2);
             app.pool.finish();
         });
-        let _ = tokio::time::timeout(LAST_MOMENT, pool).await;
+        let _ = tokio::time::timeout(ABORT_TIMEOUT, pool).await;
         Stopped { answered, given_up, forced }
     }
 }
 
-/// How long what was given up may take to end.
-const LAST_MOMENT: Duration = Duration::from_secs(1);
+/// Time limit for closing aborted connections.
+const ABORT_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// To a later phase, never back.
+/// Moves to a later phase, never to an earlier one.
 fn advance(stop: &watch::Sender<Phase>, to: Phase) {
     stop.send_if_modified(|phase| {
         let later = to > *phase;
@@ -220,27 +220,27 @@ fn advance(stop: &watch::Sender<Phase>, to: Phase) {
     });
 }
 
-async fn wait_for(phase: &mut watch::Receiver<Phase>, least: Phase) {
-    if phase.wait_for(|phase| *phase >= least).await.is_err() {
-        // Nobody is left who could say so.
+async fn wait_for(phase: &mut watch::Receiver<Phase>, target: Phase) {
+    if phase.wait_for(|phase| *phase >= target).await.is_err() {
+        // The sender is gone, so the phase cannot change any more.
         std::future::pending::<()>().await;
     }
 }
 
-/// Takes the connections that came before the end, and waits for no more.
-fn take_those_waiting(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<bool>) {
+/// Accepts the connections that are already pending, without waiting for more.
+fn accept_pending(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<bool>) {
     let router = router(app.clone());
     let mut context = Context::from_waker(Waker::noop());
     while let Poll::Ready(Ok((stream, from))) = listener.poll_accept(&mut context) {
         let may_speak_tls = listener.may_speak_tls();
-        if let Some(place) = enter(app, from) {
+        if let Some(slot) = admit(app, from) {
             let ending = ending.subscribe();
-            tokio::spawn(welcome(stream, may_speak_tls, place, app.clone(), router.clone(), ending));
+            tokio::spawn(serve_stream(stream, may_speak_tls, slot, app.clone(), router.clone(), ending));
         }
     }
 }
 
-/// Takes connections of all listeners until it is dropped.
+/// Accepts connections of all listeners until the future is dropped.
 async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch::Sender<bool>) {
     let mut accepting = JoinSet::new();
     for listener in listeners {
@@ -249,19 +249,26 @@ async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch:
     while accepting.join_next().await.is_some() {}
 }
 
-/// Takes connections of one listener until it is dropped.
+/// Accepts connections of one listener until the future is dropped.
 async fn accept(app: Arc<App>, listener: Arc<Listener>, ending: watch::Sender<bool>) {
     let router = router(app.clone());
     let may_speak_tls = listener.may_speak_tls();
     loop {
         match listener.accept().await {
             Ok((stream, from)) => {
-                if let Some(place) = enter(&app, from) {
+                if let Some(slot) = admit(&app, from) {
                     let ending = ending.subscribe();
-                    tokio::spawn(welcome(stream, may_speak_tls, place, app.clone(), router.clone(), ending));
+                    tokio::spawn(serve_stream(
+                        stream,
+                        may_speak_tls,
+                        slot,
+                        app.clone(),
+                        router.clone(),
+                        ending,
+                    ));
                 }
             }
-            // Out of file descriptors, or a client that left at once. Trying again without a pause would spin.
+            // Out of file descriptors, or the client is gone already. The pause keeps the loop from spinning.
             Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
         }
     }
@@ -274,75 +281,85 @@ async fn bind(listen: &ListenAddress, mode: u32) -> Result<(Listener, ListenAddr
     Ok((listener, address))
 }
 
-/// How often what was left out of the log is summed up.
+/// Interval of the reports of suppressed log lines.
 const SUM_EVERY: Duration = Duration::from_secs(60);
 
-/// What was left out of the log since the last time.
-fn tell_sums(app: &App) {
-    for ((status, problem), more) in app.quiet.sum() {
+/// Logs the number of suppressed lines since the last report.
+fn log_suppressed(app: &App) {
+    for ((status, problem), more) in app.log_throttle.take_suppressed() {
         let problem = (!problem.is_empty()).then_some(problem);
-        tracing::info!(status, problem, more, "more like these were answered and not logged one by one");
+        tracing::info!(
+            status,
+            problem,
+            more,
+            "more requests with this status were answered; their log lines were suppressed"
+        );
     }
 }
 
-async fn sum_log_lines(app: Arc<App>) {
+async fn log_suppressed_periodically(app: Arc<App>) {
     loop {
         tokio::time::sleep(SUM_EVERY).await;
-        tell_sums(&app);
+        log_suppressed(&app);
     }
 }
 
-/// A place for a new connection, if there is one.
-fn enter(app: &App, from: Option<IpAddr>) -> Option<Place> {
-    match app.connections.enter(from) {
-        Entry::Taken(place) => Some(place),
-        Entry::Exchanged(place) => {
+/// Admits a new connection, if possible.
+fn admit(app: &App, from: Option<IpAddr>) -> Option<Slot> {
+    match app.connections.admit(from) {
+        Admission::Admitted(slot) => Some(slot),
+        Admission::AdmittedByEviction(slot) => {
             app.metrics.connection_closed("displaced");
-            Some(place)
+            Some(slot)
         }
-        Entry::Refused => {
+        Admission::Rejected => {
             app.metrics.connection_closed("refused");
             None
         }
     }
 }
 
-async fn welcome(
+async fn serve_stream(
     stream: Stream,
     may_speak_tls: bool,
-    place: Place,
+    slot: Slot,
     app: Arc<App>,
     router: Router,
     ending: watch::Receiver<bool>,
 ) {
-    let conduct = app.options.timeouts.conduct();
+    let connection_timeouts = app.options.timeouts.connection_timeouts();
     let (stream, peer) = stream.share();
     let service = TowerToHyperService::new(router);
     match app.tls.as_ref().filter(|_| may_speak_tls) {
         None => {
-            tell(&app, serve_connection(stream, peer, service, &place, conduct, ending).await);
+            count_fault(
+                &app,
+                serve_connection(stream, peer, service, &slot, connection_timeouts, ending).await,
+            );
         }
         Some(tls) => {
-            let head = conduct.head;
+            let head = connection_timeouts.head;
             let handshake = tokio::time::timeout(head, tls.acceptor().accept(stream));
-            // A client that does not get through the handshake is dropped without a word, as TLS would.
+            // A client that fails the handshake is dropped without a message, as TLS does.
             let stream = tokio::select! {
                 done = handshake => done,
-                () = place.guest().told_to_leave() => return,
-                () = place.guest().thrown_out() => return,
+                () = slot.connection().evicted() => return,
+                () = slot.connection().force_closed() => return,
             };
             let fault = match stream {
-                Ok(Ok(stream)) => serve_connection(stream, peer, service, &place, conduct, ending).await,
+                Ok(Ok(stream)) => {
+                    serve_connection(stream, peer, service, &slot, connection_timeouts, ending).await
+                }
                 Ok(Err(_)) => Some(ConnectionFault::TlsHandshake),
                 Err(_) => Some(ConnectionFault::TlsTimeout),
             };
-            tell(&app, fault);
+            count_fault(&app, fault);
         }
     }
 }
 
-/// Counts a connection that did not end well.
-fn tell(app: &App, fault: Option<ConnectionFault>) {
+/// Counts the fault of a connection, if it had one.
+fn count_fault(app: &App, fault: Option<ConnectionFault>) {
     if let Some(fault) = fault {
         app.metrics.connection_fault(fault);
     }

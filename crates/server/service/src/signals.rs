@@ -1,24 +1,24 @@
-//! A program that is nothing but the service: its threads, and the signals that stop it or make it read files again.
+//! Runs the service as a program: runtime, and signals that stop or reload it.
 
-use crate::descriptors;
 use crate::error::ServerError;
+use crate::open_files;
 use crate::options::ServerOptions;
 use crate::panics;
 use crate::serve::{Listening, Server, ServerHandle, Stopped};
 
-/// What signals tell a running program.
-pub trait Told: Clone + Send + Sync + 'static {
-    /// Finish what was accepted, then end.
+/// What signals can do to a running program.
+pub trait Controllable: Clone + Send + Sync + 'static {
+    /// Finishes accepted work, then ends.
     fn stop(&self);
 
-    /// End at once.
+    /// Ends at once.
     fn stop_now(&self);
 
-    /// Read files again; may block.
+    /// Reloads files; may block.
     fn reload(&self);
 }
 
-impl Told for ServerHandle {
+impl Controllable for ServerHandle {
     fn stop(&self) {
         Self::stop(self);
     }
@@ -32,14 +32,14 @@ impl Told for ServerHandle {
     }
 }
 
-/// Runs the service until SIGINT or SIGTERM (elsewhere: Ctrl-C) and finishes what was accepted; a second signal ends it at
-/// once. SIGHUP makes it read maps, tokens and certificate again.
+/// Runs the service until SIGINT or SIGTERM (on other systems: Ctrl-C) and finishes accepted requests; a second
+/// signal ends it at once. SIGHUP reloads maps, tokens and certificate.
 ///
-/// `ready` is told the addresses as soon as connections are taken. The process's limit of open files is raised to what the
-/// options need, and from here on its panics are told by the log alone.
+/// `ready` is called with the addresses once connections are accepted. The limit of open files of the process is
+/// raised to what the options need, and from here on its panics are reported only in the log.
 ///
 /// # Errors
-/// [`ServerError`] when it cannot start.
+/// [`ServerError`]: the service cannot start.
 pub fn run_until_signal(
     options: ServerOptions,
     ready: impl FnOnce(&Listening),
@@ -47,36 +47,39 @@ pub fn run_until_signal(
     run_prepared(async { Ok(options) }, ready)
 }
 
-/// The same for options that are made within the service's own runtime: those of a gateway, which has connections of its own.
+/// As [`run_until_signal`], for options that must be created within the runtime of the service: those of a gateway,
+/// which has connections of its own.
 ///
 /// # Errors
-/// What the preparation says, and [`ServerError`] when the service cannot start.
+/// The error of the preparation, or [`ServerError`]: the service cannot start.
 pub fn run_prepared<E: From<ServerError>>(
     prepared: impl Future<Output = Result<ServerOptions, E>>,
     ready: impl FnOnce(&Listening),
 ) -> Result<Stopped, E> {
     let system = |what| move |source| ServerError::System { what, source };
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().enable_all().on_thread_start(panics::mark).build();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .on_thread_start(panics::mark_service_thread)
+        .build();
     let runtime = runtime.map_err(system("a runtime"))?;
     panics::own_process();
     let stopped = runtime.block_on(async {
         let options = prepared.await?;
-        descriptors::make_room(&options)?;
+        open_files::raise_limit(&options)?;
         let server = Server::bind(options).await?;
         let stops = Signals::new().map_err(system("signal handlers"))?;
         ready(server.listening());
-        let listening = tokio::spawn(stops.obey(server.handle()));
+        let listening = tokio::spawn(stops.handle_signals(server.handle()));
         let stopped = server.run().await;
         listening.abort();
         Ok(stopped)
     });
-    // A job that does not end is not waited for.
+    // Do not wait for a job that does not end.
     runtime.shutdown_background();
     stopped
 }
 
-/// SIGINT, SIGTERM and SIGHUP (elsewhere: Ctrl-C), taken from when it is made.
+/// Handlers of SIGINT, SIGTERM and SIGHUP (on other systems: Ctrl-C), installed on creation.
 #[cfg(unix)]
 pub struct Signals {
     interrupt: tokio::signal::unix::Signal,
@@ -86,10 +89,10 @@ pub struct Signals {
 
 #[cfg(unix)]
 impl Signals {
-    /// Takes them.
+    /// Installs the handlers.
     ///
     /// # Errors
-    /// The system refuses a handler.
+    /// The system refused a handler.
     pub fn new() -> std::io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
         Ok(Self {
@@ -99,48 +102,48 @@ impl Signals {
         })
     }
 
-    /// Tells the program what they say: the first stops it, the second at once.
-    pub async fn obey(mut self, server: impl Told) {
-        let mut told = false;
+    /// Forwards the signals: the first stops the program gracefully, the second at once.
+    pub async fn handle_signals(mut self, server: impl Controllable) {
+        let mut is_stopping = false;
         loop {
             tokio::select! {
                 _ = self.interrupt.recv() => {}
                 _ = self.terminate.recv() => {}
                 _ = self.hang_up.recv() => {
                     let server = server.clone();
-                    // Not where connections are served; a panic there leaves the old files in place.
+                    // Not on a thread that serves connections; a panic there leaves the previous files in force.
                     let _ = tokio::task::spawn_blocking(move || server.reload()).await;
                     continue;
                 }
             }
-            if told {
-                tracing::warn!("told twice: stopping at once");
+            if is_stopping {
+                tracing::warn!("second signal: stopping at once");
                 return server.stop_now();
             }
-            tracing::info!("stopping: finishing what was accepted");
+            tracing::info!("stopping: finishing accepted requests");
             server.stop();
-            told = true;
+            is_stopping = true;
         }
     }
 }
 
-/// Ctrl-C.
+/// Handler of Ctrl-C.
 #[cfg(not(unix))]
 pub struct Signals;
 
 #[cfg(not(unix))]
 impl Signals {
-    /// Takes it.
+    /// Installs the handler.
     ///
     /// # Errors
-    /// None.
+    /// Never fails.
     pub fn new() -> std::io::Result<Self> {
         Ok(Self)
     }
 
-    /// Tells the program what it says: the first stops it, the second at once.
-    pub async fn obey(self, server: impl Told) {
-        // Without a handler for Ctrl-C the system ends the program, which is all there is left to do.
+    /// Forwards Ctrl-C: the first stops the program gracefully, the second at once.
+    pub async fn handle_signals(self, server: impl Controllable) {
+        // If waiting for Ctrl-C fails, the system ends the program on Ctrl-C; nothing is left to do.
         if tokio::signal::ctrl_c().await.is_ok() {
             server.stop();
         }

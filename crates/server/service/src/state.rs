@@ -1,4 +1,4 @@
-//! What all requests share: maps, callers, the pool, connections, metrics; and whether the service is ready.
+//! State shared by all requests: maps, tokens, pool, connections, metrics; and the readiness of the service.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -6,19 +6,19 @@ use std::time::{Duration, Instant};
 
 use crate::error::ServerError;
 use crate::http::Tls;
-use crate::maps::{Maps, Reading};
+use crate::maps::{MapReadOptions, Maps};
 use crate::options::ServerOptions;
 use crate::pool::Pool;
 use crate::problem;
-use crate::queue::Throttle;
-use crate::queue::{Connections, Limits};
+use crate::queue::LogThrottle;
+use crate::queue::{ConnectionLimits, Connections};
 #[cfg(feature = "opentelemetry")]
 use crate::telemetry::Traces;
-use crate::telemetry::{Metrics, MetricsOptions, Now, RequestIds};
+use crate::telemetry::{GaugeValues, Metrics, MetricsOptions, RequestIds};
 use crate::tokens::Callers;
 use crate::tokens_file::TokensFile;
 
-/// The service without its connections.
+/// The service without its listeners.
 pub(crate) struct App {
     pub(crate) options: ServerOptions,
     pub(crate) maps: Maps,
@@ -26,31 +26,31 @@ pub(crate) struct App {
     pub(crate) metrics: Metrics,
     #[cfg(feature = "opentelemetry")]
     pub(crate) traces: Option<Traces>,
-    /// Names of requests.
+    /// Source of request ids.
     pub(crate) ids: RequestIds,
     pub(crate) tls: Option<Tls>,
     pub(crate) tokens: Option<TokensFile>,
     pub(crate) connections: Arc<Connections>,
-    /// Log lines that anybody can cause.
-    pub(crate) quiet: Throttle,
+    /// Limits log lines that unauthenticated clients can cause.
+    pub(crate) log_throttle: LogThrottle,
     callers: RwLock<Arc<Callers>>,
     closing: AtomicBool,
-    /// Requests answered since it was told to stop.
+    /// Requests answered since the stop request.
     answered_since: AtomicU64,
 }
 
-/// Whether queries are taken.
+/// Whether queries are accepted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Readiness {
-    /// They are, for all maps but these.
+    /// Accepted, for all maps except these.
     Ready { broken: Vec<String> },
-    /// They are not, and why.
+    /// Not accepted, with the reason.
     Not(&'static str),
 }
 
 impl App {
-    /// Opens all files. Credentials that cannot be used are an error; of maps, when there is none left to serve, no
-    /// folder that one could come into, and nobody else who may hold one.
+    /// Opens all files. Invalid credentials are an error. A map that cannot be opened is an error only if no other
+    /// map is left, no maps folder is configured, and there is no remote map.
     pub(crate) fn open(options: ServerOptions) -> Result<Self, ServerError> {
         options.check()?;
         let (tokens, callers) = match &options.tokens {
@@ -59,7 +59,7 @@ impl App {
                     TokensFile::open(path, options.rate, &options.clock, options.stale_tokens)?;
                 (Some(file), callers)
             }
-            None => (None, Arc::new(Callers::anyone(options.rate, &options.clock))),
+            None => (None, Arc::new(Callers::unrestricted(options.rate, &options.clock))),
         };
         let tls = options.tls.clone().map(Tls::open).transpose()?;
         let pool = Pool::start(options.workers, options.queue, options.clock.clone())
@@ -78,14 +78,14 @@ impl App {
             #[cfg(feature = "opentelemetry")]
             traces,
             connections: Connections::new(limits(&options)),
-            quiet: Throttle::default(),
+            log_throttle: LogThrottle::default(),
             maps: Maps::new(
                 &options.maps,
                 &options.elsewhere,
                 options.maps_folder.clone(),
-                Reading {
+                MapReadOptions {
                     memory: options.map_memory,
-                    // Without a page nobody sees them.
+                    // Not needed without a page.
                     page_points: options.page.as_ref().map_or(0, |_| options.page_points),
                 },
             ),
@@ -102,10 +102,10 @@ impl App {
     }
 
     fn open_maps(&self) -> Result<(), ServerError> {
-        self.maps.look_into_folder()?;
+        self.maps.scan_folder()?;
         let mut broken = Vec::new();
         for slot in self.maps.slots() {
-            self.metrics.map_begins(slot.name());
+            self.metrics.register_map(slot.name());
             if let Some(Err(source)) = slot.reload(true, Instant::now()) {
                 self.metrics.reload_failing("map", slot.name(), true);
                 broken.push(ServerError::Map { name: slot.name().to_owned(), source });
@@ -113,7 +113,7 @@ impl App {
         }
         let may_come = self.maps.has_folder() || !self.options.elsewhere.is_empty();
         if !may_come && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
-            // There is at least one, or the options would have been refused.
+            // `check` guarantees at least one map.
             return Err(broken.into_iter().next().unwrap_or(ServerError::NoMap));
         }
         for error in broken {
@@ -122,7 +122,7 @@ impl App {
         Ok(())
     }
 
-    /// Who may ask, as of now.
+    /// The tokens that are valid now.
     pub(crate) fn callers(&self) -> Arc<Callers> {
         self.callers.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -131,7 +131,7 @@ impl App {
         *self.callers.write().unwrap_or_else(PoisonError::into_inner) = callers;
     }
 
-    /// Whether queries are taken.
+    /// Whether queries are accepted.
     pub(crate) fn readiness(&self) -> Readiness {
         if self.is_closing() {
             return Readiness::Not("stopping");
@@ -145,9 +145,9 @@ impl App {
         if broken.len() == slots.len() { Readiness::Not("no map") } else { Readiness::Ready { broken } }
     }
 
-    /// Counts and times, as they are now.
+    /// The metrics in the text format of Prometheus.
     pub(crate) fn metrics_text(&self) -> String {
-        self.metrics.text(&Now {
+        self.metrics.text(&GaugeValues {
             queued: self.pool.queued(),
             busy: self.pool.busy(),
             connections: self.connections.open(),
@@ -155,18 +155,18 @@ impl App {
         })
     }
 
-    /// Waits for the last traces to be sent, no longer than that.
+    /// Waits until the last traces are sent, at most `timeout`.
     #[cfg_attr(not(feature = "opentelemetry"), expect(clippy::unused_self, reason = "there are no traces"))]
-    pub(crate) fn flush_traces(&self, patience: Duration) {
+    pub(crate) fn flush_traces(&self, timeout: Duration) {
         #[cfg(feature = "opentelemetry")]
         if let Some(traces) = &self.traces {
-            traces.flush(patience);
+            traces.flush(timeout);
         }
         #[cfg(not(feature = "opentelemetry"))]
-        let _ = patience;
+        let _ = timeout;
     }
 
-    /// A request was answered; counted once the service is about to end.
+    /// Counts an answered request during shutdown.
     pub(crate) fn answered(&self) {
         if self.is_closing() {
             self.answered_since.fetch_add(1, Ordering::Relaxed);
@@ -178,18 +178,18 @@ impl App {
         self.answered_since.load(Ordering::Relaxed)
     }
 
-    /// It is about to end: new connections are taken for a little while only.
+    /// Begins the shutdown.
     pub(crate) fn close(&self) {
         self.closing.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the service is about to end.
+    /// Whether the shutdown has begun.
     pub(crate) fn is_closing(&self) -> bool {
         self.closing.load(Ordering::Relaxed)
     }
 }
 
-/// What there is to count, at zero.
+/// All metrics, at zero.
 fn metrics(options: &ServerOptions) -> Metrics {
     Metrics::new(&MetricsOptions {
         workers: options.workers.get(),
@@ -198,7 +198,7 @@ fn metrics(options: &ServerOptions) -> Metrics {
         version: env!("CARGO_PKG_VERSION"),
         log: options.log.as_ref(),
         gateway: options.gateway.as_ref(),
-        requests: &problem::kinds_of_queries(),
+        requests: &problem::query_outcomes(),
     })
 }
 
@@ -213,12 +213,12 @@ fn start_traces(options: &ServerOptions, metrics: &mut Metrics) -> Result<Option
     Ok(traces)
 }
 
-/// Without tokens there is nobody to reserve anything for.
-fn limits(options: &ServerOptions) -> Limits {
+/// Without tokens no client can authenticate, so no connection is reserved.
+fn limits(options: &ServerOptions) -> ConnectionLimits {
     let total = options.connections.get();
     let reserved = match options.tokens {
         Some(_) => options.reserved_connections.unwrap_or(total / 2),
         None => 0,
     };
-    Limits { total, per_address: options.connections_per_address.get(), reserved }
+    ConnectionLimits { total, per_address: options.connections_per_address.get(), reserved }
 }

@@ -1,4 +1,4 @@
-//! Who asks: bearer tokens by the list of the file (`veiloc_service::auth`), each with its own allowance.
+//! Authentication by bearer tokens from the token file (`veiloc_service::auth`), with one rate limit per token.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::auth::{Entry, Moment, TokenKey, TokenList};
 use crate::clock::Clock;
-use crate::telemetry::Trail;
+use crate::telemetry::RequestContext;
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
 use governor::state::{InMemoryState, NotKeyed};
@@ -17,37 +17,37 @@ use governor::{NotUntil, Quota, RateLimiter};
 use crate::options::RateLimit;
 use crate::problem::Problem;
 
-/// Who asks.
+/// The client of a request.
 pub(crate) struct Caller {
     key: TokenKey,
-    /// What the operator calls it; empty where no token is asked for.
+    /// Name that the operator gave the token; empty if no token is required.
     name: Arc<str>,
-    /// Its line of the file; `None` where no token is asked for.
+    /// The line of the token file; `None` if no token is required.
     entry: Option<Entry>,
-    allowance: Arc<Allowance>,
+    rate_limit: Arc<TokenRateLimit>,
 }
 
-/// How often a token may ask. It outlives a change of what else the token is worth.
-struct Allowance {
+/// Rate limit of a token. It survives changes of other properties of the token.
+struct TokenRateLimit {
     limiter: RateLimiter<NotKeyed, InMemoryState, Clock>,
     clock: Clock,
-    /// What it lets through at once.
+    /// Burst size.
     burst: NonZeroU32,
 }
 
-impl Allowance {
+impl TokenRateLimit {
     fn new(rate: RateLimit, clock: &Clock) -> Arc<Self> {
         let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
         let limiter = RateLimiter::direct_with_clock(quota, clock.clone());
         Arc::new(Self { limiter, clock: clock.clone(), burst: rate.burst })
     }
 
-    fn used_up(&self, until: &NotUntil<Instant>) -> Problem {
+    fn exceeded(&self, until: &NotUntil<Instant>) -> Problem {
         Problem::RateLimited { retry_after: seconds_up(until.wait_time_from(self.clock.now())) }
     }
 }
 
-// Neither token nor hash is ever printed.
+// Never print the token or its hash.
 impl fmt::Debug for Caller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Caller")
@@ -55,115 +55,116 @@ impl fmt::Debug for Caller {
 }
 
 impl Caller {
-    /// Says in the trail of a request whose it is.
-    pub(crate) fn sign(&self, trail: &Trail) {
+    /// Records the name of the token in the context of a request.
+    pub(crate) fn record_in(&self, context: &RequestContext) {
         if !self.name.is_empty() {
-            trail.asked_by(self.name.clone());
+            context.set_token(self.name.clone());
         }
     }
 
-    /// Which token it brought.
+    /// Hash of the token.
     pub(crate) const fn key(&self) -> TokenKey {
         self.key
     }
 
-    /// Whether it may read the metrics.
+    /// Whether the token may read the metrics.
     pub(crate) fn is_operator(&self) -> bool {
         self.entry.as_ref().is_none_or(|entry| entry.operator)
     }
 
-    /// Whether it may ask for a map of this name, whether or not there is one.
+    /// Whether the token may use a map of this name; the map need not exist.
     pub(crate) fn may_ask_for(&self, map: &str) -> bool {
         self.entry.as_ref().is_none_or(|entry| entry.may_ask_for(map))
     }
 
-    /// Takes one request from the allowance.
+    /// Takes one request from the rate limit.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.allowance.limiter.check().map_err(|until| self.allowance.used_up(&until))
+        self.rate_limit.limiter.check().map_err(|until| self.rate_limit.exceeded(&until))
     }
 
-    /// Takes the rest of a session of so many images, of which the request itself has taken one: as much as they would one
-    /// by one, all or nothing.
+    /// Takes the remaining images of a session from the rate limit; one was taken with the request. A session costs
+    /// as much as its images one by one, and is accepted completely or not at all.
     pub(crate) fn spend_session(&self, images: usize) -> Result<(), Problem> {
-        let too_long = || Problem::SessionTooLong { most: self.allowance.burst };
+        let too_long = || Problem::SessionTooLong { most: self.rate_limit.burst };
         let rest = u32::try_from(images.saturating_sub(1)).map_err(|_| too_long())?;
         let Some(rest) = NonZeroU32::new(rest) else { return Ok(()) };
-        // What is never there at once must not be waited for.
-        if rest >= self.allowance.burst {
+        // More than the burst size is never available at once, so waiting would not help.
+        if rest >= self.rate_limit.burst {
             return Err(too_long());
         }
-        let spent = self.allowance.limiter.check_n(rest).map_err(|_| too_long())?;
-        spent.map_err(|until| self.allowance.used_up(&until))
+        let spent = self.rate_limit.limiter.check_n(rest).map_err(|_| too_long())?;
+        spent.map_err(|until| self.rate_limit.exceeded(&until))
     }
 }
 
-/// Whole seconds, rounded up, at least one: what `Retry-After` can say.
+/// Whole seconds for `Retry-After`: rounded up, at least one.
 pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
     NonZeroU64::new(wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).unwrap_or(NonZeroU64::MIN)
 }
 
-/// All who may ask.
+/// The clients that may query.
 pub(crate) enum Callers {
-    /// Everybody, with one allowance for all.
-    Anyone(Arc<Caller>),
-    /// Who has one of these tokens, found by its hash. Why the time this takes tells nobody anything: `veiloc_service::auth`.
+    /// Any client, with one common rate limit.
+    Unrestricted(Arc<Caller>),
+    /// Clients with one of these tokens, looked up by hash. `veiloc_service::auth` explains why the duration of the
+    /// lookup reveals nothing.
     Tokens(HashMap<TokenKey, Arc<Caller>>),
-    /// Nobody, for want of a valid file of tokens.
+    /// No client, because there is no valid token file.
     Closed,
 }
 
 impl Callers {
-    /// No file of tokens.
-    pub(crate) fn anyone(rate: RateLimit, clock: &Clock) -> Self {
+    /// Without a token file.
+    pub(crate) fn unrestricted(rate: RateLimit, clock: &Clock) -> Self {
         let key = TokenKey::of_digest([0; 32]);
-        Self::Anyone(Arc::new(Caller {
+        Self::Unrestricted(Arc::new(Caller {
             key,
             name: Arc::default(),
             entry: None,
-            allowance: Allowance::new(rate, clock),
+            rate_limit: TokenRateLimit::new(rate, clock),
         }))
     }
 
-    /// Those of a list. Tokens that were known before keep what is left of their allowance.
+    /// The clients of a token list. Tokens known before keep the state of their rate limit.
     pub(crate) fn of(list: &TokenList, rate: RateLimit, clock: &Clock, before: Option<&Self>) -> Self {
-        let allowance = |key: &TokenKey| match before {
-            Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.allowance.clone()),
+        let rate_limit = |key: &TokenKey| match before {
+            Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.rate_limit.clone()),
             _ => None,
         };
         let caller = |entry: &Entry| {
             let key = entry.key();
-            let allowance = allowance(&key).unwrap_or_else(|| Allowance::new(rate, clock));
+            let rate_limit = rate_limit(&key).unwrap_or_else(|| TokenRateLimit::new(rate, clock));
             let name = entry.name().into();
-            (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), allowance }))
+            (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), rate_limit }))
         };
         Self::Tokens(list.entries().iter().map(caller).collect())
     }
 
-    /// Whether tokens are asked for.
-    pub(crate) const fn ask_for_tokens(&self) -> bool {
-        !matches!(self, Self::Anyone(_))
+    /// Whether tokens are required.
+    pub(crate) const fn require_tokens(&self) -> bool {
+        !matches!(self, Self::Unrestricted(_))
     }
 
-    /// Whether there is a valid file of tokens, or none is asked for.
+    /// Whether the service refuses all clients, for lack of a valid token file.
     pub(crate) const fn is_closed(&self) -> bool {
         matches!(self, Self::Closed)
     }
 
-    /// Whether no token is known.
+    /// Whether the list of tokens is empty.
     #[cfg(test)]
-    pub(crate) fn is_nobody(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         matches!(self, Self::Tokens(all) if all.is_empty())
     }
 
-    /// Who sent these headers.
+    /// Identifies the client that sent these headers.
     pub(crate) fn identify(&self, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
         self.identify_at(headers, Moment::of(SystemTime::now()))
     }
 
-    /// A token that has expired is no other than one that nobody knows.
+    /// An expired token is treated like an unknown one.
     fn identify_at(&self, headers: &HeaderMap, now: Moment) -> Result<Arc<Caller>, Problem> {
         let callers = match self {
-            Self::Anyone(caller) => return Ok(caller.clone()),
+            Self::Unrestricted(caller) => return Ok(caller.clone()),
             Self::Closed => return Err(Problem::NoTokens),
             Self::Tokens(callers) => callers,
         };
@@ -174,7 +175,7 @@ impl Callers {
     }
 }
 
-/// The token of `Bearer TOKEN`; the scheme's name in any case, as HTTP has it.
+/// The token of `Bearer TOKEN`; the scheme is case-insensitive, as in HTTP.
 fn bearer(value: &[u8]) -> Option<&[u8]> {
     let (scheme, token) = value.split_at_checked(7)?;
     (scheme.eq_ignore_ascii_case(b"bearer ") && !token.is_empty()).then(|| token.trim_ascii())
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn only_who_has_a_token_is_known() {
+    fn only_valid_tokens_authenticate() {
         let text = format!("# phones\n\nphone {SECRET}\nops {} operator\n", OTHER.to_uppercase());
         let callers = read(&text, None);
         for (value, operator) in
@@ -220,13 +221,13 @@ mod tests {
             assert!(matches!(callers.identify(&headers(value)), Err(Problem::Unauthenticated)), "{value:?}");
         }
         assert!(callers.identify(&HeaderMap::new()).is_err());
-        let nobody = read("# closed\nnobody\n", None);
-        assert!(nobody.is_nobody() && nobody.identify(&headers("Bearer ")).is_err());
+        let closed = read("# closed\nnobody\n", None);
+        assert!(closed.is_empty() && closed.identify(&headers("Bearer ")).is_err());
         assert!(matches!(Callers::Closed.identify(&headers("Bearer secret")), Err(Problem::NoTokens)));
     }
 
     #[test]
-    fn an_expired_token_is_no_token_and_one_of_some_maps_asks_for_no_other() {
+    fn token_expiry_and_map_scope_are_enforced() {
         let callers = read(&format!("phone {SECRET} maps=lobby expires=2027-01-31"), None);
         let end: Moment = "2027-01-31".parse().expect("a moment");
         let before = Moment::of_unix(end.unix() - 1);
@@ -234,12 +235,13 @@ mod tests {
         assert!(caller.may_ask_for("lobby") && !caller.may_ask_for("garage") && !caller.is_operator());
         let expired = callers.identify_at(&headers("Bearer secret"), end);
         assert!(matches!(expired, Err(Problem::Unauthenticated)));
-        let anyone = Callers::anyone(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("anyone");
-        assert!(anyone.may_ask_for("garage") && anyone.is_operator());
+        let unrestricted =
+            Callers::unrestricted(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("any client");
+        assert!(unrestricted.may_ask_for("garage") && unrestricted.is_operator());
     }
 
     #[test]
-    fn an_allowance_ends_and_survives_a_reload() {
+    fn rate_limit_is_enforced_and_survives_reload() {
         let text = format!("phone {SECRET}\nother {OTHER}");
         let manual = ManualClock::new();
         let clock = manual.clock();
@@ -250,12 +252,12 @@ mod tests {
         assert!(
             matches!(caller.spend(), Err(Problem::RateLimited { retry_after }) if retry_after.get() == 1)
         );
-        // One asks no less because the other asked a lot.
+        // The requests of one token do not count against another.
         callers.identify(&headers("Bearer other")).expect("known").spend().expect("its own");
         let again = read_by(&clock, &format!("renamed {SECRET} maps=lobby"), Some(&callers));
         assert!(again.identify(&headers("Bearer secret")).expect("known").spend().is_err());
-        assert!(again.identify(&headers("Bearer other")).is_err(), "taken from the file");
-        // One a second.
+        assert!(again.identify(&headers("Bearer other")).is_err(), "removed from the file");
+        // One request per second.
         manual.advance(Duration::from_secs(1));
         caller.spend().expect("earned");
         caller.spend().expect_err("spent");

@@ -1,4 +1,4 @@
-//! The file of tokens while the service runs: its last valid content, and how long that holds without a valid file.
+//! The token file at run time: its last valid content, and how long that stays in force without a valid file.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,12 +12,12 @@ use crate::error::ServerError;
 use crate::options::RateLimit;
 use crate::tokens::Callers;
 
-/// The file of tokens: its last valid content, and since when it has none.
+/// The token file: its last valid content, and since when it has been invalid.
 pub(crate) struct TokensFile {
     path: PathBuf,
     rate: RateLimit,
     clock: Clock,
-    /// How long the last valid set holds without a valid file.
+    /// How long the last valid tokens stay in force without a valid file.
     stale: Duration,
     state: Mutex<State>,
 }
@@ -25,29 +25,29 @@ pub(crate) struct TokensFile {
 struct State {
     /// SHA-256 of the last valid content.
     taken: [u8; 32],
-    /// The last valid set, with what is left of each allowance.
+    /// The last valid tokens, with the state of their rate limits.
     callers: Arc<Callers>,
     failing: Option<Failing>,
 }
 
 struct Failing {
     since: Instant,
-    /// What is wrong, told once.
-    told: String,
-    /// Whether the last valid set holds no more.
+    /// The last reported error; each error is reported once.
+    reported: String,
+    /// Whether the last valid tokens are no longer in force.
     closed: bool,
 }
 
-/// What a look at the file of tokens came to.
-pub(crate) enum Look {
-    /// Nothing to do.
-    Same,
-    /// Another valid set, from now on.
-    Taken(Arc<Callers>),
-    /// Something is wrong with it that was not told yet; what held before the look still does.
-    Refused(ServerError),
-    /// It has been wrong for too long: from now on nobody may ask.
-    Closed(ServerError),
+/// Result of checking the token file.
+pub(crate) enum TokensCheck {
+    /// No change.
+    Unchanged,
+    /// New valid tokens, in force from now on.
+    Replaced(Arc<Callers>),
+    /// A new error; the previous tokens stay in force.
+    Invalid(ServerError),
+    /// The file has been invalid for too long: all queries are refused from now on.
+    Expired(ServerError),
 }
 
 impl TokensFile {
@@ -64,13 +64,13 @@ impl TokensFile {
         Ok((Self { path: path.to_owned(), rate, clock: clock.clone(), stale, state }, callers))
     }
 
-    /// Whether its newest state could not be used.
+    /// Whether the current file is invalid.
     pub(crate) fn is_failing(&self) -> bool {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).failing.is_some()
     }
 
-    /// Reads it again. It is small, so it is read and not looked at: no time stamp can hide a revocation.
-    pub(crate) fn look(&self, now: Instant) -> Look {
+    /// Reads the file again. The content is compared, not the time stamp, so that no revocation can be missed.
+    pub(crate) fn check(&self, now: Instant) -> TokensCheck {
         let read = read(&self.path);
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let state = &mut *state;
@@ -87,20 +87,20 @@ impl TokensFile {
             Ok((digest, callers)) => {
                 let same = digest == state.taken && state.failing.is_none();
                 (state.taken, state.callers, state.failing) = (digest, callers.clone(), None);
-                if same { Look::Same } else { Look::Taken(callers) }
+                if same { TokensCheck::Unchanged } else { TokensCheck::Replaced(callers) }
             }
             Err(error) => {
-                let told = error.to_string();
+                let reported = error.to_string();
                 let since = state.failing.as_ref().map_or(now, |failing| failing.since);
                 let failing =
-                    state.failing.get_or_insert(Failing { since, told: String::new(), closed: false });
-                let news = failing.told != told;
-                failing.told = told;
+                    state.failing.get_or_insert(Failing { since, reported: String::new(), closed: false });
+                let news = failing.reported != reported;
+                failing.reported = reported;
                 if !failing.closed && now.duration_since(failing.since) >= self.stale {
                     failing.closed = true;
-                    return Look::Closed(error);
+                    return TokensCheck::Expired(error);
                 }
-                if news { Look::Refused(error) } else { Look::Same }
+                if news { TokensCheck::Invalid(error) } else { TokensCheck::Unchanged }
             }
         }
     }
@@ -128,9 +128,10 @@ mod tests {
     const SECRET: &str = "2bb80d537b1da3e38bd30361aa855686bde0eacd7162fef6a25fe97bf527a25b";
     const STALE: Duration = Duration::from_secs(300);
 
-    /// A file that is deleted, empty or wrong is told once, holds for its time, then shuts the door, and opens it again.
+    /// A deleted, empty or invalid file is reported once, tolerated for the configured time, then all queries are
+    /// refused until the file is valid again.
     #[test]
-    fn a_wrong_file_of_tokens_is_an_error_and_holds_for_its_time_only() {
+    fn invalid_token_file_is_tolerated_for_limited_time() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("tokens");
         let good = format!("phone {SECRET}\n");
@@ -141,29 +142,32 @@ mod tests {
             let (file, _) =
                 TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
             let start = Instant::now();
-            assert!(matches!(file.look(start), Look::Same) && !file.is_failing());
+            assert!(matches!(file.check(start), TokensCheck::Unchanged) && !file.is_failing());
             match wrong {
                 Some(text) => std::fs::write(&path, text).expect("written"),
                 None => std::fs::remove_file(&path).expect("removed"),
             }
-            let Look::Refused(error) = file.look(start) else { panic!("{wrong:?} is no error") };
+            let TokensCheck::Invalid(error) = file.check(start) else { panic!("{wrong:?} is no error") };
             assert!(
                 error.to_string().contains("tokens") && !error.to_string().contains("hunter2"),
                 "{error}"
             );
             assert!(file.is_failing());
-            assert!(matches!(file.look(start + STALE / 2), Look::Same), "told once, and still open");
-            assert!(matches!(file.look(start + STALE), Look::Closed(_)), "{wrong:?}");
-            assert!(matches!(file.look(start + 2 * STALE), Look::Same));
+            assert!(
+                matches!(file.check(start + STALE / 2), TokensCheck::Unchanged),
+                "reported once, tokens still in force"
+            );
+            assert!(matches!(file.check(start + STALE), TokensCheck::Expired(_)), "{wrong:?}");
+            assert!(matches!(file.check(start + 2 * STALE), TokensCheck::Unchanged));
             std::fs::write(&path, &good).expect("written");
             assert!(
-                matches!(file.look(start + 2 * STALE), Look::Taken(_)) && !file.is_failing(),
+                matches!(file.check(start + 2 * STALE), TokensCheck::Replaced(_)) && !file.is_failing(),
                 "{wrong:?}"
             );
         }
-        // Nobody, and it is meant: at once.
+        // The line `nobody` is a valid file and in force at once.
         let (file, _) = TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
         std::fs::write(&path, "nobody\n").expect("written");
-        assert!(matches!(file.look(Instant::now()), Look::Taken(callers) if callers.is_nobody()));
+        assert!(matches!(file.check(Instant::now()), TokensCheck::Replaced(callers) if callers.is_empty()));
     }
 }

@@ -1,8 +1,8 @@
-//! Looks at intervals whether files were replaced, on threads of its own: no work of the service can keep them waiting.
+//! Polls files for changes on threads of its own, so that no other work can delay it.
 //!
-//! Tokens and certificate have their own thread, because a revocation must not wait for a large map to be read. Asking
-//! the file system every two seconds works everywhere, on network drives too, and needs no library; notifications of the
-//! system do not.
+//! Tokens and certificate have a thread of their own, because a revocation must not wait until a large map is read.
+//! Polling every two seconds works on every file system, network drives included, and needs no library; notifications
+//! of the system do not work everywhere.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,13 +13,13 @@ use std::time::{Duration, Instant};
 use crate::panics;
 use crate::state::App;
 
-/// The threads; they end when this is dropped, each when it has finished the file it reads.
+/// The polling threads; they end after this is dropped, each when it has finished the file it reads.
 pub(crate) struct Watchers {
     _until_dropped: Vec<Sender<()>>,
 }
 
 impl Watchers {
-    /// Starts them.
+    /// Starts the threads.
     pub(crate) fn start(app: &Arc<App>, every: Duration) -> io::Result<Self> {
         let credentials =
             start("watch-credentials", app, every, |app| app.reload_credentials(false, Instant::now()))?;
@@ -28,15 +28,15 @@ impl Watchers {
     }
 }
 
-fn start(name: &str, app: &Arc<App>, every: Duration, look: fn(&App)) -> io::Result<Sender<()>> {
+fn start(name: &str, app: &Arc<App>, every: Duration, check: fn(&App)) -> io::Result<Sender<()>> {
     let (alive, dropped) = channel();
     let app = Arc::downgrade(app);
     let run = move || {
-        panics::mark();
+        panics::mark_service_thread();
         while dropped.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
             let Some(app) = app.upgrade() else { return };
-            if catch_unwind(AssertUnwindSafe(|| look(&app))).is_err() {
-                tracing::error!("reading files again broke; the old ones stay");
+            if catch_unwind(AssertUnwindSafe(|| check(&app))).is_err() {
+                tracing::error!("reloading files failed with a panic; the previous versions stay in force");
             }
         }
     };

@@ -10,7 +10,7 @@ use futures_util::stream::FuturesUnordered;
 use std::num::NonZeroU64;
 use tokio::time::{Instant, sleep_until};
 use veiloc_map::regions::ObjectId;
-use veiloc_service::Unanswered;
+use veiloc_service::LocalizeFailure;
 use veiloc_service::telemetry::GatewayCounts;
 
 use super::latency_tracker::LatencyTracker;
@@ -54,14 +54,14 @@ enum Failed {
 
 impl Route<'_> {
     /// What the group says: regions or a pose, or why there is none.
-    pub(crate) async fn ask(&self, ask: &Ask<'_>) -> Result<Outcome, Unanswered> {
+    pub(crate) async fn ask(&self, ask: &Ask<'_>) -> Result<Outcome, LocalizeFailure> {
         let begun = Instant::now();
         let time = ask.deadline.saturating_duration_since(begun);
         let last_resort = begun + time / LAST_RESORT;
         let (mut gap, mut pause) = (self.latency.hedge_after(), PAUSE);
         let (mut sent, mut next) = (0, begun);
         let mut under_way = FuturesUnordered::new();
-        let mut why = Unanswered::TimedOut;
+        let mut why = LocalizeFailure::TimedOut;
         self.latency.record_request();
         loop {
             tokio::select! {
@@ -100,21 +100,21 @@ impl Route<'_> {
     }
 
     /// Counts it; what the question ends with when nobody does better.
-    fn of_failed(&self, failed: Failed) -> Unanswered {
+    fn of_failed(&self, failed: Failed) -> LocalizeFailure {
         let (end, why) = match failed {
-            Failed::Nobody => ("nobody", Unanswered::Unreached { retry_after: COME_BACK }),
+            Failed::Nobody => ("nobody", LocalizeFailure::Unreached { retry_after: COME_BACK }),
             Failed::TurnedAway(Why::Busy { retry_after }) => {
-                ("turned-away", Unanswered::Busy { retry_after })
+                ("turned-away", LocalizeFailure::Busy { retry_after })
             }
             // The one that is at it has its own message.
-            Failed::TurnedAway(Why::AtIt) => ("turned-away", Unanswered::TimedOut),
-            Failed::TurnedAway(Why::Broken) => ("turned-away", Unanswered::Broken),
+            Failed::TurnedAway(Why::AtIt) => ("turned-away", LocalizeFailure::TimedOut),
+            Failed::TurnedAway(Why::Broken) => ("turned-away", LocalizeFailure::Broken),
             Failed::TurnedAway(Why::Leaving | Why::NotHeld | Why::Unread) => {
-                ("turned-away", Unanswered::Unreached { retry_after: COME_BACK })
+                ("turned-away", LocalizeFailure::Unreached { retry_after: COME_BACK })
             }
-            Failed::NoReply => ("no-reply", Unanswered::TimedOut),
-            Failed::BadReply => ("bad-reply", Unanswered::Unreached { retry_after: COME_BACK }),
-            Failed::Closed => ("no-reply", Unanswered::Unreached { retry_after: COME_BACK }),
+            Failed::NoReply => ("no-reply", LocalizeFailure::TimedOut),
+            Failed::BadReply => ("bad-reply", LocalizeFailure::Unreached { retry_after: COME_BACK }),
+            Failed::Closed => ("no-reply", LocalizeFailure::Unreached { retry_after: COME_BACK }),
         };
         self.counts.message(end);
         why
@@ -139,8 +139,8 @@ impl Route<'_> {
         let fits = match (&outcome, &ask.wanted) {
             (Outcome::Rejected(why), _) => return Err(Failed::TurnedAway(*why)),
             // Given up there and not here: somebody else goes on.
-            (Outcome::Unanswered(Unanswered::Stopped), _) => return Err(Failed::TurnedAway(Why::Leaving)),
-            (Outcome::Unanswered(_), Wanted::Search { .. } | Wanted::Pose { .. }) => true,
+            (Outcome::LocalizeFailure(LocalizeFailure::Stopped), _) => return Err(Failed::TurnedAway(Why::Leaving)),
+            (Outcome::LocalizeFailure(_), Wanted::Search { .. } | Wanted::Pose { .. }) => true,
             (Outcome::Regions(_), Wanted::Search { .. }) => true,
             (Outcome::Pose(_), Wanted::Pose { .. }) => true,
             _ => false,
@@ -151,7 +151,7 @@ impl Route<'_> {
         let took = begun.elapsed();
         self.latency.record(took);
         self.counts.message("answered");
-        self.counts.road(took.saturating_sub(worked).saturating_sub(waited));
+        self.counts.round_trip(took.saturating_sub(worked).saturating_sub(waited));
         Ok(outcome)
     }
 }
@@ -161,7 +161,7 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use veiloc_service::telemetry::{Metrics, MetricsOptions, Now};
+    use veiloc_service::telemetry::{Metrics, MetricsOptions, GaugeValues};
 
     use super::*;
     use crate::gateway::latency_tracker::{LATEST, SOONEST, UNKNOWN};
@@ -216,7 +216,7 @@ mod tests {
         }
 
         /// What comes of a question, and after how long.
-        async fn ask(&self) -> (Result<Outcome, Unanswered>, Duration) {
+        async fn ask(&self) -> (Result<Outcome, LocalizeFailure>, Duration) {
             let route = Route { bus: &self.bus, counts: &self.counts, latency: &self.latency };
             let begun = Instant::now();
             let wanted = Wanted::Search { globals: vec![Bytes::from_static(b"an image")] };
@@ -227,7 +227,7 @@ mod tests {
         fn hedges(&self) -> u64 {
             let metrics =
                 Metrics::new(&MetricsOptions { gateway: Some(&self.counts), ..MetricsOptions::default() });
-            let text = metrics.text(&Now::default());
+            let text = metrics.text(&GaugeValues::default());
             let hedges = text.lines().find_map(|line| line.strip_prefix("veiloc_cluster_hedges_total "));
             hedges.expect("it is counted").parse().expect("a count")
         }
@@ -289,7 +289,7 @@ mod tests {
         let group = Group::new();
         let [heard, _] = group.member(None).await;
         let (outcome, time) = group.ask().await;
-        assert!(matches!(outcome, Err(Unanswered::TimedOut)));
+        assert!(matches!(outcome, Err(LocalizeFailure::TimedOut)));
         assert_eq!(time, MINUTE);
         assert!((2..=MOST_MESSAGES).contains(&sum(&heard)), "{}", sum(&heard));
     }
@@ -298,7 +298,7 @@ mod tests {
     async fn an_empty_group_is_asked_again_and_reported() {
         let group = Group::new();
         let (outcome, time) = group.ask().await;
-        assert!(matches!(outcome, Err(Unanswered::Unreached { .. })));
+        assert!(matches!(outcome, Err(LocalizeFailure::Unreached { .. })));
         // Pauses of 10, 20, … 640 ms between eight messages.
         assert_eq!(time, PAUSE * 127);
     }

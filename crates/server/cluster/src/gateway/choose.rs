@@ -2,14 +2,14 @@
 
 use veiloc_map::regions::is_better;
 use veiloc_protocol::Answer;
-use veiloc_service::Unanswered;
+use veiloc_service::LocalizeFailure;
 
 /// What is told of what the regions gave: the trusted pose with most evidence, else the doubtful one, else why there is none.
 ///
 /// A region that could not be asked may have been the right one: then the client is asked to try again, instead of being told that there is no pose.
-pub(crate) fn best(given: Vec<Result<Answer, Unanswered>>) -> Result<Answer, Unanswered> {
+pub(crate) fn best(given: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answer, LocalizeFailure> {
     let mut best: Option<Answer> = None;
-    let mut why: Option<Unanswered> = None;
+    let mut why: Option<LocalizeFailure> = None;
     for result in given {
         match result {
             Ok(answer) => {
@@ -24,7 +24,7 @@ pub(crate) fn best(given: Vec<Result<Answer, Unanswered>>) -> Result<Answer, Una
             }
         }
     }
-    best.ok_or(why.unwrap_or(Unanswered::NoPose(veiloc_service::NoPose::Unsupported)))
+    best.ok_or(why.unwrap_or(LocalizeFailure::NoPose(veiloc_service::NoPose::Unsupported)))
 }
 
 /// As regions are compared.
@@ -33,16 +33,16 @@ const fn worth(answer: &Answer) -> (bool, f64) {
 }
 
 /// What says more about what to do next.
-const fn weight(why: Unanswered) -> u8 {
+const fn weight(why: LocalizeFailure) -> u8 {
     match why {
-        Unanswered::EmptyMap => 0,
-        Unanswered::NoPose(_) => 1,
-        Unanswered::Stopped => 2,
-        Unanswered::Broken => 3,
-        Unanswered::TimedOut => 4,
-        Unanswered::Unreached { .. } => 5,
-        Unanswered::Busy { .. } => 6,
-        Unanswered::WrongProfile => 7,
+        LocalizeFailure::EmptyMap => 0,
+        LocalizeFailure::NoPose(_) => 1,
+        LocalizeFailure::Stopped => 2,
+        LocalizeFailure::Broken => 3,
+        LocalizeFailure::TimedOut => 4,
+        LocalizeFailure::Unreached { .. } => 5,
+        LocalizeFailure::Busy { .. } => 6,
+        LocalizeFailure::WrongProfile => 7,
     }
 }
 
@@ -72,8 +72,8 @@ mod tests {
 
     #[test]
     fn trust_comes_before_evidence_and_a_pose_before_a_refusal() {
-        let none = Err(Unanswered::NoPose(NoPose::TooFew));
-        let told = |given: Vec<Result<Answer, Unanswered>>| best(given).map(|a| (a.trusted, a.log_evidence));
+        let none = Err(LocalizeFailure::NoPose(NoPose::TooFew));
+        let told = |given: Vec<Result<Answer, LocalizeFailure>>| best(given).map(|a| (a.trusted, a.log_evidence));
         assert_eq!(
             told(vec![Ok(answer(false, 90.0)), none.clone(), Ok(answer(true, 20.0))]),
             Ok((true, 20.0))
@@ -83,13 +83,13 @@ mod tests {
             told(vec![Ok(answer(false, f64::NEG_INFINITY)), Ok(answer(false, 3.0))]),
             Ok((false, 3.0))
         );
-        let busy = Unanswered::Busy { retry_after: NonZeroU64::MIN };
+        let busy = LocalizeFailure::Busy { retry_after: NonZeroU64::MIN };
         assert_eq!(
             told(vec![none.clone(), Err(busy), none.clone()]),
             Err(busy),
             "it may have been the right one"
         );
-        assert_eq!(told(vec![none.clone()]), Err(Unanswered::NoPose(NoPose::TooFew)));
-        assert_eq!(told(Vec::new()), Err(Unanswered::NoPose(NoPose::Unsupported)));
+        assert_eq!(told(vec![none.clone()]), Err(LocalizeFailure::NoPose(NoPose::TooFew)));
+        assert_eq!(told(Vec::new()), Err(LocalizeFailure::NoPose(NoPose::Unsupported)));
     }
 }

@@ -18,7 +18,7 @@ use veiloc_map::MapError;
 use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;
-use veiloc_service::{Answering, Description, Elsewhere, Question, Unanswered};
+use veiloc_service::{AnswerFuture, MapDescription, RemoteBackend, RemoteRequest, LocalizeFailure};
 
 use self::ask::{Ask, Route};
 use self::latency_tracker::LatencyTracker;
@@ -65,7 +65,7 @@ struct Inner {
 struct ActiveManifest {
     id: ObjectId,
     groups: Groups,
-    description: Arc<Description>,
+    description: Arc<MapDescription>,
 }
 
 impl Gateway {
@@ -99,8 +99,8 @@ impl Gateway {
     }
 }
 
-impl Elsewhere for Gateway {
-    fn describe(&self) -> Option<Arc<Description>> {
+impl RemoteBackend for Gateway {
+    fn describe(&self) -> Option<Arc<MapDescription>> {
         self.0.current().map(|active| active.description.clone())
     }
 
@@ -108,7 +108,7 @@ impl Elsewhere for Gateway {
         self.0.bus.max_payload().saturating_sub(FRAME_BYTES)
     }
 
-    fn localize(&self, question: Question) -> Answering<'_> {
+    fn localize(&self, question: RemoteRequest) -> AnswerFuture<'_> {
         Box::pin(async move { self.0.localize(question).await })
     }
 }
@@ -140,20 +140,20 @@ impl Inner {
         let unreached = groups.unreached(&self.bus).await;
         let map = &self.options.map;
         if unreached > 0 {
-            self.counts.whole(known.is_some());
+            self.counts.all_reachable(known.is_some());
             let all = manifest.regions.len() + 1;
             tracing::warn!(map, manifest = %id, unreached, all, "not asked by this manifest until all of it is held");
             return Ok(());
         }
         let active = ActiveManifest { id, groups, description: Arc::new(self.describe(manifest).await?) };
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(active));
-        self.counts.whole(true);
-        self.counts.edition();
+        self.counts.all_reachable(true);
+        self.counts.manifest_activated();
         tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "asking by this manifest");
         Ok(())
     }
 
-    async fn describe(&self, manifest: &Manifest) -> Result<Description, ClusterError> {
+    async fn describe(&self, manifest: &Manifest) -> Result<MapDescription, ClusterError> {
         let object = manifest.profile;
         let folder = self.source.fetch(vec![object]).await?;
         let path = Folder::of(manifest.clone(), &folder).path_of(&object.sha256);
@@ -161,31 +161,31 @@ impl Inner {
         let bytes = std::fs::read(&path).map_err(io)?;
         let wrong = |source| ClusterError::Profile { object: object.sha256, source };
         let profile = Profile::decode(&bytes).map_err(wrong)?;
-        Ok(Description { profile, images: manifest.images as usize, points: manifest.points as usize })
+        Ok(MapDescription { profile, images: manifest.images as usize, points: manifest.points as usize })
     }
 
-    async fn localize(&self, question: Question) -> Result<Answer, Unanswered> {
+    async fn localize(&self, question: RemoteRequest) -> Result<Answer, LocalizeFailure> {
         let deadline = Instant::now() + question.within;
         let query = Query::of(&question, deadline);
-        let nobody = Unanswered::Unreached { retry_after: std::num::NonZeroU64::MIN };
+        let nobody = LocalizeFailure::Unreached { retry_after: std::num::NonZeroU64::MIN };
         let mut active = self.current().ok_or(nobody)?;
         loop {
             // Sealed for another profile: no worker need see it.
             let profile = &active.description.profile;
             if question.asked.queries().any(|sealed| profile.check(sealed).is_err()) {
-                return Err(Unanswered::WrongProfile);
+                return Err(LocalizeFailure::WrongProfile);
             }
             let result = self.ask_in(&active, &query).await;
             // Nobody is left of an old manifest: as if the query had come now.
             match (&result, self.current()) {
-                (Err(Unanswered::Unreached { .. }), Some(now)) if now.id != active.id => active = now,
+                (Err(LocalizeFailure::Unreached { .. }), Some(now)) if now.id != active.id => active = now,
                 _ => return result,
             }
         }
     }
 
     /// Asks the regions of this manifest.
-    async fn ask_in(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, Unanswered> {
+    async fn ask_in(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, LocalizeFailure> {
         let candidates = self.search(active, query).await?;
         let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
         let (mut given, mut asked) = (Vec::new(), 0);
@@ -196,16 +196,16 @@ impl Inner {
                 break;
             }
         }
-        self.counts.asked_regions(asked);
+        self.counts.regions_searched(asked);
         choose::best(given)
     }
 
-    async fn search(&self, active: &ActiveManifest, query: &Query) -> Result<Vec<Candidate>, Unanswered> {
+    async fn search(&self, active: &ActiveManifest, query: &Query) -> Result<Vec<Candidate>, LocalizeFailure> {
         let wanted = Wanted::Search { globals: query.globals.clone() };
         match self.ask(&active.groups.index, query, wanted, &self.searches).await? {
             Outcome::Regions(candidates) => Ok(candidates),
-            Outcome::Unanswered(why) => Err(why),
-            Outcome::Here | Outcome::Pose(_) | Outcome::Rejected(_) => Err(Unanswered::Broken),
+            Outcome::LocalizeFailure(why) => Err(why),
+            Outcome::Here | Outcome::Pose(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
         }
     }
 
@@ -214,14 +214,14 @@ impl Inner {
         active: &ActiveManifest,
         query: &Query,
         region: usize,
-    ) -> Result<Answer, Unanswered> {
+    ) -> Result<Answer, LocalizeFailure> {
         // An index that was verified names regions of its manifest.
-        let group = active.groups.regions.get(region).ok_or(Unanswered::Broken)?;
+        let group = active.groups.regions.get(region).ok_or(LocalizeFailure::Broken)?;
         let wanted = query.pose.clone();
         match self.ask(group, query, wanted, &self.poses).await? {
             Outcome::Pose(answer) => Ok(*answer),
-            Outcome::Unanswered(why) => Err(why),
-            Outcome::Here | Outcome::Regions(_) | Outcome::Rejected(_) => Err(Unanswered::Broken),
+            Outcome::LocalizeFailure(why) => Err(why),
+            Outcome::Here | Outcome::Regions(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
         }
     }
 
@@ -231,7 +231,7 @@ impl Inner {
         query: &Query,
         wanted: Wanted,
         latency: &LatencyTracker,
-    ) -> Result<Outcome, Unanswered> {
+    ) -> Result<Outcome, LocalizeFailure> {
         let route = Route { bus: &self.bus, counts: &self.counts, latency };
         route.ask(&Ask { group, name: query.name, wanted, deadline: query.deadline }).await
     }
@@ -246,7 +246,7 @@ struct Query {
 }
 
 impl Query {
-    fn of(question: &Question, deadline: Instant) -> Self {
+    fn of(question: &RemoteRequest, deadline: Instant) -> Self {
         let codes = |codes: &[i8]| codes.iter().map(|code| code.cast_unsigned()).collect();
         Self {
             name: question.request.bytes(),

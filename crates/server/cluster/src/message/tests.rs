@@ -44,20 +44,20 @@ fn all_said() -> Vec<Outcome> {
         Outcome::Pose(Box::new(answer())),
     ];
     let why = [
-        Unanswered::WrongProfile,
-        Unanswered::EmptyMap,
-        Unanswered::NoPose(NoPose::Unsupported),
-        Unanswered::NoPose(NoPose::OneSided),
-        Unanswered::NoPose(NoPose::TooFew),
-        Unanswered::Stopped,
-        Unanswered::Busy { retry_after },
-        Unanswered::Unreached { retry_after },
-        Unanswered::TimedOut,
-        Unanswered::Broken,
+        LocalizeFailure::WrongProfile,
+        LocalizeFailure::EmptyMap,
+        LocalizeFailure::NoPose(NoPose::Unsupported),
+        LocalizeFailure::NoPose(NoPose::OneSided),
+        LocalizeFailure::NoPose(NoPose::TooFew),
+        LocalizeFailure::Stopped,
+        LocalizeFailure::Busy { retry_after },
+        LocalizeFailure::Unreached { retry_after },
+        LocalizeFailure::TimedOut,
+        LocalizeFailure::Broken,
     ];
     let busy = Why::Busy { retry_after };
     let elsewhere = [busy, Why::AtIt, Why::Leaving, Why::NotHeld, Why::Unread, Why::Broken];
-    all.extend(why.map(Outcome::Unanswered));
+    all.extend(why.map(Outcome::LocalizeFailure));
     all.extend(elsewhere.map(Outcome::Rejected));
     all
 }
@@ -73,8 +73,8 @@ fn requests_are_read_as_they_were_written() {
     for wanted in [
         Wanted::Ping,
         Wanted::Search { globals: vec![Bytes::from_static(&[1, 255]), Bytes::from_static(&[0, 7])] },
-        Wanted::Pose { kind: Kind::Query, body: body.clone(), near: None },
-        Wanted::Pose { kind: Kind::Rig, body: body.clone(), near: Some(near) },
+        Wanted::Pose { kind: BodyKind::Query, body: body.clone(), near: None },
+        Wanted::Pose { kind: BodyKind::Rig, body: body.clone(), near: Some(near) },
     ] {
         let request = request(wanted);
         let bytes = request.encode();
@@ -88,7 +88,7 @@ fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
     for outcome in all_said() {
         let reply = reply(outcome);
         let bytes = reply.encode();
-        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Unanswered(_) | Outcome::Rejected(_)) {
+        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::LocalizeFailure(_) | Outcome::Rejected(_)) {
             assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.outcome);
         }
         assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);
@@ -100,7 +100,7 @@ fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
 fn a_frame_that_is_not_right_names_its_field() {
     let request = |change: &dyn Fn(&mut RequestFrame)| {
         let body = Bytes::from_static(b"body");
-        let good = request(Wanted::Pose { kind: Kind::Query, body, near: None }).encode();
+        let good = request(Wanted::Pose { kind: BodyKind::Query, body, near: None }).encode();
         let mut frame = RequestFrame::decode(good).expect("a frame");
         change(&mut frame);
         Request::decode(frame.encode_to_vec().into()).expect_err("refused").to_string()
@@ -139,7 +139,7 @@ fn a_frame_that_is_not_right_names_its_field() {
 fn debug_shows_nothing_of_a_query() {
     let body = Bytes::from_static(b"SECRET");
     let near = Some("4711,0,0,1".parse().expect("a place"));
-    let shown = format!("{:?}", request(Wanted::Pose { kind: Kind::Query, body, near }));
+    let shown = format!("{:?}", request(Wanted::Pose { kind: BodyKind::Query, body, near }));
     assert!(!shown.contains("SECRET") && !shown.contains("4711") && !shown.contains("83, 69"), "{shown}");
 }
 

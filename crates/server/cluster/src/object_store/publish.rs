@@ -12,7 +12,7 @@ use crate::ClusterError;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::storage::{Entry, Storage};
 
-/// Told how many bytes are done, of how many.
+/// Controllable how many bytes are done, of how many.
 pub type Watch<'a> = &'a (dyn Fn(u64, u64) + Send + Sync);
 
 /// What was published.

@@ -13,9 +13,9 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{Index, ObjectId};
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
-use veiloc_service::labour::{Order, Pool, Refused, during};
+use veiloc_service::labour::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
-use veiloc_service::{Asked, Clock, Found, Kind, Unanswered};
+use veiloc_service::{DecodedRequest, Clock, LocalizeOutput, BodyKind, LocalizeFailure};
 
 use super::content::Content;
 use crate::message::{Candidate, MOST_REGIONS, Outcome, Request, RequestName, Wanted, Why};
@@ -78,9 +78,9 @@ impl Executor {
 
     /// Counts a reply.
     pub(crate) fn said(&self, outcome: &Outcome) {
-        self.counts.said(match outcome {
+        self.counts.reply(match outcome {
             Outcome::Here | Outcome::Regions(_) | Outcome::Pose(_) => "answered",
-            Outcome::Unanswered(_) => "unanswered",
+            Outcome::LocalizeFailure(_) => "unanswered",
             Outcome::Rejected(Why::Busy { .. } | Why::Leaving) => "busy",
             Outcome::Rejected(Why::AtIt) => "twin",
             Outcome::Rejected(Why::NotHeld | Why::Unread) => "unread",
@@ -93,31 +93,31 @@ impl Executor {
         let Request { name, object, within, wanted } = request;
         match wanted {
             Wanted::Ping => {
-                self.counts.asked("ping");
+                self.counts.request("ping");
                 Done::at_once(Outcome::Here)
             }
             Wanted::Search { globals } => {
-                self.counts.asked("search");
+                self.counts.request("search");
                 let content = content.clone();
                 let retrieve = self.localize.retrieve;
-                let order = Order { who: None, rows: 0, limit: within };
-                self.queued(&self.searches, name, order, Stop::default(), move || {
+                let spec = JobSpec { client: None, rows: 0, limit: within };
+                self.queued(&self.searches, name, spec, Stop::default(), move || {
                     let Content::Index(index) = &*content else { return Outcome::Rejected(Why::NotHeld) };
                     search(index, &globals, retrieve)
                 })
                 .await
             }
             Wanted::Pose { kind, body, near } => {
-                self.counts.asked("pose");
+                self.counts.request("pose");
                 let Some(_here) = AtIt::begin(self, name, object) else {
                     return Done::at_once(Outcome::Rejected(Why::AtIt));
                 };
-                let order = Order { who: None, rows: body.len() / ROW_BYTES, limit: within };
+                let spec = JobSpec { client: None, rows: body.len() / ROW_BYTES, limit: within };
                 let mut options = self.localize.clone();
                 options.pose.stop = Stop::default();
                 let stop = options.pose.stop.clone();
                 let content = content.clone();
-                self.queued(&self.pool, name, order, stop, move || {
+                self.queued(&self.pool, name, spec, stop, move || {
                     let Content::Region(map) = &*content else { return Outcome::Rejected(Why::NotHeld) };
                     pose(map, kind, &body, near, options)
                 })
@@ -131,7 +131,7 @@ impl Executor {
         &self,
         pool: &Pool,
         name: RequestName,
-        order: Order,
+        spec: JobSpec,
         stop: Stop,
         work: impl FnOnce() -> Outcome + Send + 'static,
     ) -> Done {
@@ -141,22 +141,22 @@ impl Executor {
         let job = move |waited: Duration| {
             begun.store(true, Ordering::Relaxed);
             let started = Instant::now();
-            let outcome = during(RequestId::from_bytes(name), work);
+            let outcome = with_request(RequestId::from_bytes(name), work);
             let worked = started.elapsed();
             counts.worked(worked);
             // Times of an answer are those of the worker: the gateway adds its own.
             Done { outcome: with_wait(outcome, waited), worked, waited }
         };
-        let limit = order.limit;
-        let result = match pool.submit(order, job) {
+        let limit = spec.limit;
+        let result = match pool.submit(spec, job) {
             Ok(result) => result,
             Err(refused) => {
                 job_of.ended = true;
                 return Done::at_once(Outcome::Rejected(match refused {
-                    Refused::Full { retry_after } | Refused::Late { retry_after } => {
+                    Rejected::Full { retry_after } | Rejected::Late { retry_after } => {
                         Why::Busy { retry_after }
                     }
-                    Refused::Closed => Why::Leaving,
+                    Rejected::Closed => Why::Leaving,
                 }));
             }
         };
@@ -168,7 +168,7 @@ impl Executor {
                 tracing::error!("localization broke; this is a bug in veiloc, the line before says where");
                 Done::at_once(Outcome::Rejected(Why::Broken))
             }
-            Err(_) => Done::at_once(Outcome::Unanswered(Unanswered::TimedOut)),
+            Err(_) => Done::at_once(Outcome::LocalizeFailure(LocalizeFailure::TimedOut)),
         }
     }
 
@@ -235,7 +235,7 @@ fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
     let mut together: Vec<Candidate> = Vec::new();
     for codes in globals {
         if codes.len() != index.global_len() {
-            return Outcome::Unanswered(Unanswered::WrongProfile);
+            return Outcome::LocalizeFailure(LocalizeFailure::WrongProfile);
         }
         let global = GlobalDescriptor::new(codes.iter().map(|code| code.cast_signed()).collect());
         for ranked in index.rank(&global, retrieve) {
@@ -254,19 +254,19 @@ fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
 
 fn pose(
     map: &veiloc_map::MapFile,
-    kind: Kind,
+    kind: BodyKind,
     body: &[u8],
     near: Option<PositionHint>,
     mut options: LocalizeOptions,
 ) -> Outcome {
     // The gateway has read it; what cannot be read here is no sealed query of this version.
-    let Ok(asked) = Asked::decode(kind, body) else { return Outcome::Rejected(Why::Unread) };
+    let Ok(asked) = DecodedRequest::decode(kind, body) else { return Outcome::Rejected(Why::Unread) };
     if let Some(near) = near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     match asked.localize(map, &options, 0.0) {
-        Ok(Found { answer, .. }) => Outcome::Pose(Box::new(answer)),
-        Err(why) => Outcome::Unanswered(why),
+        Ok(LocalizeOutput { answer, .. }) => Outcome::Pose(Box::new(answer)),
+        Err(why) => Outcome::LocalizeFailure(why),
     }
 }

@@ -20,8 +20,8 @@ use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};
-use veiloc_service::labour::{Probed, Told};
-use veiloc_service::telemetry::{WorkerCounts, WorkerNow};
+use veiloc_service::labour::{HealthProbe, Controllable};
+use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
 
 use self::content::Content;
 use self::executor::Executor;
@@ -123,7 +123,7 @@ pub struct WorkerHandle {
     counts: Arc<WorkerCounts>,
 }
 
-impl Told for WorkerHandle {
+impl Controllable for WorkerHandle {
     fn stop(&self) {
         self.state.leaving.store(true, Ordering::Relaxed);
         self.stop.send_if_modified(|phase| std::mem::replace(phase, (*phase).max(Phase::Leaving)) != *phase);
@@ -138,7 +138,7 @@ impl Told for WorkerHandle {
     fn reload(&self) {}
 }
 
-impl Probed for WorkerHandle {
+impl HealthProbe for WorkerHandle {
     fn ready(&self) -> Result<(), String> {
         if self.state.leaving.load(Ordering::Relaxed) {
             return Err("leaving".to_owned());
@@ -152,7 +152,7 @@ impl Probed for WorkerHandle {
     fn metrics(&self) -> String {
         let (queued, busy) = self.executor.upgrade().map_or((0, 0), |executor| executor.load());
         let held = self.state.held.load(Ordering::Relaxed);
-        self.counts.text(&WorkerNow { queued, busy, held, ready: self.ready().is_ok() })
+        self.counts.text(&WorkerGauges { queued, busy, held, ready: self.ready().is_ok() })
     }
 }
 

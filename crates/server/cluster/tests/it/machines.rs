@@ -16,9 +16,9 @@ use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
 use veiloc_cluster::message::{Outcome, Reply, Request, Wanted, Why};
 use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
-use veiloc_service::labour::Probed as _;
+use veiloc_service::labour::HealthProbe as _;
 use veiloc_service::{
-    Asked, Elsewhere as _, Kind, MapElsewhere, NoPose, Question, ServerOptions, Unanswered,
+    DecodedRequest, RemoteBackend as _, BodyKind, MapElsewhere, NoPose, RemoteRequest, ServerOptions, LocalizeFailure,
 };
 
 /// The share of a worker that holds the index and no region.
@@ -52,7 +52,7 @@ async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool)
 
 /// Asks the worker that holds region 0, beside the gateway.
 fn ask_worker(town: &Town, machines: &Machines, name: u8, body: &[u8]) -> JoinHandle<Outcome> {
-    let wanted = Wanted::Pose { kind: Kind::Query, body: body.to_vec().into(), near: None };
+    let wanted = Wanted::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
     let object = town.folder().manifest().regions[0].sha256;
     let request = Request { name: [name; 16], object, within: LONG, wanted };
     let (bus, subject) = (machines.bus.clone(), town.subject(0));
@@ -94,7 +94,7 @@ async fn of_several_regions_the_trusted_pose_with_most_evidence_is_told() {
     for query in town.queries(6) {
         let told = timeless(machines.ask(&query).await.expect("a pose"));
         let index = folder.open_index(veiloc_map::MapMemory::Copied).expect("an index");
-        let Asked::Query(sealed) = Asked::decode(Kind::Query, &query).expect("sealed") else { panic!("one") };
+        let DecodedRequest::Query(sealed) = DecodedRequest::decode(BodyKind::Query, &query).expect("sealed") else { panic!("one") };
         let ranked = index.rank(sealed.global(), 10);
         let best = ranked[0].held as f64;
         let asked = ranked.iter().take(3).filter(|region| region.held as f64 >= 0.75 * best);
@@ -117,7 +117,7 @@ async fn a_session_goes_the_same_road() {
         translation_sd: 0.0,
     };
     let bytes = veiloc_protocol::RigMessage { frames: vec![frame(truth())] }.encode();
-    let asked = || Asked::decode(Kind::Rig, &bytes).expect("a session");
+    let asked = || DecodedRequest::decode(BodyKind::Rig, &bytes).expect("a session");
     let options = veiloc_localization::LocalizeOptions::default();
     let expected = asked().localize(&region(&town.folder(), 0), &options, 0.0).expect("a pose").answer;
     let mut question = machines.question(&town.query(&truth()), LONG);
@@ -331,7 +331,7 @@ async fn who_talks_nonsense_is_asked_around_and_alone_is_not_believed() {
         ("much", |_| vec![0; 8 << 20].into()),
         ("another request's", |request| {
             let other = Request { name: [9; 16], ..request.clone() };
-            reply(&other, Outcome::Unanswered(Unanswered::NoPose(NoPose::TooFew)))
+            reply(&other, Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::TooFew)))
         }),
         ("what was not asked", |request| reply(request, Outcome::Here)),
         ("regions", |request| reply(request, Outcome::Regions(Vec::new()))),
@@ -357,7 +357,7 @@ async fn who_talks_nonsense_is_asked_around_and_alone_is_not_believed() {
         eventually("members take turns", || lies.load(Ordering::Relaxed) > 0).await;
         assert!(machines.leave().await, "{what}");
         let alone = machines.ask(&query).await;
-        assert!(matches!(alone, Err(Unanswered::Unreached { .. })), "{what}: {alone:?}");
+        assert!(matches!(alone, Err(LocalizeFailure::Unreached { .. })), "{what}: {alone:?}");
         assert!(machines.counted("veiloc_cluster_messages_total{end=\"bad-reply\"}") > 0, "{what}");
         liar.abort();
     }
@@ -369,9 +369,9 @@ async fn who_is_told_to_go_elsewhere_goes_and_is_told_the_reason_when_there_is_n
     let query = town.query(&truth());
     let seven = 7.try_into().expect("not zero");
     let cases = [
-        (Why::Busy { retry_after: seven }, Unanswered::Busy { retry_after: seven }),
-        (Why::Leaving, Unanswered::Unreached { retry_after: 1.try_into().expect("not zero") }),
-        (Why::Broken, Unanswered::Broken),
+        (Why::Busy { retry_after: seven }, LocalizeFailure::Busy { retry_after: seven }),
+        (Why::Leaving, LocalizeFailure::Unreached { retry_after: 1.try_into().expect("not zero") }),
+        (Why::Broken, LocalizeFailure::Broken),
     ];
     for (why, expected) in cases {
         let bus = Bus::in_process();
@@ -481,7 +481,7 @@ async fn nothing_is_asked_until_every_region_has_somebody() {
     let query = town.query(&truth());
     let machines = Machines::start(&town, Bus::in_process(), &["1/2"]).await;
     assert!(machines.gateway.describe().is_none());
-    assert!(matches!(machines.ask(&query).await, Err(Unanswered::Unreached { .. })));
+    assert!(matches!(machines.ask(&query).await, Err(LocalizeFailure::Unreached { .. })));
     machines.add(&town, "2/2").await;
     eventually("all regions", || machines.gateway.describe().is_some()).await;
     assert!(machines.ask(&query).await.expect("a pose").trusted);
@@ -492,7 +492,7 @@ async fn what_was_sealed_for_another_map_goes_to_no_worker() {
     let town = Town::new(10);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let other = common::service::Place::new(5).sealed(&truth());
-    assert_eq!(machines.ask(&other).await.expect_err("refused"), Unanswered::WrongProfile);
+    assert_eq!(machines.ask(&other).await.expect_err("refused"), LocalizeFailure::WrongProfile);
     assert_eq!(machines.counted("veiloc_cluster_messages_total{end=\"answered\"}"), 0);
 }
 
@@ -530,9 +530,9 @@ async fn time_is_over_when_it_is_over() {
     assert!(machines.leave().await);
     let _silent = impostor(&bus, &town.subject(0), |_| std::future::ready(())).await;
     let _index = impostor(&bus, &town.index_subject(), |_| std::future::ready(())).await;
-    let question: Question = machines.question(&town.query(&truth()), Duration::from_millis(200));
+    let question: RemoteRequest = machines.question(&town.query(&truth()), Duration::from_millis(200));
     assert_eq!(
         machines.gateway.localize(question).await.expect_err("nobody says a word"),
-        Unanswered::TimedOut
+        LocalizeFailure::TimedOut
     );
 }

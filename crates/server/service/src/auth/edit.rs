@@ -1,13 +1,14 @@
-//! Changing the text of a file of tokens; every line that is not meant stays as it is, comments included.
+//! Edits the text of a token file. All other lines stay unchanged, comments included.
 
 use crate::auth::entry::Entry;
 use crate::auth::error::TokensError;
 use crate::auth::list::{Line, TokenList};
 
-/// The text with one more token; `nobody` goes, as somebody may ask now.
+/// The text with one more token; a line `nobody` is removed.
 ///
 /// # Errors
-/// [`TokensError`]: the name or the token is there already, or the text is no file of tokens. An empty one is.
+/// [`TokensError`]: the name or the token exists already, or the text is not a valid token file. Empty text is
+/// accepted.
 pub fn added(text: &str, entry: &Entry) -> Result<String, TokensError> {
     entry.check()?;
     let list = match TokenList::parse(text.as_bytes()) {
@@ -27,22 +28,22 @@ pub fn added(text: &str, entry: &Entry) -> Result<String, TokensError> {
     Ok(format!("{new}{entry}\n"))
 }
 
-/// What revoking a token came to.
+/// Result of revoking a token.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Revoked {
     /// The new text.
     pub text: String,
-    /// Lines of the name; older files may have several.
+    /// Number of removed lines; older files may have several lines per name.
     pub lines: usize,
-    /// Whether those were the last tokens: then `nobody` stands there.
+    /// Whether these were the last tokens; then the text ends with `nobody`.
     pub was_last: bool,
 }
 
-/// The text without the tokens of this name. After the last one it says `nobody`: a file without tokens would be an error,
-/// by which the last valid tokens hold for a while.
+/// The text without the tokens of this name. If they were the last ones, the line `nobody` is added: a file without
+/// tokens and without this line is an error, and the last valid tokens would stay in force for a while.
 ///
 /// # Errors
-/// [`TokensError`]: there is none of this name, or the text is no file of tokens.
+/// [`TokensError`]: no token has this name, or the text is not a valid token file.
 pub fn revoked(text: &str, name: &str) -> Result<Revoked, TokensError> {
     let count = TokenList::parse(text.as_bytes())?.entries().len();
     let (mut text, lines) = without(text, |line| matches!(line, Line::Token(entry) if entry.name() == name));
@@ -59,18 +60,18 @@ pub fn revoked(text: &str, name: &str) -> Result<Revoked, TokensError> {
     Ok(Revoked { text, lines, was_last })
 }
 
-/// The text without such lines, and how many there were.
-fn without(text: &str, goes: impl Fn(&Line) -> bool) -> (String, usize) {
-    let mut gone = 0;
+/// The text without the matching lines, and their number.
+fn without(text: &str, matches: impl Fn(&Line) -> bool) -> (String, usize) {
+    let mut removed = 0;
     let mut rest = String::with_capacity(text.len());
     for line in text.split_inclusive('\n') {
-        if Line::parse(line).is_ok_and(|line| goes(&line)) {
-            gone += 1;
+        if Line::parse(line).is_ok_and(|line| matches(&line)) {
+            removed += 1;
         } else {
             rest += line;
         }
     }
-    (rest, gone)
+    (rest, removed)
 }
 
 #[cfg(test)]
@@ -83,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_meant_stays_as_it_is() {
+    fn other_lines_are_unchanged() {
         let a = entry("a").to_string();
         let text = format!("# phones\r\n\n  {a}  \n# the end");
         let two = added(&text, &entry("b")).expect("added");
@@ -98,16 +99,16 @@ mod tests {
         let none = revoked(&one.text, "b").expect("revoked");
         assert!(none.was_last && none.text.ends_with("# the end\nnobody\n"), "{none:?}");
         let back = added(&none.text, &entry("b")).expect("added");
-        assert_eq!(back, one.text, "and nobody is gone");
+        assert_eq!(back, one.text, "the line `nobody` is removed");
         assert_eq!(added("", &entry("a")).expect("the first"), format!("{a}\n"));
     }
 
     #[test]
-    fn all_lines_of_a_name_go_and_a_wrong_file_stays() {
+    fn revoking_removes_all_lines_of_a_name() {
         let second = Entry::new("a", TokenKey::of_token(b"second")).expect("a name");
         let text = format!("{}\n{second}", entry("a"));
-        let gone = revoked(&text, "a").expect("revoked");
-        assert_eq!((gone.text.as_str(), gone.lines, gone.was_last), ("nobody\n", 2, true));
+        let removed = revoked(&text, "a").expect("revoked");
+        assert_eq!((removed.text.as_str(), removed.lines, removed.was_last), ("nobody\n", 2, true));
         for wrong in ["a b\n", "nobody\nnobody x\n"] {
             assert!(
                 matches!(added(wrong, &entry("n")), Err(TokensError::Line { .. } | TokensError::Empty)),

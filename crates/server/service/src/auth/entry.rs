@@ -1,4 +1,4 @@
-//! One token: who has it and what it is worth.
+//! One token: its name and its permissions.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -6,29 +6,29 @@ use std::str::FromStr;
 
 use crate::auth::error::{LineFault, TokensError};
 use crate::auth::key::TokenKey;
-use crate::auth::moment::Moment;
+use crate::auth::timestamp::Moment;
 use veiloc_map::is_map_name;
 
 use crate::auth::names::is_token_name;
 
-/// A line of the file of tokens. Its `Display` is that line, hash included.
+/// A line of the token file. Its `Display` is that line, hash included.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Entry {
     name: String,
     key: TokenKey,
     /// Whether it may read the metrics.
     pub operator: bool,
-    /// The maps it may ask for; `None` for all, never empty.
+    /// The maps it may use; `None` for all maps, never empty.
     maps: Option<BTreeSet<String>>,
-    /// From when on it is worth nothing.
+    /// End of validity.
     pub expires: Option<Moment>,
 }
 
 impl Entry {
-    /// A client's token that may ask for every map, for ever.
+    /// A client token for all maps that never expires.
     ///
     /// # Errors
-    /// [`TokensError::Name`] for a name that is none.
+    /// [`TokensError::Name`]: the name is not valid.
     pub fn new(name: &str, key: TokenKey) -> Result<Self, TokensError> {
         if !is_token_name(name) {
             return Err(TokensError::Name);
@@ -36,10 +36,10 @@ impl Entry {
         Ok(Self { name: name.to_owned(), key, operator: false, maps: None, expires: None })
     }
 
-    /// Only these maps.
+    /// Restricts the token to these maps.
     ///
     /// # Errors
-    /// [`LineFault`] when there are none, or one of them cannot be a map's name.
+    /// [`LineFault`]: no map is given, or a name is not a valid map name.
     pub fn grant_maps<'a>(&mut self, maps: impl IntoIterator<Item = &'a str>) -> Result<(), LineFault> {
         let maps: BTreeSet<String> = maps.into_iter().map(str::to_owned).collect();
         if maps.is_empty() || !maps.iter().all(|map| is_map_name(map)) {
@@ -49,7 +49,7 @@ impl Entry {
         Ok(())
     }
 
-    /// What people call it.
+    /// Its name.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -59,22 +59,22 @@ impl Entry {
         self.key
     }
 
-    /// The maps it may ask for; `None` for all.
+    /// The maps it may use; `None` for all maps.
     pub fn maps(&self) -> Option<impl Iterator<Item = &str>> {
         self.maps.as_ref().map(|maps| maps.iter().map(String::as_str))
     }
 
-    /// Whether it may ask for a map of this name, whether or not there is one.
+    /// Whether the token may use a map of this name; the map need not exist.
     pub fn may_ask_for(&self, map: &str) -> bool {
         self.maps.as_ref().is_none_or(|maps| maps.contains(map))
     }
 
-    /// Whether it is worth nothing any more.
+    /// Whether the token has expired.
     pub fn has_expired(&self, now: Moment) -> bool {
         self.expires.is_some_and(|end| now >= end)
     }
 
-    /// Metrics tell of every map, so an operator's token cannot be kept from some.
+    /// The metrics cover all maps, so an operator token cannot be restricted to some.
     pub(crate) fn check(&self) -> Result<(), LineFault> {
         if self.operator && self.maps.is_some() { Err(LineFault::OperatorOfSome) } else { Ok(()) }
     }

@@ -1,4 +1,4 @@
-//! What tells one token from another: its hash, which is never printed whole.
+//! Identifies a token by its hash, which is never printed completely.
 
 use std::fmt;
 
@@ -9,29 +9,29 @@ use sha2::{Digest as _, Sha256};
 pub struct TokenKey([u8; 32]);
 
 impl TokenKey {
-    /// Of a token with this SHA-256.
+    /// From the SHA-256 of a token.
     pub const fn of_digest(digest: [u8; 32]) -> Self {
         Self(digest)
     }
 
-    /// Of a token as it was sent.
+    /// From the token as received.
     pub fn of_token(token: &[u8]) -> Self {
         Self(Sha256::digest(token).into())
     }
 
-    /// The hash of a token in hexadecimal, 64 digits in either case; `None` for anything else.
+    /// From the hash in hexadecimal, 64 digits in either case; `None` for anything else.
     pub fn of_hex(hex: &str) -> Option<Self> {
         let mut digest = [0; 32];
         hex::decode_to_slice(hex, &mut digest).ok()?;
         Some(Self(digest))
     }
 
-    /// All 64 digits: for the file of tokens, and for nothing else.
+    /// All 64 digits, for the token file only.
     pub(crate) fn hex(&self) -> String {
         hex::encode(self.0)
     }
 
-    /// The first eight digits: enough to tell which line is meant, nothing to try tokens with.
+    /// The first eight digits: enough to identify a line, useless for guessing the token.
     pub fn beginning(&self) -> String {
         self.hex()[..8].to_owned()
     }

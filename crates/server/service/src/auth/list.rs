@@ -1,4 +1,4 @@
-//! What a file of tokens holds.
+//! The content of a token file.
 
 use std::collections::HashMap;
 
@@ -6,19 +6,19 @@ use crate::auth::entry::Entry;
 use crate::auth::error::{LineFault, TokensError};
 use crate::auth::key::TokenKey;
 
-/// All tokens, found by their hashes.
+/// All tokens, indexed by hash.
 #[derive(Debug, Default)]
 pub struct TokenList {
-    /// In the order of the file.
+    /// In file order.
     entries: Vec<Entry>,
     of_key: HashMap<TokenKey, usize>,
 }
 
-/// What one line of the file is.
+/// One line of the file.
 pub(crate) enum Line {
-    /// Empty, or a comment.
+    /// An empty line or a comment.
     Nothing,
-    /// That nobody may ask is meant.
+    /// The line `nobody`: the file has no tokens on purpose.
     Nobody,
     Token(Entry),
 }
@@ -35,10 +35,10 @@ impl Line {
 }
 
 impl TokenList {
-    /// Reads the bytes of a file.
+    /// Parses the bytes of a token file.
     ///
     /// # Errors
-    /// [`TokensError`]: a line that is none, two lines of one token, and a file without any token.
+    /// [`TokensError`]: an invalid line, two lines with the same token, or a file without any token.
     pub fn parse(bytes: &[u8]) -> Result<Self, TokensError> {
         let at = |line, fault| TokensError::Line { line, fault };
         let text = std::str::from_utf8(bytes).map_err(|error| {
@@ -66,7 +66,7 @@ impl TokenList {
         }
     }
 
-    /// All tokens in the order of the file; none where nobody may ask.
+    /// All tokens in file order; empty for the line `nobody`.
     pub fn entries(&self) -> &[Entry] {
         &self.entries
     }
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn files_from_before_maps_and_expiry_read_as_they_did() {
+    fn lines_without_maps_and_expiry_are_read() {
         let list = read(&format!("# phones\n\nphone {SECRET}\n ops\t{} operator\r\n", OTHER.to_uppercase()))
             .expect("a file");
         let [phone, ops] = list.entries() else { panic!("{list:?}") };
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_and_an_end_bind() {
+    fn maps_and_expiry_restrict_a_token() {
         let list = read(&format!("phone {SECRET} expires=2027-01-31 maps=b,a,b")).expect("a file");
         let phone = &list.entries()[0];
         assert_eq!(phone.maps().expect("some").collect::<Vec<_>>(), ["a", "b"]);
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_lines_are_named_and_never_repeated() {
+    fn invalid_lines_are_numbered_and_not_repeated() {
         use LineFault as F;
         for (text, line, fault) in [
             ("phone".to_owned(), 1, F::TooShort),
@@ -141,8 +141,8 @@ mod tests {
         ] {
             let error = read(&text).expect_err(&text);
             assert_eq!(error, TokensError::Line { line, fault }, "{text}");
-            let told = error.to_string();
-            assert!(!told.contains("hunter2") && !told.contains(&SECRET[..8]), "{told}");
+            let message = error.to_string();
+            assert!(!message.contains("hunter2") && !message.contains(&SECRET[..8]), "{message}");
         }
         let bytes = [b"a\nb\n".as_slice(), &[0xFF]].concat();
         let error = TokenList::parse(&bytes).expect_err("no text");

@@ -1,28 +1,28 @@
-//! The file of tokens: who may ask, which maps, and until when. Knows neither HTTP nor clocks.
+//! The token file: which clients may query which maps, and until when. Independent of HTTP and of clocks.
 //!
-//! - [`TokenList`]: what a file of tokens holds; [`Entry`] is one line of it.
-//! - [`TokenFile`]: the file under its lock, to add a token or to revoke one.
-//! - [`Secret`]: a token, which is told once and kept nowhere; [`TokenKey`]: its hash, by which it is known again.
-//! - [`Moment`]: a second in UTC, as the end of a token is written.
+//! - [`TokenList`]: the content of a token file; [`Entry`] is one line of it.
+//! - [`TokenFile`]: the locked file, for adding and revoking tokens.
+//! - [`Secret`]: a token, which is printed once and never stored; [`TokenKey`]: its hash, by which it is recognized.
+//! - [`Moment`]: a second in UTC, the end of validity of a token.
 //!
 //! # The file
-//! One token a line: a name for people, the SHA-256 of the token in hexadecimal, then in any order what it is worth:
-//! `operator` (it may also read the metrics), `maps=a,b` (it may ask for these maps alone), `expires=2027-01-31T00:00:00Z`
-//! or `expires=2027-01-31` (the beginning of that day in UTC; from then on it is worth nothing). Empty lines and lines
-//! beginning with `#` do not count. A file without tokens is an error, because an unfinished write looks like that, unless
-//! the line `nobody` says that it is meant.
+//! One token per line: a name, the SHA-256 of the token in hexadecimal, then in any order its permissions: `operator`
+//! (it may also read the metrics), `maps=a,b` (it may use only these maps), `expires=2027-01-31T00:00:00Z` or
+//! `expires=2027-01-31` (the beginning of that day in UTC; the token is invalid from then on). Empty lines and lines
+//! that begin with `#` are ignored. A file without tokens is an error, because an unfinished write looks the same,
+//! unless the line `nobody` says that it is intended.
 //!
 //! # Why plain hashes
-//! A token is 256 random bits ([`Secret`]; by hand `openssl rand -hex 32`). Its plain hash can neither be reversed nor
-//! guessed, so salt or stretching would only cost time on every request. For the same reason a map from hash to token may
-//! be looked into without care for how long that takes: who tries tokens cannot choose their hashes, and would learn from
-//! the time at most how a hash they already know begins that of somebody's token, from which no token follows. The time
-//! does not depend on how many tokens there are (`scripts/service/many_tokens.py`).
+//! A token has 256 random bits ([`Secret`]; by hand `openssl rand -hex 32`). Its plain hash can be neither inverted
+//! nor guessed, so salting or stretching would only cost time on every request. For the same reason the lookup from
+//! hash to token need not be constant-time: an attacker cannot choose the hashes of the tokens it tries. From the
+//! time it would learn at most a prefix of the hash of a valid token, from which the token does not follow. The time
+//! does not depend on the number of tokens (`scripts/service/many_tokens.py`).
 //!
 //! ```
 //! use veiloc_service::auth::{Entry, Moment, Secret, TokenList};
 //!
-//! let secret = Secret::of_random([7; 32]); // from the system's generator, in earnest
+//! let secret = Secret::of_random([7; 32]); // in real use from the generator of the system
 //! let mut entry = Entry::new("phone", secret.key())?;
 //! entry.grant_maps(["lobby"])?;
 //! entry.expires = Some("2027-01-31".parse()?);
@@ -39,17 +39,17 @@ mod entry;
 mod error;
 mod key;
 mod list;
-mod moment;
 mod names;
 mod secret;
 mod store;
+mod timestamp;
 
 pub use edit::{Revoked, added, revoked};
 pub use entry::Entry;
 pub use error::{LineFault, TokensError};
 pub use key::TokenKey;
 pub use list::TokenList;
-pub use moment::{BadMoment, Moment};
 pub use names::is_token_name;
 pub use secret::Secret;
 pub use store::TokenFile;
+pub use timestamp::{BadMoment, Moment};

@@ -1,7 +1,7 @@
-//! What tokens may be called.
+//! Valid names of tokens.
 
-/// Whether a new token can have this name: as a map, `@` and `+` too (people have addresses), and not `nobody`, which
-/// means that there is none. Names of older lines may hold anything but spaces.
+/// Whether a new token may have this name: the characters of map names, also `@` and `+` (for mail addresses), and
+/// not `nobody`, which is a keyword of the file. Names in existing lines may hold anything but spaces.
 pub fn is_token_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '@' | '+');
     (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "nobody"

@@ -1,4 +1,4 @@
-//! A token: told once, kept nowhere.
+//! A token, which is printed once and never stored.
 
 use std::fmt;
 
@@ -8,12 +8,12 @@ use crate::auth::key::TokenKey;
 pub struct Secret(String);
 
 impl Secret {
-    /// Of 32 bytes that the caller drew from the system's generator.
+    /// From 32 bytes that the caller drew from the generator of the system.
     pub fn of_random(bytes: [u8; 32]) -> Self {
         Self(hex::encode(bytes))
     }
 
-    /// The token itself, 64 hexadecimal digits. Whoever calls this shows it to the one it is for, and to nobody else.
+    /// The token, 64 hexadecimal digits. The caller must show it only to its owner.
     pub fn reveal(&self) -> &str {
         &self.0
     }
@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_is_its_bytes_and_debug_tells_neither_it_nor_its_hash() {
+    fn debug_hides_token_and_hash() {
         let secret = Secret::of_random(std::array::from_fn(|i| i as u8));
         assert_eq!(secret.reveal(), "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1f");
         // `printf %s 0001…1e1f | sha256sum`

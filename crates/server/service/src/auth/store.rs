@@ -1,6 +1,7 @@
-//! The file of tokens under its lock: read, and replaced whole by a file that was written beside it.
+//! The locked token file: read it, and replace it atomically by a file written next to it.
 //!
-//! A new file can be read by its owner alone (0600); one that is replaced keeps its readers ([`Readers::OwnerAndGroup`]).
+//! A new file is readable by its owner only (0600); a replaced file keeps the permissions of its group
+//! ([`Readers::OwnerAndGroup`]).
 
 use std::fs;
 use std::io;
@@ -9,7 +10,7 @@ use std::path::Path;
 use crate::error::ServerError;
 use veiloc_map::atomic_file::{Readers, TargetLock, replace_file};
 
-/// A file of tokens that nobody else changes meanwhile.
+/// A token file that no other process changes while this exists.
 #[derive(Debug)]
 pub struct TokenFile {
     lock: TargetLock,
@@ -17,10 +18,10 @@ pub struct TokenFile {
 }
 
 impl TokenFile {
-    /// Locks the file and reads it; one that is not there counts as empty. A link is followed: the file behind it is meant.
+    /// Locks the file and reads it; a missing file counts as empty. A link is followed, and its target is edited.
     ///
     /// # Errors
-    /// [`ServerError::Io`]: the folder cannot be written, or the file not be read as text.
+    /// [`ServerError::Io`]: the folder cannot be written, or the file cannot be read as text.
     pub fn open(path: &Path) -> Result<Self, ServerError> {
         let wrong = |source| ServerError::Io { path: path.to_owned(), source };
         let path = match fs::canonicalize(path) {
@@ -35,15 +36,16 @@ impl TokenFile {
         Ok(Self { lock, text })
     }
 
-    /// What it holds.
+    /// The content.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Puts another text in its place. Whatever happens, the old or the new one is there, whole.
+    /// Replaces the content atomically: afterwards the file is completely old or completely new.
     ///
     /// # Errors
-    /// [`ServerError::Io`]: it could not be written, or not be given to the owner of the old one; then the old one stays.
+    /// [`ServerError::Io`]: the new file could not be written or given to the owner of the old one; then the old one
+    /// stays.
     pub fn replace(&mut self, text: &str) -> Result<(), ServerError> {
         let wrong = |source| ServerError::Io { path: self.lock.target().to_owned(), source };
         replace_file(&self.lock, Readers::OwnerAndGroup, |out| out.write_all(text.as_bytes()))
@@ -59,7 +61,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_new_file_is_its_owners_and_an_old_one_keeps_its_readers() {
+    fn permissions_are_private_and_group_is_kept() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("tokens");
@@ -79,12 +81,12 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).expect("a file"), "# by the link\n");
         assert!(fs::symlink_metadata(&link).expect("a link").is_symlink());
         let left: Vec<_> = fs::read_dir(folder.path()).expect("folder").collect();
-        assert_eq!(left.len(), 2, "nothing lies about: {left:?}");
+        assert_eq!(left.len(), 2, "no temporary file is left: {left:?}");
     }
 
-    /// Writers at the same time lose nothing of each other's.
+    /// Concurrent writers lose no change.
     #[test]
-    fn one_writer_at_a_time() {
+    fn concurrent_writers_are_serialized() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("tokens");
         std::thread::scope(|scope| {

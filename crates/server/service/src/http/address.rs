@@ -1,4 +1,4 @@
-//! Where to listen: a TCP port, or a Unix socket; and why that may be impossible.
+//! Listen addresses: a TCP port or a Unix socket; and errors of binding.
 
 use std::fmt;
 use std::io;
@@ -6,42 +6,40 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Where to listen.
+/// A listen address.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub enum ListenAddress {
     /// Address and port; port 0 for any free one.
     Tcp(SocketAddr),
-    /// The path of a socket of the file system.
+    /// The path of a Unix socket.
     Unix(PathBuf),
 }
 
-/// A text that is neither.
+/// The text is neither form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("ADDRESS:PORT (127.0.0.1:8080, [::]:8443) or unix:PATH (unix:/run/veiloc/veiloc.sock) is expected")]
+#[error("expected ADDRESS:PORT (127.0.0.1:8080, [::]:8443) or unix:PATH (unix:/run/veiloc/veiloc.sock)")]
 pub struct BadAddress;
 
-/// Why nothing can be listened to there.
+/// Why an address cannot be bound.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ListenError {
     /// The system refused.
     #[error("{0}")]
     System(#[from] io::Error),
-    /// Somebody answers on the socket.
+    /// Another process answers on the socket.
     #[error("another process answers there; stop it first")]
     Answered,
-    /// The path is taken by something else.
-    #[error(
-        "there is a file there that is no socket; it is left alone, so take it away, or choose another path"
-    )]
+    /// The path is taken by a file that is not a socket.
+    #[error("the path is a file that is no socket; remove it, or choose another path")]
     NoSocket,
-    /// The system knows no such sockets.
+    /// The system has no Unix sockets.
     #[error("this system has no Unix sockets")]
     Unknown,
 }
 
 impl ListenAddress {
-    /// Whether nobody beyond this machine can reach it: loopback, or a socket of the file system.
+    /// Whether only this machine can reach the address: loopback, or a Unix socket.
     pub fn is_local(&self) -> bool {
         match self {
             Self::Tcp(address) => address.ip().is_loopback(),
@@ -90,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_kinds_are_read_and_written() {
+    fn addresses_round_trip() {
         for (text, local) in [
             ("127.0.0.1:8080", true),
             ("[::1]:0", true),

@@ -1,4 +1,5 @@
-//! When to read a file again: what was read once is not read again, what could not be read is, ever more seldom.
+//! Decides when to read a file again: a version that was read is not read again, a version that failed is retried
+//! with growing pauses.
 
 use std::time::{Duration, Instant};
 
@@ -7,9 +8,9 @@ const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// Longest pause.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
-/// What is known of the states a file was in. A state counts as read only when all of it was.
+/// The versions of a file that were tried. A version counts as read only if it was read completely.
 #[derive(Debug)]
-pub struct Attempts<S> {
+pub struct ReloadAttempts<S> {
     taken: Option<S>,
     failed: Option<Failed<S>>,
 }
@@ -21,30 +22,30 @@ struct Failed<S> {
     again: Instant,
 }
 
-impl<S> Default for Attempts<S> {
+impl<S> Default for ReloadAttempts<S> {
     fn default() -> Self {
         Self { taken: None, failed: None }
     }
 }
 
-impl<S: PartialEq> Attempts<S> {
-    /// Whether a file in this state is to be read now.
+impl<S: PartialEq> ReloadAttempts<S> {
+    /// Whether a file in this version must be read now.
     pub fn is_due(&self, state: &S, now: Instant) -> bool {
         match &self.failed {
-            // The same that failed before: what is missing may be memory or open files, so it is tried again.
+            // The same version failed before. Memory or open files may have been missing, so it is retried.
             Some(failed) if failed.state == *state => now >= failed.again,
             Some(_) => true,
             None => self.taken.as_ref() != Some(state),
         }
     }
 
-    /// It was read in this state from its beginning to its end.
-    pub fn took(&mut self, state: S) {
+    /// The file was read completely in this version.
+    pub fn succeeded(&mut self, state: S) {
         self.taken = Some(state);
         self.failed = None;
     }
 
-    /// It could not be read, or not be used.
+    /// The file could not be read or used.
     pub fn failed(&mut self, state: S, now: Instant) {
         let times = match &self.failed {
             Some(before) if before.state == state => before.times.saturating_add(1),
@@ -65,11 +66,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn failures_are_tried_again_ever_more_seldom_and_successes_are_not() {
-        let mut attempts = Attempts::default();
+    fn failures_are_retried_with_backoff() {
+        let mut attempts = ReloadAttempts::default();
         let mut now = Instant::now();
         assert!(attempts.is_due(&1, now));
-        attempts.took(1);
+        attempts.succeeded(1);
         assert!(!attempts.is_due(&1, now) && attempts.is_due(&2, now));
         for pause in [1, 2, 4, 8, 16, 32, 60, 60] {
             attempts.failed(2, now);
@@ -77,14 +78,14 @@ mod tests {
             assert!(!attempts.is_due(&2, now + Duration::from_millis(1000 * pause - 1)));
             now += Duration::from_secs(pause);
             assert!(attempts.is_due(&2, now), "after {pause} s");
-            assert!(
-                attempts.is_due(&3, now) && attempts.is_due(&1, now),
-                "another state is looked at at once"
-            );
+            assert!(attempts.is_due(&3, now) && attempts.is_due(&1, now), "another version is read at once");
         }
         attempts.failed(3, now);
-        assert!(attempts.is_due(&3, now + FIRST_PAUSE), "another failure starts anew");
-        attempts.took(3);
+        assert!(
+            attempts.is_due(&3, now + FIRST_PAUSE),
+            "a failure of another version starts with the first pause"
+        );
+        attempts.succeeded(3);
         assert!(!attempts.is_failing() && !attempts.is_due(&3, now));
     }
 }

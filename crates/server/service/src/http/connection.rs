@@ -1,9 +1,9 @@
-//! One connection of HTTP/1.1, over TLS or plain, with a limit to every way of being slow.
+//! One HTTP/1.1 connection, over TLS or plain, with a time limit for each phase.
 
 use std::pin::pin;
 use std::time::Duration;
 
-use crate::queue::{Guest, Place};
+use crate::queue::{Connection, Slot};
 use crate::telemetry::ConnectionFault;
 use hyper::body::{Body, Incoming};
 use hyper::server::conn::http1;
@@ -13,44 +13,44 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::watch;
 
-use crate::http::answering::Answering;
 use crate::http::faults::fault_of;
-use crate::http::patient::Patient;
-use crate::http::stream::Peer;
+use crate::http::in_flight::InFlightRequest;
+use crate::http::stream::PeerWatch;
+use crate::http::write_timeout::WriteTimeoutStream;
 
-/// Most bytes of a request's head. A token, a content type and what proxies add fit in a fraction.
+/// Maximum length of a request head. A token, a content type and what proxies add need a fraction of it.
 const MAX_HEAD: usize = 16 * 1024;
 
-/// What is buffered of a connection at most, bytes.
+/// Maximum buffer per connection, bytes.
 const BUFFER: usize = 64 * 1024;
 
-/// How long the first bytes of a connection are waited for when the service stops.
+/// Wait for the first bytes of a connection during shutdown.
 const FIRST_BYTES: Duration = Duration::from_millis(100);
 
-/// How long a connection may take, and be.
+/// Time limits of a connection.
 #[derive(Debug, Clone, Copy)]
-pub struct Conduct {
-    /// Head of a request, and pause between two requests.
+pub struct ConnectionTimeouts {
+    /// Receiving a request head, and idle time between two requests.
     pub head: Duration,
-    /// Reading of an answer, as long as nothing is taken.
+    /// Longest stall while the client reads a response.
     pub write: Duration,
-    /// All of it, as long as it brings no token.
+    /// Lifetime while unauthenticated.
     pub unknown_life: Duration,
-    /// All of it.
+    /// Lifetime.
     pub life: Duration,
 }
 
-/// Answers the requests of one connection until the client leaves, is too slow, has been there for too long, has to make
-/// room for another, or `ending` says that the service ends. What is being answered then is finished, and the connection
-/// closed. Tells what went wrong, if it did not end well.
+/// Serves one connection until the client disconnects or is too slow, the lifetime ends, the connection is evicted,
+/// or `ending` becomes true. A request in flight is then finished and the connection closed. Returns the fault if the
+/// connection ended abnormally.
 ///
-/// Every request carries the connection's `Arc<Guest>` among its extensions.
+/// Every request has the `Arc<Connection>` among its extensions.
 pub async fn serve_connection<I, S, B>(
     stream: I,
-    peer: Peer,
+    peer: PeerWatch,
     service: S,
-    place: &Place,
-    conduct: Conduct,
+    slot: &Slot,
+    connection_timeouts: ConnectionTimeouts,
     mut ending: watch::Receiver<bool>,
 ) -> Option<ConnectionFault>
 where
@@ -62,66 +62,66 @@ where
     B::Data: Send,
     B::Error: Into<Fault>,
 {
-    let guest = place.guest().clone();
-    let stream = Patient::new(stream, conduct.write, guest.clone());
-    let answered = guest.clone();
+    let connection = slot.connection().clone();
+    let stream = WriteTimeoutStream::new(stream, connection_timeouts.write, connection.clone());
+    let served = connection.clone();
     let service = service_fn(move |mut request: Request<Incoming>| {
-        let answering = Answering::begin(answered.clone());
-        request.extensions_mut().insert(answered.clone());
+        let in_flight = InFlightRequest::begin(served.clone());
+        request.extensions_mut().insert(served.clone());
         let answer = service.call(request);
-        async move { Ok::<_, S::Error>(answer.await?.map(|body| answering.with_body(body))) }
+        async move { Ok::<_, S::Error>(answer.await?.map(|body| in_flight.with_body(body))) }
     });
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
-        .header_read_timeout(conduct.head)
+        .header_read_timeout(connection_timeouts.head)
         .max_buf_size(BUFFER)
         .max_header_size(MAX_HEAD);
-    let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service));
-    // An error here is a client that broke off or spoke no HTTP. It is counted by its kind; its text could hold what was
-    // sent.
+    let mut serving = pin!(builder.serve_connection(TokioIo::new(stream), service));
+    // Errors here are clients that disconnected or did not speak HTTP. Only the kind is counted, because the text
+    // could contain input.
     tokio::select! {
         biased;
-        ended = connection.as_mut() => return fault_of(&guest, ended),
-        () = guest.thrown_out() => return None,
-        () = peer.left_while(|| guest.is_busy()) => return Some(ConnectionFault::Left),
-        () = guest.told_to_leave() => {
-            // Others wait for its place.
-            if guest.is_idle() {
+        ended = serving.as_mut() => return fault_of(&connection, ended),
+        () = connection.force_closed() => return None,
+        () = peer.disconnected_while(|| connection.is_busy()) => return Some(ConnectionFault::Left),
+        () = connection.evicted() => {
+            // The slot is already given to another connection.
+            if connection.is_idle() {
                 return None;
             }
         }
-        () = life(&guest, conduct) => {}
+        () = life(&connection, connection_timeouts) => {}
         _ = ending.wait_for(|ending| *ending) => {}
     }
-    // One that is idle ends with that, but for one that never sent anything. Its first bytes may be on their way; they
-    // are waited for a moment, and not until its time for a head is over.
-    connection.as_mut().graceful_shutdown();
+    // An idle connection ends here, except one that never sent anything: hyper would wait for its first head until
+    // the timeout. Its first bytes may be on their way, so wait only a moment.
+    serving.as_mut().graceful_shutdown();
     tokio::select! {
         biased;
-        ended = connection.as_mut() => return fault_of(&guest, ended),
-        () = guest.thrown_out() => return None,
-        () = peer.left_while(|| guest.is_busy()) => return Some(ConnectionFault::Left),
+        ended = serving.as_mut() => return fault_of(&connection, ended),
+        () = connection.force_closed() => return None,
+        () = peer.disconnected_while(|| connection.is_busy()) => return Some(ConnectionFault::Left),
         () = tokio::time::sleep(FIRST_BYTES) => {}
     }
-    if guest.is_idle() {
+    if connection.is_idle() {
         return None;
     }
     tokio::select! {
-        ended = connection => fault_of(&guest, ended),
-        () = guest.thrown_out() => None,
-        () = peer.left_while(|| guest.is_busy()) => Some(ConnectionFault::Left),
+        ended = serving => fault_of(&connection, ended),
+        () = connection.force_closed() => None,
+        () = peer.disconnected_while(|| connection.is_busy()) => Some(ConnectionFault::Left),
     }
 }
 
-/// Body errors as hyper wants them.
+/// Error type of bodies in hyper.
 type Fault = Box<dyn std::error::Error + Send + Sync>;
 
-/// Until the connection has been there for as long as it may.
-async fn life(guest: &Guest, conduct: Conduct) {
-    let first = conduct.unknown_life.min(conduct.life);
+/// Returns when the lifetime of the connection is over.
+async fn life(connection: &Connection, connection_timeouts: ConnectionTimeouts) {
+    let first = connection_timeouts.unknown_life.min(connection_timeouts.life);
     tokio::time::sleep(first).await;
-    if guest.is_known() {
-        tokio::time::sleep(conduct.life.saturating_sub(first)).await;
+    if connection.is_authenticated() {
+        tokio::time::sleep(connection_timeouts.life.saturating_sub(first)).await;
     }
 }

@@ -1,11 +1,11 @@
-//! Until when a certificate is valid: the one thing of X.509 that its server has to know beside its bytes.
+//! The end of validity of a certificate: the only X.509 field that the server needs.
 //!
 //! `Certificate ::= SEQUENCE { tbs SEQUENCE { [0] version OPTIONAL, serial, signature, issuer, validity SEQUENCE { notBefore,
 //! notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with seconds.
 
 use crate::auth::Moment;
 
-/// Seconds since 1970; `None` for bytes that are no certificate.
+/// End of validity, seconds since 1970; `None` if the bytes are not a certificate.
 pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
     let (_, certificate, _) = element(der, SEQUENCE)?;
     let (_, mut fields, _) = element(certificate, SEQUENCE)?;
@@ -49,7 +49,7 @@ fn number(digits: &str) -> Option<i64> {
     digits.bytes().all(|c| c.is_ascii_digit()).then(|| digits.parse().ok())?
 }
 
-/// Tag, content, and what follows.
+/// Splits off one element: tag, content, and the rest.
 fn any(der: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (&[tag, first], rest) = der.split_first_chunk::<2>()?;
     let (length, rest) = match first {
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_end_of_a_certificate_is_read_and_no_bytes_break_it() {
+    fn not_after_reads_certificates_and_accepts_any_bytes() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data/cert.pem");
         let der = CertificateDer::from_pem_file(path).expect("a certificate");
         // `openssl x509 -enddate -noout -in cert.pem`
@@ -88,9 +88,9 @@ mod tests {
         let mut broken = der.to_vec();
         for at in 0..broken.len().min(300) {
             for value in [0, 0x7F, 0x80, 0x84, 0xFF] {
-                let kept = std::mem::replace(&mut broken[at], value);
+                let original = std::mem::replace(&mut broken[at], value);
                 not_after(&broken);
-                broken[at] = kept;
+                broken[at] = original;
             }
         }
     }

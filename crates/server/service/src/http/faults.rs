@@ -1,20 +1,19 @@
-//! What went wrong with a connection, as a kind to be counted. The texts of errors go nowhere: they could hold what was
-//! sent (rule L8).
+//! Classifies abnormal ends of connections. Error texts are discarded, because they could contain input (rule L8).
 
 use std::error::Error;
 use std::io;
 
-use crate::queue::Guest;
+use crate::queue::Connection;
 use crate::telemetry::ConnectionFault;
 
-/// Why a connection ended, when it was not well. A client that goes while nothing is going on does nothing wrong, nor does
-/// one that is idle for too long.
-pub(crate) fn fault_of(guest: &Guest, ended: hyper::Result<()>) -> Option<ConnectionFault> {
-    if guest.is_busy() {
+/// The fault of a connection; `None` if it ended normally. Disconnecting while idle and exceeding the idle time are
+/// normal.
+pub(crate) fn fault_of(connection: &Connection, ended: hyper::Result<()>) -> Option<ConnectionFault> {
+    if connection.is_busy() {
         return Some(ConnectionFault::Left);
     }
     let error = ended.err()?;
-    if guest.is_idle() {
+    if connection.is_idle() {
         return None;
     }
     let causes = || std::iter::successors(Some(&error as &(dyn Error + 'static)), |error| (*error).source());

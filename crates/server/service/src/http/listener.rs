@@ -1,4 +1,4 @@
-//! Taking connections, from TCP and from Unix sockets alike.
+//! Accepts connections from TCP and Unix sockets.
 
 use std::io;
 use std::net::IpAddr;
@@ -12,27 +12,27 @@ use crate::http::stream::Stream;
 use crate::http::unix::UnixSocket;
 
 /// A bound listener.
-pub struct Listener(Kind);
+pub struct Listener(Socket);
 
-enum Kind {
+enum Socket {
     Tcp(TcpListener),
     #[cfg(unix)]
     Unix(UnixSocket),
 }
 
 impl Listener {
-    /// Binds it.
+    /// Binds the address.
     ///
-    /// A socket's file can be connected to by whoever may read and write it by `mode`. One that a process left behind
-    /// when it died is replaced; one that somebody answers on, and whatever is no socket, is left alone.
+    /// `mode` is the file mode of a Unix socket and controls who may connect. A socket left behind by a dead process
+    /// is replaced; a socket on which a process answers, and any other file, is not touched.
     ///
     /// # Errors
     /// [`ListenError`]
     pub async fn bind(address: &ListenAddress, mode: u32) -> Result<Self, ListenError> {
         match address {
-            ListenAddress::Tcp(address) => Ok(Self(Kind::Tcp(TcpListener::bind(address).await?))),
+            ListenAddress::Tcp(address) => Ok(Self(Socket::Tcp(TcpListener::bind(address).await?))),
             #[cfg(unix)]
-            ListenAddress::Unix(path) => Ok(Self(Kind::Unix(UnixSocket::bind(path, mode)?))),
+            ListenAddress::Unix(path) => Ok(Self(Socket::Unix(UnixSocket::bind(path, mode)?))),
             #[cfg(not(unix))]
             ListenAddress::Unix(_) => {
                 let _ = mode;
@@ -41,41 +41,42 @@ impl Listener {
         }
     }
 
-    /// Where it listens in fact: the port, where any was asked for.
+    /// The bound address, with the actual port.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the system.
     pub fn address(&self) -> io::Result<ListenAddress> {
         Ok(match &self.0 {
-            Kind::Tcp(listener) => ListenAddress::Tcp(listener.local_addr()?),
+            Socket::Tcp(listener) => ListenAddress::Tcp(listener.local_addr()?),
             #[cfg(unix)]
-            Kind::Unix(socket) => ListenAddress::Unix(socket.path().to_owned()),
+            Socket::Unix(socket) => ListenAddress::Unix(socket.path().to_owned()),
         })
     }
 
-    /// Whether TLS is spoken here when there is a certificate: over TCP, and not to a proxy of this machine.
+    /// Whether the listener uses TLS if a certificate is configured: over TCP, but not on a Unix socket.
     pub const fn may_speak_tls(&self) -> bool {
-        matches!(self.0, Kind::Tcp(_))
+        matches!(self.0, Socket::Tcp(_))
     }
 
-    /// The next connection, and the address it comes from; by a Unix socket comes a proxy, behind which may be anybody.
+    /// Accepts the next connection; returns its address, or `None` for a Unix socket.
     ///
     /// # Errors
-    /// What the system says: mostly that there are too many open files.
+    /// The error of the system, mostly too many open files.
     pub async fn accept(&self) -> io::Result<(Stream, Option<IpAddr>)> {
         std::future::poll_fn(|context| self.poll_accept(context)).await
     }
 
-    /// The same for whoever does not wait.
+    /// As [`Self::accept`], without waiting.
     pub fn poll_accept(&self, context: &mut Context<'_>) -> Poll<io::Result<(Stream, Option<IpAddr>)>> {
         Poll::Ready(match &self.0 {
-            Kind::Tcp(listener) => ready!(listener.poll_accept(context)).map(|(stream, from)| {
-                // Answers are small: waiting to fill a packet only delays them. Not worth refusing a connection over.
+            Socket::Tcp(listener) => ready!(listener.poll_accept(context)).map(|(stream, from)| {
+                // Responses are small, so waiting to fill a packet only delays them. A failure here is no reason to
+                // refuse the connection.
                 let _ = stream.set_nodelay(true);
                 (Stream::Tcp(stream), Some(from.ip()))
             }),
             #[cfg(unix)]
-            Kind::Unix(socket) => {
+            Socket::Unix(socket) => {
                 ready!(socket.poll_accept(context)).map(|stream| (Stream::Unix(stream), None))
             }
         })

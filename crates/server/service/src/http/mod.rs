@@ -1,30 +1,29 @@
-//! How the service is reached, without a word about what it serves: listeners, TLS, and connections of HTTP/1.1
-//! with a limit to every way of being slow.
+//! The network layer, independent of what is served: listeners, TLS, and HTTP/1.1 connections with time limits.
 //!
 //! - [`ListenAddress`], [`Listener`]: a TCP port or a Unix socket.
-//! - [`Tls`]: certificate, key and the authorities of clients, from files that may be replaced ([`Attempts`]).
-//! - [`serve_connection`]: the requests of one connection, given to any service of hyper's, until it ends; [`Conduct`] says
-//!   how long anything may take.
+//! - [`Tls`]: certificate, key and the authorities of clients, from files that may be replaced ([`ReloadAttempts`]).
+//! - [`serve_connection`]: serves the requests of one connection with any hyper service; [`ConnectionTimeouts`] holds
+//!   the time limits.
 //!
-//! Who is let in, and who has to make room, is `veiloc_service::queue`'s; what is answered is `veiloc-service`'s.
+//! `crate::queue` decides which connections are admitted and evicted; `crate::routes` answers requests.
 #![forbid(unsafe_code)]
 
 mod address;
-mod answering;
 mod attempts;
 mod connection;
 mod expiry;
 mod faults;
+mod in_flight;
 mod listener;
-mod patient;
 mod stream;
 mod tls;
 #[cfg(unix)]
 mod unix;
+mod write_timeout;
 
 pub use address::{BadAddress, ListenAddress, ListenError};
-pub use attempts::Attempts;
-pub use connection::{Conduct, serve_connection};
+pub use attempts::ReloadAttempts;
+pub use connection::{ConnectionTimeouts, serve_connection};
 pub use listener::Listener;
-pub use stream::{Peer, Shared, Stream};
+pub use stream::{PeerWatch, SharedStream, Stream};
 pub use tls::{Tls, TlsError, TlsFiles};

@@ -1,8 +1,8 @@
-//! A stream of TCP or of a Unix socket that can be asked whether its other side has left, while somebody else reads and writes it.
+//! A TCP or Unix stream that can be checked for disconnection of the peer while another task reads and writes it.
 //!
-//! A client that gives up closes its end, and its query must not be computed any more. Reading would tell, but not while
-//! bytes of a next request lie before the end: those are not read before the answer to this one is made. The system knows
-//! of the end all the same.
+//! When a client disconnects, its query must be cancelled. Reading would notice this, but not while bytes of a
+//! pipelined request are unread: these are read only after the current response. The readiness state of the socket
+//! shows it anyway.
 
 use std::io;
 use std::net::Shutdown;
@@ -17,20 +17,20 @@ use tokio::net::TcpStream;
 #[cfg(unix)]
 use tokio::net::UnixStream;
 
-/// How soon it is noticed that a client has left.
-const LOOK_EVERY: Duration = Duration::from_millis(250);
+/// Polling interval for disconnection.
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
 
-/// A connection as it was accepted.
+/// An accepted connection.
 pub enum Stream {
-    /// Of TCP.
+    /// TCP.
     Tcp(TcpStream),
-    /// Of a Unix socket.
+    /// A Unix socket.
     #[cfg(unix)]
     Unix(UnixStream),
 }
 
-/// Does the same with either kind.
-macro_rules! either {
+/// Evaluates the same expression for either kind of stream.
+macro_rules! with_stream {
     ($stream:expr, $inner:ident => $done:expr) => {
         match $stream {
             Stream::Tcp($inner) => $done,
@@ -40,25 +40,25 @@ macro_rules! either {
     };
 }
 
-/// The stream to read and write.
-pub struct Shared(Arc<Stream>);
+/// The half that reads and writes.
+pub struct SharedStream(Arc<Stream>);
 
-/// The stream to ask.
+/// The half that checks for disconnection.
 #[derive(Clone)]
-pub struct Peer(Arc<Stream>);
+pub struct PeerWatch(Arc<Stream>);
 
 impl Stream {
-    /// Both sides of it.
-    pub fn share(self) -> (Shared, Peer) {
+    /// Splits the stream into both halves.
+    pub fn share(self) -> (SharedStream, PeerWatch) {
         let stream = Arc::new(self);
-        (Shared(stream.clone()), Peer(stream))
+        (SharedStream(stream.clone()), PeerWatch(stream))
     }
 }
 
-impl Peer {
-    /// Whether the other side has closed its end, or the connection broke.
-    fn has_left(&self) -> bool {
-        either!(&*self.0, stream => {
+impl PeerWatch {
+    /// Whether the peer has closed its end, or the connection broke.
+    fn has_disconnected(&self) -> bool {
+        with_stream!(&*self.0, stream => {
             let ready = pin!(stream.ready(Interest::READABLE));
             match ready.poll(&mut Context::from_waker(Waker::noop())) {
                 Poll::Ready(Ok(ready)) => ready.is_read_closed(),
@@ -68,26 +68,27 @@ impl Peer {
         })
     }
 
-    /// Waits until it has left while `waits` is so: with nothing going on, reading tells.
-    pub(crate) async fn left_while(&self, waits: impl Fn() -> bool) {
+    /// Returns when the peer has disconnected while `waits()` is true. When no request is in flight, reading notices
+    /// it.
+    pub(crate) async fn disconnected_while(&self, waits: impl Fn() -> bool) {
         loop {
-            tokio::time::sleep(LOOK_EVERY).await;
-            if waits() && self.has_left() {
+            tokio::time::sleep(POLL_INTERVAL).await;
+            if waits() && self.has_disconnected() {
                 return;
             }
         }
     }
 }
 
-impl AsyncRead for Shared {
+impl AsyncRead for SharedStream {
     fn poll_read(
         self: Pin<&mut Self>,
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         loop {
-            ready!(either!(&*self.0, stream => stream.poll_read_ready(context)))?;
-            match either!(&*self.0, stream => stream.try_read(buffer.initialize_unfilled())) {
+            ready!(with_stream!(&*self.0, stream => stream.poll_read_ready(context)))?;
+            match with_stream!(&*self.0, stream => stream.try_read(buffer.initialize_unfilled())) {
                 Ok(count) => {
                     buffer.advance(count);
                     return Poll::Ready(Ok(()));
@@ -99,11 +100,11 @@ impl AsyncRead for Shared {
     }
 }
 
-impl AsyncWrite for Shared {
+impl AsyncWrite for SharedStream {
     fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         loop {
-            ready!(either!(&*self.0, stream => stream.poll_write_ready(context)))?;
-            match either!(&*self.0, stream => stream.try_write(bytes)) {
+            ready!(with_stream!(&*self.0, stream => stream.poll_write_ready(context)))?;
+            match with_stream!(&*self.0, stream => stream.try_write(bytes)) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 written => return Poll::Ready(written),
             }
@@ -115,6 +116,6 @@ impl AsyncWrite for Shared {
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(either!(&*self.0, stream => SockRef::from(stream).shutdown(Shutdown::Write)))
+        Poll::Ready(with_stream!(&*self.0, stream => SockRef::from(stream).shutdown(Shutdown::Write)))
     }
 }

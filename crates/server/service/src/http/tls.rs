@@ -1,5 +1,5 @@
-//! TLS by rustls, with files that can be renewed while the service runs: the certificate, its key, and the authorities that
-//! vouch for clients.
+//! TLS by rustls, with files that can be renewed while the service runs: certificate, key, and certificate
+//! authorities of clients.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -13,22 +13,21 @@ use rustls::{RootCertStore, ServerConfig};
 use sha2::{Digest as _, Sha256};
 use tokio_rustls::TlsAcceptor;
 
-use crate::http::attempts::Attempts;
+use crate::http::attempts::ReloadAttempts;
 use crate::http::expiry::not_after;
 
-/// Certificate chain and private key, PEM; and who vouches for clients.
+/// Certificate chain, private key and client authorities, in PEM form.
 #[derive(Debug, Clone)]
 pub struct TlsFiles {
-    /// The server's certificate, then those that vouch for it.
+    /// The certificate of the server, then its issuers.
     pub cert: PathBuf,
     /// Its private key.
     pub key: PathBuf,
-    /// Certificates of the authorities that vouch for clients. With them a client without a certificate of theirs is
-    /// refused in the handshake.
+    /// Authorities of client certificates. If given, a client without such a certificate is refused in the handshake.
     pub client_ca: Option<PathBuf>,
 }
 
-/// A file that cannot be used.
+/// A file cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{}: {reason}; PEM files with the certificate chain, with its private key, and, if clients need certificates, with \
@@ -42,16 +41,16 @@ pub struct TlsError {
     pub reason: String,
 }
 
-/// The files as they are now.
+/// The TLS configuration, reloadable.
 pub struct Tls {
     files: TlsFiles,
     current: RwLock<Arc<ServerConfig>>,
-    /// When the certificate ends, seconds since 1970.
+    /// End of the certificate, seconds since 1970.
     ends: AtomicI64,
-    /// Days left that were told last.
-    told: AtomicI64,
-    /// By the hash of all files, or of why they cannot be read: they are small, and are read to be looked at.
-    attempts: Mutex<Attempts<[u8; 32]>>,
+    /// Remaining days of the last warning.
+    warned: AtomicI64,
+    /// Versions by hash of all files, or of the read error: the files are small, so comparing content is cheap.
+    attempts: Mutex<ReloadAttempts<[u8; 32]>>,
 }
 
 impl Tls {
@@ -63,39 +62,40 @@ impl Tls {
         let contents = Contents::read(&files)?;
         let (config, ends) = contents.config(&files)?;
         let current = RwLock::new(Arc::new(config));
-        let mut attempts = Attempts::default();
-        attempts.took(contents.hash());
-        let (ends, told) = (AtomicI64::new(ends), AtomicI64::new(i64::MAX));
-        Ok(Self { files, current, ends, told, attempts: Mutex::new(attempts) })
+        let mut attempts = ReloadAttempts::default();
+        attempts.succeeded(contents.hash());
+        let (ends, warned) = (AtomicI64::new(ends), AtomicI64::new(i64::MAX));
+        Ok(Self { files, current, ends, warned, attempts: Mutex::new(attempts) })
     }
 
-    /// For the next connection.
+    /// The acceptor for the next connection.
     pub fn acceptor(&self) -> TlsAcceptor {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone().into()
     }
 
-    /// When the certificate ends, seconds since 1970.
+    /// End of the certificate, seconds since 1970.
     pub fn ends(&self) -> i64 {
         self.ends.load(Ordering::Relaxed)
     }
 
-    /// Whole days that are left at `now`, below zero when it has expired; once a day, from two weeks before the end on.
-    pub fn days_to_tell(&self, now: i64) -> Option<i64> {
+    /// Whole days left at `now` (negative after expiry), if a warning is due: once per day, from two weeks before the
+    /// end.
+    pub fn expiry_warning_days(&self, now: i64) -> Option<i64> {
         let left = (self.ends() - now).div_euclid(86_400);
-        (left < WARN_DAYS && self.told.swap(left, Ordering::Relaxed) != left).then_some(left)
+        (left < WARN_DAYS && self.warned.swap(left, Ordering::Relaxed) != left).then_some(left)
     }
 
-    /// Whether the newest state of the files cannot be used.
+    /// Whether the newest version of the files cannot be used.
     pub fn is_failing(&self) -> bool {
         self.attempts().is_failing()
     }
 
-    fn attempts(&self) -> MutexGuard<'_, Attempts<[u8; 32]>> {
+    fn attempts(&self) -> MutexGuard<'_, ReloadAttempts<[u8; 32]>> {
         self.attempts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads all files again, and uses them if they are others than before or `all` is wished; when they do not fit
-    /// together, what was there stays, and they are tried again.
+    /// Reloads the files if they changed or if `all` is set. If they are invalid, the previous ones stay in force and
+    /// the reload is retried.
     pub fn reload(&self, all: bool, now: Instant) -> Option<Result<(), TlsError>> {
         let mut attempts = self.attempts();
         let contents = Contents::read(&self.files);
@@ -109,9 +109,9 @@ impl Tls {
         Some(match contents.and_then(|contents| contents.config(&self.files)) {
             Ok((config, ends)) => {
                 self.ends.store(ends, Ordering::Relaxed);
-                self.told.store(i64::MAX, Ordering::Relaxed);
+                self.warned.store(i64::MAX, Ordering::Relaxed);
                 *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(config);
-                attempts.took(state);
+                attempts.succeeded(state);
                 Ok(())
             }
             Err(error) => {
@@ -126,10 +126,10 @@ fn hash(bytes: &[u8]) -> [u8; 32] {
     Sha256::digest(bytes).into()
 }
 
-/// So many days before its end a certificate is told of.
+/// Days before the end at which warnings begin.
 const WARN_DAYS: i64 = 14;
 
-/// What the files hold.
+/// Content of the files.
 struct Contents {
     cert: Vec<u8>,
     key: Vec<u8>,
@@ -152,7 +152,7 @@ impl Contents {
         )
     }
 
-    /// How to speak TLS with them, and when that ends.
+    /// The TLS configuration, and the end of the certificate.
     fn config(&self, files: &TlsFiles) -> Result<(ServerConfig, i64), TlsError> {
         let wrong = |path: &Path, reason: String| TlsError { path: path.to_owned(), reason };
         let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&self.cert)
@@ -162,9 +162,9 @@ impl Contents {
             return Err(wrong(&files.cert, "holds no certificate".to_owned()));
         };
         let ends =
-            not_after(first).ok_or_else(|| wrong(&files.cert, "holds no certificate of X.509".to_owned()))?;
+            not_after(first).ok_or_else(|| wrong(&files.cert, "holds no X.509 certificate".to_owned()))?;
         let key = PrivateKeyDer::from_pem_slice(&self.key).map_err(|e| wrong(&files.key, e.to_string()))?;
-        // Named on purpose: nothing in the process may choose another provider by being linked in.
+        // The provider is explicit, so that no other crate in the process can change it.
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let builder = ServerConfig::builder_with_provider(provider.clone())
             .with_safe_default_protocol_versions()
@@ -193,13 +193,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_end_of_a_certificate_is_told_once_a_day() {
+    fn expiry_warning_is_given_once_per_day() {
         let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../server/service/tests/data");
         let tls =
             Tls::open(TlsFiles { cert: data.join("cert.pem"), key: data.join("key.pem"), client_ca: None })
                 .expect("TLS");
         let day = |n: i64| tls.ends() + n * 86_400;
-        for (now, told) in [
+        for (now, warned) in [
             (day(-300), None),
             (day(-14), None),
             (day(-13), Some(13)),
@@ -209,9 +209,9 @@ mod tests {
             (day(0) + 2, None),
             (day(1) + 1, Some(-2)),
         ] {
-            assert_eq!(tls.days_to_tell(now), told, "{}", now - tls.ends());
+            assert_eq!(tls.expiry_warning_days(now), warned, "{}", now - tls.ends());
         }
         assert!(tls.reload(true, Instant::now()).is_some_and(|read| read.is_ok()));
-        assert_eq!(tls.days_to_tell(day(1) + 2), Some(-2), "read anew, told anew");
+        assert_eq!(tls.expiry_warning_days(day(1) + 2), Some(-2), "a reload resets the warning");
     }
 }

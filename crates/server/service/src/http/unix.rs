@@ -1,4 +1,4 @@
-//! A Unix socket in the file system: who may connect is what its file says, and no file of anybody else's is lost.
+//! A Unix socket. Its file mode controls who may connect, and no other file is ever removed.
 
 use std::fs;
 use std::io;
@@ -10,24 +10,24 @@ use tokio::net::{UnixListener, UnixStream};
 
 use crate::http::address::ListenError;
 
-/// A bound socket, whose file goes with it.
+/// A bound socket; dropping it removes its file.
 pub(crate) struct UnixSocket {
     listener: UnixListener,
     path: PathBuf,
-    /// Device and number of its file.
+    /// Device and inode of its file.
     file: (u64, u64),
 }
 
 impl UnixSocket {
-    /// Binds it where nobody can see it, gives it its mode, and only then its name: at no time may anybody connect who may
-    /// not, and an old socket's name never leads nowhere.
+    /// Binds the socket in a private folder, sets its mode, and then renames it: no client can connect before the
+    /// mode is set, and the old name never points to nothing.
     pub(crate) fn bind(path: &Path, mode: u32) -> Result<Self, ListenError> {
-        // It is bound under another name, so this asks whether anybody could connect by its own: the system allows some
-        // hundred bytes.
+        // The socket is bound under another name, so check here that `path` is short enough for clients: the system
+        // allows some hundred bytes.
         std::os::unix::net::SocketAddr::from_pathname(path)?;
-        make_way(path)?;
+        remove_stale_socket(path)?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Short, for the same reason.
+        // A short name, for the same reason.
         let hidden = folder.join(format!(".v{:x}", std::process::id()));
         let _ = fs::remove_dir_all(&hidden);
         fs::DirBuilder::new().create_private(&hidden)?;
@@ -55,7 +55,7 @@ fn bind_within(hidden: &Path, path: &Path, mode: u32) -> io::Result<UnixListener
     Ok(listener)
 }
 
-/// A folder that its owner alone sees into.
+/// Creates a folder that only its owner can access.
 trait CreatePrivate {
     fn create_private(&mut self, path: &Path) -> io::Result<()>;
 }
@@ -67,8 +67,8 @@ impl CreatePrivate for fs::DirBuilder {
     }
 }
 
-/// Makes sure that nobody's file is in the way: a socket nobody answers on is a dead process's.
-fn make_way(path: &Path) -> Result<(), ListenError> {
+/// Checks that no foreign file is in the way. A socket on which no process answers belongs to a dead process.
+fn remove_stale_socket(path: &Path) -> Result<(), ListenError> {
     let there = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         there => there?,
@@ -79,14 +79,14 @@ fn make_way(path: &Path) -> Result<(), ListenError> {
     match std::os::unix::net::UnixStream::connect(path) {
         Ok(_) => Err(ListenError::Answered),
         Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => Ok(()),
-        // It cannot be told, for want of permission perhaps; then it is not ours to take.
+        // The state is unknown, perhaps for lack of permission; then the file must not be replaced.
         Err(error) => Err(error.into()),
     }
 }
 
 impl Drop for UnixSocket {
     fn drop(&mut self) {
-        // Another process may have taken the name meanwhile.
+        // Another process may have replaced the file in the meantime.
         let own = fs::symlink_metadata(&self.path).is_ok_and(|now| (now.dev(), now.ino()) == self.file);
         if own {
             let _ = fs::remove_file(&self.path);
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_dead_socket_is_replaced_and_nothing_else_is() {
+    async fn only_stale_sockets_are_replaced() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("v.sock");
         let mode = |path: &Path| fs::symlink_metadata(path).expect("there").permissions().mode() & 0o777;
@@ -108,20 +108,20 @@ mod tests {
         assert!(matches!(UnixSocket::bind(&path, 0o600), Err(ListenError::Answered)));
         assert_eq!(mode(&path), 0o660, "untouched");
         drop(first);
-        assert!(!path.exists(), "its file goes with it");
+        assert!(!path.exists(), "the file is removed");
 
-        // As a process leaves it that is killed.
+        // As a killed process leaves it.
         drop(std::os::unix::net::UnixListener::bind(&path).expect("bound"));
-        let second = UnixSocket::bind(&path, 0o600).expect("the dead make way");
+        let second = UnixSocket::bind(&path, 0o600).expect("a stale socket is replaced");
         std::os::unix::net::UnixStream::connect(&path).expect("it answers");
         assert_eq!(mode(&path), 0o600);
-        // Whose name another took, leaves that one alone.
+        // A socket whose file was replaced does not remove the new file.
         fs::remove_file(&path).expect("removed");
         fs::write(&path, "a file").expect("written");
         drop(second);
         assert!(matches!(UnixSocket::bind(&path, 0o600), Err(ListenError::NoSocket)));
         assert_eq!(fs::read_to_string(&path).expect("still there"), "a file");
         let left: Vec<_> = fs::read_dir(folder.path()).expect("folder").collect();
-        assert_eq!(left.len(), 1, "nothing lies about: {left:?}");
+        assert_eq!(left.len(), 1, "no temporary file is left: {left:?}");
     }
 }

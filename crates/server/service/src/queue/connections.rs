@@ -1,9 +1,10 @@
-//! Which connections may be open: so many in all, so many of one address, and slots that only known tokens take.
+//! Limits of open connections: in total, per address, and slots reserved for authenticated clients.
 //!
-//! Who connects is unknown until a request brings a token. Unknown connections have a share of all slots only, and each
-//! address a share of that; where there is no room for a new one, the one that has been unknown and idle for longest
-//! makes room. So a newcomer always gets to say its token, however many others sit there and say nothing, and with it
-//! leaves the places that unknown ones fight over. A connection with a request being answered is never closed for another.
+//! A connection is unauthenticated until a request carries a known token. Unauthenticated connections get only a part
+//! of all slots, and each address only a part of these. When no slot is free for a new connection, it evicts the
+//! oldest unauthenticated connection without a request in flight, so every client gets the chance to authenticate.
+//! Authenticated connections no longer count against the unauthenticated part. A connection with a request in flight
+//! is never evicted.
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
@@ -14,307 +15,311 @@ use tokio::sync::{Notify, watch};
 
 use crate::auth::TokenKey;
 
-/// How many connections may be open.
+/// Maximum numbers of open connections.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    /// All of them.
+pub struct ConnectionLimits {
+    /// In total.
     pub total: usize,
-    /// Unknown ones of one address.
+    /// Unauthenticated connections per address.
     pub per_address: usize,
-    /// Of the total, slots that unknown ones do not get.
+    /// Slots of the total that are reserved for authenticated connections.
     pub reserved: usize,
 }
 
-/// Addresses that count as one: an IPv4 address, or the /64 that one IPv6 customer usually has.
+/// Addresses that share one limit: a single IPv4 address, or an IPv6 /64, which one customer usually has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Group(u128);
+struct AddressGroup(u128);
 
-impl Group {
-    /// No address: of no IPv6 /64 are all bits set.
+impl AddressGroup {
+    /// Connections without an address; no IPv6 /64 has all bits set.
     const PROXY: Self = Self(u128::MAX);
 
-    /// `None` is everybody who comes by way of a proxy of this machine.
+    /// `None`: connections through a local proxy.
     fn of(address: Option<IpAddr>) -> Self {
         let Some(address) = address else { return Self::PROXY };
         Self(match address.to_canonical() {
             IpAddr::V4(v4) => u32::from(v4).into(),
-            // Never below 2^64, so no IPv4 address.
+            // At least 2^63, so it cannot collide with an IPv4 address.
             IpAddr::V6(v6) => u128::from(v6) >> 64 << 64 | 1 << 63,
         })
     }
 }
 
-/// Nothing is going on.
+/// No request in progress.
 const IDLE: u32 = 0;
-/// Some of a request's head is here.
+/// A part of a request's head has arrived.
 const READING: u32 = 1;
-/// The answer is made, and not yet on its way.
+/// The response is complete, but not yet written.
 const ANSWERED: u32 = 2;
-/// A request is being answered; there may be several, and the states above count when there is none.
+/// One request in flight; several add up. The states above apply only when there is none.
 const BUSY: u32 = 4;
 
 /// An open connection.
-pub struct Guest {
+pub struct Connection {
     id: u64,
-    group: Group,
-    /// The token it brought last; `None` while it is unknown.
+    group: AddressGroup,
+    /// The last known token; `None` while unauthenticated.
     token: Mutex<Option<TokenKey>>,
     state: AtomicU32,
-    leave: Notify,
-    /// The service gives up on everybody.
-    thrown_out: watch::Receiver<bool>,
-    home: Arc<Connections>,
+    evict: Notify,
+    /// Becomes true when the service closes all connections.
+    force_closed: watch::Receiver<bool>,
+    registry: Arc<Connections>,
 }
 
-impl Guest {
-    /// Bytes came in: if nothing was going on, the head of a request.
+impl Connection {
+    /// Bytes were received; without a request in progress they begin a head.
     pub fn received(&self) {
         let _ = self.state.compare_exchange(IDLE, READING, Ordering::Relaxed, Ordering::Relaxed);
     }
 
-    /// A request is being answered.
-    pub fn begin(&self) {
+    /// A request was received completely and is in flight.
+    pub fn request_started(&self) {
         self.state.fetch_add(BUSY, Ordering::Relaxed);
     }
 
-    /// Its answer is made.
-    pub fn answered(&self) {
-        self.done(|_| ANSWERED);
+    /// Its response is complete.
+    pub fn request_answered(&self) {
+        self.request_ended(|_| ANSWERED);
     }
 
-    /// It is not answered any more, and nothing will be written for it.
-    pub fn gave_up(&self) {
-        self.done(|before| if before == READING { IDLE } else { before });
+    /// The request was aborted; no response will be written.
+    pub fn request_aborted(&self) {
+        self.request_ended(|before| if before == READING { IDLE } else { before });
     }
 
-    /// One request less; with the last one the state is what `rest` makes of it.
-    fn done(&self, rest: impl Fn(u32) -> u32) {
+    /// Ends one request; when it was the last one, the new state is `rest` of the old.
+    fn request_ended(&self, rest: impl Fn(u32) -> u32) {
         let _ = self.state.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |state| {
             let left = state.checked_sub(BUSY)?;
             Some(if left < BUSY { rest(left) } else { left })
         });
     }
 
-    /// What was to be written is written.
+    /// All output was written.
     pub fn flushed(&self) {
         let _ = self.state.compare_exchange(ANSWERED, IDLE, Ordering::Relaxed, Ordering::Relaxed);
     }
 
-    /// Whether closing it would break off a request that came, a half head included.
+    /// Whether no request is in progress, a partial head included.
     pub fn is_idle(&self) -> bool {
         self.state.load(Ordering::Relaxed) == IDLE
     }
 
-    /// Whether a request is being answered.
+    /// Whether a request is in flight.
     pub fn is_busy(&self) -> bool {
         self.state.load(Ordering::Relaxed) >= BUSY
     }
 
-    /// Whether it may be closed for another: a half head is no reason to stay.
-    pub fn can_go(&self) -> bool {
+    /// Whether it may be evicted; a partial head does not prevent this.
+    pub fn is_evictable(&self) -> bool {
         self.state.load(Ordering::Relaxed) <= READING
     }
 
-    /// Whether it brought a known token last.
-    pub fn is_known(&self) -> bool {
+    /// Whether its last token was known.
+    pub fn is_authenticated(&self) -> bool {
         self.token.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
-    /// It brought this token, or one that nobody knows.
-    pub fn brought(&self, token: Option<TokenKey>) {
-        let mut places = self.home.places();
+    /// Records the token of a request; `None` for an unknown token.
+    pub fn authenticate(&self, token: Option<TokenKey>) {
+        let mut slots = self.registry.slots();
         let before = {
             let mut own = self.token.lock().unwrap_or_else(PoisonError::into_inner);
             std::mem::replace(&mut *own, token)
         };
-        // One that was told to leave has no place any more.
-        if places.all.contains_key(&self.id) {
+        // An evicted connection has no slot any more.
+        if slots.all.contains_key(&self.id) {
             match (before.is_some(), token.is_some()) {
-                (false, true) => places.unknown(self.group, -1),
-                (true, false) => places.unknown(self.group, 1),
+                (false, true) => slots.adjust_unauthenticated(self.group, -1),
+                (true, false) => slots.adjust_unauthenticated(self.group, 1),
                 _ => {}
             }
         }
     }
 
-    /// Waits until it has to make room for another.
-    pub async fn told_to_leave(&self) {
-        self.leave.notified().await;
+    /// Returns when the connection is evicted.
+    pub async fn evicted(&self) {
+        self.evict.notified().await;
     }
 
-    /// Waits until the service gives up on everybody.
-    pub async fn thrown_out(&self) {
-        // The sender lives as long as the home that this guest keeps.
-        let _ = self.thrown_out.clone().wait_for(|out| *out).await;
+    /// Returns when the service closes all connections.
+    pub async fn force_closed(&self) {
+        // The sender lives as long as `registry`.
+        let _ = self.force_closed.clone().wait_for(|out| *out).await;
     }
 }
 
-/// Leaves when dropped.
-pub struct Place(Arc<Guest>);
+/// The slot of a connection; dropping it frees the slot.
+pub struct Slot(Arc<Connection>);
 
-impl Place {
-    /// Who has it.
-    pub fn guest(&self) -> &Arc<Guest> {
+impl Slot {
+    /// The connection.
+    pub fn connection(&self) -> &Arc<Connection> {
         &self.0
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
-        self.0.home.places().remove(self.0.id);
-        self.0.home.open.send_modify(|open| *open -= 1);
+        self.0.registry.slots().remove(self.0.id);
+        self.0.registry.open.send_modify(|open| *open -= 1);
     }
 }
 
 #[derive(Default)]
-struct Places {
+struct SlotTable {
     next: u64,
-    /// By age, oldest first.
-    all: BTreeMap<u64, Arc<Guest>>,
-    unknown: usize,
-    unknown_of: BTreeMap<Group, usize>,
+    /// All connections by age, oldest first.
+    all: BTreeMap<u64, Arc<Connection>>,
+    unauthenticated: usize,
+    unauthenticated_of: BTreeMap<AddressGroup, usize>,
 }
 
-impl Places {
-    fn unknown(&mut self, group: Group, change: isize) {
-        self.unknown = self.unknown.saturating_add_signed(change);
-        let of = self.unknown_of.entry(group).or_default();
+impl SlotTable {
+    fn adjust_unauthenticated(&mut self, group: AddressGroup, change: isize) {
+        self.unauthenticated = self.unauthenticated.saturating_add_signed(change);
+        let of = self.unauthenticated_of.entry(group).or_default();
         *of = of.saturating_add_signed(change);
         if *of == 0 {
-            self.unknown_of.remove(&group);
+            self.unauthenticated_of.remove(&group);
         }
     }
 
     fn remove(&mut self, id: u64) {
-        if let Some(guest) = self.all.remove(&id)
-            && !guest.is_known()
+        if let Some(connection) = self.all.remove(&id)
+            && !connection.is_authenticated()
         {
-            self.unknown(guest.group, -1);
+            self.adjust_unauthenticated(connection.group, -1);
         }
     }
 
-    /// The oldest that may go among those.
-    fn oldest(&self, among: impl Fn(&Guest) -> bool) -> Option<u64> {
-        self.all.values().find(|guest| guest.can_go() && among(guest)).map(|guest| guest.id)
+    /// The oldest evictable connection that passes the filter.
+    fn oldest(&self, filter: impl Fn(&Connection) -> bool) -> Option<u64> {
+        self.all
+            .values()
+            .find(|connection| connection.is_evictable() && filter(connection))
+            .map(|connection| connection.id)
     }
 
-    /// The oldest unknown one that may go, of the address that has most of them.
-    fn oldest_of_the_largest_address(&self) -> Option<u64> {
-        let mut addresses: Vec<(usize, Group)> =
-            self.unknown_of.iter().map(|(group, n)| (*n, *group)).collect();
+    /// The oldest evictable unauthenticated connection of the address that has most of them.
+    fn oldest_of_largest_address(&self) -> Option<u64> {
+        let mut addresses: Vec<(usize, AddressGroup)> =
+            self.unauthenticated_of.iter().map(|(group, n)| (*n, *group)).collect();
         addresses.sort_unstable_by(|a, b| b.cmp(a));
-        addresses
-            .into_iter()
-            .find_map(|(_, group)| self.oldest(|guest| guest.group == group && !guest.is_known()))
+        addresses.into_iter().find_map(|(_, group)| {
+            self.oldest(|connection| connection.group == group && !connection.is_authenticated())
+        })
     }
 
-    /// The oldest idle one of the token that holds most.
-    fn oldest_of_the_largest_token(&self) -> Option<u64> {
+    /// The oldest evictable connection of the token that has most connections.
+    fn oldest_of_largest_token(&self) -> Option<u64> {
         let mut held: BTreeMap<TokenKey, usize> = BTreeMap::new();
-        let token = |guest: &Guest| *guest.token.lock().unwrap_or_else(PoisonError::into_inner);
-        for key in self.all.values().filter_map(|guest| token(guest)) {
+        let token =
+            |connection: &Connection| *connection.token.lock().unwrap_or_else(PoisonError::into_inner);
+        for key in self.all.values().filter_map(|connection| token(connection)) {
             *held.entry(key).or_default() += 1;
         }
         let mut tokens: Vec<(usize, TokenKey)> = held.into_iter().map(|(key, n)| (n, key)).collect();
         tokens.sort_unstable_by(|a, b| b.cmp(a));
-        tokens.into_iter().find_map(|(_, key)| self.oldest(|guest| token(guest) == Some(key)))
+        tokens.into_iter().find_map(|(_, key)| self.oldest(|connection| token(connection) == Some(key)))
     }
 }
 
-/// What became of a new connection.
-pub enum Entry {
-    /// It has a place.
-    Taken(Place),
-    /// It has the place of one that was closed for it.
-    Exchanged(Place),
-    /// Everybody else is being answered.
-    Refused,
+/// Result of admitting a connection.
+pub enum Admission {
+    /// A free slot.
+    Admitted(Slot),
+    /// The slot of an evicted connection.
+    AdmittedByEviction(Slot),
+    /// Rejected: no other connection is evictable.
+    Rejected,
 }
 
 /// All open connections.
 pub struct Connections {
-    limits: Limits,
-    places: Mutex<Places>,
-    /// Connections not closed yet, those told to leave included.
+    limits: ConnectionLimits,
+    slots: Mutex<SlotTable>,
+    /// Number of open connections, including evicted ones that are still closing.
     open: watch::Sender<usize>,
-    throw_out: watch::Sender<bool>,
+    force_close: watch::Sender<bool>,
 }
 
 impl Connections {
-    /// None yet.
-    pub fn new(limits: Limits) -> Arc<Self> {
+    /// Without connections.
+    pub fn new(limits: ConnectionLimits) -> Arc<Self> {
         Arc::new(Self {
             limits,
-            places: Mutex::default(),
+            slots: Mutex::default(),
             open: watch::Sender::new(0),
-            throw_out: watch::Sender::new(false),
+            force_close: watch::Sender::new(false),
         })
     }
 
-    fn places(&self) -> std::sync::MutexGuard<'_, Places> {
-        self.places.lock().unwrap_or_else(PoisonError::into_inner)
+    fn slots(&self) -> std::sync::MutexGuard<'_, SlotTable> {
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many are open.
+    /// Number of open connections.
     pub fn open(&self) -> usize {
         *self.open.borrow()
     }
 
-    /// Ends all of them, whatever they are at.
+    /// Closes all connections at once.
     pub fn close_all(&self) {
-        self.throw_out.send_replace(true);
+        self.force_close.send_replace(true);
     }
 
-    /// Waits until all are closed.
+    /// Returns when all connections are closed.
     pub async fn all_closed(&self) {
-        // The sender is here, so it is never closed.
+        // Cannot fail: `self` holds the sender.
         let _ = self.open.subscribe().wait_for(|open| *open == 0).await;
     }
 
-    /// Takes a new connection in, if need be for another. One without address is a proxy's: it brings requests of many, so
-    /// what one address may have does not bind it.
-    pub fn enter(self: &Arc<Self>, from: Option<IpAddr>) -> Entry {
-        let Limits { total, per_address, reserved } = self.limits;
-        let group = Group::of(from);
-        let mut places = self.places();
-        let own = places.unknown_of.get(&group).copied().unwrap_or(0);
-        let leaves = if own >= per_address && group != Group::PROXY {
-            Some(places.oldest(|guest| guest.group == group && !guest.is_known()))
-        } else if places.unknown >= total.saturating_sub(reserved).max(1) {
-            Some(places.oldest_of_the_largest_address())
-        } else if places.all.len() >= total {
-            Some(places.oldest_of_the_largest_address().or_else(|| places.oldest_of_the_largest_token()))
+    /// Admits a new connection and evicts another if necessary. `from` is `None` for a proxy, to which the limit per
+    /// address does not apply, because it forwards many clients.
+    pub fn admit(self: &Arc<Self>, from: Option<IpAddr>) -> Admission {
+        let ConnectionLimits { total, per_address, reserved } = self.limits;
+        let group = AddressGroup::of(from);
+        let mut slots = self.slots();
+        let own = slots.unauthenticated_of.get(&group).copied().unwrap_or(0);
+        let victim = if own >= per_address && group != AddressGroup::PROXY {
+            Some(slots.oldest(|connection| connection.group == group && !connection.is_authenticated()))
+        } else if slots.unauthenticated >= total.saturating_sub(reserved).max(1) {
+            Some(slots.oldest_of_largest_address())
+        } else if slots.all.len() >= total {
+            Some(slots.oldest_of_largest_address().or_else(|| slots.oldest_of_largest_token()))
         } else {
             None
         };
-        let exchanged = leaves.is_some();
-        match leaves {
-            Some(None) => return Entry::Refused,
+        let evicted = victim.is_some();
+        match victim {
+            Some(None) => return Admission::Rejected,
             Some(Some(id)) => {
-                if let Some(guest) = places.all.get(&id).cloned() {
-                    places.remove(id);
-                    guest.leave.notify_one();
+                if let Some(connection) = slots.all.get(&id).cloned() {
+                    slots.remove(id);
+                    connection.evict.notify_one();
                 }
             }
             None => {}
         }
-        let id = places.next;
-        places.next += 1;
-        let guest = Arc::new(Guest {
+        let id = slots.next;
+        slots.next += 1;
+        let connection = Arc::new(Connection {
             id,
             group,
             token: Mutex::new(None),
             state: AtomicU32::new(IDLE),
-            leave: Notify::new(),
-            thrown_out: self.throw_out.subscribe(),
-            home: self.clone(),
+            evict: Notify::new(),
+            force_closed: self.force_close.subscribe(),
+            registry: self.clone(),
         });
-        places.all.insert(id, guest.clone());
-        places.unknown(group, 1);
-        drop(places);
+        slots.all.insert(id, connection.clone());
+        slots.adjust_unauthenticated(group, 1);
+        drop(slots);
         self.open.send_modify(|open| *open += 1);
-        let place = Place(guest);
-        if exchanged { Entry::Exchanged(place) } else { Entry::Taken(place) }
+        let slot = Slot(connection);
+        if evicted { Admission::AdmittedByEviction(slot) } else { Admission::Admitted(slot) }
     }
 }
 
@@ -331,144 +336,155 @@ mod tests {
     }
 
     fn connections(total: usize, per_address: usize, reserved: usize) -> Arc<Connections> {
-        Connections::new(Limits { total, per_address, reserved })
+        Connections::new(ConnectionLimits { total, per_address, reserved })
     }
 
-    fn enter(connections: &Arc<Connections>, from: u8) -> Place {
-        match connections.enter(Some(address(from))) {
-            Entry::Taken(place) | Entry::Exchanged(place) => place,
-            Entry::Refused => panic!("refused"),
+    fn enter(connections: &Arc<Connections>, from: u8) -> Slot {
+        match connections.admit(Some(address(from))) {
+            Admission::Admitted(slot) | Admission::AdmittedByEviction(slot) => slot,
+            Admission::Rejected => panic!("refused"),
         }
     }
 
-    /// Whether it was told to leave.
-    fn leaves(place: &Place) -> bool {
-        !place.0.home.places().all.contains_key(&place.0.id)
+    /// Whether it was evicted.
+    fn is_evicted(slot: &Slot) -> bool {
+        !slot.0.registry.slots().all.contains_key(&slot.0.id)
     }
 
     #[test]
-    fn unknown_ones_that_sit_there_block_nobody_with_a_token() {
+    fn idle_unauthenticated_connections_do_not_block_tokens() {
         let connections = connections(100, 60, 50);
-        let unknown: Vec<Place> = (0..200).map(|i| enter(&connections, i % 4)).collect();
-        assert_eq!(unknown.iter().filter(|place| !leaves(place)).count(), 50, "the other half is reserved");
-        assert!(!leaves(&unknown[199]) && leaves(&unknown[0]), "the oldest left");
-        // Each says its token as soon as it is in, and then stays whatever unknown ones do.
-        let known: Vec<Place> = (0..50)
+        let unauthenticated: Vec<Slot> = (0..200).map(|i| enter(&connections, i % 4)).collect();
+        assert_eq!(
+            unauthenticated.iter().filter(|slot| !is_evicted(slot)).count(),
+            50,
+            "the other half is reserved"
+        );
+        assert!(
+            !is_evicted(&unauthenticated[199]) && is_evicted(&unauthenticated[0]),
+            "the oldest were evicted"
+        );
+        // Each authenticates at once and then keeps its slot.
+        let known: Vec<Slot> = (0..50)
             .map(|_| {
-                let place = enter(&connections, 9);
-                place.guest().brought(Some(token(1)));
-                place
+                let slot = enter(&connections, 9);
+                slot.connection().authenticate(Some(token(1)));
+                slot
             })
             .collect();
-        let more: Vec<Place> = (0..200).map(|i| enter(&connections, i % 4)).collect();
-        assert!(known.iter().all(|place| !leaves(place)));
-        assert_eq!(more.iter().filter(|place| !leaves(place)).count(), 50);
-        drop((unknown, known, more));
-        assert_eq!((connections.open(), connections.places().unknown), (0, 0));
-        assert!(connections.places().unknown_of.is_empty());
+        let more: Vec<Slot> = (0..200).map(|i| enter(&connections, i % 4)).collect();
+        assert!(known.iter().all(|slot| !is_evicted(slot)));
+        assert_eq!(more.iter().filter(|slot| !is_evicted(slot)).count(), 50);
+        drop((unauthenticated, known, more));
+        assert_eq!((connections.open(), connections.slots().unauthenticated), (0, 0));
+        assert!(connections.slots().unauthenticated_of.is_empty());
     }
 
     #[test]
-    fn one_address_gets_its_share_and_no_other_pays_for_it() {
+    fn connections_per_address_are_limited() {
         let connections = connections(100, 10, 0);
         let other = enter(&connections, 1);
-        let greedy: Vec<Place> = (0..30).map(|_| enter(&connections, 2)).collect();
-        assert!(!leaves(&other));
-        assert_eq!(greedy.iter().filter(|place| !leaves(place)).count(), 10);
-        // All of one network of IPv6 count as one address.
-        let of = |text: &str| Group::of(Some(text.parse().expect("an address")));
+        let greedy: Vec<Slot> = (0..30).map(|_| enter(&connections, 2)).collect();
+        assert!(!is_evicted(&other));
+        assert_eq!(greedy.iter().filter(|slot| !is_evicted(slot)).count(), 10);
+        // An IPv6 /64 counts as one address.
+        let of = |text: &str| AddressGroup::of(Some(text.parse().expect("an address")));
         assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:1"));
         assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
         assert_eq!(of("::ffff:192.0.2.7"), of("192.0.2.7"));
     }
 
     #[test]
-    fn who_is_being_answered_is_not_closed_for_another() {
+    fn busy_connections_are_not_evicted() {
         let connections = connections(2, 2, 0);
-        let places = [enter(&connections, 1), enter(&connections, 2)];
-        for place in &places {
-            place.guest().received();
-            place.guest().begin();
+        let slots = [enter(&connections, 1), enter(&connections, 2)];
+        for slot in &slots {
+            slot.connection().received();
+            slot.connection().request_started();
         }
-        assert!(matches!(connections.enter(Some(address(3))), Entry::Refused));
-        places[1].guest().answered();
+        assert!(matches!(connections.admit(Some(address(3))), Admission::Rejected));
+        slots[1].connection().request_answered();
         assert!(
-            matches!(connections.enter(Some(address(3))), Entry::Refused),
-            "the answer is not on its way yet"
+            matches!(connections.admit(Some(address(3))), Admission::Rejected),
+            "the response is not written yet"
         );
-        places[1].guest().flushed();
-        assert!(places[1].guest().is_idle());
-        // Half a head does not count.
-        places[1].guest().received();
+        slots[1].connection().flushed();
+        assert!(slots[1].connection().is_idle());
+        // A partial head does not prevent eviction.
+        slots[1].connection().received();
         let _third = enter(&connections, 3);
-        assert!(leaves(&places[1]) && !leaves(&places[0]));
+        assert!(is_evicted(&slots[1]) && !is_evicted(&slots[0]));
     }
 
-    /// Tokens may fill everything, then the one that has most gives way.
+    /// Authenticated connections may fill all slots; then the token with most connections loses one.
     #[test]
-    fn one_token_does_not_keep_out_the_others() {
+    fn largest_token_loses_a_connection() {
         let connections = connections(10, 10, 5);
-        let greedy: Vec<Place> = (0..9)
+        let greedy: Vec<Slot> = (0..9)
             .map(|_| {
-                let place = enter(&connections, 1);
-                place.guest().brought(Some(token(1)));
-                place
+                let slot = enter(&connections, 1);
+                slot.connection().authenticate(Some(token(1)));
+                slot
             })
             .collect();
         let modest = enter(&connections, 2);
-        modest.guest().brought(Some(token(2)));
+        modest.connection().authenticate(Some(token(2)));
         let third = enter(&connections, 3);
-        assert!(leaves(&greedy[0]) && !leaves(&modest) && !leaves(&third));
-        // A token that is not known any more protects nobody.
-        greedy[1].guest().brought(None);
-        third.guest().brought(Some(token(3)));
+        assert!(is_evicted(&greedy[0]) && !is_evicted(&modest) && !is_evicted(&third));
+        // A revoked token does not protect its connection.
+        greedy[1].connection().authenticate(None);
+        third.connection().authenticate(Some(token(3)));
         let _fourth = enter(&connections, 4);
-        assert!(leaves(&greedy[1]) && !leaves(&greedy[2]));
+        assert!(is_evicted(&greedy[1]) && !is_evicted(&greedy[2]));
     }
 
-    /// What one address may have does not bind a proxy; what all may have does.
+    /// The limit per address does not apply to a proxy, the limit of unauthenticated connections does.
     #[test]
-    fn a_proxy_brings_many() {
+    fn limit_per_address_does_not_apply_to_a_proxy() {
         let connections = connections(10, 2, 5);
-        let places: Vec<Place> = (0..6)
-            .map(|_| match connections.enter(None) {
-                Entry::Taken(place) | Entry::Exchanged(place) => place,
-                Entry::Refused => panic!("refused"),
+        let slots: Vec<Slot> = (0..6)
+            .map(|_| match connections.admit(None) {
+                Admission::Admitted(slot) | Admission::AdmittedByEviction(slot) => slot,
+                Admission::Rejected => panic!("refused"),
             })
             .collect();
-        assert_eq!(places.iter().filter(|place| leaves(place)).count(), 1, "five are for the unknown");
+        assert_eq!(
+            slots.iter().filter(|slot| is_evicted(slot)).count(),
+            1,
+            "five slots are for unauthenticated connections"
+        );
     }
 
-    /// Of several requests on one connection it is busy until the last one is done, however that one ends.
+    /// A connection stays busy until its last request ends.
     #[test]
-    fn several_requests_at_a_time_are_counted() {
+    fn concurrent_requests_are_counted() {
         let connections = connections(1, 1, 0);
-        let place = enter(&connections, 1);
-        let guest = place.guest();
-        guest.received();
-        guest.begin();
-        guest.begin();
-        guest.answered();
-        assert!(guest.is_busy() && !guest.is_idle() && !guest.can_go());
-        guest.flushed();
-        assert!(guest.is_busy(), "the other one is still being answered");
-        guest.gave_up();
-        assert!(!guest.is_busy() && guest.is_idle(), "nothing is to be written for what was given up");
-        guest.begin();
-        guest.answered();
-        assert!(!guest.is_busy() && !guest.can_go(), "the answer is not on its way yet");
-        guest.flushed();
-        assert!(guest.is_idle());
-        guest.gave_up();
-        assert!(guest.is_idle(), "one too many does no harm");
+        let slot = enter(&connections, 1);
+        let connection = slot.connection();
+        connection.received();
+        connection.request_started();
+        connection.request_started();
+        connection.request_answered();
+        assert!(connection.is_busy() && !connection.is_idle() && !connection.is_evictable());
+        connection.flushed();
+        assert!(connection.is_busy(), "the other request is in flight");
+        connection.request_aborted();
+        assert!(!connection.is_busy() && connection.is_idle(), "nothing is written for an aborted request");
+        connection.request_started();
+        connection.request_answered();
+        assert!(!connection.is_busy() && !connection.is_evictable(), "the response is not written yet");
+        connection.flushed();
+        assert!(connection.is_idle());
+        connection.request_aborted();
+        assert!(connection.is_idle(), "a surplus call has no effect");
     }
 
     #[tokio::test]
-    async fn who_has_to_leave_is_told_and_the_last_one_is_noticed() {
+    async fn eviction_is_signalled_and_all_closed_returns() {
         let connections = connections(1, 1, 0);
         let first = enter(&connections, 1);
         let second = enter(&connections, 1);
-        first.guest().told_to_leave().await;
+        first.connection().evicted().await;
         assert_eq!(connections.open(), 2, "not closed yet");
         drop(first);
         drop(second);

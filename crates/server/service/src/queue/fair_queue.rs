@@ -1,30 +1,31 @@
-//! The queue of work, fair between those who ask: everybody's work waits in a lane of its own, and lanes take turns by
-//! what their work costs (deficit round robin: Shreedhar and Varghese, SIGCOMM 1995).
+//! A queue that is fair between clients: each client has a lane of its own, and lanes take turns by the cost of their
+//! work (deficit round robin: Shreedhar and Varghese, SIGCOMM 1995).
 //!
-//! Who sends a lot fills their own lane and nobody else's. A lane may hold as much as is still free (dynamic thresholds:
-//! Choudhury and Hahne, 1998): alone half of the queue, two a third each, so there is always room for one who comes new.
-//! Within a lane small work goes before large work, but never for ever.
+//! A client that sends much fills only its own lane. A lane may hold at most as many items as there are free slots
+//! (dynamic thresholds: Choudhury and Hahne, 1998): one lane half of the queue, two lanes a third each. So there is
+//! always a slot for a new client. Within a lane, small work goes before large work, but a large item waits for at
+//! most `STREAK` small ones.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZeroUsize;
 
-/// What a lane may spend each turn: a query of 1024 rows.
+/// Budget of a lane per turn: the cost of a query of 1024 rows.
 const QUANTUM: u64 = 1024;
 
-/// Work that costs no more is small.
+/// Largest cost of small work.
 const SMALL: u64 = 1024 + 256;
 
-/// Small work that goes before large work of the same lane, at most so much in a row.
+/// Maximum number of small items in a row while large work waits in the same lane.
 const STREAK: u32 = 3;
 
 struct Lane<T> {
     small: VecDeque<(u64, T)>,
     large: VecDeque<(u64, T)>,
-    /// Small ones in a row.
+    /// Small items in a row.
     streak: u32,
-    /// What it may still spend.
+    /// Unused budget.
     deficit: u64,
-    /// What its waiting work costs.
+    /// Total cost of its items.
     cost: u64,
 }
 
@@ -57,49 +58,49 @@ impl<T> Lane<T> {
     }
 }
 
-/// Work of those who share a lane by their key; `None` where nobody is told apart, whose lane may fill the queue.
+/// A queue with one lane per key. `None` is the lane of clients that are not distinguished; it may fill the queue.
 pub struct FairQueue<K, T> {
     lanes: BTreeMap<Option<K>, Lane<T>>,
-    /// Whose turn it is, then whose next; every lane with work once.
+    /// Keys of all non-empty lanes, in order of their turns.
     turns: VecDeque<Option<K>>,
     capacity: usize,
     len: usize,
 }
 
 impl<K: Ord + Copy, T> FairQueue<K, T> {
-    /// With room for so many.
+    /// An empty queue for at most `capacity` items.
     pub fn new(capacity: NonZeroUsize) -> Self {
         Self { lanes: BTreeMap::new(), turns: VecDeque::new(), capacity: capacity.get(), len: 0 }
     }
 
-    /// How many wait.
+    /// Number of items.
     pub const fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether nobody waits.
+    /// Whether the queue is empty.
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Whether there is room for one more in this lane.
+    /// Whether this lane may take one more item.
     pub fn has_room(&self, key: Option<K>) -> bool {
         let free = self.capacity - self.len;
         let held = self.lanes.get(&key).map_or(0, Lane::len);
         if key.is_none() { free > 0 } else { held < free }
     }
 
-    /// What is done, at most, before work that is put into this lane now: all that is in it, and of every other lane as
-    /// much as gets its turns meanwhile.
+    /// Upper bound of the cost that is done before work pushed to this lane now: all of this lane, and of every other
+    /// lane what it can spend in the meantime.
     pub fn ahead(&self, key: Option<K>, cost: u64) -> u64 {
         let own = self.lanes.get(&key).map_or(0, |lane| lane.cost);
-        // What a lane may be ahead by is the largest piece of work.
+        // A lane may be ahead by the cost of the largest item.
         let turns = own + cost + 5 * QUANTUM;
         let others = self.lanes.iter().filter(|(other, _)| **other != key);
         own + others.map(|(_, lane)| lane.cost.min(turns)).sum::<u64>()
     }
 
-    /// Puts work into a lane, room or not: see [`Self::has_room`].
+    /// Pushes an item without checking the limit, see [`Self::has_room`].
     pub fn push(&mut self, key: Option<K>, cost: u64, work: T) {
         let lane = self.lanes.entry(key).or_default();
         if lane.len() == 0 {
@@ -114,7 +115,7 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
         self.len += 1;
     }
 
-    /// Takes out what is not to be kept; nobody's turn changes.
+    /// Removes the items for which `keep` is false; the order of turns does not change.
     pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
         for lane in self.lanes.values_mut() {
             lane.small.retain(|(_, work)| keep(work));
@@ -126,7 +127,7 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
         self.len = self.lanes.values().map(Lane::len).sum();
     }
 
-    /// The work whose turn it is, and its cost.
+    /// Pops the next item and its cost.
     pub fn pop(&mut self) -> Option<(u64, T)> {
         loop {
             let key = *self.turns.front()?;
@@ -137,7 +138,7 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
                     let popped = lane.pop();
                     self.len -= 1;
                     if lane.len() == 0 {
-                        // Who has nothing to do saves nothing up.
+                        // An empty lane keeps no unused budget.
                         self.turns.pop_front();
                         self.lanes.remove(&key);
                     }
@@ -164,7 +165,7 @@ mod tests {
         FairQueue::new(NonZeroUsize::new(capacity).expect("not zero"))
     }
 
-    /// Whatever each sends, over any stretch nobody who has work waiting is behind another by more than a turn and a piece.
+    /// Over any stretch, no lane with work is behind another by more than one turn and one item.
     #[test]
     fn lanes_share_by_cost() {
         let mut queue = queue(10_000);
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn who_sends_much_waits_in_a_lane_of_its_own() {
+    fn lanes_have_dynamic_thresholds() {
         let mut queue = queue(32);
         let mut sent = 0;
         while queue.has_room(Some(1)) {
@@ -197,16 +198,16 @@ mod tests {
             second += 1;
         }
         assert_eq!(second, 8, "half of the rest");
-        assert!(queue.has_room(Some(3)), "and always room for one who comes new");
-        // The small ones of the second do not wait for all of the first.
-        let order: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|(_, who)| who).collect();
-        let last_of_second = order.iter().rposition(|who| *who == 2).expect("done");
+        assert!(queue.has_room(Some(3)), "there is a slot for a new client");
+        // Small items of the second lane do not wait for all of the first.
+        let order: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|(_, lane)| lane).collect();
+        let last_of_second = order.iter().rposition(|lane| *lane == 2).expect("done");
         assert!(last_of_second < 10, "{order:?}");
         assert_eq!((order.len(), queue.len()), (24, 0));
     }
 
     #[test]
-    fn small_work_goes_first_and_large_work_goes_too() {
+    fn small_work_first_without_starving_large_work() {
         let mut queue = queue(100);
         (0..3).for_each(|i| queue.push(None, 4000, 100 + i));
         (0..9).for_each(|i| queue.push(None, 500, i));
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn those_not_told_apart_may_fill_the_queue() {
+    fn anonymous_lane_may_fill_the_queue() {
         let mut queue = queue(3);
         for i in 0..3 {
             assert!(queue.has_room(None));
@@ -225,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_taken_out_leaves_room_and_costs_nothing() {
+    fn removed_items_free_slots_and_cost() {
         let mut queue = queue(6);
         for (key, cost, work) in
             [(1, 500, 0), (1, 4000, 1), (2, 500, 2), (2, 4000, 3), (3, 500, 4), (3, 500, 6)]
@@ -244,9 +245,9 @@ mod tests {
         assert_eq!(queue.pop(), None);
     }
 
-    /// What is told to be ahead is what is done before, at most.
+    /// `ahead` is an upper bound.
     #[test]
-    fn what_is_ahead_is_not_understated() {
+    fn ahead_is_an_upper_bound() {
         for own in [0, 1, 5] {
             let mut queue = queue(1000);
             (0..40).for_each(|_| queue.push(Some(1), 4096, 0));

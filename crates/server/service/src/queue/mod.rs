@@ -1,20 +1,20 @@
-//! Who is let in and whose turn it is, without a word about HTTP or localization.
+//! Admission and scheduling, independent of HTTP and localization.
 //!
-//! - [`Connections`]: which connections may be open, in all, of one address, and with a known token.
-//! - [`FairQueue`]: whose work is done next, so that who sends much waits longer and nobody else does.
-//! - [`Throttle`]: which log lines are written one by one and which are summed up.
+//! - [`Connections`]: limits of open connections in total, per address, and for authenticated clients.
+//! - [`FairQueue`]: schedules work so that a client that sends much delays only itself.
+//! - [`LogThrottle`]: limits log lines per kind and counts the suppressed ones.
 //!
-//! Nothing here reads a clock, so all of it is tested without one. `veiloc-service` is the user.
+//! Nothing here reads a clock, so the tests need none.
 //!
 //! ```
 //! use std::num::NonZeroUsize;
 //! use veiloc_service::queue::FairQueue;
 //!
 //! let mut queue: FairQueue<u8, &str> = FairQueue::new(NonZeroUsize::new(32).expect("not zero"));
-//! (0..10).for_each(|_| queue.push(Some(1), 4096, "of who sends much"));
-//! queue.push(Some(2), 512, "of who sends little");
+//! (0..10).for_each(|_| queue.push(Some(1), 4096, "of a busy client"));
+//! queue.push(Some(2), 512, "of a quiet client");
 //! let order: Vec<&str> = std::iter::from_fn(|| queue.pop()).map(|(_, work)| work).collect();
-//! assert!(order.iter().position(|work| *work == "of who sends little").expect("done") < 2);
+//! assert!(order.iter().position(|work| *work == "of a quiet client").expect("done") < 2);
 //! ```
 #![forbid(unsafe_code)]
 
@@ -22,6 +22,6 @@ mod connections;
 mod fair_queue;
 mod throttle;
 
-pub use connections::{Connections, Entry, Guest, Limits, Place};
+pub use connections::{Admission, Connection, ConnectionLimits, Connections, Slot};
 pub use fair_queue::FairQueue;
-pub use throttle::{Kind, Throttle};
+pub use throttle::{LogKind, LogThrottle};

@@ -1,37 +1,37 @@
-//! Log lines that clients without a token can cause are summed up, so that nobody without a token can fill a disk with them.
+//! Limits the log lines that unauthenticated clients can cause, so that they cannot fill a disk.
 //!
-//! Of each kind the first few in a minute are written; the others are counted, and one line a minute tells how many.
-//! Kinds are statuses with the name of a problem, so there are few of them.
+//! The first few lines of each kind per minute are written; the others are counted, and one line per minute reports
+//! the count. A kind is a status and the name of a problem, so their number is bounded.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-/// Lines of one kind that are written between two sums: 10 a minute are some 2 MB a day.
+/// Lines of one kind per interval: 10 per minute are about 2 MB a day.
 const LINES: u64 = 10;
 
-/// Status and problem.
-pub type Kind = (u16, &'static str);
+/// Status, and name of the problem.
+pub type LogKind = (u16, &'static str);
 
-/// What was asked to be logged since the last sum.
+/// Lines of each kind since the last report.
 #[derive(Debug, Default)]
-pub struct Throttle(Mutex<BTreeMap<Kind, u64>>);
+pub struct LogThrottle(Mutex<BTreeMap<LogKind, u64>>);
 
-impl Throttle {
-    /// Whether a line of this kind is to be written; one that is not is counted.
-    pub fn admits(&self, kind: Kind) -> bool {
+impl LogThrottle {
+    /// Whether to write a line of this kind; suppressed lines are counted.
+    pub fn should_log(&self, kind: LogKind) -> bool {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let asked = counts.entry(kind).or_default();
-        *asked += 1;
-        *asked <= LINES
+        let lines = counts.entry(kind).or_default();
+        *lines += 1;
+        *lines <= LINES
     }
 
-    /// How many lines of each kind were left out since the last sum; begins anew.
-    pub fn sum(&self) -> Vec<(Kind, u64)> {
+    /// Numbers of suppressed lines since the last call; resets the counts.
+    pub fn take_suppressed(&self) -> Vec<(LogKind, u64)> {
         let counts = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
         counts
             .into_iter()
-            .filter(|(_, asked)| *asked > LINES)
-            .map(|(kind, asked)| (kind, asked - LINES))
+            .filter(|(_, lines)| *lines > LINES)
+            .map(|(kind, lines)| (kind, lines - LINES))
             .collect()
     }
 }
@@ -41,12 +41,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_are_written_and_the_rest_are_summed() {
-        let throttle = Throttle::default();
+    fn first_lines_are_written_and_the_rest_counted() {
+        let throttle = LogThrottle::default();
         let (a, b) = ((401, "unauthenticated"), (404, "not-found"));
-        assert_eq!((0..100_000).filter(|_| throttle.admits(a)).count() as u64, LINES);
-        assert!(throttle.admits(b), "another kind has its own lines");
-        assert_eq!(throttle.sum(), [(a, 100_000 - LINES)]);
-        assert!(throttle.sum().is_empty() && throttle.admits(a), "begins anew");
+        assert_eq!((0..100_000).filter(|_| throttle.should_log(a)).count() as u64, LINES);
+        assert!(throttle.should_log(b), "another kind has its own limit");
+        assert_eq!(throttle.take_suppressed(), [(a, 100_000 - LINES)]);
+        assert!(throttle.take_suppressed().is_empty() && throttle.should_log(a), "the counts were reset");
     }
 }

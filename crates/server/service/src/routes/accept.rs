@@ -1,17 +1,17 @@
-//! Which form of answer a client gets: `Accept` (RFC 9110, 12.5.1).
+//! Content negotiation: the `Accept` header (RFC 9110, 12.5.1).
 
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT;
 
-/// A form of answer.
+/// Format of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum AnswerFormat {
     Json,
     Protobuf,
 }
 
-impl Form {
-    /// All forms, the one that is given when the client has no wish first.
+impl AnswerFormat {
+    /// All formats; the first is the default.
     const ALL: [Self; 2] = [Self::Json, Self::Protobuf];
 
     pub(super) const fn content_type(self) -> &'static str {
@@ -21,20 +21,24 @@ impl Form {
         }
     }
 
-    /// The form the client likes best: of the greatest weight, then as exactly named as possible, then the first it names,
-    /// then the first of ours.
+    /// The format that the client prefers: the greatest weight, then the most specific range, then the first in the
+    /// header, then our order.
     ///
-    /// A client that takes none of our forms gets JSON, which the standard allows.
+    /// A client that accepts none of our formats gets JSON, which RFC 9110 allows.
     pub(super) fn negotiate(headers: &HeaderMap) -> Self {
         let ranges = ranges(headers);
-        let mut best: Option<(Wish, Self)> = None;
-        for form in Self::ALL {
-            let Some(wish) = wish(&ranges, form).filter(|wish| wish.thousandths > 0) else { continue };
-            if best.is_none_or(|(other, _)| wish.is_stronger_than(other)) {
-                best = Some((wish, form));
+        let mut best: Option<(Preference, Self)> = None;
+        for format in Self::ALL {
+            let Some(preference) =
+                preference(&ranges, format).filter(|preference| preference.thousandths > 0)
+            else {
+                continue;
+            };
+            if best.is_none_or(|(other, _)| preference.is_stronger_than(other)) {
+                best = Some((preference, format));
             }
         }
-        best.map_or(Self::Json, |(_, form)| form)
+        best.map_or(Self::Json, |(_, format)| format)
     }
 }
 
@@ -44,17 +48,19 @@ struct Range {
     thousandths: u32,
 }
 
-/// How much a form is wanted.
+/// Preference of the client for a format.
 #[derive(Debug, Clone, Copy)]
-struct Wish {
+struct Preference {
     thousandths: u32,
-    exactness: u8,
+    specificity: u8,
     index: usize,
 }
 
-impl Wish {
+impl Preference {
     fn is_stronger_than(self, other: Self) -> bool {
-        let key = |wish: Self| (wish.thousandths, wish.exactness, std::cmp::Reverse(wish.index));
+        let key = |preference: Self| {
+            (preference.thousandths, preference.specificity, std::cmp::Reverse(preference.index))
+        };
         key(self) > key(other)
     }
 }
@@ -68,30 +74,30 @@ fn range(text: &str) -> Range {
     let mut parts = text.split(';').map(str::trim);
     let name = parts.next().unwrap_or_default().to_ascii_lowercase();
     let mut parameters = parts.filter_map(|part| part.split_once('='));
-    // Our types have no parameters; what a client adds to them is no reason not to give it the type.
+    // Our media types have no parameters; parameters of the client are ignored.
     let weight = parameters.find(|(key, _)| key.trim().eq_ignore_ascii_case("q"));
     Range { name, thousandths: weight.map_or(1000, |(_, value)| thousandths(value.trim())) }
 }
 
-/// The most exact range that a form falls into decides, the first of equals; `None` when it falls into none.
-fn wish(ranges: &[Range], form: Form) -> Option<Wish> {
-    let exactness = |range: &Range| match range.name.as_str() {
+/// The most specific matching range, the first of equals; `None` if no range matches.
+fn preference(ranges: &[Range], format: AnswerFormat) -> Option<Preference> {
+    let specificity = |range: &Range| match range.name.as_str() {
         "*/*" => Some(0),
         "application/*" => Some(1),
-        other if other == form.content_type() => Some(2),
+        other if other == format.content_type() => Some(2),
         _ => None,
     };
-    let mut best: Option<Wish> = None;
+    let mut best: Option<Preference> = None;
     for (index, range) in ranges.iter().enumerate() {
-        let Some(exactness) = exactness(range) else { continue };
-        if best.is_none_or(|wish| exactness > wish.exactness) {
-            best = Some(Wish { thousandths: range.thousandths, exactness, index });
+        let Some(specificity) = specificity(range) else { continue };
+        if best.is_none_or(|preference| specificity > preference.specificity) {
+            best = Some(Preference { thousandths: range.thousandths, specificity, index });
         }
     }
     best
 }
 
-/// A weight between 0 and 1 as HTTP writes it, in thousandths; nonsense counts as no wish.
+/// A weight between 0 and 1, in thousandths; an invalid weight counts as 0.
 fn thousandths(text: &str) -> u32 {
     text.parse::<f32>().ok().filter(|q| (0.0..=1.0).contains(q)).map_or(0, |q| (q * 1000.0).round() as u32)
 }
@@ -101,40 +107,40 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_best_form_that_can_be_given_is_given() {
-        // Asked for, answered.
+    fn preferred_available_format_is_chosen() {
+        // Header, chosen format.
         for (accept, given) in [
-            ("", Form::Json),
-            ("*/*", Form::Json),
-            ("application/*", Form::Json),
-            ("text/html", Form::Json),
-            ("text/html, */*;q=0.1", Form::Json),
-            ("application/x-protobuf", Form::Protobuf),
-            ("Application/X-Protobuf", Form::Protobuf),
-            ("application/x-protobuf; charset=\"x\"", Form::Protobuf),
-            ("application/json, application/x-protobuf", Form::Json),
-            ("application/x-protobuf, application/json", Form::Protobuf),
-            ("application/json;q=0.5, application/x-protobuf;q=0.9", Form::Protobuf),
-            ("text/html, application/x-protobuf;q=0.1", Form::Protobuf),
-            ("*/*, application/x-protobuf", Form::Protobuf),
-            ("*/*, application/x-protobuf;q=0.9", Form::Json),
-            ("*/*, application/json;q=0.1", Form::Protobuf),
-            ("application/x-protobuf;q=0", Form::Json),
-            ("application/x-protobuf;q=NaN", Form::Json),
-            ("application/x-protobuf;q=-3", Form::Json),
-            (";;=,q=,;charset", Form::Json),
+            ("", AnswerFormat::Json),
+            ("*/*", AnswerFormat::Json),
+            ("application/*", AnswerFormat::Json),
+            ("text/html", AnswerFormat::Json),
+            ("text/html, */*;q=0.1", AnswerFormat::Json),
+            ("application/x-protobuf", AnswerFormat::Protobuf),
+            ("Application/X-Protobuf", AnswerFormat::Protobuf),
+            ("application/x-protobuf; charset=\"x\"", AnswerFormat::Protobuf),
+            ("application/json, application/x-protobuf", AnswerFormat::Json),
+            ("application/x-protobuf, application/json", AnswerFormat::Protobuf),
+            ("application/json;q=0.5, application/x-protobuf;q=0.9", AnswerFormat::Protobuf),
+            ("text/html, application/x-protobuf;q=0.1", AnswerFormat::Protobuf),
+            ("*/*, application/x-protobuf", AnswerFormat::Protobuf),
+            ("*/*, application/x-protobuf;q=0.9", AnswerFormat::Json),
+            ("*/*, application/json;q=0.1", AnswerFormat::Protobuf),
+            ("application/x-protobuf;q=0", AnswerFormat::Json),
+            ("application/x-protobuf;q=NaN", AnswerFormat::Json),
+            ("application/x-protobuf;q=-3", AnswerFormat::Json),
+            (";;=,q=,;charset", AnswerFormat::Json),
         ] {
             let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(Form::negotiate(&headers), given, "{accept:?}");
+            assert_eq!(AnswerFormat::negotiate(&headers), given, "{accept:?}");
         }
-        assert_eq!(Form::negotiate(&HeaderMap::new()), Form::Json);
-        // Several headers count as one.
+        assert_eq!(AnswerFormat::negotiate(&HeaderMap::new()), AnswerFormat::Json);
+        // Repeated headers count as one.
         let both =
             ["text/html", "application/x-protobuf;q=0.3"].map(|v| (ACCEPT, v.parse().expect("a header")));
         let mut headers = HeaderMap::new();
         for (name, value) in both {
             headers.append(name, value);
         }
-        assert_eq!(Form::negotiate(&headers), Form::Protobuf);
+        assert_eq!(AnswerFormat::negotiate(&headers), AnswerFormat::Protobuf);
     }
 }

@@ -1,4 +1,4 @@
-//! Reading a body: at most so many bytes, within so much time.
+//! Reads request bodies with a size limit and a time limit.
 
 use std::time::Duration;
 
@@ -9,10 +9,10 @@ use http_body_util::BodyExt as _;
 
 use crate::problem::Problem;
 
-/// Most bytes that are read only to be thrown away.
+/// Maximum number of bytes that are read and discarded.
 const MAX_DRAINED: usize = 4 << 20;
 
-/// The whole body.
+/// Reads the whole body.
 pub(super) async fn read(body: &mut Body, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
     if body.size_hint().lower() > limit as u64 {
         return Err(Problem::TooLarge { limit });
@@ -32,10 +32,10 @@ pub(super) async fn read(body: &mut Body, limit: usize, time: Duration) -> Resul
     tokio::time::timeout(time, all).await.unwrap_or(Err(Problem::TooSlow { seconds: time.as_secs().max(1) }))
 }
 
-/// Reads what is left of a body whose request was refused, without keeping it.
+/// Reads and discards the rest of the body of a refused request.
 ///
-/// Closing a connection while the other side still writes makes its system throw away the answer it has not read yet.
-/// So the answer comes after the body, unless the client waits to be told whether to send it.
+/// If the server closes a connection while the client still writes, the client's system discards the response that it
+/// has not read. So the response is sent after the body, unless the client waits for `100 Continue`.
 pub(super) async fn drain(mut body: Body, headers: &HeaderMap, time: Duration) {
     if headers.contains_key(EXPECT) {
         return;
@@ -49,6 +49,6 @@ pub(super) async fn drain(mut body: Body, headers: &HeaderMap, time: Duration) {
             }
         }
     };
-    // Too slow to be told in comfort is no reason to wait longer.
+    // A client that is too slow is not waited for any longer.
     let _ = tokio::time::timeout(time, all).await;
 }

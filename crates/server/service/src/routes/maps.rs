@@ -1,4 +1,4 @@
-//! Which maps there are, and what a device needs to seal for one.
+//! The list of maps, and the profiles with which devices seal.
 
 use std::sync::Arc;
 
@@ -11,71 +11,71 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::admit::{admit, asked};
+use super::authorize::{authenticate, authorize_map};
 use super::versions::version;
 use crate::problem::Problem;
-use crate::queue::Guest;
+use crate::queue::Connection;
 use crate::state::App;
-use crate::telemetry::Trail;
+use crate::telemetry::RequestContext;
 
-/// All maps that the token may ask for.
+/// All maps that the token may use.
 #[derive(Serialize, ToSchema)]
 pub(super) struct MapList {
-    /// In the order the operator gave them, then those of the folder; without those that cannot be opened.
+    /// In configured order, then those of the maps folder; without maps that cannot be opened.
     maps: Vec<MapEntry>,
 }
 
 /// A map.
 #[derive(Serialize, ToSchema)]
 struct MapEntry {
-    /// Part of its addresses.
+    /// Name of the map, a part of its addresses.
     name: String,
     /// Registered images.
     images: usize,
     /// Map points.
     points: usize,
-    /// Name of its profile: 32 hexadecimal digits, the first half of the SHA-256 of its bytes.
+    /// Id of its profile: 32 hexadecimal digits, the first half of the SHA-256 of its bytes.
     profile_id: String,
 }
 
-/// The maps that are served and that the token may ask for.
+/// The maps that the token may use.
 #[utoipa::path(get, path = "/v1/maps", security(("token" = [])), responses(
-    (status = 200, description = "All maps that the token may ask for", body = MapList),
+    (status = 200, description = "All maps that the token may use", body = MapList),
 ))]
 pub(super) async fn list(
     State(app): State<Arc<App>>,
-    Extension(guest): Extension<Arc<Guest>>,
-    Extension(trail): Extension<Arc<Trail>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let caller = admit(&app, &guest, &trail, &headers)?;
+    let caller = authenticate(&app, &connection, &context, &headers)?;
     let slots = app.maps.slots();
     let own = slots.iter().filter(|slot| caller.may_ask_for(slot.name()));
-    let maps = own.filter_map(|slot| slot.current()).map(|hosted| MapEntry {
-        name: hosted.name.clone(),
-        images: hosted.images,
-        points: hosted.points,
-        profile_id: hosted.profile_id.clone(),
+    let maps = own.filter_map(|slot| slot.current()).map(|loaded| MapEntry {
+        name: loaded.name.clone(),
+        images: loaded.images,
+        points: loaded.points,
+        profile_id: loaded.profile_id.clone(),
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())
 }
 
-/// The profile a device seals with: one `veiloc.v1.Profile` message. Its `ETag` changes when it does.
+/// The profile with which a device seals: one `veiloc.v1.Profile` message. Its `ETag` changes with the profile.
 #[utoipa::path(get, path = "/v1/maps/{name}/profile", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map")),
     responses(
         (status = 200, description = "The profile", body = Vec<u8>, content_type = "application/x-protobuf"),
-        (status = 304, description = "The one the client has (If-None-Match)"),
+        (status = 304, description = "The client has the current profile (If-None-Match)"),
 ))]
 pub(super) async fn profile(
     State(app): State<Arc<App>>,
-    Extension(guest): Extension<Arc<Guest>>,
-    Extension(trail): Extension<Arc<Trail>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let hosted = asked(&app, &guest, &trail, name, &headers)?;
+    let loaded = authorize_map(&app, &connection, &context, name, &headers)?;
     let common = [(CACHE_CONTROL, "no-cache")];
-    Ok((common, version(&hosted.profile, None, "application/x-protobuf", &headers)).into_response())
+    Ok((common, version(&loaded.profile, None, "application/x-protobuf", &headers)).into_response())
 }

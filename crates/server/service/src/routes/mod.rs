@@ -1,17 +1,17 @@
 //! The addresses of the service.
 
 mod accept;
-mod admit;
+mod authorize;
 mod body;
 mod localize;
 mod maps;
 mod openapi;
 mod page;
 mod record;
+mod request_options;
 mod rig;
 mod status;
 mod versions;
-mod wishes;
 
 use std::sync::Arc;
 
@@ -26,9 +26,9 @@ use crate::cors::cors;
 use crate::problem::Problem;
 use crate::state::App;
 
-/// All addresses.
+/// Router of the listeners for queries.
 pub(crate) fn router(app: Arc<App>) -> Router {
-    // Without a page there is nothing of it: its addresses are as unknown as any others.
+    // Without a page, its addresses are unknown like any others.
     let page = match &app.options.page {
         Some(_) => Router::new()
             .route("/", get(page::index))
@@ -51,7 +51,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .with_state(app)
 }
 
-/// The addresses of the operator's own listener.
+/// Router of the operator's listener.
 pub(crate) fn admin_router(app: Arc<App>) -> Router {
     Router::new()
         .route("/healthz", get(status::health))

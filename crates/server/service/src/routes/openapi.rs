@@ -1,5 +1,4 @@
-//! All addresses described as an OpenAPI document, and the address of that. What is the same for many of them, refusals and
-//! headers, is written in by `answers.rs`.
+//! The OpenAPI document, and its address. `answers.rs` adds refusals and headers that many addresses share.
 
 mod answers;
 
@@ -24,7 +23,7 @@ pub(super) async fn openapi() -> Response {
 /// The service as an OpenAPI 3.1 document.
 pub fn openapi_json() -> String {
     // A document of strings always serializes.
-    Description::openapi().to_pretty_json().unwrap_or_default()
+    ApiDocument::openapi().to_pretty_json().unwrap_or_default()
 }
 
 #[derive(OpenApi)]
@@ -47,7 +46,7 @@ pub fn openapi_json() -> String {
     components(schemas(ProblemDocument)),
     modifiers(&Bearer, &Answers)
 )]
-struct Description;
+struct ApiDocument;
 
 struct Bearer;
 

@@ -1,4 +1,4 @@
-//! Several sealed queries in, one pose out.
+//! Localization of a rig: several sealed queries in, one pose out.
 
 use std::sync::Arc;
 
@@ -11,15 +11,15 @@ use axum::response::Response;
 use veiloc_protocol::AnswerDocument;
 
 use super::localize::serve;
-use crate::asked::Kind;
-use crate::queue::Guest;
+use crate::decoded_request::BodyKind;
+use crate::queue::Connection;
 use crate::state::App;
-use crate::telemetry::Trail;
+use crate::telemetry::RequestContext;
 
-/// Where the device was that took the images of a session.
+/// The pose of the rig of a session.
 ///
-/// The body holds up to 32 sealed queries with their relative poses (docs/reference/http.md). The answer is that of a single query
-/// with the rig in the camera's place. After 408, 429, 503 or 504 the same bytes may be sent again.
+/// The body holds up to 32 sealed queries with their relative poses (docs/service.md). The answer is like that of a
+/// single query, with the pose of the rig. After 408, 429, 503 or 504 the client may send the same bytes again.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize-rig", security(("token" = [])),
     params(
         ("name" = String, Path, description = "Name of the map"),
@@ -31,18 +31,18 @@ use crate::telemetry::Trail;
         (Vec<u8> = "application/octet-stream"),
     )),
     responses(
-        (status = 200, description = "The pose, in the form that `Accept` asks for", content(
+        (status = 200, description = "The pose, in the form that `Accept` requests", content(
             (AnswerDocument = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
         )),
 ))]
 pub(super) async fn localize_rig(
     State(app): State<Arc<App>>,
-    Extension(guest): Extension<Arc<Guest>>,
-    Extension(trail): Extension<Arc<Trail>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, &guest, trail, name, headers, body, Kind::Rig).await
+    serve(app, &connection, context, name, headers, body, BodyKind::Rig).await
 }

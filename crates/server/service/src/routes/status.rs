@@ -1,4 +1,4 @@
-//! Is it alive, is it ready, how is it doing.
+//! Liveness, readiness and metrics.
 
 use std::sync::Arc;
 
@@ -8,22 +8,22 @@ use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 
-use crate::maps::Named;
+use crate::maps::MapLookup;
 use crate::problem::Problem;
 use crate::state::{App, Readiness};
-use crate::telemetry::Trail;
+use crate::telemetry::RequestContext;
 
-/// Whether the process answers at all.
-#[utoipa::path(get, path = "/healthz", responses((status = 200, description = "It does", body = str)))]
+/// Liveness: the process answers.
+#[utoipa::path(get, path = "/healthz", responses((status = 200, description = "The process is alive", body = str)))]
 pub(super) async fn health() -> &'static str {
     "alive\n"
 }
 
-/// Whether it takes queries: at least one map is served, there is a valid file of tokens if any is asked for, and it is
-/// not about to stop. Which maps are not served is told on the operator's listener.
+/// Readiness: at least one map is served, the token file is valid if one is configured, and no shutdown has begun.
+/// The operator's listener lists the maps that are not served.
 #[utoipa::path(get, path = "/readyz", responses(
-    (status = 200, description = "It takes queries, perhaps not for every map", body = str),
-    (status = 503, description = "It does not: it is about to stop, has no map, or no valid file of tokens", body = str),
+    (status = 200, description = "Queries are accepted, perhaps not for every map", body = str),
+    (status = 503, description = "Not ready: shutting down, no map, or no valid file of tokens", body = str),
 ))]
 pub(super) async fn ready(State(app): State<Arc<App>>) -> (StatusCode, String) {
     match app.readiness() {
@@ -33,7 +33,7 @@ pub(super) async fn ready(State(app): State<Arc<App>>) -> (StatusCode, String) {
     }
 }
 
-/// The same for the operator: a line a map that is not served.
+/// Readiness for the operator, with one line per map that is not served.
 pub(super) async fn ready_for_operator(State(app): State<Arc<App>>) -> (StatusCode, String) {
     let readiness = app.readiness();
     let lines =
@@ -52,42 +52,44 @@ pub(super) async fn ready_for_operator(State(app): State<Arc<App>>) -> (StatusCo
     }
 }
 
-/// Whether it takes queries for one map. For the operator.
+/// Readiness of one map, for the operator.
 pub(super) async fn map_ready(
     State(app): State<Arc<App>>,
     Path(name): Path<String>,
 ) -> (StatusCode, &'static str) {
     match (app.readiness(), app.maps.find(&name)) {
-        (_, Named::Unknown) => (StatusCode::NOT_FOUND, "no such map\n"),
-        (Readiness::Ready { .. }, Named::Served(_)) => (StatusCode::OK, "ready\n"),
-        (Readiness::Not(_), Named::Served(_)) => (StatusCode::SERVICE_UNAVAILABLE, "the service is not\n"),
-        (_, Named::Broken) => (StatusCode::SERVICE_UNAVAILABLE, "its file cannot be opened\n"),
+        (_, MapLookup::Unknown) => (StatusCode::NOT_FOUND, "no such map\n"),
+        (Readiness::Ready { .. }, MapLookup::Served(_)) => (StatusCode::OK, "ready\n"),
+        (Readiness::Not(_), MapLookup::Served(_)) => {
+            (StatusCode::SERVICE_UNAVAILABLE, "the service is not\n")
+        }
+        (_, MapLookup::Broken) => (StatusCode::SERVICE_UNAVAILABLE, "its file cannot be opened\n"),
     }
 }
 
-/// Counts and times for Prometheus. For tokens marked `operator`.
+/// Metrics for Prometheus, for tokens marked `operator`.
 #[utoipa::path(get, path = "/metrics", security(("token" = [])), responses(
     (status = 200, description = "Text format", body = String, content_type = "application/openmetrics-text"),
 ))]
 pub(super) async fn metrics(
     State(app): State<Arc<App>>,
-    Extension(trail): Extension<Arc<Trail>>,
+    Extension(context): Extension<Arc<RequestContext>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let caller = app.callers().identify(&headers)?;
-    caller.sign(&trail);
+    caller.record_in(&context);
     if !caller.is_operator() {
         return Err(Problem::Forbidden);
     }
     Ok(metrics_text(&app))
 }
 
-/// The same for whoever reaches the listener that is the operator's alone.
+/// Metrics on the operator's listener, without a token.
 pub(super) async fn metrics_for_operator(State(app): State<Arc<App>>) -> Response {
     metrics_text(&app)
 }
 
-/// What Prometheus calls its text format.
+/// Media type of the text format of Prometheus.
 pub(crate) const METRICS_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 fn metrics_text(app: &App) -> Response {

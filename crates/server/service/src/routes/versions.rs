@@ -1,5 +1,4 @@
-//! What stays as it is between requests, sent as a client can take it and not again: `If-None-Match` and `Accept-Encoding`
-//! (RFC 9110).
+//! Cacheable content: `If-None-Match` and `Accept-Encoding` (RFC 9110).
 
 use crate::web_page::Content;
 use axum::http::header::{
@@ -8,53 +7,53 @@ use axum::http::header::{
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
-/// Nothing where the client has it, else all of it, compressed where it can be and the client takes that. Each of the two has
-/// a tag of its own, which names its very bytes (a strong one).
+/// Responds with 304 if the client has the current version, else with the content, compressed if possible and
+/// accepted. The compressed form has a strong tag of its own.
 pub(super) fn version(
     plain: &Content,
     gzip: Option<&Content>,
     content_type: &'static str,
-    asked: &HeaderMap,
+    headers: &HeaderMap,
 ) -> Response {
-    let (content, encoding) = match gzip.filter(|_| takes_gzip(asked)) {
+    let (content, encoding) = match gzip.filter(|_| accepts_gzip(headers)) {
         Some(gzip) => (gzip, Some([(CONTENT_ENCODING, "gzip")])),
         None => (plain, None),
     };
     let etag = format!("\"{}\"", content.hash());
-    // Caches on the way must not give what is compressed to who cannot read it.
+    // Without `Vary`, a cache could serve compressed content to a client that cannot decompress it.
     let vary = gzip.map(|_| [(VARY, ACCEPT_ENCODING.as_str())]);
-    if knows(asked, &etag) {
+    if matches_etag(headers, &etag) {
         return (StatusCode::NOT_MODIFIED, vary, [(ETAG, etag)]).into_response();
     }
     (vary, encoding, [(ETAG, etag)], [(CONTENT_TYPE, content_type)], content.bytes().clone()).into_response()
 }
 
-/// Whether the client says that it has this version.
-fn knows(headers: &HeaderMap, etag: &str) -> bool {
+/// Whether the client has this version.
+fn matches_etag(headers: &HeaderMap, etag: &str) -> bool {
     let mut tags = words(headers, IF_NONE_MATCH);
     tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
 }
 
-/// Whether the client takes gzip. Only who says so does: nothing said, nothing compressed.
-fn takes_gzip(headers: &HeaderMap) -> bool {
+/// Whether the client explicitly accepts gzip.
+fn accepts_gzip(headers: &HeaderMap) -> bool {
     let mut by_name = None;
     let mut by_star = None;
     for word in words(headers, ACCEPT_ENCODING) {
         let (coding, weight) = word.split_once(';').unwrap_or((word, ""));
         let weight = weight.trim().to_ascii_lowercase();
-        // A weight that is no number is nobody's wish.
-        let is_wished = weight.is_empty()
+        // An invalid weight does not count as accepting.
+        let is_accepted = weight.is_empty()
             || weight.strip_prefix("q=").is_some_and(|q| q.parse().is_ok_and(|q: f32| q > 0.0));
         match coding.trim().to_ascii_lowercase().as_str() {
-            "gzip" | "x-gzip" => by_name = Some(is_wished),
-            "*" => by_star = Some(is_wished),
+            "gzip" | "x-gzip" => by_name = Some(is_accepted),
+            "*" => by_star = Some(is_accepted),
             _ => {}
         }
     }
     by_name.or(by_star).unwrap_or(false)
 }
 
-/// What a header lists, in all its lines.
+/// The list elements of a header, of all its lines.
 fn words(headers: &HeaderMap, name: HeaderName) -> impl Iterator<Item = &str> {
     let values = headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
     values.flat_map(|value| value.split(',')).map(str::trim)
@@ -73,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn gzip_is_for_who_asks() {
+    fn gzip_is_negotiated() {
         for (lines, takes) in [
             (&[][..], false),
             (&[""], false),
@@ -90,12 +89,12 @@ mod tests {
             (&["gzip;q=much"], false),
             (&["gzippy"], false),
         ] {
-            assert_eq!(takes_gzip(&with(ACCEPT_ENCODING, lines)), takes, "{lines:?}");
+            assert_eq!(accepts_gzip(&with(ACCEPT_ENCODING, lines)), takes, "{lines:?}");
         }
     }
 
     #[test]
-    fn versions_are_known_by_their_tags() {
+    fn etags_are_matched() {
         for (lines, known) in [
             (&[][..], false),
             (&["\"a\""], true),
@@ -106,7 +105,7 @@ mod tests {
             (&["a"], false),
             (&["\"ab\""], false),
         ] {
-            assert_eq!(knows(&with(IF_NONE_MATCH, lines), "\"a\""), known, "{lines:?}");
+            assert_eq!(matches_etag(&with(IF_NONE_MATCH, lines), "\"a\""), known, "{lines:?}");
         }
     }
 }

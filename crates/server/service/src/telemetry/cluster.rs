@@ -1,4 +1,4 @@
-//! What an operator may watch of a cluster: what a gateway asks, and what a worker does.
+//! Metrics of a cluster: of gateways and of workers.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,31 +16,32 @@ use crate::telemetry::process::Process;
 
 type Labels = Vec<(&'static str, &'static str)>;
 
-/// From a tenth of a millisecond to ten seconds.
+/// Buckets from 0.1 ms to 10 s.
 const SECONDS: [f64; 15] =
     [0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 3.0, 10.0];
 
-/// How a message to a worker ended, as the gateway sees it.
-const ENDS: [&str; 6] = ["answered", "nobody", "turned-away", "no-reply", "bad-reply", "not-needed"];
+/// Outcomes of a message to a worker, as the gateway sees them.
+const MESSAGE_OUTCOMES: [&str; 6] =
+    ["answered", "nobody", "turned-away", "no-reply", "bad-reply", "not-needed"];
 
-/// What a worker is asked.
-const WANTED: [&str; 3] = ["ping", "search", "pose"];
+/// Kinds of requests to a worker.
+const REQUEST_KINDS: [&str; 3] = ["ping", "search", "pose"];
 
-/// How a worker answered.
-const SAID: [&str; 6] = ["answered", "unanswered", "busy", "twin", "unread", "broken"];
+/// Outcomes of a request, as the worker sees them.
+const REPLY_OUTCOMES: [&str; 6] = ["answered", "unanswered", "busy", "twin", "unread", "broken"];
 
-/// What a worker was at when nobody waited for its answer any more.
-const WHEN: [&str; 2] = ["waiting", "working"];
+/// State of a request when it was cancelled.
+const CANCEL_STAGES: [&str; 2] = ["waiting", "working"];
 
-/// What a gateway counts; clones count together.
+/// Metrics of a gateway; clones share the values.
 #[derive(Clone)]
 pub struct GatewayCounts {
     messages: Family<Labels, Counter>,
     hedges: Counter,
-    road: Histogram,
+    round_trips: Histogram,
     regions: Histogram,
-    editions: Counter,
-    whole: Gauge,
+    manifests: Counter,
+    all_reachable: Gauge,
 }
 
 impl Default for GatewayCounts {
@@ -48,12 +49,12 @@ impl Default for GatewayCounts {
         let counts = Self {
             messages: Family::default(),
             hedges: Counter::default(),
-            road: Histogram::new(SECONDS),
+            round_trips: Histogram::new(SECONDS),
             regions: Histogram::new([1.0, 2.0, 3.0, 4.0, 6.0, 8.0]),
-            editions: Counter::default(),
-            whole: Gauge::default(),
+            manifests: Counter::default(),
+            all_reachable: Gauge::default(),
         };
-        for end in ENDS {
+        for end in MESSAGE_OUTCOMES {
             drop(counts.messages.get_or_create(&vec![("end", end)]));
         }
         counts
@@ -61,48 +62,56 @@ impl Default for GatewayCounts {
 }
 
 impl GatewayCounts {
-    /// A message to a worker that ended so.
+    /// Counts a message to a worker by its outcome.
     pub fn message(&self, end: &'static str) {
         self.messages.get_or_create(&vec![("end", end)]).inc();
     }
 
-    /// The same bytes were sent again before the first were answered.
+    /// Counts a hedged request: the same bytes were sent again before the first answer.
     pub fn hedged(&self) {
         self.hedges.inc();
     }
 
-    /// What the road to a worker and back took beside its work and the wait for it.
-    pub fn road(&self, took: Duration) {
-        self.road.observe(took.as_secs_f64());
+    /// Records the transport time of a message: round trip without queue and work.
+    pub fn round_trip(&self, took: Duration) {
+        self.round_trips.observe(took.as_secs_f64());
     }
 
-    /// A query was asked in so many regions.
-    pub fn asked_regions(&self, count: usize) {
+    /// Records the number of regions in which a query was searched.
+    pub fn regions_searched(&self, count: usize) {
         self.regions.observe(count as f64);
     }
 
-    /// A manifest is asked from now on.
-    pub fn edition(&self) {
-        self.editions.inc();
+    /// Counts an activated manifest.
+    pub fn manifest_activated(&self) {
+        self.manifests.inc();
     }
 
-    /// Whether every region of every map was reached when its manifest was taken.
-    pub fn whole(&self, whole: bool) {
-        self.whole.set(whole.into());
+    /// Sets whether all regions of all maps were reachable when the manifest was activated.
+    pub fn all_reachable(&self, all_reachable: bool) {
+        self.all_reachable.set(all_reachable.into());
     }
 
     pub(crate) fn register(&self, registry: &mut Registry) {
         let registry = registry.sub_registry_with_prefix("cluster");
         registry.register("messages", "Messages to workers, by how they ended", self.messages.clone());
-        registry.register("hedges", "Messages sent again before an answer", self.hedges.clone());
+        registry.register(
+            "hedges",
+            "Hedged requests: messages sent again before an answer",
+            self.hedges.clone(),
+        );
         registry.register(
             "road_seconds",
-            "Time to a worker and back beside its work and the wait for it",
-            self.road.clone(),
+            "Round trip to a worker without queue and work",
+            self.round_trips.clone(),
         );
-        registry.register("regions", "Regions that a query was asked in", self.regions.clone());
-        registry.register("manifests", "Manifests that were taken", self.editions.clone());
-        registry.register("whole", "1 when all regions of all maps could be reached", self.whole.clone());
+        registry.register("regions", "Regions in which a query was searched", self.regions.clone());
+        registry.register("manifests", "Activated manifests", self.manifests.clone());
+        registry.register(
+            "whole",
+            "1 when all regions of all maps are reachable",
+            self.all_reachable.clone(),
+        );
     }
 }
 
@@ -112,24 +121,24 @@ impl fmt::Debug for GatewayCounts {
     }
 }
 
-/// What is read of a worker at the moment of a scrape.
+/// Values of a worker that are read at each scrape.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct WorkerNow {
-    /// Requests that wait.
+pub struct WorkerGauges {
+    /// Queued requests.
     pub queued: usize,
-    /// Threads that localize at the moment.
+    /// Busy threads.
     pub busy: usize,
-    /// Regions and indexes that it holds.
+    /// Loaded regions and indexes.
     pub held: usize,
-    /// Whether it is asked.
+    /// Whether the worker is ready.
     pub ready: bool,
 }
 
-/// What a worker counts, with the registry that a scrape reads.
+/// Metrics of a worker, with the registry that a scrape reads.
 pub struct WorkerCounts {
     registry: Registry,
-    asked: Family<Labels, Counter>,
-    said: Family<Labels, Counter>,
+    requests: Family<Labels, Counter>,
+    replies: Family<Labels, Counter>,
     cancelled: Family<Labels, Counter>,
     busy_seconds: Counter<f64, AtomicU64>,
     failing: Gauge,
@@ -137,7 +146,7 @@ pub struct WorkerCounts {
 }
 
 impl WorkerCounts {
-    /// Everything at zero, with so many threads and places in the queue.
+    /// All metrics at zero, for this number of threads and queue slots.
     pub fn new(version: &'static str, workers: usize, queue: usize) -> Arc<Self> {
         let mut all = Registry::default();
         all.register_collector(Box::new(Process));
@@ -156,9 +165,13 @@ impl WorkerCounts {
         let queued = gauge(registry, "queue_length", "Requests waiting for a thread", 0);
         let busy = gauge(registry, "workers_busy", "Threads localizing at the moment", 0);
         let held = gauge(registry, "objects_held", "Regions and indexes in memory", 0);
-        let ready = gauge(registry, "ready", "1 while it is asked, as /readyz says", 0);
-        let failing =
-            gauge(registry, "reload_failing", "1 while a manifest cannot be taken and an older one is", 0);
+        let ready = gauge(registry, "ready", "1 while the worker is ready, as /readyz says", 0);
+        let failing = gauge(
+            registry,
+            "reload_failing",
+            "1 while the newest manifest cannot be activated and an older one is in use",
+            0,
+        );
         let family = |registry: &mut Registry,
                       name: &str,
                       help: &str,
@@ -171,43 +184,43 @@ impl WorkerCounts {
             registry.register(name, help, family.clone());
             family
         };
-        let asked = family(registry, "asked", "Requests of gateways, by what was wanted", "wanted", &WANTED);
-        let said = family(registry, "said", "Replies to gateways, by what was said", "said", &SAID);
-        let help = "Requests whose answer nobody waited for any more, by what was being done with them";
-        let cancelled = family(registry, "cancelled", help, "when", &WHEN);
+        let requests = family(registry, "asked", "Requests of gateways, by kind", "wanted", &REQUEST_KINDS);
+        let replies = family(registry, "said", "Replies to gateways, by outcome", "said", &REPLY_OUTCOMES);
+        let help = "Cancelled requests, by state";
+        let cancelled = family(registry, "cancelled", help, "when", &CANCEL_STAGES);
         let busy_seconds: Counter<f64, AtomicU64> = Counter::default();
-        registry.register("busy_seconds", "Time that threads localized, in all", busy_seconds.clone());
+        registry.register("busy_seconds", "Total busy time of the threads", busy_seconds.clone());
         let now = [queued, busy, held, ready];
-        Arc::new(Self { registry: all, asked, said, cancelled, busy_seconds, failing, now })
+        Arc::new(Self { registry: all, requests, replies, cancelled, busy_seconds, failing, now })
     }
 
-    /// A request came.
-    pub fn asked(&self, wanted: &'static str) {
-        self.asked.get_or_create(&vec![("wanted", wanted)]).inc();
+    /// Counts a request by its kind.
+    pub fn request(&self, kind: &'static str) {
+        self.requests.get_or_create(&vec![("wanted", kind)]).inc();
     }
 
-    /// A reply went.
-    pub fn said(&self, said: &'static str) {
-        self.said.get_or_create(&vec![("said", said)]).inc();
+    /// Counts a reply by its outcome.
+    pub fn reply(&self, outcome: &'static str) {
+        self.replies.get_or_create(&vec![("said", outcome)]).inc();
     }
 
-    /// Nobody waits for the answer to a request any more, which was `waiting` or which a thread was `working` on.
+    /// Counts a cancelled request by its state: `waiting` in the queue, or `working`.
     pub fn cancelled(&self, when: &'static str) {
         self.cancelled.get_or_create(&vec![("when", when)]).inc();
     }
 
-    /// A thread worked for so long.
+    /// Adds the busy time of a thread.
     pub fn worked(&self, took: Duration) {
         self.busy_seconds.inc_by(took.as_secs_f64());
     }
 
-    /// Whether the newest manifest cannot be taken.
+    /// Sets whether the newest manifest cannot be activated.
     pub fn failing(&self, failing: bool) {
         self.failing.set(failing.into());
     }
 
-    /// All of it in the text format of Prometheus.
-    pub fn text(&self, now: &WorkerNow) -> String {
+    /// All metrics in the text format of Prometheus.
+    pub fn text(&self, now: &WorkerGauges) -> String {
         let values = [now.queued as i64, now.busy as i64, now.held as i64, now.ready.into()];
         for (gauge, value) in self.now.iter().zip(values) {
             gauge.set(value);
@@ -231,11 +244,11 @@ mod tests {
     use crate::telemetry::{Metrics, MetricsOptions};
 
     #[test]
-    fn what_may_be_asked_for_is_there_before_it_happened() {
+    fn metrics_exist_at_zero_from_the_start() {
         let worker = WorkerCounts::new("1.2.3", 2, 32);
         worker.worked(Duration::from_millis(1500));
-        worker.said("busy");
-        let text = worker.text(&WorkerNow { held: 3, ready: true, ..WorkerNow::default() });
+        worker.reply("busy");
+        let text = worker.text(&WorkerGauges { held: 3, ready: true, ..WorkerGauges::default() });
         for line in [
             "veiloc_workers 2\n",
             "veiloc_objects_held 3\n",
@@ -251,7 +264,7 @@ mod tests {
         let metrics = Metrics::new(&MetricsOptions { gateway: Some(&gateway), ..MetricsOptions::default() });
         gateway.message("nobody");
         gateway.hedged();
-        let text = metrics.text(&crate::telemetry::Now::default());
+        let text = metrics.text(&crate::telemetry::GaugeValues::default());
         for line in [
             "veiloc_cluster_messages_total{end=\"nobody\"} 1\n",
             "veiloc_cluster_messages_total{end=\"answered\"} 0\n",

@@ -1,9 +1,9 @@
-//! A log that keeps nobody waiting: lines go into a queue of fixed length, and one thread of its own writes them.
+//! A log that never blocks its callers: lines go into a queue of bounded length, and a dedicated thread writes them.
 //!
-//! A write to stderr blocks while nobody reads the pipe behind it, and fails when its reader has gone or the disk is
-//! full. Neither may hold up a request, nor the end of the program. So whoever logs only hands its line over; a line that
-//! does not fit, or that could not be written, is counted ([`LogQueue::dropped`], `veiloc_log_lines_dropped_total`), and
-//! the log itself tells how many are missing as soon as it can be written again.
+//! A write to stderr blocks while the reader of its pipe is stuck, and fails when the reader is gone or the disk is
+//! full. Neither may delay a request or the end of the program. So callers only enqueue a line. A line that does not
+//! fit, or could not be written, is counted ([`LogQueue::dropped`], `veiloc_log_lines_dropped_total`), and the log
+//! reports the number as soon as it can be written again.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -13,9 +13,9 @@ use std::time::Duration;
 
 use prometheus_client::metrics::counter::Counter;
 
-use crate::telemetry::waiting::{Sender, Waiting, queue};
+use crate::telemetry::background_queue::{QueueItem, Sender, queue};
 
-/// Lines that may wait to be written: a second of the busiest service, about a megabyte.
+/// Capacity of the queue: one second of the busiest service, about a megabyte.
 const LINES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(4095);
 
 /// The queue of lines; clones share it.
@@ -35,7 +35,7 @@ impl LogQueue {
     /// Starts the thread that writes to `sink`.
     ///
     /// # Errors
-    /// The system's, when there is no thread to be had.
+    /// The system refused a thread.
     pub fn start(sink: impl Write + Send + 'static) -> io::Result<Self> {
         Self::with_capacity(sink, LINES)
     }
@@ -43,50 +43,51 @@ impl LogQueue {
     fn with_capacity(sink: impl Write + Send + 'static, lines: NonZeroUsize) -> io::Result<Self> {
         let (sender, receiver) = queue(lines);
         let dropped = Counter::default();
-        let writer = Writer { sink, dropped: dropped.clone(), told: 0, torn: false };
+        let writer = Writer { sink, dropped: dropped.clone(), reported: 0, torn: false };
         std::thread::Builder::new().name("log".to_owned()).spawn(move || writer.run(&receiver))?;
         Ok(Self { sender, dropped })
     }
 
-    /// Where a line is written to, whole in one call, as `tracing_subscriber` does. Never blocks and never fails.
+    /// A writer for one line, which must be written in one call, as `tracing_subscriber` does. Never blocks and never
+    /// fails.
     pub fn line(&self) -> LogLine {
         LogLine(self.clone())
     }
 
-    /// Hands over a line that is not from the log.
+    /// Enqueues a line that is not a log event.
     pub fn say(&self, text: impl fmt::Display) {
-        self.hand_over(format!("{text}\n").into_bytes());
+        self.send(format!("{text}\n").into_bytes());
     }
 
-    /// Lines that were not written, so far.
+    /// Number of lines dropped so far.
     pub fn dropped(&self) -> u64 {
         self.dropped.get()
     }
 
-    /// The count of dropped lines, as the metrics show it.
+    /// The counter of dropped lines for the metrics.
     pub(crate) fn dropped_counter(&self) -> Counter {
         self.dropped.clone()
     }
 
-    /// Waits until everything handed over so far is written, no longer than `patience`. Whether it was.
-    pub fn flush(&self, patience: Duration) -> bool {
-        self.sender.flush(patience)
+    /// Waits until all enqueued lines are written, at most `timeout`. Returns whether they were.
+    pub fn flush(&self, timeout: Duration) -> bool {
+        self.sender.flush(timeout)
     }
 
-    fn hand_over(&self, line: Vec<u8>) {
-        if !self.sender.hand_over(line) {
+    fn send(&self, line: Vec<u8>) {
+        if !self.sender.send(line) {
             self.dropped.inc();
         }
     }
 }
 
-/// Takes one line.
+/// Writer of one line.
 #[derive(Debug)]
 pub struct LogLine(LogQueue);
 
 impl Write for LogLine {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        self.0.hand_over(line.to_vec());
+        self.0.send(line.to_vec());
         Ok(line.len())
     }
 
@@ -98,22 +99,22 @@ impl Write for LogLine {
 struct Writer<W> {
     sink: W,
     dropped: Counter,
-    /// Dropped lines that the log has told of.
-    told: u64,
-    /// Whether the last write may have left a part of a line.
+    /// Dropped lines that the log has reported.
+    reported: u64,
+    /// Whether the last write may have left a partial line.
     torn: bool,
 }
 
-/// How long the log has to be quiet before it tells what is missing: not in the middle of what drops lines.
-const QUIET: Duration = Duration::from_millis(200);
+/// Idle time before dropped lines are reported, so that the report does not add to a burst.
+const QUIET_PERIOD: Duration = Duration::from_millis(200);
 
 impl<W: Write> Writer<W> {
-    fn run(mut self, messages: &Receiver<Waiting<Vec<u8>>>) {
+    fn run(mut self, messages: &Receiver<QueueItem<Vec<u8>>>) {
         loop {
-            match messages.recv_timeout(QUIET) {
-                Ok(Waiting::Item(line)) => self.write(&line),
-                Ok(Waiting::Flush(flushed)) => flushed.tell(),
-                Err(RecvTimeoutError::Timeout) => self.tell_dropped(),
+            match messages.recv_timeout(QUIET_PERIOD) {
+                Ok(QueueItem::Item(line)) => self.write(&line),
+                Ok(QueueItem::Flush(flushed)) => flushed.notify(),
+                Err(RecvTimeoutError::Timeout) => self.report_dropped(),
                 Err(RecvTimeoutError::Disconnected) => return,
             }
         }
@@ -128,17 +129,18 @@ impl<W: Write> Writer<W> {
         }
     }
 
-    /// Through the log's own door, so that it has the log's own form. That line may be dropped too, and is told then.
-    fn tell_dropped(&mut self) {
+    /// Reports dropped lines through the log itself, so that they have the format of the log. If this line is dropped
+    /// too, it is reported later.
+    fn report_dropped(&mut self) {
         let dropped = self.dropped.get();
-        if dropped > self.told && !self.torn {
+        if dropped > self.reported && !self.torn {
             tracing::warn!(
-                lines = dropped - self.told,
-                "log lines were dropped: what reads the log is too slow"
+                lines = dropped - self.reported,
+                "log lines were dropped: the reader of the log is too slow"
             );
-            self.told = dropped;
+            self.reported = dropped;
         } else if self.torn && self.sink.write_all(b"\n").is_ok() {
-            // Written again at last: told next time.
+            // The sink works again; the next call reports.
             self.torn = false;
         }
     }
@@ -152,7 +154,7 @@ mod tests {
 
     use super::*;
 
-    /// A pipe that nobody reads until it is opened.
+    /// A pipe whose reader is stuck until `open`.
     #[derive(Clone, Default)]
     struct Stuck(Arc<(Mutex<bool>, Condvar)>, Arc<Mutex<Vec<u8>>>);
 
@@ -185,13 +187,13 @@ mod tests {
     }
 
     #[test]
-    fn a_pipe_nobody_reads_holds_nobody_up() {
+    fn stuck_reader_does_not_block_callers() {
         let pipe = Stuck::default();
         let log = LogQueue::with_capacity(pipe.clone(), three()).expect("a thread");
         for i in 0..100 {
             log.line().write_all(format!("line {i}\n").as_bytes()).expect("never fails");
         }
-        // Three wait, one is being written at most.
+        // Three are queued, at most one is being written.
         assert!((96..=97).contains(&log.dropped()), "{}", log.dropped());
         assert!(!log.flush(Duration::from_millis(1)), "nothing is written yet");
         pipe.open();
@@ -201,7 +203,7 @@ mod tests {
         assert!(text.starts_with("line 0\n"), "{text}");
     }
 
-    /// A reader that has gone, or a full disk, and later not any more.
+    /// A sink that fails until the flag is cleared.
     struct Broken(Arc<AtomicBool>, Sender<Vec<u8>>);
 
     impl Write for Broken {
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_is_counted_and_the_log_goes_on() {
+    fn failed_writes_are_counted_and_the_log_recovers() {
         let (full, (sender, written)) = (Arc::new(AtomicBool::new(true)), channel());
         let log = LogQueue::start(Broken(full.clone(), sender)).expect("a thread");
         for _ in 0..5 {
@@ -228,12 +230,12 @@ mod tests {
         assert!(log.flush(Duration::from_secs(120)));
         assert_eq!(log.dropped(), 5);
         full.store(false, Ordering::SeqCst);
-        log.say("kept");
+        log.say("written");
         assert!(log.flush(Duration::from_secs(120)));
         assert_eq!(log.dropped(), 5);
         drop(log);
         let text: Vec<u8> = written.into_iter().flatten().collect();
         let text = String::from_utf8(text).expect("text");
-        assert!(text.ends_with("\nkept\n") && !text.contains("lost"), "{text:?}");
+        assert!(text.ends_with("\nwritten\n") && !text.contains("lost"), "{text:?}");
     }
 }

@@ -1,8 +1,8 @@
-//! What the operator may watch, in the text format of Prometheus (OpenMetrics).
+//! Metrics of the service in the text format of Prometheus (OpenMetrics).
 //!
-//! Labels are names the operator chose, routes, status codes and names of problems, so their number is bounded and
-//! none of them holds anything of a query. What an alert may ask for is there from the start, at zero: of a counter that
-//! appears with its first event, Prometheus does not see the first event.
+//! Labels are names that the operator chose, routes, status codes and names of problems. So their number is bounded
+//! and none of them contains anything of a query. Series that alerts may use exist from the start, at zero: if a
+//! counter appears with its first event, Prometheus misses that event.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -20,17 +20,17 @@ use prometheus_client::registry::Registry;
 use crate::telemetry::cluster::GatewayCounts;
 use crate::telemetry::log::LogQueue;
 use crate::telemetry::process::Process;
-use crate::telemetry::trail::RequestKind;
+use crate::telemetry::request_context::RequestKind;
 
 type Labels = Vec<(&'static str, Cow<'static, str>)>;
 
-/// From a millisecond to half a minute, about three a decade.
+/// Buckets from a millisecond to half a minute, about three per decade.
 const SECONDS: [f64; 14] = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0];
 
-/// Names of tokens that are told apart; those that come later are counted together, as [`OTHER`].
+/// Number of token names with their own label; later names are counted together as [`OTHER`].
 const TOKENS: usize = 256;
 
-/// All tokens beyond the first [`TOKENS`].
+/// Label of all token names beyond the first [`TOKENS`].
 const OTHER: &str = "other";
 
 /// Stages of a request, see [`crate::telemetry::Stage`].
@@ -39,7 +39,7 @@ const STAGES: [&str; 5] = ["read", "queue", "retrieve", "match", "pose"];
 /// How a localization ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// A pose that nothing speaks against.
+    /// A pose without doubts.
     Trusted,
     /// A pose with doubts.
     Doubtful,
@@ -60,24 +60,24 @@ impl Outcome {
     }
 }
 
-/// Why a connection ended that did not end well: what no request is counted for.
+/// Why a connection ended abnormally, below the level of requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ConnectionFault {
-    /// The handshake of TLS failed, or the client broke it off.
+    /// The TLS handshake failed, or the client aborted it.
     TlsHandshake,
-    /// The handshake took too long.
+    /// The TLS handshake timed out.
     TlsTimeout,
-    /// What was sent is no HTTP; answered with 400 where that was possible.
+    /// The input was not HTTP; answered with 400 where possible.
     NotHttp,
-    /// A head or an address that is too long, answered with 431 or 414.
+    /// The head or the address was too long; answered with 431 or 414.
     HeadTooLong,
-    /// The head did not end in time.
+    /// The head did not arrive in time.
     HeadTimeout,
-    /// The client broke off in the middle of a request.
+    /// The client disconnected in the middle of a request.
     Interrupted,
-    /// The client did not take its answer in time.
+    /// The client did not read its answer in time.
     AnswerTimeout,
-    /// The client left before it was answered.
+    /// The client disconnected before it was answered.
     Left,
 }
 
@@ -108,39 +108,39 @@ impl ConnectionFault {
     }
 }
 
-/// What is known when the service begins.
+/// Facts that are known when the service starts.
 #[derive(Debug, Default)]
 pub struct MetricsOptions<'a> {
     /// Threads that localize.
     pub workers: usize,
-    /// Queries that may wait.
+    /// Capacity of the queue.
     pub queue: usize,
-    /// Connections at a time.
+    /// Maximum number of open connections.
     pub connections: usize,
     /// The version of the program.
     pub version: &'static str,
-    /// The log, if it goes through a queue.
+    /// The log, if it uses a queue.
     pub log: Option<&'a LogQueue>,
-    /// What is asked of a cluster, where one holds the maps.
+    /// Metrics of a gateway, if a cluster holds maps.
     pub gateway: Option<&'a GatewayCounts>,
-    /// Requests that are there from the start, at zero.
+    /// Kinds of requests whose series exist from the start.
     pub requests: &'a [RequestKind<'a>],
 }
 
-/// What is read at the moment of a scrape.
+/// Values that are read at each scrape.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Now {
-    /// Queries that wait.
+pub struct GaugeValues {
+    /// Queued queries.
     pub queued: usize,
-    /// Threads that localize at the moment.
+    /// Busy threads.
     pub busy: usize,
     /// Open connections.
     pub connections: usize,
-    /// Whether queries are taken.
+    /// Whether queries are accepted.
     pub ready: bool,
 }
 
-/// All counts and times.
+/// All metrics of the service.
 pub struct Metrics {
     registry: Registry,
     requests: Family<Labels, Counter>,
@@ -167,7 +167,7 @@ impl fmt::Debug for Metrics {
 }
 
 impl Metrics {
-    /// Everything that is known from the start, at zero.
+    /// All series that are known from the start, at zero.
     pub fn new(options: &MetricsOptions<'_>) -> Self {
         let mut all = Registry::default();
         all.register_collector(Box::new(Process));
@@ -198,16 +198,15 @@ impl Metrics {
         let token_requests = counter(
             registry,
             "token_requests",
-            "Requests that brought a known token, by its name and status; `other` for all but 256 names",
+            "Requests with a known token, by its name and status; `other` for all but 256 names",
         );
         let stages = histogram(registry, "stage_seconds", "Time of each stage of a localization");
         let localizations = counter(registry, "localizations", "Localizations, by map and outcome");
-        let reloads =
-            counter(registry, "reloads", "Files read again, by what they hold and whether it was taken");
+        let reloads = counter(registry, "reloads", "Reloaded files, by kind and result");
         let failing: Family<Labels, Gauge> = Family::default();
         registry.register(
             "reload_failing",
-            "1 while the newest state of a file cannot be used and an older one, or none, is",
+            "1 while the newest version of a file cannot be used and an older one, or none, is in use",
             failing.clone(),
         );
         gauge(registry, "workers", "Threads that localize", options.workers);
@@ -216,7 +215,7 @@ impl Metrics {
         let queued = gauge(registry, "queue_length", "Queries waiting for a worker", 0);
         let busy = gauge(registry, "workers_busy", "Threads localizing at the moment", 0);
         let connections = gauge(registry, "connections", "Open connections", 0);
-        let ready = gauge(registry, "ready", "1 while queries are taken, as /readyz says", 0);
+        let ready = gauge(registry, "ready", "1 while queries are accepted, as /readyz says", 0);
         let certificate_ends = gauge(
             registry,
             "certificate_expiry_timestamp_seconds",
@@ -226,12 +225,12 @@ impl Metrics {
         let connections_closed = counter(
             registry,
             "connections_closed",
-            "Connections closed for others: displaced by a newcomer, or refused because all were busy",
+            "Connections closed by the limits: displaced (evicted for a new one), or refused because all were busy",
         );
         let faults = counter(
             registry,
             "connection_faults",
-            "Connections that ended otherwise than well, below the requests, by kind",
+            "Connections that ended abnormally below the level of requests, by kind",
         );
         if let Some(log) = options.log {
             registry.register(
@@ -261,12 +260,12 @@ impl Metrics {
             connections_closed,
             faults,
         };
-        metrics.begin_at_zero(options.requests);
+        metrics.create_at_zero(options.requests);
         metrics
     }
 
-    /// What may be asked for before it happened.
-    fn begin_at_zero(&self, requests: &[RequestKind<'_>]) {
+    /// Creates series before their first event.
+    fn create_at_zero(&self, requests: &[RequestKind<'_>]) {
         for kind in requests {
             drop(self.requests.get_or_create(&labels_of(kind)));
         }
@@ -280,18 +279,18 @@ impl Metrics {
             drop(self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]));
         }
         for file in ["tokens", "certificate"] {
-            self.file_begins(file, "");
+            self.register_file(file, "");
         }
     }
 
-    fn file_begins(&self, what: &'static str, name: &str) {
+    fn register_file(&self, what: &'static str, name: &str) {
         for result in ["taken", "refused"] {
             drop(self.reloads.get_or_create(&reload_labels(what, name, result)));
         }
         drop(self.failing.get_or_create(&failing_labels(what, name)));
     }
 
-    /// Counts spans that could not be sent.
+    /// Adds the counter of spans that could not be sent.
     #[cfg(feature = "opentelemetry")]
     pub fn count_spans_of(&mut self, traces: &crate::telemetry::traces::Traces) {
         let registry = self.registry.sub_registry_with_prefix("veiloc");
@@ -302,15 +301,15 @@ impl Metrics {
         );
     }
 
-    /// A map that is served, or is meant to be.
-    pub fn map_begins(&self, name: &str) {
-        self.file_begins("map", name);
+    /// Creates the series of a map that is served or configured.
+    pub fn register_map(&self, name: &str) {
+        self.register_file("map", name);
         for outcome in Outcome::ALL {
             drop(self.localizations.get_or_create(&localization_labels(name, outcome)));
         }
     }
 
-    /// A request that was answered so long after its head had come. `token`: the name of the one it brought.
+    /// Records an answered request and its duration. `token`: name of the token of the request.
     pub fn request(&self, kind: &RequestKind<'_>, took: Duration, token: Option<&str>) {
         self.requests.get_or_create(&labels_of(kind)).inc();
         let status = Cow::<str>::Owned(kind.status.to_string());
@@ -322,7 +321,7 @@ impl Metrics {
         }
     }
 
-    /// The name, as long as there are not too many of them.
+    /// The label of a token, [`OTHER`] beyond [`TOKENS`] names.
     fn token_label(&self, name: &str) -> Cow<'static, str> {
         let mut known = self.tokens.lock().unwrap_or_else(PoisonError::into_inner);
         if !known.contains(name) {
@@ -334,22 +333,22 @@ impl Metrics {
         Cow::Owned(name.to_owned())
     }
 
-    /// `why`: `displaced` or `refused`.
+    /// `why`: `displaced` (evicted) or `refused`.
     pub fn connection_closed(&self, why: &'static str) {
         self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(why))]).inc();
     }
 
-    /// A connection that did not end well.
+    /// Counts the fault of a connection.
     pub fn connection_fault(&self, fault: ConnectionFault) {
         self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]).inc();
     }
 
-    /// A stage of a localization, see [`crate::telemetry::Stage`].
+    /// Records the duration of a stage, see [`crate::telemetry::Stage`].
     pub fn stage(&self, stage: &'static str, time: Duration) {
         self.stages.get_or_create(&vec![("stage", Cow::Borrowed(stage))]).observe(time.as_secs_f64());
     }
 
-    /// How a localization in a map ended.
+    /// Counts a localization by map and outcome.
     pub fn localization(&self, map: &str, outcome: Outcome) {
         self.localizations.get_or_create(&localization_labels(map, outcome)).inc();
     }
@@ -365,18 +364,18 @@ impl Metrics {
         self.failing.get_or_create(&failing_labels(what, name)).set(failing.into());
     }
 
-    /// A map that is served no more fails no more.
+    /// Removes the failure gauge of a map that is no longer served.
     pub fn forget_map(&self, name: &str) {
         self.failing.remove(&failing_labels("map", name));
     }
 
-    /// Seconds since 1970.
+    /// Sets the end of the certificate, seconds since 1970.
     pub fn certificate_ends(&self, seconds: i64) {
         self.certificate_ends.set(seconds);
     }
 
-    /// All of it.
-    pub fn text(&self, now: &Now) -> String {
+    /// All metrics as text.
+    pub fn text(&self, now: &GaugeValues) -> String {
         self.connections.set(now.connections as i64);
         self.queued.set(now.queued as i64);
         self.busy.set(now.busy as i64);
@@ -420,10 +419,10 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_asked_for_is_there_before_it_happened() {
+    fn metrics_exist_at_zero_from_the_start() {
         let metrics = metrics();
-        metrics.map_begins("lobby");
-        let text = metrics.text(&Now { ready: true, ..Now::default() });
+        metrics.register_map("lobby");
+        let text = metrics.text(&GaugeValues { ready: true, ..GaugeValues::default() });
         for line in [
             r#"veiloc_requests_total{route="/v1/maps",status="500",problem="broken"} 0"#,
             r#"veiloc_connection_faults_total{kind="tls-handshake"} 0"#,
@@ -437,7 +436,7 @@ mod tests {
             assert!(text.lines().any(|l| l == line), "{line}\n{text}");
         }
         metrics.forget_map("lobby");
-        assert!(!metrics.text(&Now::default()).contains("veiloc_reload_failing{file=\"map\""));
+        assert!(!metrics.text(&GaugeValues::default()).contains("veiloc_reload_failing{file=\"map\""));
         if cfg!(target_os = "linux") {
             assert!(
                 text.contains("\nprocess_resident_memory_bytes ")
@@ -447,16 +446,16 @@ mod tests {
         }
     }
 
-    /// However many names there are, the number of series has a bound, and no request is lost.
+    /// The number of series is bounded for any number of token names, and every request is counted.
     #[test]
-    fn names_of_tokens_are_told_apart_up_to_a_number() {
+    fn number_of_token_labels_is_bounded() {
         let metrics = metrics();
         let kind = RequestKind { route: "/v1/maps", status: 422, problem: Some("not-localized") };
         for round in 0..2 {
             for i in 0..TOKENS + 50 {
                 metrics.request(&kind, Duration::from_millis(30), Some(&format!("phone-{i}")));
             }
-            let text = metrics.text(&Now::default());
+            let text = metrics.text(&GaugeValues::default());
             let lines: Vec<_> =
                 text.lines().filter(|l| l.starts_with("veiloc_token_requests_total{")).collect();
             assert_eq!(lines.len(), TOKENS + 1);
@@ -464,7 +463,7 @@ mod tests {
                 format!(r#"veiloc_token_requests_total{{token="other",status="422"}} {}"#, 50 * (round + 1));
             assert!(lines.contains(&other.as_str()), "{lines:?}");
         }
-        let text = metrics.text(&Now::default());
+        let text = metrics.text(&GaugeValues::default());
         let counted =
             format!(r#"veiloc_request_seconds_count{{route="/v1/maps",status="422"}} {}"#, 2 * (TOKENS + 50));
         assert!(text.contains(&counted), "{text}");
@@ -473,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_have_names_of_their_own() {
+    fn fault_names_are_unique() {
         let names: BTreeSet<_> = ConnectionFault::ALL.iter().map(|fault| fault.name()).collect();
         assert_eq!(names.len(), ConnectionFault::ALL.len());
     }

@@ -1,14 +1,14 @@
-//! What an operator sees of the service, without a word about the protocol it speaks or about localization.
+//! Logs, metrics and traces, independent of the protocol and of localization.
 //!
-//! - [`RequestId`]: a name for each request, drawn by the server; in the answer, the log and the trace.
-//! - [`Trail`]: what is known of a request on its way, for its log line and its trace.
-//! - [`Metrics`]: counts and times in the text format of Prometheus, those of the process included.
-//! - [`GatewayCounts`], [`WorkerCounts`]: the same of a cluster's machines.
-//! - [`LogQueue`]: log lines that hold up nobody.
-//! - `Traces`, with the cargo feature `opentelemetry`: spans of each request to a collector.
+//! - [`RequestId`]: an id for each request, drawn by the server; it appears in the answer, the log and the trace.
+//! - [`RequestContext`]: data about a request in progress, for its log line and its trace.
+//! - [`Metrics`]: metrics in the text format of Prometheus, those of the process included.
+//! - [`GatewayCounts`], [`WorkerCounts`]: metrics of the machines of a cluster.
+//! - [`LogQueue`]: log lines that never block their caller.
+//! - `Traces`, with the cargo feature `opentelemetry`: spans of each request for a collector.
 //!
-//! Nothing here takes anything of a query: labels, fields and names are those that the operator chose, routes, statuses,
-//! names of problems, times and counts (rule L8 of `docs/reference/privacy-rules.md`). `veiloc-service` is the user.
+//! Nothing here receives any content of a query: labels, fields and names are names that the operator chose, routes,
+//! statuses, names of problems, durations and counts (rule L8 of `docs/privacy.md`).
 //!
 //! ```
 //! use veiloc_service::telemetry::{MetricsOptions, Metrics, RequestIds};
@@ -21,20 +21,20 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod background_queue;
 mod cluster;
 mod log;
 mod metrics;
 mod process;
+mod request_context;
 mod request_id;
 #[cfg(feature = "opentelemetry")]
 mod traces;
-mod trail;
-mod waiting;
 
-pub use cluster::{GatewayCounts, WorkerCounts, WorkerNow};
+pub use cluster::{GatewayCounts, WorkerCounts, WorkerGauges};
 pub use log::{LogLine, LogQueue};
-pub use metrics::{ConnectionFault, Metrics, MetricsOptions, Now, Outcome};
+pub use metrics::{ConnectionFault, GaugeValues, Metrics, MetricsOptions, Outcome};
+pub use request_context::{RequestContext, RequestKind, Stage};
 pub use request_id::{RequestId, RequestIds};
 #[cfg(feature = "opentelemetry")]
 pub use traces::Traces;
-pub use trail::{RequestKind, Stage, Trail};

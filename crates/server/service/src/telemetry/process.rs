@@ -1,17 +1,17 @@
-//! What the system says of the process, under the names that Prometheus has for it everywhere (`process_…`).
+//! Metrics of the process under the standard names of Prometheus (`process_…`).
 //!
-//! Read from `/proc` when it is asked for. On other systems there is nothing of it.
+//! Read from `/proc` at each scrape; empty on other systems.
 
 use std::fmt;
 
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::DescriptorEncoder;
 
-/// Reads anew at each scrape.
+/// Collector that reads the values at each scrape.
 #[derive(Debug)]
 pub(crate) struct Process;
 
-/// What there is to say. A number that cannot be read is left out.
+/// Values of the process. A value that cannot be read is left out.
 #[derive(Debug, Default, PartialEq)]
 struct Usage {
     resident_bytes: Option<f64>,
@@ -74,7 +74,7 @@ mod linux {
         Usage {
             resident_bytes: number(RESIDENT_PAGES).map(|pages| pages * rustix::param::page_size() as f64),
             cpu_seconds: number(USER).zip(number(SYSTEM)).map(|(user, system)| (user + system) / ticks),
-            // The one that reads them is among them.
+            // The directory handle of this listing is one of them.
             open_files: std::fs::read_dir("/proc/self/fd").ok().map(|all| all.count() as f64 - 1.0),
             most_open_files: read("/proc/self/limits").as_deref().and_then(most_open_files),
             threads: number(THREADS),
@@ -82,19 +82,19 @@ mod linux {
         }
     }
 
-    // Fields of `/proc/PID/stat` behind the name of the program, counted from 0 (proc_pid_stat(5) counts from 3).
+    // Fields of `/proc/PID/stat` behind the program name, counted from 0 (proc_pid_stat(5) counts from 3).
     const USER: usize = 11;
     const SYSTEM: usize = 12;
     const THREADS: usize = 17;
     const STARTED: usize = 19;
     const RESIDENT_PAGES: usize = 21;
 
-    /// Fields behind the name, which may itself hold spaces and brackets.
+    /// Fields behind the program name, which may contain spaces and brackets.
     pub(super) fn stat_fields(stat: &str) -> Option<Vec<&str>> {
         Some(stat.rsplit_once(')')?.1.split_whitespace().collect())
     }
 
-    /// The soft limit; infinite when there is none.
+    /// The soft limit; infinite if there is none.
     pub(super) fn most_open_files(limits: &str) -> Option<f64> {
         let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"))?;
         match line.split_whitespace().next()? {
@@ -103,7 +103,7 @@ mod linux {
         }
     }
 
-    /// When the system started, seconds since 1970.
+    /// Boot time, seconds since 1970.
     fn booted(stat: &str) -> Option<f64> {
         stat.lines().find_map(|line| line.strip_prefix("btime "))?.trim().parse().ok()
     }
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_with_brackets_and_limits_without_end_are_read() {
+    fn proc_files_are_parsed() {
         let fields = linux::stat_fields("7 (a ) b) S 1 2 3").expect("fields");
         assert_eq!(fields, ["S", "1", "2", "3"]);
         let limits = "Limit    Soft Limit   Hard Limit  Units\nMax open files    1024    524288   files\n";
@@ -125,20 +125,20 @@ mod tests {
         assert_eq!(linux::most_open_files("nothing"), None);
     }
 
-    /// The numbers move as what they count does.
+    /// The values follow what they measure.
     #[test]
-    fn the_numbers_are_those_of_this_process() {
+    fn values_belong_to_this_process() {
         let before = linux::usage();
         let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs_f64();
         let started = before.started.expect("a start");
         assert!(started <= now + 1.0 && now - started < 86_400.0, "started {started}, now {now}");
         let memory = vec![1_u8; 64 << 20];
         let files: Vec<_> = (0..100).map(|_| std::fs::File::open("/proc/self/stat").expect("open")).collect();
-        // Other tests of this program open and close a few.
+        // Other tests of this program may open and close a few files.
         let mut sum = 0_u64;
         let after = loop {
             sum = sum.wrapping_add(memory.iter().map(|b| u64::from(*b)).sum::<u64>());
-            // Until the work shows: the system counts in ticks.
+            // Repeat until the processor time increases: the system counts in ticks.
             let after = linux::usage();
             if after.cpu_seconds > before.cpu_seconds {
                 break after;

@@ -1,9 +1,8 @@
-//! A name for each request: 128 random bits of the server's own.
+//! Request ids: 128 random bits drawn by the server.
 //!
-//! What a client sends as an id of its own is never taken over: it would bring a client's text into the log, and would let
-//! whoever reads the log put requests together that the client did not mean to be one. A counter would tell every client
-//! how many requests there were. As it is the id has the form of a trace id (W3C Trace Context), so log, answer and trace
-//! of a request have one name.
+//! An id sent by the client is never used: it would bring client text into the log, and would let a reader of the log
+//! link requests. A counter would reveal the number of requests to every client. The id has the form of a trace id
+//! (W3C Trace Context), so log, answer and trace share one id.
 
 use std::fmt;
 use std::io;
@@ -12,17 +11,17 @@ use std::sync::{Mutex, PoisonError};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{RngCore as _, SeedableRng as _};
 
-/// The name of a request. Printed as 32 hexadecimal digits, always so many.
+/// The id of a request, printed as exactly 32 hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct RequestId([u8; 16]);
 
 impl RequestId {
-    /// The name of a request that another machine drew.
+    /// The id of a request that another machine drew.
     pub const fn from_bytes(bytes: [u8; 16]) -> Self {
         Self(bytes)
     }
 
-    /// As bytes.
+    /// The id as bytes.
     pub const fn bytes(&self) -> [u8; 16] {
         self.0
     }
@@ -34,23 +33,23 @@ impl fmt::Display for RequestId {
     }
 }
 
-/// Where ids are drawn: a cryptographic generator, seeded by the system once, so that no request can fail for want of
+/// Source of ids: a cryptographic generator, seeded once by the system, so that no request can fail for lack of
 /// randomness.
 #[derive(Debug)]
 pub struct RequestIds(Mutex<ChaCha20Rng>);
 
 impl RequestIds {
-    /// A generator with a seed of its own.
+    /// A generator with a fresh seed.
     ///
     /// # Errors
-    /// The system has no randomness to give.
+    /// The system has no randomness.
     pub fn start() -> io::Result<Self> {
         let mut seed = [0; 32];
         getrandom::fill(&mut seed).map_err(|error| io::Error::other(error.to_string()))?;
         Ok(Self(Mutex::new(ChaCha20Rng::from_seed(seed))))
     }
 
-    /// The next one; never all zeros, which is no trace id.
+    /// The next id; never all zeros, which is not a valid trace id.
     #[allow(clippy::should_implement_trait)] // an endless iterator that is shared would be odd
     pub fn next(&self) -> RequestId {
         let mut bytes = [0; 16];
@@ -69,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_differ_and_are_equally_long() {
+    fn ids_are_unique_and_of_fixed_length() {
         let (first, second) = (RequestIds::start().expect("random"), RequestIds::start().expect("random"));
         let all: HashSet<String> =
             (0..1000).flat_map(|_| [first.next(), second.next()]).map(|id| id.to_string()).collect();

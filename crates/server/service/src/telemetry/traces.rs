@@ -1,15 +1,15 @@
-//! Traces: what became of each request and what took how long, sent to a collector of the operator's as OTLP over HTTP.
+//! Traces: one span per request and per stage, sent to a collector of the operator as OTLP over HTTP.
 //!
-//! Spans are made of a [`Trail`] when its request is answered, and of nothing else, so they cannot hold more than that
-//! has fields for (rule L8). They wait in a queue of fixed length and are sent by a thread of their own: a collector that is
-//! slow or gone holds up no request, what does not fit or cannot be sent is counted
-//! (`veiloc_spans_dropped_total`) and not tried again.
+//! Spans are built only from a [`RequestContext`] when its request is answered, so they cannot contain more than its
+//! fields (rule L8). They wait in a queue of bounded length, and a dedicated thread sends them: a slow or absent
+//! collector delays no request. Spans that do not fit or cannot be sent are counted (`veiloc_spans_dropped_total`)
+//! and not retried.
 //!
-//! The id of a trace is the name of its request. One that a client brings (`traceparent`) is not taken over: it would let
-//! whoever reads the traces put requests together, and with what the client did elsewhere.
+//! The trace id is the request id. A `traceparent` of the client is not used: it would let a reader of the traces
+//! link requests, also with other activity of the client.
 //!
-//! Written here, and not by the crates of OpenTelemetry, because theirs carry all events of all libraries to the collector
-//! unless they are kept from it, and a dozen dependencies; what is sent here is one document of JSON (`otlp.rs`).
+//! This is our own code, because the OpenTelemetry crates export all events of all libraries unless they are
+//! filtered, and bring a dozen dependencies. The output is a single JSON document (`otlp.rs`).
 
 mod otlp;
 
@@ -22,23 +22,23 @@ use std::time::{Duration, Instant};
 use prometheus_client::metrics::counter::Counter;
 use ureq::Agent;
 
-use crate::telemetry::trail::{RequestKind, Trail};
-use crate::telemetry::waiting::{Sender, Waiting, queue};
+use crate::telemetry::background_queue::{QueueItem, Sender, queue};
+use crate::telemetry::request_context::{RequestContext, RequestKind};
 use otlp::{Trace, document};
 
-/// Traces that may wait to be sent: some ten seconds of a busy service.
+/// Capacity of the queue: some ten seconds of a busy service.
 const WAITING: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2047);
 
-/// Most traces of one message to the collector.
+/// Maximum number of traces per message.
 const BATCH: usize = 256;
 
-/// How long the first trace of a message waits for others.
-const GATHER: Duration = Duration::from_secs(1);
+/// How long the first trace of a message waits for more.
+const BATCH_DELAY: Duration = Duration::from_secs(1);
 
-/// How long the collector may take for a message.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time limit of one message.
+const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Where traces are handed over.
+/// The queue of traces; clones share it.
 #[derive(Clone)]
 pub struct Traces {
     sender: Sender<Box<Trace>>,
@@ -52,22 +52,22 @@ impl fmt::Debug for Traces {
 }
 
 impl Traces {
-    /// Starts the thread that sends to the collector at `url`: its address, to which `/v1/traces` is added.
+    /// Starts the thread that sends to the collector at `url`; `/v1/traces` is appended.
     ///
     /// # Errors
-    /// An address that is none of HTTP, and the system's when there is no thread to be had.
+    /// The address is not an HTTP address, or the system refused a thread.
     pub fn start(url: &str, version: &'static str) -> io::Result<Self> {
         let base = url.trim_end_matches('/');
         if !["http://", "https://"].iter().any(|scheme| base.len() > scheme.len() && base.starts_with(scheme))
         {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                "the collector's address begins with http:// or https://, like http://127.0.0.1:4318",
+                "the address of the collector must begin with http:// or https://, for example http://127.0.0.1:4318",
             ));
         }
         let url = format!("{}/v1/traces", base.strip_suffix("/v1/traces").unwrap_or(base));
-        // A proxy of the environment is meant for other roads than that to the operator's own collector.
-        let agent = Agent::config_builder().timeout_global(Some(PATIENCE)).proxy(None).build().into();
+        // A proxy from the environment is not meant for the operator's own collector.
+        let agent = Agent::config_builder().timeout_global(Some(SEND_TIMEOUT)).proxy(None).build().into();
         let (sender, receiver) = queue(WAITING);
         let dropped = Counter::default();
         let exporter = Exporter { agent, url, version, dropped: dropped.clone(), failing: false };
@@ -75,21 +75,21 @@ impl Traces {
         Ok(Self { sender, dropped })
     }
 
-    /// Hands over the trace of a request that was answered. Never blocks.
-    pub fn request(&self, trail: &Trail, method: &'static str, kind: &RequestKind<'_>) {
-        let trace = Trace::of(trail, method, kind);
+    /// Enqueues the trace of an answered request. Never blocks.
+    pub fn request(&self, context: &RequestContext, method: &'static str, kind: &RequestKind<'_>) {
+        let trace = Trace::of(context, method, kind);
         let spans = trace.spans();
-        if !self.sender.hand_over(Box::new(trace)) {
+        if !self.sender.send(Box::new(trace)) {
             self.dropped.inc_by(spans);
         }
     }
 
-    /// Waits until everything handed over so far is sent or given up, no longer than `patience`. Whether it was.
-    pub fn flush(&self, patience: Duration) -> bool {
-        self.sender.flush(patience)
+    /// Waits until all enqueued traces are sent or dropped, at most `timeout`. Returns whether they were.
+    pub fn flush(&self, timeout: Duration) -> bool {
+        self.sender.flush(timeout)
     }
 
-    /// Spans that were not sent, as the metrics show it.
+    /// The counter of dropped spans for the metrics.
     pub(crate) fn dropped_counter(&self) -> Counter {
         self.dropped.clone()
     }
@@ -100,18 +100,19 @@ struct Exporter {
     url: String,
     version: &'static str,
     dropped: Counter,
-    /// Whether the last message was not taken, which is told once.
+    /// Whether the last message failed; this is logged once.
     failing: bool,
 }
 
 impl Exporter {
-    fn run(mut self, messages: &Receiver<Waiting<Box<Trace>>>) {
+    fn run(mut self, messages: &Receiver<QueueItem<Box<Trace>>>) {
         let mut batch = Vec::new();
         let mut since = Instant::now();
         loop {
-            let wait = if batch.is_empty() { GATHER } else { GATHER.saturating_sub(since.elapsed()) };
+            let wait =
+                if batch.is_empty() { BATCH_DELAY } else { BATCH_DELAY.saturating_sub(since.elapsed()) };
             match messages.recv_timeout(wait) {
-                Ok(Waiting::Item(trace)) => {
+                Ok(QueueItem::Item(trace)) => {
                     if batch.is_empty() {
                         since = Instant::now();
                     }
@@ -120,9 +121,9 @@ impl Exporter {
                         self.send(&mut batch);
                     }
                 }
-                Ok(Waiting::Flush(flushed)) => {
+                Ok(QueueItem::Flush(flushed)) => {
                     self.send(&mut batch);
-                    flushed.tell();
+                    flushed.notify();
                 }
                 Err(RecvTimeoutError::Timeout) => self.send(&mut batch),
                 Err(RecvTimeoutError::Disconnected) => return self.send(&mut batch),
@@ -142,11 +143,11 @@ impl Exporter {
         }
         match (sent, self.failing) {
             (Err(error), false) => {
-                tracing::warn!(%error, "the collector does not take traces; they are dropped until it does");
+                tracing::warn!(%error, "the collector does not accept traces; they are dropped until it does");
                 self.failing = true;
             }
             (Ok(_), true) => {
-                tracing::info!("the collector takes traces again");
+                tracing::info!("the collector accepts traces again");
                 self.failing = false;
             }
             _ => {}

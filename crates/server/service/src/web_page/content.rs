@@ -1,9 +1,9 @@
-//! Bytes that are handed out many times, and the name of what they say.
+//! Immutable shared bytes with their hash.
 
 use bytes::Bytes;
 use sha2::{Digest as _, Sha256};
 
-/// Bytes, shared by all who are given them, and a name that other bytes do not have.
+/// Shared bytes, identified by their hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Content {
     bytes: Bytes,
@@ -11,14 +11,14 @@ pub struct Content {
 }
 
 impl Content {
-    /// Takes the bytes, and names them.
+    /// Takes the bytes and hashes them.
     pub fn new(bytes: impl Into<Bytes>) -> Self {
         let bytes = bytes.into();
         let hash = hex::encode(Sha256::digest(&bytes));
         Self { bytes, hash }
     }
 
-    /// All of them; to clone these copies nothing.
+    /// The bytes; cloning them copies nothing.
     pub const fn bytes(&self) -> &Bytes {
         &self.bytes
     }

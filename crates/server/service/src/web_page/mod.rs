@@ -1,7 +1,7 @@
-//! The page that a service may serve: its files, checked and compressed once, and a map's points, thinned.
+//! The optional web page: its files, checked and compressed once, and a subset of map points.
 //!
-//! The page is built by `bindings/web/build.sh`, which makes one flat folder of it ([`Page::read`]); where a program finds that
-//! folder says [`Page::folder`]. All of it is held in memory from then on. This room knows neither HTTP nor what the page does.
+//! The page is built by `bindings/web/build.sh` as one flat folder ([`Page::read`]); [`Page::folder`] finds that
+//! folder. All files are kept in memory. This module is independent of HTTP and of what the page does.
 //!
 //! ```
 //! use veiloc_service::web_page::Page;
@@ -31,12 +31,12 @@ use crate::error::ServerError;
 pub use content::Content;
 pub use points::thinned;
 
-/// Most files of a page, and most bytes of all of them together.
+/// Maximum number of files of a page, and of their bytes together.
 const MOST_FILES: usize = 256;
 const MOST_BYTES: u64 = 64 << 20;
-/// What must be there.
+/// Required files.
 const NEEDED: [&str; 2] = ["index.html", "veiloc.wasm"];
-/// What a page is made of: ending, what HTTP calls it, and whether it can be compressed. Other files of its folder are left alone.
+/// Allowed files: extension, media type, and whether to compress. Other files of the folder are ignored.
 const TYPES: [(&str, &str, bool); 8] = [
     ("html", "text/html; charset=utf-8", true),
     ("css", "text/css; charset=utf-8", true),
@@ -54,25 +54,25 @@ pub struct Page {
     files: BTreeMap<String, PageFile>,
 }
 
-/// A file of it.
+/// A file of the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PageFile {
-    /// What HTTP calls its form.
+    /// Media type.
     pub content_type: &'static str,
-    /// All of it, as it is.
+    /// The uncompressed content.
     pub plain: Content,
-    /// The same compressed (gzip, RFC 1952), where that is shorter.
+    /// The content compressed with gzip (RFC 1952), if that is shorter.
     pub gzip: Option<Content>,
 }
 
 impl Page {
-    /// The name of the folder that lies beside the program.
+    /// Name of the folder next to the program.
     pub const FOLDER: &str = "veiloc-page";
 
-    /// Reads a folder, without folders in it.
+    /// Reads a folder, ignoring subfolders.
     ///
     /// # Errors
-    /// [`ServerError`]: it cannot be read, lacks what every page has, or is larger than any page.
+    /// [`ServerError`]: the folder cannot be read, lacks a required file, or is too large.
     pub fn read(folder: &Path) -> Result<Self, ServerError> {
         let io = |source| ServerError::Io { path: folder.to_owned(), source };
         let mut page = Self::default();
@@ -98,17 +98,17 @@ impl Page {
         }
     }
 
-    /// Where the folder of the page is when nobody says: beside the program, or in `share/veiloc` beside the program's folder.
+    /// The default folder of the page: next to the program, or in `share/veiloc` next to the folder of the program.
     ///
     /// # Errors
-    /// [`ServerError::NoPage`] naming where it was looked for.
+    /// [`ServerError::NoPage`] with the paths that were tried.
     pub fn folder(program: &Path) -> Result<PathBuf, ServerError> {
         let beside = program.parent().unwrap_or_else(|| Path::new("."));
         let shared = beside.parent().unwrap_or(beside).join("share").join("veiloc");
-        let places = [beside.join(Self::FOLDER), shared.join(Self::FOLDER)];
-        let found = places.iter().find(|place| place.join(NEEDED[0]).is_file()).cloned();
+        let candidates = [beside.join(Self::FOLDER), shared.join(Self::FOLDER)];
+        let found = candidates.iter().find(|folder| folder.join(NEEDED[0]).is_file()).cloned();
         found.ok_or_else(|| {
-            let [beside, shared] = places;
+            let [beside, shared] = candidates;
             ServerError::NoPage { beside, shared }
         })
     }
@@ -116,7 +116,7 @@ impl Page {
     /// Adds a file.
     ///
     /// # Errors
-    /// [`ServerError::PageName`] for a name that is no file's of a page.
+    /// [`ServerError::PageName`]: the name is not allowed.
     pub fn add(&mut self, name: &str, bytes: Vec<u8>) -> Result<(), ServerError> {
         let (content_type, is_compressible) =
             kind(name).ok_or_else(|| ServerError::PageName { name: name.to_owned() })?;
@@ -134,17 +134,18 @@ impl Page {
     }
 }
 
-/// Of a plain name with a known ending: what HTTP calls it, and whether it can be compressed.
+/// For an allowed name: media type, and whether to compress.
 fn kind(name: &str) -> Option<(&'static str, bool)> {
     let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
     let ending = name.rsplit_once('.').filter(|(stem, _)| is_plain && !stem.is_empty())?.1;
     TYPES.iter().find(|(known, ..)| *known == ending).map(|(_, name, compressible)| (*name, *compressible))
 }
 
-/// As short as it gets, as it is done once; `None` where that is no shorter. Equal bytes for equal bytes: it holds no time.
+/// Compressed at the highest level, because this is done once; `None` if the result is not shorter. The output is
+/// deterministic: it contains no time.
 fn compressed(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    // A `Vec` takes all that is written to it; did it not, the file would go out as it is.
+    // Writing to a `Vec` cannot fail; if it did, the file would be sent uncompressed.
     encoder.write_all(bytes).ok()?;
     encoder.finish().ok().filter(|short| short.len() < bytes.len())
 }

@@ -1,14 +1,15 @@
-//! A map's points, thinned, for a page to show its user where they are.
+//! A subset of the map points, for display on the web page.
 //!
-//! They say what the map's place looks like to whoever may ask for the map, so an operator says how many there are to be.
+//! The points reveal the shape of the mapped scene to clients that may use the map, so the operator sets their
+//! number.
 
 use veiloc_map::{MapFile, PointId};
 
 use crate::web_page::Content;
 
-/// At most so many points of a map, evenly from all of it: x, y, z as 32-bit floats, little endian, map units.
+/// At most `most` points, spread evenly over the map: x, y, z as 32-bit floats, little endian, map units.
 ///
-/// The same points each time; half of them are among those of twice as many.
+/// Deterministic; a smaller subset is part of each larger one.
 pub fn thinned(map: &MapFile, most: usize) -> Content {
     let count = map.point_count();
     let shown = order(count).take(most.min(count));
@@ -19,7 +20,7 @@ pub fn thinned(map: &MapFile, most: usize) -> Content {
     Content::new(numbers.collect::<Vec<u8>>())
 }
 
-/// Every index below `count` once, in an order whose beginnings are spread: steps of the golden section.
+/// A permutation of the indexes below `count` whose prefixes are spread evenly: steps of the golden section.
 fn order(count: usize) -> impl Iterator<Item = usize> {
     let mut step = (count as f64 * 0.618_033_988_749_895) as usize;
     while count > 1 && gcd(step, count) != 1 {
@@ -37,12 +38,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_point_comes_once_and_beginnings_are_spread() {
+    fn order_is_a_permutation_with_spread_prefixes() {
         for count in [0, 1, 2, 3, 10, 97, 1000, 4096] {
             let mut all: Vec<usize> = order(count).collect();
             let half: Vec<usize> = all[..count / 2].to_vec();
             let low = half.iter().filter(|index| **index < count / 2).count();
-            // The golden section leaves gaps that grow with the logarithm; one part after the other would be off by a quarter.
+            // The gaps of the golden section grow with the logarithm; a sequential order would be off by a quarter.
             assert!(
                 low.abs_diff(count / 4) <= 2 + count / 64,
                 "{count}: {low} of the first half lie in the lower one"

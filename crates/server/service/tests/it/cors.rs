@@ -1,4 +1,4 @@
-//! Pages in browsers: which may ask, what they are told, and that without the option nothing changes.
+//! CORS: allowed origins, exposed headers, and no effect without the option.
 
 use super::common;
 
@@ -16,7 +16,7 @@ fn preflight(server: &Running, origin: &str) -> Response {
 }
 
 #[test]
-fn a_page_of_an_allowed_origin_may_ask_and_no_other() {
+fn only_allowed_origins_get_cors_headers() {
     let files = Files::new();
     let mut options = files.options();
     options.cors =
@@ -24,22 +24,26 @@ fn a_page_of_an_allowed_origin_may_ask_and_no_other() {
     let server = Running::start(options);
     let allowed = |response: &Response| response.header("access-control-allow-origin").map(str::to_owned);
 
-    let told = preflight(&server, PAGE);
-    assert_eq!((told.status, allowed(&told).as_deref()), (204, Some(PAGE)), "without a token");
-    let header = |name: &str| told.header(name).unwrap_or_default().to_owned();
+    let preflight_response = preflight(&server, PAGE);
+    assert_eq!(
+        (preflight_response.status, allowed(&preflight_response).as_deref()),
+        (204, Some(PAGE)),
+        "without a token"
+    );
+    let header = |name: &str| preflight_response.header(name).unwrap_or_default().to_owned();
     assert_eq!(header("access-control-allow-methods"), "GET, POST");
     for name in ["authorization", "content-type", "veiloc-near", "veiloc-trusted-only"] {
         assert!(header("access-control-allow-headers").contains(name), "{name}");
     }
-    assert_eq!(told.header("access-control-allow-credentials"), None);
+    assert_eq!(preflight_response.header("access-control-allow-credentials"), None);
     assert_eq!(header("vary").to_lowercase(), "origin");
     for other in ["https://evil.example", "https://app.example.evil", "http://app.example", "null"] {
         let refused = preflight(&server, other);
         assert_eq!((refused.status, allowed(&refused)), (405, None), "{other}");
     }
 
-    // Answers and refusals alike may be seen by the page that asked, and by it alone.
-    let query = files.place.sealed(&truth());
+    // The requesting page, and no other, may read answers and refusals.
+    let query = files.scene.sealed(&truth());
     for (token, status) in [(PHONE, 200), ("guess", 401)] {
         let ask = |origin: &str| {
             Request::localize(&query).token(token).header("origin", origin).send(server.address)
@@ -50,13 +54,13 @@ fn a_page_of_an_allowed_origin_may_ask_and_no_other() {
             own.header("access-control-expose-headers").is_some_and(|shown| shown.contains("retry-after"))
         );
         let other = ask("https://evil.example");
-        assert_eq!((other.status, allowed(&other)), (status, None), "who is no browser is not bound by it");
+        assert_eq!((other.status, allowed(&other)), (status, None), "CORS restricts browsers only");
         assert_eq!(server.localize(&query, token).status, status);
     }
 }
 
 #[test]
-fn without_the_option_there_is_nothing_of_it() {
+fn without_the_option_no_cors_headers_are_sent() {
     let files = Files::new();
     let server = Running::start(files.options());
     let refused = preflight(&server, PAGE);

@@ -1,15 +1,15 @@
-//! No refusal repeats what was sent: not in its head, not in its body, wherever in the request it stood.
+//! No refusal repeats input: neither in its head nor in its body, wherever in the request it was.
 
 use super::common;
 
 use common::http::Request;
 use common::{Files, PHONE, Running, truth};
 
-/// A number that nothing else writes, and a word.
+/// A number and a word that occur nowhere else.
 const NUMBER: u32 = 1_515_852_340;
 const WORD: &str = "XqZvKwJyQx";
 
-/// A whole query for another map.
+/// A valid query for another map.
 fn known_query() -> Vec<u8> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../core/protocol/tests/data/dcl.vquery");
     std::fs::read(path).expect("the known answer")
@@ -18,8 +18,8 @@ fn known_query() -> Vec<u8> {
 /// The query with `NUMBER` in one field after another.
 fn with_a_wrong_number() -> Vec<(String, Vec<u8>)> {
     let query = known_query();
-    // Version, then the id of the profile (18 bytes with key and length), then eight numbers of five bytes, the kind's name
-    // (6 bytes) and three more.
+    // Version, then the profile id (18 bytes with key and length), then eight numbers of five bytes, the name of the
+    // kind (6 bytes) and three more.
     let offsets = std::iter::once((1, 0))
         .chain((3..=10).map(|field| (field, 23 + 5 * (field - 3))))
         .chain((12..=14).map(|field| (field, 69 + 5 * (field - 12))));
@@ -33,10 +33,10 @@ fn with_a_wrong_number() -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn nothing_that_was_sent_comes_back() {
+fn refusals_do_not_echo_input() {
     let files = Files::new();
     let server = Running::start(files.options());
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let localize = |body: &[u8]| Request::localize(body).token(PHONE);
     let mut requests: Vec<(String, Request)> =
         with_a_wrong_number().into_iter().map(|(what, bytes)| (what, localize(&bytes))).collect();
@@ -64,9 +64,9 @@ fn nothing_that_was_sent_comes_back() {
         ("a token", Request::localize(&query).token(WORD)),
         ("an authorization", Request::localize(&query).header("authorization", &format!("Basic {WORD}"))),
         ("a media type", post("/v1/maps/place/localize").header("content-type", &format!("{WORD}/{NUMBER}"))),
-        ("a wish", localize(&whole).header("accept", &format!("application/json;x={WORD}"))),
-        ("a wish alone", localize(&whole).header("accept", &format!("{WORD}/*"))),
-        ("a place", localize(&whole).header("veiloc-near", &format!("{NUMBER},{NUMBER},{WORD},1"))),
+        ("an accept parameter", localize(&whole).header("accept", &format!("application/json;x={WORD}"))),
+        ("an accept range", localize(&whole).header("accept", &format!("{WORD}/*"))),
+        ("a position prior", localize(&whole).header("veiloc-near", &format!("{NUMBER},{NUMBER},{WORD},1"))),
         ("an option", localize(&whole).header("veiloc-trusted-only", WORD)),
         ("other headers", localize(&whole).header(WORD, WORD).header("cookie", WORD).header("origin", WORD)),
         (
@@ -79,7 +79,7 @@ fn nothing_that_was_sent_comes_back() {
             }
             .token(PHONE)
             .header("content-type", "application/x-protobuf")
-            // Who waits to be told whether to send it is refused before all of that has come.
+            // A client that waits for `100 Continue` is refused before it sends the body.
             .header("expect", "100-continue"),
         ),
     ];
@@ -94,15 +94,15 @@ fn nothing_that_was_sent_comes_back() {
         let response = request.send(server.address);
         assert!((400..500).contains(&response.status), "{what}: {response:?}");
         let name = response.problem();
-        let said = (response.head.clone() + &response.text()).to_lowercase();
-        let echoed = forms.iter().find(|form| said.contains(form.trim_matches(['[', ']'])));
-        assert_eq!(echoed, None, "{what}, {name}: {said}");
+        let response_text = (response.head.clone() + &response.text()).to_lowercase();
+        let echoed = forms.iter().find(|form| response_text.contains(form.trim_matches(['[', ']'])));
+        assert_eq!(echoed, None, "{what}, {name}: {response_text}");
     }
 }
 
-/// The other half: the field is named, and what it may be.
+/// Refusals name the field and its allowed values.
 #[test]
-fn refusals_say_which_field_and_what_it_may_be() {
+fn refusals_name_the_field_and_allowed_values() {
     let files = Files::new();
     let server = Running::start(files.open_options());
     for (what, bytes) in with_a_wrong_number().into_iter().skip(1) {

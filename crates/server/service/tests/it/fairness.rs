@@ -1,4 +1,4 @@
-//! Who gets the workers: a share for every token, time that ends, and work that nobody waits for any more.
+//! Scheduling: fair shares of tokens, time limits, and cancelled work.
 
 use super::common;
 
@@ -6,7 +6,7 @@ use std::io::Write as _;
 use std::net::TcpStream;
 use std::num::NonZeroUsize;
 
-use common::gate::{Gate, all_are_in};
+use common::gate::{Gate, wait_until_load};
 use common::http::{Request, Response, connect};
 use common::{Files, HOUR, ManualClock, OPERATOR, PHONE, Running, SECOND, eventually, truth};
 use veiloc_service::ServerOptions;
@@ -18,7 +18,7 @@ fn one_worker(files: &Files) -> ServerOptions {
     options
 }
 
-/// Every search goes on until it is stopped.
+/// Options with which every search runs until it is stopped.
 fn endless(files: &Files) -> ServerOptions {
     let mut options = one_worker(files);
     options.localize.pose.fixed_hypotheses = Some(usize::MAX);
@@ -29,34 +29,34 @@ fn busy(server: &Running) -> bool {
     server.metric("veiloc_workers_busy") == Some(1.0)
 }
 
-/// Sends a request; its answer comes later.
+/// Sends a request without waiting for the response.
 fn ask(server: &Running, request: &Request) -> TcpStream {
     let mut stream = connect(server.address);
     stream.write_all(&request.bytes()).expect("written");
     stream
 }
 
-/// One token fills its share of the queue; another one finds room, and is answered second.
+/// One token fills its share of the queue; another token still gets a slot and is answered second.
 #[test]
 fn fair_queue_isolates_tokens() {
     let files = Files::new();
     let mut options = one_worker(&files);
-    let gate = Gate::before_the_map_of(&files, &mut options);
+    let gate = Gate::install(&files, &mut options);
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let of = |token: &str| Request::localize(&query).token(token);
     let mut first = ask(&server, &of(OPERATOR));
-    all_are_in(&server, 1, 0);
-    // A lane alone may hold half of the queue.
+    wait_until_load(&server, 1, 0);
+    // A single lane may hold half of the queue.
     let waiting: Vec<TcpStream> = (0..4).map(|_| ask(&server, &of(OPERATOR))).collect();
-    all_are_in(&server, 1, 4);
+    wait_until_load(&server, 1, 4);
     for _ in 0..12 {
         assert_eq!(server.localize(&query, OPERATOR).problem(), "queue-full");
     }
     let mut other = ask(&server, &of(PHONE));
-    all_are_in(&server, 1, 5);
-    // The one at work, and one turn of each lane.
-    gate.let_through(3);
+    wait_until_load(&server, 1, 5);
+    // The running query, and one turn of each lane.
+    gate.admit(3);
     assert_eq!(Response::read(&mut first).status, 200);
     assert_eq!(Response::read(&mut other).status, 200);
     gate.open();
@@ -65,14 +65,14 @@ fn fair_queue_isolates_tokens() {
     }
 }
 
-/// A search that would take for ever is stopped when its time is up, and the worker is free again.
+/// A search without end is stopped at its time limit, and the worker becomes free.
 #[test]
-fn a_job_ends_with_its_time() {
+fn job_is_stopped_at_its_time_limit() {
     let files = Files::new();
     let mut options = endless(&files);
     options.timeouts.localize = 10 * SECOND;
     let server = Running::start_paused(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     for _ in 0..2 {
         let mut stream = ask(&server, &Request::localize(&query).token(PHONE));
         eventually("work", || busy(&server));
@@ -83,12 +83,12 @@ fn a_job_ends_with_its_time() {
     }
 }
 
-/// The same when the client leaves, be it with bytes of another request behind its query.
+/// The same when the client disconnects, also with bytes of another request behind its query.
 #[test]
-fn a_job_ends_when_its_client_leaves() {
+fn job_is_cancelled_when_the_client_disconnects() {
     let files = Files::new();
     let server = Running::start(endless(&files));
-    let query = Request::localize(&files.place.sealed(&truth())).token(PHONE).bytes();
+    let query = Request::localize(&files.scene.sealed(&truth())).token(PHONE).bytes();
     for behind in [b"".as_slice(), b"GET /healthz HTTP/1.1\r\nhost: test\r\n\r\n", b"GET /he"] {
         let mut stream = connect(server.address);
         stream.write_all(&[&query, behind].concat()).expect("written");
@@ -98,34 +98,34 @@ fn a_job_ends_when_its_client_leaves() {
     }
 }
 
-/// What cannot be done in time is refused at once, and with a time that is worth waiting for.
+/// A query that cannot finish in time is refused at once, with a useful `Retry-After`.
 #[test]
 fn queries_that_would_be_late_are_refused() {
     let files = Files::new();
     let mut options = one_worker(&files);
-    let (gate, clock) = (Gate::before_the_map_of(&files, &mut options), ManualClock::new());
+    let (gate, clock) = (Gate::install(&files, &mut options), ManualClock::new());
     options.clock = clock.clock();
-    // A query takes an hour. Behind half a one and a whole one it would end ten seconds late.
+    // A query takes an hour. Behind half a query and a whole one it would end ten seconds late.
     options.timeouts.localize = (HOUR + HOUR / 2).saturating_sub(10 * SECOND);
     let server = Running::start_paused(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let request = Request::localize(&query).token(PHONE);
     let mut first = ask(&server, &request);
-    all_are_in(&server, 1, 0);
+    wait_until_load(&server, 1, 0);
     clock.advance(HOUR);
-    gate.let_through(1);
+    gate.admit(1);
     assert_eq!(Response::read(&mut first).status, 200);
-    all_are_in(&server, 0, 0);
+    wait_until_load(&server, 0, 0);
     let mut second = ask(&server, &request);
-    all_are_in(&server, 1, 0);
+    wait_until_load(&server, 1, 0);
     let mut third = ask(&server, &request);
-    all_are_in(&server, 1, 1);
+    wait_until_load(&server, 1, 1);
     let late = server.localize(&query, PHONE);
     assert_eq!((late.status, late.problem().as_str()), (503, "overdue"));
     let after: u64 = late.header("retry-after").expect("a time").parse().expect("seconds");
     // Half of an odd number of rows is rounded down.
     assert!((8..=10).contains(&after), "{after}");
-    // Those that were taken are answered.
+    // Accepted queries are answered.
     gate.open();
     for stream in [&mut second, &mut third] {
         assert_eq!(Response::read(stream).status, 200);

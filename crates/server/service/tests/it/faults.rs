@@ -1,4 +1,4 @@
-//! What goes wrong below the requests is counted by kind, and what is no fault is not; every answer has its time in the
+//! Faults of connections are counted by kind, and normal ends are not; every response has its duration in the
 //! histogram, whatever its status.
 
 use super::common;
@@ -6,7 +6,7 @@ use super::common;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
 
-use common::http::{Request, Response, connect, has_come};
+use common::http::{Request, Response, connect, has_data};
 use common::{Files, ManualClock, OPERATOR, PHONE, Running, SECOND, data, eventually, truth, value};
 use veiloc_service::TlsFiles;
 
@@ -26,7 +26,7 @@ const KINDS: [&str; 8] = [
     "left",
 ];
 
-/// All that comes until the end, while time passes.
+/// All input until the end, while the paused clock advances.
 fn rest_in_time(server: &Running, stream: &mut TcpStream) -> String {
     let (mut bytes, mut piece) = (Vec::new(), [0; 4096]);
     stream.set_nonblocking(true).expect("set");
@@ -42,10 +42,10 @@ fn rest_in_time(server: &Running, stream: &mut TcpStream) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// All that came until the end.
+/// All input until the end.
 fn rest(stream: &mut TcpStream) -> String {
     let mut bytes = Vec::new();
-    // A connection that was reset has said what it had to say.
+    // A reset connection has delivered its input before.
     let _ = stream.read_to_end(&mut bytes);
     String::from_utf8_lossy(&bytes).into_owned()
 }
@@ -60,13 +60,13 @@ fn faults_of_plain_connections_are_counted_by_kind() {
         assert_eq!(faults(&server, kind), 0.0, "{kind}");
     }
 
-    // No fault: asked and left, idle for too long, gone without a word.
+    // Not a fault: disconnecting after a response, exceeding the idle time, disconnecting without input.
     assert_eq!(server.get("/healthz", "").status, 200);
     let mut idle = connect(server.address);
     idle.write_all(&Request::get("/healthz").bytes()).expect("sent");
     assert_eq!(Response::read(&mut idle).status, 200);
-    assert_eq!(rest_in_time(&server, &mut idle), "", "closed when it was idle");
-    assert_eq!(rest_in_time(&server, &mut connect(server.address)), "", "closed when it said nothing");
+    assert_eq!(rest_in_time(&server, &mut idle), "", "closed while idle");
+    assert_eq!(rest_in_time(&server, &mut connect(server.address)), "", "closed without input");
     drop(connect(server.address));
 
     let mut noise = connect(server.address);
@@ -95,13 +95,13 @@ fn faults_of_plain_connections_are_counted_by_kind() {
 }
 
 #[test]
-fn a_client_that_leaves_before_its_answer_is_counted() {
+fn client_that_disconnects_early_is_counted() {
     let files = Files::new();
     let mut options = files.options();
     options.localize.pose.fixed_hypotheses = Some(usize::MAX);
     let server = Running::start(options);
     let mut leaving = connect(server.address);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     leaving.write_all(&Request::localize(&query).token(PHONE).bytes()).expect("sent");
     eventually("work on it", || server.metric("veiloc_workers_busy") == Some(1.0));
     leaving.shutdown(Shutdown::Both).expect("closed");
@@ -109,7 +109,7 @@ fn a_client_that_leaves_before_its_answer_is_counted() {
 }
 
 #[test]
-fn handshakes_that_fail_or_last_are_counted() {
+fn failed_and_slow_handshakes_are_counted() {
     let files = Files::new();
     let mut options = files.options();
     options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
@@ -125,16 +125,16 @@ fn handshakes_that_fail_or_last_are_counted() {
 }
 
 #[test]
-fn every_status_has_its_time_and_every_token_its_count() {
+fn durations_by_status_and_requests_by_token_are_counted() {
     let files = Files::new();
     let mut options = files.options();
     options.rate.burst = 4.try_into().expect("not zero");
     options.rate.per_second = std::num::NonZeroU32::MIN;
     options.clock = ManualClock::new().clock();
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     assert_eq!(server.localize(&query, PHONE).status, 200);
-    assert_eq!(server.localize(&files.place.sealed_without_features(), PHONE).status, 422);
+    assert_eq!(server.localize(&files.scene.sealed_without_features(), PHONE).status, 422);
     assert_eq!(server.localize(b"no query", PHONE).status, 400);
     assert_eq!(server.localize(&query, "unknown").status, 401);
     assert_eq!(server.get("/v1/maps/place/localize", "").status, 405);
@@ -150,15 +150,15 @@ fn every_status_has_its_time_and_every_token_its_count() {
         let series = format!("veiloc_token_requests_total{{token=\"someone\",status=\"{status}\"}}");
         assert!(value(&text, &series) >= Some(1.0), "{series}\n{text}");
     }
-    assert!(!text.contains("token=\"someone\",status=\"401\""), "nobody brought this token:\n{text}");
-    // Stopped in the middle of its search.
+    assert!(!text.contains("token=\"someone\",status=\"401\""), "no request had this token:\n{text}");
+    // Stopped during its search.
     let mut options = files.options();
     options.timeouts.localize = 10 * SECOND;
     options.localize.pose.fixed_hypotheses = Some(usize::MAX);
     let server = Running::start_paused(options);
     let mut stream = connect(server.address);
     stream.write_all(&Request::localize(&query).token(PHONE).bytes()).expect("sent");
-    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    server.pass_until(SECOND, "an answer", || has_data(&stream));
     assert_eq!(Response::read(&mut stream).status, 504);
     let text = server.get("/metrics", OPERATOR).text();
     assert!(

@@ -1,4 +1,5 @@
-//! L12: what a reply to a query says cannot be told from how long it is, measured on the wire, within TLS and outside.
+//! L12: the length of a response to a query is independent of its content, measured on the wire, within TLS and
+//! outside.
 
 use super::common;
 
@@ -9,18 +10,18 @@ use std::num::{NonZeroU32, NonZeroUsize};
 use std::sync::{Arc, Mutex};
 
 use common::gate::Gate;
-use common::http::{Request, connect, has_come};
-use common::{Files, ManualClock, PHONE, Place, Running, SECOND, data, eventually, truth};
+use common::http::{Request, connect, has_data};
+use common::{Files, ManualClock, PHONE, Running, SECOND, TestScene, data, eventually, truth};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use veiloc_protocol::Answer;
 use veiloc_service::{ServerOptions, TlsFiles};
 
-/// Everything a reply may be asked for in.
+/// All formats of answers.
 const FORMS: [&str; 2] = ["application/json", "application/x-protobuf"];
 
-/// Requests that get a pose which is trusted, one which is not, and each refusal that a query can get.
+/// Requests that get a trusted pose, a doubtful one, and each refusal that a query can get.
 struct Cases {
     files: Files,
     requests: Vec<(&'static str, Request)>,
@@ -29,26 +30,26 @@ struct Cases {
 impl Cases {
     fn new(accept: &str) -> Self {
         let files = Files::new();
-        let query = files.place.sealed(&truth());
+        let query = files.scene.sealed(&truth());
         let localize = |body: &[u8]| Request::localize(body).token(PHONE).header("accept", accept);
         let mut version = query.clone();
         version[1] = 9;
         let other_type =
             Request::post("/v1/maps/place/localize", &query).token(PHONE).header("content-type", "a/b");
-        let elsewhere = Request::post("/v1/maps/x/localize", &query).token(PHONE);
+        let other_map = Request::post("/v1/maps/x/localize", &query).token(PHONE);
         let requests = vec![
             ("trusted", localize(&query)),
-            ("withheld", localize(&files.place.sealed_doubtfully()).header("veiloc-trusted-only", "true")),
-            ("doubtful", localize(&files.place.sealed_doubtfully())),
-            ("not-localized", localize(&files.place.sealed_without_features())),
+            ("withheld", localize(&files.scene.sealed_with_doubts()).header("veiloc-trusted-only", "true")),
+            ("doubtful", localize(&files.scene.sealed_with_doubts())),
+            ("not-localized", localize(&files.scene.sealed_without_features())),
             ("bad-option", localize(&query).header("veiloc-near", "x")),
             ("malformed-query", localize(&query[..query.len() / 2])),
             ("unsupported-version", localize(&version)),
-            ("wrong-profile", localize(&Place::new(2).sealed(&truth()))),
+            ("wrong-profile", localize(&TestScene::new(2).sealed(&truth()))),
             ("too-large", localize(&vec![0; 600_000])),
             ("unauthenticated", Request::localize(&query).header("accept", accept)),
             ("media-type", other_type),
-            ("unknown-map", elsewhere.header("content-type", "application/x-protobuf")),
+            ("unknown-map", other_map.header("content-type", "application/x-protobuf")),
         ];
         Self { files, requests }
     }
@@ -58,14 +59,14 @@ impl Cases {
     }
 }
 
-/// Sends a request on a connection that is closed after it.
+/// Sends a request on a connection that closes after it.
 fn send(address: SocketAddr, request: Request) -> TcpStream {
     let mut stream = connect(address);
     let _ = stream.write_all(&request.header("connection", "close").bytes());
     stream
 }
 
-/// All bytes of its reply, head and body.
+/// All bytes of the response, head and body.
 fn bytes_of(address: SocketAddr, request: Request) -> Vec<u8> {
     rest(&mut send(address, request))
 }
@@ -76,7 +77,7 @@ fn rest(stream: &mut TcpStream) -> Vec<u8> {
     bytes
 }
 
-/// What the reply turned out to be.
+/// The kind of the response.
 fn kind_of(bytes: &[u8]) -> String {
     let (head, body) = split(bytes);
     if !head.starts_with("HTTP/1.1 200") {
@@ -106,7 +107,7 @@ fn split(bytes: &[u8]) -> (&str, &[u8]) {
 }
 
 #[test]
-fn all_replies_to_queries_have_one_length() {
+fn responses_to_queries_have_equal_length() {
     for form in FORMS {
         let cases = Cases::new(form);
         let server = Running::start(cases.options());
@@ -128,9 +129,9 @@ fn all_replies_to_queries_have_one_length() {
 
 /// Refusals that depend on load and time.
 #[test]
-fn refusals_under_load_are_no_shorter_or_longer() {
+fn refusals_under_load_have_equal_length() {
     let files = Files::new();
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let ask = |server: &Running| bytes_of(server.address, Request::localize(&query).token(PHONE));
     let mut options = files.options();
     options.rate.per_second = NonZeroU32::MIN;
@@ -147,34 +148,34 @@ fn refusals_under_load_are_no_shorter_or_longer() {
     options.localize.pose.fixed_hypotheses = Some(usize::MAX);
     let server = Running::start_paused(options);
     let mut stream = send(server.address, Request::localize(&query).token(PHONE));
-    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    server.pass_until(SECOND, "an answer", || has_data(&stream));
     let late = rest(&mut stream);
     assert_eq!(kind_of(&late), "timed-out");
 
     let mut options = files.options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN;
-    let gate = Gate::before_the_map_of(&files, &mut options);
+    let gate = Gate::install(&files, &mut options);
     let server = Running::start(options);
-    let mut asked: Vec<TcpStream> =
+    let mut streams: Vec<TcpStream> =
         (0..12).map(|_| send(server.address, Request::localize(&query).token(PHONE))).collect();
-    // One is at work and one waits.
-    eventually("refusals", || asked.iter().filter(|stream| has_come(stream)).count() >= 10);
+    // One query is running and one is queued.
+    eventually("refusals", || streams.iter().filter(|stream| has_data(stream)).count() >= 10);
     gate.open();
-    let replies: Vec<Vec<u8>> = asked.iter_mut().map(rest).collect();
+    let replies: Vec<Vec<u8>> = streams.iter_mut().map(rest).collect();
     assert!(replies.iter().any(|bytes| kind_of(bytes) == "queue-full"));
     for bytes in replies.iter().chain([&limited, &late]) {
         assert_eq!(bytes.len(), answered.len(), "{}", kind_of(bytes));
     }
 }
 
-/// A socket whose arriving bytes are kept: what somebody on the way sees.
-struct Tapped {
+/// A socket that records incoming bytes: the view of an observer of the network.
+struct RecordingSocket {
     stream: TcpStream,
     seen: Arc<Mutex<Vec<u8>>>,
 }
 
-impl Read for Tapped {
+impl Read for RecordingSocket {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let count = self.stream.read(buffer)?;
         self.seen.lock().expect("not poisoned").extend_from_slice(&buffer[..count]);
@@ -182,7 +183,7 @@ impl Read for Tapped {
     }
 }
 
-impl Write for Tapped {
+impl Write for RecordingSocket {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         self.stream.write(bytes)
     }
@@ -192,7 +193,7 @@ impl Write for Tapped {
     }
 }
 
-/// Lengths of the TLS records of a reply, after those of the handshake.
+/// Lengths of the TLS records of a response, without those of the handshake.
 fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
     let mut roots = RootCertStore::empty();
     roots.add(CertificateDer::from_pem_file(data("cert.pem")).expect("a certificate")).expect("a root");
@@ -205,12 +206,13 @@ fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
     let name = ServerName::try_from("localhost").expect("a name");
     let connection = ClientConnection::new(Arc::new(config), name).expect("a connection");
     let seen = Arc::new(Mutex::new(Vec::new()));
-    let mut stream = StreamOwned::new(connection, Tapped { stream: connect(address), seen: seen.clone() });
+    let mut stream =
+        StreamOwned::new(connection, RecordingSocket { stream: connect(address), seen: seen.clone() });
     let mut ask = |request: Request| {
         let _ = stream.write_all(&request.bytes());
         common::http::Response::read(&mut stream)
     };
-    // One reply to see the handshake and its tickets through.
+    // A first response, after the handshake and its session tickets.
     assert_eq!(ask(Request::get("/healthz")).status, 200);
     seen.lock().expect("not poisoned").clear();
     let response = ask(request);
@@ -230,7 +232,7 @@ fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
 }
 
 #[test]
-fn tls_records_of_all_replies_are_the_same() {
+fn tls_records_of_responses_have_equal_lengths() {
     let cases = Cases::new("application/json");
     let mut options = cases.options();
     options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });

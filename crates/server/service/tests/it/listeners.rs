@@ -1,4 +1,4 @@
-//! Several listeners at once, and a Unix socket among them.
+//! Several listeners at once, including a Unix socket.
 #![cfg(unix)]
 
 use super::common;
@@ -18,7 +18,7 @@ fn ask(stream: &mut UnixStream, request: &Request) -> Option<Response> {
 }
 
 #[test]
-fn all_of_them_answer_and_a_socket_goes_with_the_service() {
+fn all_listeners_answer_and_the_socket_is_removed() {
     let files = Files::new();
     let path = files.path("veiloc.sock");
     let mut options = files.options();
@@ -32,7 +32,7 @@ fn all_of_them_answer_and_a_socket_goes_with_the_service() {
         panic!("{:?}", server.listening)
     };
     assert_eq!((socket, one.port() == two.port()), (&path, false));
-    let request = Request::localize(&files.place.sealed(&truth())).token(PHONE);
+    let request = Request::localize(&files.scene.sealed(&truth())).token(PHONE);
     for address in [one, two] {
         let mut stream = connect(*address);
         stream.write_all(&request.bytes()).expect("written");
@@ -45,9 +45,9 @@ fn all_of_them_answer_and_a_socket_goes_with_the_service() {
     assert!(ask(&mut stream, &request).is_none() && !path.exists());
 }
 
-/// Behind the socket is a proxy: a certificate is not for it, and what one address may have does not bind it.
+/// A Unix socket is for a proxy: it uses no TLS, and the limit per address does not apply.
 #[test]
-fn a_proxy_is_bound_by_no_limit_of_one_address_and_speaks_plain() {
+fn unix_socket_is_plain_and_without_limit_per_address() {
     let files = Files::new();
     let path = files.path("veiloc.sock");
     let mut options = files.open_options();
@@ -67,7 +67,7 @@ fn a_proxy_is_bound_by_no_limit_of_one_address_and_speaks_plain() {
 }
 
 #[test]
-fn an_address_that_cannot_be_had_is_named() {
+fn unusable_addresses_are_named() {
     let files = Files::new();
     std::fs::write(files.path("file"), "kept").expect("written");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");

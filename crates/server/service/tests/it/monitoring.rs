@@ -1,5 +1,5 @@
-//! What the dashboard and the alerts of `deploy/` ask for is what the service shows, every alert has its test and its section
-//! of the runbook, and there is no section without its alert.
+//! The dashboard and the alerts of `deploy/` use only existing metrics; every alert has a test and a section of the
+//! runbook, and every section has an alert.
 
 use super::common;
 
@@ -20,15 +20,15 @@ fn alerts() -> Vec<String> {
     text.lines().filter_map(|line| line.trim().strip_prefix("- alert: ")).map(str::to_owned).collect()
 }
 
-/// A metric that is asked for, with the labels that its selector names and their values; several where any will do.
+/// A metric in a query, with the label values of its selector; several values where any will do.
 #[derive(Debug)]
-struct Asked {
+struct MetricSelector {
     name: String,
     labels: Vec<(String, Vec<String>)>,
 }
 
-/// All metrics named in a text: words with our prefixes, and the selector behind each.
-fn asked_for(text: &str) -> Vec<Asked> {
+/// All metrics in a text: words with our prefixes, and their selectors.
+fn metrics_in(text: &str) -> Vec<MetricSelector> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut all = Vec::new();
     for (at, _) in text.match_indices("veiloc_").chain(text.match_indices("process_")) {
@@ -53,13 +53,13 @@ fn asked_for(text: &str) -> Vec<Asked> {
                 selector = rest;
             }
         }
-        all.push(Asked { name: name.to_owned(), labels });
+        all.push(MetricSelector { name: name.to_owned(), labels });
     }
     all
 }
 
-/// What the service shows: of each name all labels with all their values.
-fn shown(text: &str) -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
+/// All exported series: for each name all labels with all their values.
+fn exported(text: &str) -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
     let mut all: BTreeMap<String, BTreeMap<String, BTreeSet<String>>> = BTreeMap::new();
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let name = line.split(['{', ' ']).next().unwrap_or_default();
@@ -76,35 +76,36 @@ fn shown(text: &str) -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
 }
 
 #[test]
-fn selectors_and_series_are_understood() {
-    let asked =
-        asked_for(r#"rate(veiloc_a_total{job="$job", kind="x", b=~"y|z"}[5m]) / up{c="d"} > veiloc_b"#);
-    assert_eq!(asked.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["veiloc_a_total", "veiloc_b"]);
+fn selectors_and_series_are_parsed() {
+    let selectors =
+        metrics_in(r#"rate(veiloc_a_total{job="$job", kind="x", b=~"y|z"}[5m]) / up{c="d"} > veiloc_b"#);
+    assert_eq!(selectors.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["veiloc_a_total", "veiloc_b"]);
     let label =
         |name: &str, values: &[&str]| (name.to_owned(), values.iter().map(ToString::to_string).collect());
-    assert_eq!(asked[0].labels, [label("kind", &["x"]), label("b", &["y", "z"])]);
-    let shown = shown("# TYPE x counter\nx_total{a=\"1\",b=\"{n}\"} 3\nx_total{a=\"2\",b=\"\"} 4\ny 1\n");
-    assert_eq!(shown["x_total"]["a"].len(), 2);
-    assert!(shown["x_total"]["b"].contains("{n}") && shown["y"].is_empty());
+    assert_eq!(selectors[0].labels, [label("kind", &["x"]), label("b", &["y", "z"])]);
+    let exported =
+        exported("# TYPE x counter\nx_total{a=\"1\",b=\"{n}\"} 3\nx_total{a=\"2\",b=\"\"} 4\ny 1\n");
+    assert_eq!(exported["x_total"]["a"].len(), 2);
+    assert!(exported["x_total"]["b"].contains("{n}") && exported["y"].is_empty());
 }
 
 #[test]
-fn dashboard_and_alerts_ask_for_what_there_is() {
+fn dashboard_and_alerts_use_existing_metrics() {
     let files = Files::new();
     let mut options = files.options();
     options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
     let server = Running::start(options);
-    assert_eq!(server.localize(&files.place.sealed(&truth()), PHONE).status, 200);
-    let shown = shown(&server.get("/metrics", OPERATOR).text());
-    // Labels that Prometheus adds, and statuses and tokens, which are there when they have come.
+    assert_eq!(server.localize(&files.scene.sealed(&truth()), PHONE).status, 200);
+    let exported = exported(&server.get("/metrics", OPERATOR).text());
+    // Labels that Prometheus adds, and labels whose values appear only with requests.
     let open = ["job", "instance", "status", "token"];
-    // A dashboard says its queries as JSON strings.
+    // The dashboard stores its queries as JSON strings.
     let dashboard = repository("deploy/grafana/veiloc.json").replace("\\\"", "\"");
     for (what, text) in [("dashboard", dashboard), ("alerts", repository("deploy/prometheus/alerts.yml"))] {
-        let asked = asked_for(&text);
-        assert!(asked.len() >= 15, "{what}: {asked:?}");
-        for Asked { name, labels } in asked {
-            let series = shown.get(&name).unwrap_or_else(|| panic!("{what}: nobody shows {name}"));
+        let selectors = metrics_in(&text);
+        assert!(selectors.len() >= 15, "{what}: {selectors:?}");
+        for MetricSelector { name, labels } in selectors {
+            let series = exported.get(&name).unwrap_or_else(|| panic!("{what}: {name} is not exported"));
             for (label, values) in labels.iter().filter(|(label, _)| !open.contains(&label.as_str())) {
                 let there =
                     series.get(label).unwrap_or_else(|| panic!("{what}: {name} has no label {label}"));
@@ -116,9 +117,9 @@ fn dashboard_and_alerts_ask_for_what_there_is() {
     }
 }
 
-/// The end of the certificate is told, so that the alerts on it can work.
+/// The end of the certificate is exported for the alerts.
 #[test]
-fn the_end_of_the_certificate_is_shown() {
+fn end_of_certificate_is_exported() {
     let files = Files::new();
     let mut options = files.options();
     options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
@@ -129,7 +130,7 @@ fn the_end_of_the_certificate_is_shown() {
 }
 
 #[test]
-fn every_alert_has_its_section_of_the_runbook_and_its_test() {
+fn every_alert_has_a_runbook_section_and_a_test() {
     let alerts = alerts();
     assert!(alerts.len() >= 10);
     let runbook = repository("docs/guide/runbook.md");
@@ -154,9 +155,9 @@ fn every_alert_has_its_section_of_the_runbook_and_its_test() {
     }
 }
 
-/// The table of refusals in `docs/reference/http.md` is what the service counts from the start.
+/// All refusals in the table of `docs/service.md` have a counter from the start.
 #[test]
-fn every_refusal_of_the_document_is_counted_from_the_start() {
+fn documented_refusals_have_counters_from_the_start() {
     let files = Files::new();
     let server = Running::start(files.options());
     let text = server.get("/metrics", OPERATOR).text();
@@ -173,9 +174,9 @@ fn every_refusal_of_the_document_is_counted_from_the_start() {
         let names = rest.split_once(" | ").expect("names").0;
         named.extend(names.split('`').skip(1).step_by(2).map(|name| (status.to_owned(), name.to_owned())));
     }
-    // Of other addresses.
-    for elsewhere in [("403", "forbidden"), ("404", "not-found")] {
-        assert!(named.remove(&(elsewhere.0.to_owned(), elsewhere.1.to_owned())), "{elsewhere:?}");
+    // These belong to other addresses.
+    for other in [("403", "forbidden"), ("404", "not-found")] {
+        assert!(named.remove(&(other.0.to_owned(), other.1.to_owned())), "{other:?}");
     }
     for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"] {
         let start = format!("veiloc_requests_total{{route=\"{route}\",status=\"");

@@ -1,4 +1,5 @@
-//! The page: there only when the operator serves one, everybody's but for what a map shows, bound to its own server, and sent once.
+//! The web page: served only when configured, without a token except for map points, restricted to its own server,
+//! and cached.
 
 use super::common;
 
@@ -6,7 +7,7 @@ use std::io::Read as _;
 use std::sync::Arc;
 
 use common::http::{Request, Response};
-use common::{Files, PHONE, Place, Running, eventually};
+use common::{Files, PHONE, Running, TestScene, eventually};
 use flate2::read::GzDecoder;
 use veiloc_service::web_page::Page;
 
@@ -19,7 +20,7 @@ fn page() -> Arc<Page> {
 }
 
 #[test]
-fn a_page_reaches_its_own_server_alone() {
+fn page_policy_allows_only_its_own_server() {
     let files = Files::new();
     let mut options = files.options();
     options.page = Some(page());
@@ -50,7 +51,7 @@ fn a_page_reaches_its_own_server_alone() {
 }
 
 #[test]
-fn points_are_shown_when_the_operator_says_so_and_to_whom_the_map_is() {
+fn points_need_the_option_and_access_to_the_map() {
     let files = Files::new();
     let start = |points: usize| {
         let mut options = files.options();
@@ -65,16 +66,16 @@ fn points_are_shown_when_the_operator_says_so_and_to_whom_the_map_is() {
     let shown = ask(&server, "place", PHONE);
     assert_eq!((shown.status, shown.body.len()), (200, 50 * 12));
     let first = f32::from_le_bytes(shown.body[..4].try_into().expect("four bytes"));
-    assert!(first.abs() <= 3.0, "{first} is in no point of the place");
+    assert!(first.abs() <= 3.0, "{first} is outside of the scene");
     assert_eq!(ask(&server, "place", "guess").status, 401);
     assert_eq!(ask(&server, "atlantis", PHONE).status, 404);
     assert_eq!(Request::get("/page/points/place").send(server.address).status, 401);
     let none = ask(&start(0), "place", PHONE);
-    assert_eq!((none.status, none.body.len()), (200, 0), "by default nothing of a map is shown");
+    assert_eq!((none.status, none.body.len()), (200, 0), "by default no points are shown");
 }
 
 #[test]
-fn without_a_page_there_is_nothing_of_it() {
+fn without_a_page_its_addresses_are_unknown() {
     let files = Files::new();
     let server = Running::start(files.options());
     for path in ["/", "/page/index.html", "/page/points/place"] {
@@ -82,7 +83,7 @@ fn without_a_page_there_is_nothing_of_it() {
     }
 }
 
-/// A page with something to compress, served.
+/// A server whose page has a compressible file.
 fn with_long_files() -> (Files, Running) {
     let mut page = Page::clone(&page());
     page.add("long.js", "// the same again\n".repeat(500).into_bytes()).expect("a file of a page");
@@ -93,46 +94,50 @@ fn with_long_files() -> (Files, Running) {
     (files, Running::start(options))
 }
 
-fn asking(server: &Running, path: &str, headers: &[(&str, &str)]) -> Response {
+fn get_with_headers(server: &Running, path: &str, headers: &[(&str, &str)]) -> Response {
     let request =
         headers.iter().fold(Request::get(path), |request, (name, value)| request.header(name, value));
     request.send(server.address)
 }
 
 #[test]
-fn what_can_be_compressed_is_for_who_takes_it() {
+fn compressible_files_are_sent_compressed_on_request() {
     let (_files, server) = with_long_files();
-    let plain = asking(&server, "/page/long.js", &[]);
-    let short = asking(&server, "/page/long.js", &[("accept-encoding", "br, gzip")]);
+    let plain = get_with_headers(&server, "/page/long.js", &[]);
+    let short = get_with_headers(&server, "/page/long.js", &[("accept-encoding", "br, gzip")]);
     assert_eq!((plain.header("content-encoding"), short.header("content-encoding")), (None, Some("gzip")));
     assert_eq!(plain.text(), "// the same again\n".repeat(500));
     let mut read = Vec::new();
     GzDecoder::new(&*short.body).read_to_end(&mut read).expect("gzip");
     assert!(read == plain.body && short.body.len() < plain.body.len() / 10, "{}", short.body.len());
     for response in [&plain, &short] {
-        assert_eq!(response.header("vary"), Some("accept-encoding"), "caches tell one from the other");
+        assert_eq!(response.header("vary"), Some("accept-encoding"), "caches must distinguish the forms");
         assert_eq!(response.header("cache-control"), Some("no-cache"));
         assert!(response.header("content-security-policy").is_some());
     }
-    assert_ne!(plain.header("etag"), short.header("etag"), "other bytes, another name");
+    assert_ne!(plain.header("etag"), short.header("etag"), "other bytes, another tag");
 
-    // Images are compressed already, and what gets no shorter stays as it is.
+    // Images are compressed already, and a file that does not get shorter stays as it is.
     for path in ["/page/image.png", "/page/page.js"] {
-        let response = asking(&server, path, &[("accept-encoding", "gzip")]);
+        let response = get_with_headers(&server, path, &[("accept-encoding", "gzip")]);
         assert_eq!((response.header("content-encoding"), response.header("vary")), (None, None), "{path}");
     }
 }
 
 #[test]
-fn what_a_browser_has_is_not_sent_again() {
+fn cached_files_are_revalidated() {
     let (_files, server) = with_long_files();
     for encoding in ["identity", "gzip"] {
         let with = |tag: &str| {
-            asking(&server, "/page/long.js", &[("accept-encoding", encoding), ("if-none-match", tag)])
+            get_with_headers(
+                &server,
+                "/page/long.js",
+                &[("accept-encoding", encoding), ("if-none-match", tag)],
+            )
         };
         let first = with("\"none\"");
         let tag = first.header("etag").expect("a tag");
-        assert!(tag.len() == 66 && tag.starts_with('"'), "{tag} is a strong one");
+        assert!(tag.len() == 66 && tag.starts_with('"'), "{tag} is a strong tag");
         let again = with(tag);
         assert_eq!((first.status, again.status, again.body.len()), (200, 304, 0), "{encoding}");
         for name in ["etag", "vary", "cache-control", "content-security-policy"] {
@@ -140,14 +145,15 @@ fn what_a_browser_has_is_not_sent_again() {
         }
         assert_eq!(with(&format!("\"other\", W/{tag}")).status, 304);
     }
-    let plain = asking(&server, "/page/long.js", &[]);
+    let plain = get_with_headers(&server, "/page/long.js", &[]);
     let tag = plain.header("etag").expect("a tag");
-    let other = asking(&server, "/page/long.js", &[("accept-encoding", "gzip"), ("if-none-match", tag)]);
-    assert_eq!(other.status, 200, "the tag of other bytes is none of these");
+    let other =
+        get_with_headers(&server, "/page/long.js", &[("accept-encoding", "gzip"), ("if-none-match", tag)]);
+    assert_eq!(other.status, 200, "the tag of the other form does not match");
 }
 
 #[test]
-fn points_are_those_of_the_map_as_it_is_now() {
+fn points_follow_the_current_map() {
     let files = Files::new();
     let mut options = files.options();
     options.page = Some(page());
@@ -159,11 +165,11 @@ fn points_are_those_of_the_map_as_it_is_now() {
     };
     let first = ask("\"none\"");
     let tag = first.header("etag").expect("a tag").to_owned();
-    assert_eq!(first.header("cache-control"), Some("private, no-cache"), "not for a cache that others share");
+    assert_eq!(first.header("cache-control"), Some("private, no-cache"), "not for shared caches");
     let again = ask(&tag);
     assert_eq!((first.body.len(), again.status, again.body.len()), (1200, 304, 0));
 
-    let other = Place::new(2);
+    let other = TestScene::new(2);
     veiloc_map::write(&other.map(6), &files.path("place.vmap")).expect("written");
     eventually("the other map", || ask(&tag).status == 200);
     let now = ask(&tag);

@@ -1,6 +1,6 @@
-//! L8: no log line, metric or error holds anything of a query's content, nor a token, nor what an address held.
+//! L8: no log line, metric or error contains any content of a query, a token, or parts of a requested address.
 //!
-//! One test in a process of its own, because it listens to everything the process logs, at the finest level.
+//! This is one test in a separate process, because it captures everything that the process logs, at the finest level.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 
 use common::http::Request;
-use common::mark::{MARK, holds_the_mark, marked};
+use common::mark::{MARK, find_mark, marked};
 use common::{Files, OPERATOR, PHONE, Running, truth};
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -40,18 +40,21 @@ impl<'a> MakeWriter<'a> for Log {
 }
 
 #[test]
-fn l8_nothing_of_a_query_is_ever_told() {
-    common::alone::alone("privacy::l8_nothing_of_a_query_is_ever_told", nothing_of_a_query_is_ever_told);
+fn l8_logs_and_metrics_contain_nothing_of_a_query() {
+    common::own_process::run_in_own_process(
+        "privacy::l8_logs_and_metrics_contain_nothing_of_a_query",
+        check_logs_and_metrics,
+    );
 }
 
-fn nothing_of_a_query_is_ever_told() {
+fn check_logs_and_metrics() {
     let log = Log::default();
     tracing_subscriber::fmt()
         .with_max_level(tracing::Level::TRACE)
         .with_writer(log.clone())
         .with_ansi(false)
         .init();
-    // The search finds the mark in every form, when there is something to find.
+    // Check first that the search finds the mark in every form.
     for (form, text) in [
         ("text", String::from_utf8_lossy(MARK).into_owned()),
         ("hex", MARK.iter().fold(String::new(), |text, b| text + &format!("{b:02x}"))),
@@ -59,15 +62,15 @@ fn nothing_of_a_query_is_ever_told() {
         ("base64", "WHFadkt3Snk=".to_owned()),
     ] {
         tracing::trace!("{text}");
-        assert!(holds_the_mark(&log.text()).is_some(), "{form} is not found");
+        assert!(find_mark(&log.text()).is_some(), "{form} is not found");
         log.0.lock().expect("not poisoned").clear();
     }
 
     let files = Files::new();
     let server = Running::start(files.options());
-    let good = files.place.sealed(&truth());
+    let good = files.scene.sealed(&truth());
     let query = marked(&files);
-    assert!(query.windows(16).any(|w| w == MARK), "the mark is sent");
+    assert!(query.windows(16).any(|w| w == MARK), "the query contains the mark");
     let mark = std::str::from_utf8(MARK).expect("ASCII");
     let mut version = query.clone();
     version[1] = 9;
@@ -75,11 +78,11 @@ fn nothing_of_a_query_is_ever_told() {
     broken.truncate(query.len() - 7);
     let other = {
         let mut files = Files::new();
-        files.place.profile = common::Place::new(2).profile.clone();
+        files.scene.profile = common::TestScene::new(2).profile.clone();
         marked(&files)
     };
     let localize = |body: &[u8]| Request::localize(body).token(PHONE);
-    let (mut told, mut ids) = (String::new(), Vec::new());
+    let (mut output, mut ids) = (String::new(), Vec::new());
     for request in [
         localize(&query),
         localize(&good),
@@ -102,20 +105,20 @@ fn nothing_of_a_query_is_ever_told() {
         Request { head: format!("GET / HTTP/1.1\r\n{mark}\r\n"), body: Vec::new() },
     ] {
         let response = request.send(server.address);
-        told += &response.head;
-        // What is no HTTP is no request.
+        output += &response.head;
+        // Input that is not HTTP has no request id.
         ids.extend(response.header("veiloc-request-id").map(str::to_owned));
-        told += &String::from_utf8_lossy(&response.body);
+        output += &String::from_utf8_lossy(&response.body);
     }
-    told += &server.get("/metrics", OPERATOR).text();
+    output += &server.get("/metrics", OPERATOR).text();
     drop(server);
     let logged = log.text();
-    assert!(logged.lines().count() >= 15, "every request left its line:\n{logged}");
+    assert!(logged.lines().count() >= 15, "every request has a line:\n{logged}");
     assert!(logged.contains("sealed queries read") && logged.contains("wrong-profile"), "{logged}");
-    assert_eq!(holds_the_mark(&logged), None, "in the log:\n{logged}");
-    assert_eq!(holds_the_mark(&told), None, "in answers or metrics:\n{told}");
-    // Each line of a request has the name that its answer has, and the name of the token it brought.
-    assert_eq!(ids.len(), 18, "all but the head that is none");
+    assert_eq!(find_mark(&logged), None, "in the log:\n{logged}");
+    assert_eq!(find_mark(&output), None, "in answers or metrics:\n{output}");
+    // Each log line of a request has the request id of its response and the name of its token.
+    assert_eq!(ids.len(), 18, "all requests except the malformed head");
     for id in &ids {
         let lines: Vec<_> = logged.lines().filter(|line| line.contains(&format!("request={id}"))).collect();
         assert!(lines.iter().any(|line| line.contains("answered")), "{id} is not in the log:\n{logged}");
@@ -130,6 +133,6 @@ fn nothing_of_a_query_is_ever_told() {
         assert!(!line.contains("token="), "{line}");
     }
     for token in [PHONE, OPERATOR] {
-        assert!(!logged.contains(token) && !told.contains(token), "a token was told");
+        assert!(!logged.contains(token) && !output.contains(token), "a token leaked");
     }
 }

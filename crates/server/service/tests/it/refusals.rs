@@ -1,4 +1,4 @@
-//! Everything a client can do wrong, and what it gets.
+//! Invalid requests and their refusals.
 
 use super::common;
 
@@ -6,16 +6,16 @@ use std::io::Write as _;
 use std::net::TcpStream;
 use std::num::NonZeroUsize;
 
-use common::gate::{Gate, all_are_in};
-use common::http::{Request, Response, connect, has_come};
-use common::{Files, ManualClock, PHONE, Place, Running, SECOND, eventually, truth};
+use common::gate::{Gate, wait_until_load};
+use common::http::{Request, Response, connect, has_data};
+use common::{Files, ManualClock, PHONE, Running, SECOND, TestScene, eventually, truth};
 
 #[test]
-fn every_wrong_request_is_told_what_is_wrong() {
+fn invalid_requests_get_the_right_problem() {
     let files = Files::new();
     let server = Running::start(files.options());
-    let query = files.place.sealed(&truth());
-    let other = Place::new(2).sealed(&truth());
+    let query = files.scene.sealed(&truth());
+    let other = TestScene::new(2).sealed(&truth());
     let mut next_version = query.clone();
     next_version[1] = 5;
     let mut cut = query.clone();
@@ -63,17 +63,17 @@ fn every_wrong_request_is_told_what_is_wrong() {
             assert_eq!(response.header("allow"), Some("POST"), "{what}");
         }
     }
-    // After all of that it does its work.
+    // The service still works afterwards.
     assert_eq!(server.localize(&query, PHONE).status, 200);
 }
 
 #[test]
-fn a_image_of_elsewhere_is_not_localized() {
+fn out_of_map_image_is_not_localized() {
     let files = Files::new();
     let server = Running::start(files.open_options());
     // Same vocabulary, other points.
-    let mut negative = Place::new(2);
-    negative.profile = files.place.profile.clone();
+    let mut negative = TestScene::new(2);
+    negative.profile = files.scene.profile.clone();
     let response = server.localize(&negative.sealed(&truth()), "");
     if response.status == 200 {
         assert_eq!(response.json()["trusted"], false, "{}", response.text());
@@ -84,17 +84,17 @@ fn a_image_of_elsewhere_is_not_localized() {
 }
 
 #[test]
-fn an_empty_map_says_so() {
+fn empty_map_is_reported() {
     let files = Files::new();
-    veiloc_map::write(&files.place.map(0), &files.path("place.vmap")).expect("written");
+    veiloc_map::write(&files.scene.map(0), &files.path("place.vmap")).expect("written");
     let server = Running::start(files.open_options());
-    let response = server.localize(&files.place.sealed(&truth()), "");
+    let response = server.localize(&files.scene.sealed(&truth()), "");
     assert_eq!((response.status, response.problem().as_str()), (409, "empty-map"));
 }
 
-/// Heads that are not HTTP, too long, or never end: an error of HTTP or a closed connection, never a hanging one.
+/// Heads that are not HTTP, too long, or never end: an HTTP error or a closed connection, but never a hanging one.
 #[test]
-fn bad_heads_are_cut_off() {
+fn bad_heads_are_rejected() {
     let files = Files::new();
     let mut options = files.open_options();
     options.timeouts.head = 5 * SECOND;
@@ -108,7 +108,7 @@ fn bad_heads_are_cut_off() {
     ] {
         let mut stream = connect(server.address);
         let _ = stream.write_all(&bytes);
-        server.pass_until(SECOND, what, || has_come(&stream));
+        server.pass_until(SECOND, what, || has_data(&stream));
         if let Some(response) = Response::try_read(&mut stream) {
             assert!((400..500).contains(&response.status), "{what}: {response:?}");
         }
@@ -116,11 +116,11 @@ fn bad_heads_are_cut_off() {
     assert_eq!(server.get("/healthz", "").status, 200);
 }
 
-/// Head and body one byte a second, as a client does that wants to keep a server busy with nothing.
+/// Head or body at one byte per second, as an attacker would do to occupy the server.
 #[test]
-fn slow_clients_are_cut_off() {
+fn slow_clients_are_disconnected() {
     let files = Files::new();
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let request = Request::localize(&query).bytes();
     let head = request.windows(4).position(|w| w == b"\r\n\r\n").expect("a head") + 4;
     for from in [head, 10] {
@@ -136,10 +136,10 @@ fn slow_clients_are_cut_off() {
         let mut rest = request[from..].iter();
         server.pass_until(SECOND, "an end of each", || {
             let next = rest.next().expect("it ends before all is written");
-            let open: Vec<&mut TcpStream> = slow.iter_mut().filter(|stream| !has_come(stream)).collect();
+            let open: Vec<&mut TcpStream> = slow.iter_mut().filter(|stream| !has_data(stream)).collect();
             let all_ended = open.is_empty();
             for stream in open {
-                // One that has just ended takes nothing.
+                // A connection that has just ended accepts nothing.
                 let _ = stream.write_all(&[*next]);
             }
             all_ended
@@ -150,7 +150,7 @@ fn slow_clients_are_cut_off() {
                 let response = response.expect("an answer");
                 assert_eq!((response.status, response.problem().as_str()), (408, "too-slow"));
             } else {
-                // Closed, with or without a word.
+                // Closed, with or without a response.
                 assert!(response.is_none_or(|response| response.status == 408));
             }
         }
@@ -159,7 +159,7 @@ fn slow_clients_are_cut_off() {
 }
 
 #[test]
-fn an_allowance_is_kept_to() {
+fn rate_limit_is_enforced() {
     let files = Files::new();
     let mut options = files.options();
     options.rate.per_second = 1.try_into().expect("not zero");
@@ -167,10 +167,10 @@ fn an_allowance_is_kept_to() {
     let clock = ManualClock::new();
     options.clock = clock.clock();
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let ask = || server.localize(&query, PHONE);
     for _ in 0..3 {
-        assert_eq!(ask().status, 200, "the first ones are within it");
+        assert_eq!(ask().status, 200, "the first ones are within the limit");
     }
     let refused = |response: Response| {
         assert_eq!((response.status, response.problem().as_str()), (429, "rate-limited"));
@@ -178,57 +178,57 @@ fn an_allowance_is_kept_to() {
     };
     (0..9).for_each(|_| refused(ask()));
     clock.advance(SECOND);
-    assert_eq!(ask().status, 200, "one a second");
+    assert_eq!(ask().status, 200, "one per second");
     refused(ask());
-    // Who has no token uses up nobody's allowance, and another token has its own.
+    // A request without a valid token uses no rate limit, and another token has its own.
     assert_eq!(server.localize(&query, "guess").status, 401);
     assert_eq!(server.get("/v1/maps", common::OPERATOR).status, 200);
     assert_eq!(server.get("/healthz", "").status, 200);
 }
 
-/// More at once than there is room for: each gets a pose or is told to come back, and nobody is forgotten.
+/// More queries than fit: each gets a pose or a refusal.
 #[test]
-fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
+fn full_queue_refuses_and_accepted_queries_are_answered() {
     let files = Files::new();
     let mut options = files.open_options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN.saturating_add(1);
-    let gate = Gate::before_the_map_of(&files, &mut options);
+    let gate = Gate::install(&files, &mut options);
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
-    let mut asked: Vec<TcpStream> = (0..24).map(|_| connect(server.address)).collect();
-    let (first, others) = asked.split_at_mut(1);
+    let query = files.scene.sealed(&truth());
+    let mut streams: Vec<TcpStream> = (0..24).map(|_| connect(server.address)).collect();
+    let (first, others) = streams.split_at_mut(1);
     first[0].write_all(&Request::localize(&query).bytes()).expect("written");
-    all_are_in(&server, 1, 0);
+    wait_until_load(&server, 1, 0);
     for stream in others {
         stream.write_all(&Request::localize(&query).bytes()).expect("written");
     }
-    // Two of them wait; which ones is chance.
-    let refused = |asked: &[TcpStream]| asked.iter().filter(|stream| has_come(stream)).count();
-    eventually("refusals", || refused(&asked) >= 21);
-    all_are_in(&server, 1, 2);
-    assert_eq!(refused(&asked), 21);
+    // Two of them are queued; which ones is random.
+    let refused = |streams: &[TcpStream]| streams.iter().filter(|stream| has_data(stream)).count();
+    eventually("refusals", || refused(&streams) >= 21);
+    wait_until_load(&server, 1, 2);
+    assert_eq!(refused(&streams), 21);
     gate.open();
-    let responses: Vec<Response> = asked.iter_mut().map(Response::read).collect();
+    let responses: Vec<Response> = streams.iter_mut().map(Response::read).collect();
     assert_eq!(responses.iter().filter(|r| r.status == 200).count(), 3);
     for response in responses.iter().filter(|r| r.status != 200) {
         assert_eq!((response.status, response.problem().as_str()), (503, "queue-full"));
         assert!(response.header("retry-after").is_some());
     }
-    // The same bytes again, now that there is room.
+    // The same bytes again, now that the queue has room.
     assert_eq!(server.localize(&query, "").status, 200);
 }
 
 #[test]
-fn what_takes_too_long_is_told() {
+fn slow_localization_times_out() {
     let files = Files::new();
     let mut options = files.open_options();
     options.timeouts.localize = 10 * SECOND;
     options.localize.pose.fixed_hypotheses = Some(usize::MAX);
     let server = Running::start_paused(options);
     let mut stream = connect(server.address);
-    stream.write_all(&Request::localize(&files.place.sealed(&truth())).bytes()).expect("written");
-    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    stream.write_all(&Request::localize(&files.scene.sealed(&truth())).bytes()).expect("written");
+    server.pass_until(SECOND, "an answer", || has_data(&stream));
     let response = Response::read(&mut stream);
     assert_eq!((response.status, response.problem().as_str()), (504, "timed-out"));
 }

@@ -1,4 +1,4 @@
-//! Exchanging maps, tokens and certificates under a running server.
+//! Replacing maps, tokens and certificates while the server runs.
 
 use super::common;
 
@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, SystemTime};
 
-use common::gate::{Gate, all_are_in};
+use common::gate::{Gate, wait_until_load};
 use common::http::{Request, Response, connect};
 use common::{Files, OPERATOR, PHONE, Running, eventually, tokens_file, truth};
 
@@ -17,14 +17,14 @@ fn images(server: &Running) -> u64 {
     server.get("/v1/maps", OPERATOR).json()["maps"][0]["images"].as_u64().expect("a number")
 }
 
-/// Replaces the map again and again while clients ask all the time: every one of them gets its pose.
+/// Replaces the map repeatedly while clients send queries: every query gets its pose.
 #[test]
-fn a_map_is_exchanged_without_dropping_a_request() {
+fn map_is_replaced_without_dropping_requests() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let (done, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
     std::thread::scope(|scope| {
         for _ in 0..3 {
@@ -38,7 +38,7 @@ fn a_map_is_exchanged_without_dropping_a_request() {
         }
         for round in 0..8 {
             let count = 4 + round % 3;
-            veiloc_map::write(&files.place.map(count), &files.path("place.vmap")).expect("written");
+            veiloc_map::write(&files.scene.map(count), &files.path("place.vmap")).expect("written");
             eventually("the new map", || images(&server) == u64::from(count));
         }
         let before = answered.load(Ordering::Relaxed);
@@ -54,12 +54,12 @@ fn a_map_is_exchanged_without_dropping_a_request() {
 }
 
 #[test]
-fn a_broken_map_is_refused_and_the_old_one_stays() {
+fn broken_map_is_refused_and_the_old_one_stays() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let map = fs::read(files.path("place.vmap")).expect("the map");
     let failing = || {
         server
@@ -81,25 +81,25 @@ fn a_broken_map_is_refused_and_the_old_one_stays() {
         replace(&map);
         eventually("the map", || !failing());
     }
-    // So it does when its file is gone, which is told.
+    // The same when the file is missing.
     fs::remove_file(files.path("place.vmap")).expect("removed");
     eventually("a refusal", failing);
     assert_eq!(server.localize(&query, PHONE).status, 200);
     assert_eq!(server.get("/readyz", "").status, 200);
-    veiloc_map::write(&files.place.map(4), &files.path("place.vmap")).expect("written");
+    veiloc_map::write(&files.scene.map(4), &files.path("place.vmap")).expect("written");
     eventually("the new map", || images(&server) == 4);
     assert_eq!(server.localize(&query, PHONE).status, 200);
 }
 
-/// A map with another vocabulary: old queries are told to fetch the profile, new ones get their pose.
+/// A map with another vocabulary: old queries are refused with `wrong-profile`, new ones get their pose.
 #[test]
-fn another_profile_is_told_to_clients() {
+fn clients_learn_of_a_new_profile() {
     let files = Files::new();
     let server = Running::start(files.open_options());
-    let old = files.place.sealed(&truth());
+    let old = files.scene.sealed(&truth());
     let etag = |server: &Running| server.get("/v1/maps/place/profile", "").header("etag").map(str::to_owned);
     let before = etag(&server);
-    let other = common::Place::new(2);
+    let other = common::TestScene::new(2);
     veiloc_map::write(&other.map(6), &files.path("place.vmap")).expect("written");
     server.handle.reload();
     assert_ne!(etag(&server), before);
@@ -108,7 +108,7 @@ fn another_profile_is_told_to_clients() {
 }
 
 #[test]
-fn a_token_is_withdrawn_while_the_service_runs() {
+fn token_is_revoked_at_run_time() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
@@ -120,7 +120,7 @@ fn a_token_is_withdrawn_while_the_service_runs() {
     for broken in ["not a line of tokens", ""] {
         fs::write(files.path("tokens"), broken).expect("written");
         eventually("a refusal", failing);
-        assert_eq!(server.get("/v1/maps", PHONE).status, 200, "a broken file withdraws nothing yet");
+        assert_eq!(server.get("/v1/maps", PHONE).status, 200, "an invalid file revokes nothing yet");
         let good = tokens_file(&[(PHONE, ""), (OPERATOR, "operator")]);
         fs::write(files.path("tokens"), good).expect("written");
         eventually("the tokens", || !failing());
@@ -130,9 +130,9 @@ fn a_token_is_withdrawn_while_the_service_runs() {
     assert_eq!(server.get("/v1/maps", PHONE).problem(), "unauthenticated");
 }
 
-/// Beyond their time, the last valid tokens hold no more; a valid file lets people in again.
+/// After the configured time, the last valid tokens are no longer in force; a valid file ends this state.
 #[test]
-fn tokens_without_a_valid_file_hold_for_their_time_only() {
+fn stale_tokens_expire() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
@@ -141,63 +141,63 @@ fn tokens_without_a_valid_file_hold_for_their_time_only() {
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(server.get("/v1/maps", PHONE).status, 200);
     fs::remove_file(files.path("tokens")).expect("removed");
-    eventually("the closed door", || server.get("/v1/maps", PHONE).status == 503);
+    eventually("the end of stale tokens", || server.get("/v1/maps", PHONE).status == 503);
     assert_eq!(server.get("/v1/maps", PHONE).problem(), "no-tokens");
     assert_eq!((server.get("/readyz", "").status, server.get("/healthz", "").status), (503, 200));
     let text = Request::get("/metrics").send(admin).text();
     assert!(text.contains("veiloc_reload_failing{file=\"tokens\",map=\"\"} 1"), "{text}");
     fs::write(files.path("tokens"), tokens_file(&[(PHONE, "")])).expect("written");
-    eventually("the open door", || server.get("/v1/maps", PHONE).status == 200);
+    eventually("valid tokens", || server.get("/v1/maps", PHONE).status == 200);
     assert_eq!(server.get("/readyz", "").status, 200);
 }
 
-/// Revocation does not wait for the work: all workers busy, the queue full, the token is refused all the same.
+/// Revocation works under load: with all workers busy and a full queue, the token is refused.
 #[test]
-fn a_token_is_withdrawn_under_any_load() {
+fn token_is_revoked_under_load() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
     (options.workers, options.queue) = (NonZeroUsize::MIN, NonZeroUsize::MIN.saturating_add(1));
-    let gate = Gate::before_the_map_of(&files, &mut options);
+    let gate = Gate::install(&files, &mut options);
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let ask = |busy: u32, queued: u32| {
         let mut stream = connect(server.address);
         stream.write_all(&Request::localize(&query).token(OPERATOR).bytes()).expect("written");
-        all_are_in(&server, busy, queued);
+        wait_until_load(&server, busy, queued);
         stream
     };
-    let asked = [ask(1, 0), ask(1, 1)];
+    let streams = [ask(1, 0), ask(1, 1)];
     assert_eq!(server.localize(&query, OPERATOR).problem(), "queue-full");
     assert_eq!(server.get("/v1/maps", PHONE).status, 200);
     fs::write(files.path("tokens"), tokens_file(&[(OPERATOR, "operator")])).expect("written");
     eventually("the refusal", || server.get("/v1/maps", PHONE).status == 401);
-    all_are_in(&server, 1, 1);
+    wait_until_load(&server, 1, 1);
     gate.open();
-    for mut stream in asked {
+    for mut stream in streams {
         assert_eq!(Response::read(&mut stream).status, 200);
     }
 }
 
-/// `cp new.vmap live.vmap`, a file cut short, and one written over with as many bytes: answers go on, and what is whole is
-/// taken over.
+/// `cp new.vmap live.vmap`, a truncated file, and an overwritten file of equal length: queries are answered all the
+/// time, and a valid file is loaded.
 #[test]
-fn a_map_written_into_is_no_danger() {
+fn overwriting_a_served_map_is_safe() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let path = files.path("place.vmap");
     let live = fs::read(&path).expect("the map");
-    veiloc_map::write(&files.place.map(4), &files.path("new.vmap")).expect("written");
+    veiloc_map::write(&files.scene.map(4), &files.path("new.vmap")).expect("written");
     let new = fs::read(files.path("new.vmap")).expect("the map");
     let answers = || {
         for _ in 0..3 {
             assert_eq!(server.localize(&query, PHONE).status, 200);
         }
     };
-    // Systems tell times of files in ticks, and a fast machine writes twice within one.
+    // File times have a coarse resolution, and a fast machine writes twice within one tick.
     let hours = Cell::new(0);
     let in_place = |bytes: &[u8]| {
         let mut file = fs::File::options().write(true).open(&path).expect("the live file");
@@ -206,7 +206,7 @@ fn a_map_written_into_is_no_danger() {
         hours.set(hours.get() + 1);
         file.set_modified(SystemTime::now() + hours.get() * common::HOUR).expect("a time of its own");
     };
-    // As `cp` does it: the same file, cut to nothing and filled again.
+    // As `cp` does: the same file, truncated and written again.
     fs::write(&path, &new).expect("written");
     eventually("the new map", || images(&server) == 4);
     answers();
@@ -231,7 +231,7 @@ fn a_map_written_into_is_no_danger() {
     answers();
 }
 
-/// One broken map of several: the others are served, and each says how it is.
+/// One broken map of several: the others are served, and each has its own readiness.
 #[test]
 fn one_broken_map_does_not_stop_the_others() {
     let files = Files::new();
@@ -244,7 +244,7 @@ fn one_broken_map_does_not_stop_the_others() {
     let server = Running::start(options);
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(server.listening.maps, ["place"]);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     assert_eq!(server.localize(&query, "").status, 200);
     let broken =
         Request::post("/v1/maps/broken/localize", &query).header("content-type", "application/x-protobuf");
@@ -254,14 +254,14 @@ fn one_broken_map_does_not_stop_the_others() {
     assert_eq!(Request::get("/readyz").send(admin).text(), "ready\nnot served: broken\n");
     let status = |name: &str| Request::get(&format!("/readyz/{name}")).send(admin).status;
     assert_eq!((status("place"), status("broken"), status("none")), (200, 503, 404));
-    veiloc_map::write(&files.place.map(4), &files.path("broken.vmap")).expect("written");
+    veiloc_map::write(&files.scene.map(4), &files.path("broken.vmap")).expect("written");
     eventually("the second map", || status("broken") == 200);
     assert_eq!(Request::get("/readyz").send(admin).text(), "ready\n");
 }
 
-/// Files of the folder are served as they come, and no more when they are gone.
+/// Maps of the folder are added and removed with their files.
 #[test]
-fn maps_come_and_go_with_their_files() {
+fn maps_folder_is_followed() {
     let files = Files::new();
     let folder = files.path("maps");
     fs::create_dir(&folder).expect("a folder");
@@ -283,7 +283,7 @@ fn maps_come_and_go_with_their_files() {
     found.sort();
     assert_eq!(found, ["garage", "lobby"]);
     assert_eq!(server.get("/readyz", "").status, 200);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let at = |name: &str| {
         let path = format!("/v1/maps/{name}/localize");
         Request::post(&path, &query)

@@ -1,4 +1,4 @@
-//! Tokens that may ask for some maps, and tokens that have expired: who holds one learns nothing of the other maps.
+//! Tokens restricted to some maps, and expired tokens: a client learns nothing about other maps.
 
 use super::common;
 
@@ -22,17 +22,17 @@ fn names(server: &Running, token: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_token_of_other_maps_is_told_nothing_of_this_one() {
+fn restricted_token_learns_nothing_of_other_maps() {
     let files = Files::new();
     let server =
         two_maps(&files, &[(PHONE, "maps=place"), ("visitor", "maps=elsewhere"), (OPERATOR, "operator")]);
     assert_eq!(names(&server, PHONE), ["place"]);
     assert_eq!(names(&server, OPERATOR), ["place", "garage"]);
     assert!(names(&server, "visitor").is_empty());
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     assert_eq!(server.localize(&query, PHONE).status, 200);
     assert_eq!(server.localize(&query, "visitor").problem(), "unknown-map");
-    // What is answered for a map that does not exist, but for the name that every request has.
+    // The response is the same as for a map that does not exist, except for the request id.
     let rig = |map: &str| {
         Request::post(&format!("/v1/maps/{map}/localize-rig"), b"vqrig1\n")
             .header("content-type", "application/octet-stream")
@@ -65,14 +65,14 @@ fn a_token_of_other_maps_is_told_nothing_of_this_one() {
 }
 
 #[test]
-fn a_token_ends_at_its_time_and_is_unknown_from_then_on() {
+fn expired_token_is_unknown() {
     let files = Files::new();
     let server =
         two_maps(&files, &[(PHONE, "expires=2020-01-01"), ("later", "expires=9999-01-01T00:00:00Z")]);
     assert_eq!(server.get("/v1/maps", PHONE).problem(), "unauthenticated");
     assert_eq!(server.get("/v1/maps", "no token at all").problem(), "unauthenticated");
     assert_eq!(server.get("/v1/maps", "later").status, 200);
-    // Nor does its connection count as known.
+    // Its connection does not count as authenticated either.
     let mut stream = common::http::connect(server.address);
     let ask = |stream: &mut std::net::TcpStream| {
         use std::io::Write as _;

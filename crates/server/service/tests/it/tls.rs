@@ -1,4 +1,4 @@
-//! TLS: what is served over it, what is not, and certificates that cannot be used.
+//! TLS: service over TLS, client certificates, and unusable certificates.
 
 use super::common;
 
@@ -38,16 +38,16 @@ fn send(address: SocketAddr, request: &Request, trusted: bool) -> Result<Respons
 }
 
 #[test]
-fn poses_are_told_over_tls() {
+fn service_over_tls() {
     let files = Files::new();
     let server = Running::start(with_tls(files.options(), "key.pem"));
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     let request = Request::localize(&query).token(PHONE);
     let response = send(server.address, &request, true).expect("an answer");
     assert_eq!((response.status, &response.json()["trusted"]), (200, &true.into()));
-    send(server.address, &request, false).expect_err("a certificate nobody vouches for is no certificate");
+    send(server.address, &request, false).expect_err("a certificate without a trusted issuer");
 
-    // Plain HTTP on the same port gets nothing, least of all an answer.
+    // Plain HTTP on the same port gets no response.
     let mut plain = connect(server.address);
     let _ = plain.write_all(&request.bytes());
     let mut answer = Vec::new();
@@ -76,7 +76,7 @@ fn unusable_certificates_are_named() {
     assert!(refused(no_chain).contains("no certificate"));
 }
 
-/// Who asks, and with which certificate of a client.
+/// Sends a request with an optional client certificate.
 fn as_client(
     address: SocketAddr,
     client: Option<(&str, &str)>,
@@ -103,7 +103,7 @@ fn as_client(
     let mut stream = StreamOwned::new(connection, connect(address));
     stream.write_all(&Request::get("/v1/maps").token(PHONE).bytes())?;
     stream.flush()?;
-    // A refusal of TLS 1.3 comes with the first read.
+    // A refusal of TLS 1.3 arrives with the first read.
     let mut first = [0];
     std::io::Read::read_exact(&mut stream, &mut first)?;
     let protocol = stream.conn.alpn_protocol().unwrap_or_default().to_vec();
@@ -111,10 +111,10 @@ fn as_client(
     Ok((protocol, Response::read(&mut all)))
 }
 
-/// With authorities of clients given, who shows no certificate of theirs gets no answer; who does still needs a token. Other
-/// authorities hold for the next connection.
+/// With client authorities, a client without a valid certificate is refused; one with a certificate still needs a
+/// token. Replaced authorities apply to the next connection.
 #[test]
-fn clients_may_be_asked_for_certificates() {
+fn client_certificates_are_required_if_configured() {
     let files = Files::new();
     let authorities = files.path("clients.pem");
     std::fs::copy(data("client-ca.pem"), &authorities).expect("copied");
@@ -124,11 +124,12 @@ fn clients_may_be_asked_for_certificates() {
     let known = Some(("client.pem", "client-key.pem"));
     assert_eq!(as_client(server.address, known, &[]).expect("an answer").1.status, 200);
     as_client(server.address, None, &[]).expect_err("no certificate");
-    as_client(server.address, Some(("cert.pem", "key.pem")), &[]).expect_err("one of nobody's");
+    as_client(server.address, Some(("cert.pem", "key.pem")), &[])
+        .expect_err("a certificate of another issuer");
 
     std::fs::copy(data("cert.pem"), &authorities).expect("copied");
     server.handle.reload();
-    as_client(server.address, known, &[]).expect_err("its authority does not vouch any more");
+    as_client(server.address, known, &[]).expect_err("its authority is not trusted any more");
     std::fs::write(&authorities, "no certificate").expect("written");
     server.handle.reload();
     as_client(server.address, known, &[]).expect_err("a wrong file changes nothing");
@@ -138,7 +139,7 @@ fn clients_may_be_asked_for_certificates() {
 }
 
 #[test]
-fn the_handshake_says_which_http_is_spoken() {
+fn alpn_selects_http_1_1() {
     let files = Files::new();
     let server = Running::start(with_tls(files.options(), "key.pem"));
     let both: [&[u8]; 2] = [b"h2", b"http/1.1"];
@@ -147,5 +148,5 @@ fn the_handshake_says_which_http_is_spoken() {
         assert_eq!((protocol.as_slice(), response.status), (both[1], 200));
     }
     let (protocol, response) = as_client(server.address, None, &[]).expect("an answer");
-    assert_eq!((protocol.is_empty(), response.status), (true, 200), "who names none speaks HTTP/1.1");
+    assert_eq!((protocol.is_empty(), response.status), (true, 200), "HTTP/1.1 without ALPN");
 }

@@ -1,5 +1,4 @@
-//! Traces: a span for each request and one for each of its stages, under the request's own name and no other, with nothing of
-//! a query in them.
+//! Traces: one span per request and per stage, with the request id as trace id and no content of a query.
 #![cfg(feature = "opentelemetry")]
 
 use super::common;
@@ -10,11 +9,11 @@ use std::net::TcpListener;
 use std::sync::{Arc, Mutex};
 
 use common::http::Request;
-use common::mark::{MARK, holds_the_mark, marked};
+use common::mark::{MARK, find_mark, marked};
 use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use serde_json::Value;
 
-/// A collector that keeps what it gets: OTLP over HTTP, as far as one client needs.
+/// A collector that stores its messages: OTLP over HTTP, as far as one client needs it.
 struct Collector {
     address: String,
     messages: Arc<Mutex<Vec<String>>>,
@@ -25,11 +24,11 @@ impl Collector {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = format!("http://{}", listener.local_addr().expect("an address"));
         let messages = Arc::new(Mutex::new(Vec::new()));
-        let kept = messages.clone();
+        let stored = messages.clone();
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
-                let kept = kept.clone();
-                std::thread::spawn(move || receive(stream, &kept));
+                let stored = stored.clone();
+                std::thread::spawn(move || receive(stream, &stored));
             }
         });
         Self { address, messages }
@@ -39,7 +38,7 @@ impl Collector {
         self.messages.lock().expect("not poisoned").join("\n")
     }
 
-    /// All spans so far.
+    /// All received spans.
     fn spans(&self) -> Vec<Value> {
         let messages = self.messages.lock().expect("not poisoned").clone();
         let bodies = messages.iter().map(|m| m.split_once("\r\n\r\n").expect("a head").1.to_owned());
@@ -56,8 +55,8 @@ impl Collector {
     }
 }
 
-/// Keeps head and body of every request of a connection.
-fn receive(mut stream: std::net::TcpStream, kept: &Mutex<Vec<String>>) {
+/// Stores head and body of every request of a connection.
+fn receive(mut stream: std::net::TcpStream, stored: &Mutex<Vec<String>>) {
     loop {
         let mut bytes = Vec::new();
         let mut byte = [0];
@@ -70,7 +69,7 @@ fn receive(mut stream: std::net::TcpStream, kept: &Mutex<Vec<String>>) {
             head.lines().find_map(|l| l.to_lowercase().strip_prefix("content-length: ").map(str::to_owned));
         let mut body = vec![0; length.expect("a length").trim().parse().expect("a number")];
         stream.read_exact(&mut body).expect("a body");
-        kept.lock().expect("not poisoned").push(head + &String::from_utf8(body).expect("text"));
+        stored.lock().expect("not poisoned").push(head + &String::from_utf8(body).expect("text"));
         let answer = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: 2\r\n\r\n{}";
         stream.write_all(answer).expect("answered");
     }
@@ -100,11 +99,11 @@ fn attribute<'a>(span: &'a Value, key: &str) -> Option<&'a str> {
     value["stringValue"].as_str().or(value["intValue"].as_str())
 }
 
-/// A trace id, and the header that asks to go on with it.
+/// A trace id sent by a client.
 const CLIENTS: &str = "0af7651916cd43dd8448eb211c80319c";
 
 #[test]
-fn spans_arrive_and_none_tells_of_a_query() {
+fn spans_contain_nothing_of_a_query() {
     let files = Files::new();
     let collector = Collector::start();
     let mut options = files.options();
@@ -116,7 +115,7 @@ fn spans_arrive_and_none_tells_of_a_query() {
     let query = marked(&files);
     let mut ids = Vec::new();
     for (request, status) in [
-        (localize(&files.place.sealed(&truth())), 200),
+        (localize(&files.scene.sealed(&truth())), 200),
         (localize(&query).header("tracestate", mark).header("x-mark", mark), 422),
         (localize(&query[..query.len() - 7]), 400),
         (Request::localize(&query).token(mark), 401),
@@ -126,9 +125,9 @@ fn spans_arrive_and_none_tells_of_a_query() {
         assert_eq!(response.status, status, "{response:?}");
         ids.push(response.header("veiloc-request-id").expect("a name").to_owned());
     }
-    // Nobody wants a trace of each probe.
+    // Probes are not traced.
     assert_eq!(server.get("/healthz", "").status, 200);
-    // The end of the service does not wait for a collector for long.
+    // The shutdown does not wait long for a collector.
     eventually("all spans", || collector.spans().len() >= 15);
     server.stop();
 
@@ -163,12 +162,12 @@ fn spans_arrive_and_none_tells_of_a_query() {
     assert_eq!(attribute(first, "veiloc.map"), Some("place"));
     assert_eq!(attribute(of(&ids[1])[0], "error.type"), Some("not-localized"));
 
-    // Not one word of a client's, and no key that is not one of these.
+    // No client text, and no keys except these.
     let text = collector.text();
     assert!(text.starts_with("POST /v1/traces HTTP/1.1\r\n") && text.contains("application/json"), "{text}");
-    assert_eq!(holds_the_mark(&text), None, "{text}");
+    assert_eq!(find_mark(&text), None, "{text}");
     for secret in [CLIENTS, "b7ad6b7169203331", PHONE, OPERATOR] {
-        assert!(!text.contains(secret), "{secret} was told:\n{text}");
+        assert!(!text.contains(secret), "{secret} leaked:\n{text}");
     }
     let mut found = BTreeSet::new();
     for span in &spans {
@@ -205,19 +204,19 @@ fn spans_arrive_and_none_tells_of_a_query() {
     assert_eq!(attributes, allowed.map(str::to_owned).into());
 }
 
-/// A collector that is not there holds up nobody, and what it did not get is counted.
+/// An absent collector delays no request, and dropped spans are counted.
 #[test]
-fn a_collector_that_is_gone_holds_up_nobody() {
+fn absent_collector_does_not_delay_requests() {
     let files = Files::new();
     let mut options = files.options();
-    // Bound and not listening: nobody else gets the port, and who connects is refused.
+    // Bound but not listening: no other process gets the port, and connections are refused.
     let socket = socket2::Socket::new(socket2::Domain::IPV4, socket2::Type::STREAM, None).expect("a socket");
     let any: std::net::SocketAddr = "127.0.0.1:0".parse().expect("an address");
     socket.bind(&any.into()).expect("a port");
     let address = socket.local_addr().expect("bound").as_socket().expect("of TCP");
     options.otlp = Some(format!("http://{address}"));
     let server = Running::start(options);
-    let query = files.place.sealed(&truth());
+    let query = files.scene.sealed(&truth());
     for _ in 0..5 {
         assert_eq!(server.localize(&query, PHONE).status, 200);
     }
@@ -229,7 +228,7 @@ fn a_collector_that_is_gone_holds_up_nobody() {
 }
 
 #[tokio::test]
-async fn an_address_that_is_none_is_refused_at_the_start() {
+async fn invalid_collector_address_is_refused() {
     let files = Files::new();
     for address in ["", "collector:4318", "grpc://collector", "http://"] {
         let mut options = files.options();

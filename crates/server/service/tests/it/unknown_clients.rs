@@ -1,4 +1,4 @@
-//! What clients without a token, and a log that nobody reads, cannot do to the service.
+//! Unauthenticated clients and a stuck log cannot block the service.
 
 use super::common;
 
@@ -16,19 +16,19 @@ fn number(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).expect("not zero")
 }
 
-/// A request on a connection that stays open.
+/// Sends a request on a persistent connection.
 fn ask(stream: &mut TcpStream, request: &Request) -> Option<Response> {
     let _ = stream.write_all(&request.bytes());
     Response::try_read(stream)
 }
 
 #[test]
-fn idle_connections_without_token_block_nobody_with_one() {
+fn idle_unauthenticated_connections_do_not_block_tokens() {
     let files = Files::new();
     let mut options = files.options();
     options.connections = number(8);
     let server = Running::start(options);
-    let (probe, query) = (Request::get("/healthz"), files.place.sealed(&truth()));
+    let (probe, query) = (Request::get("/healthz"), files.scene.sealed(&truth()));
     let mut with_token = connect(server.address);
     let list = Request::get("/v1/maps").token(PHONE);
     assert_eq!(ask(&mut with_token, &list).expect("an answer").status, 200);
@@ -38,14 +38,14 @@ fn idle_connections_without_token_block_nobody_with_one() {
         assert_eq!(ask(&mut stream, &probe).expect("an answer").status, 200);
         unknown.push(stream);
     }
-    // A newcomer with a token gets in and is answered; so is who was there before.
+    // A new client with a token is answered, and so is the earlier one.
     assert_eq!(server.localize(&query, PHONE).status, 200);
     assert_eq!(ask(&mut with_token, &list).expect("still there").status, 200);
     let open = unknown.iter_mut().filter_map(|stream| ask(stream, &probe)).count();
     assert!((1..=4).contains(&open), "half of eight are reserved, and {open} unknown clients are there");
     let text = server.get("/metrics", OPERATOR).text();
     assert!(text.contains("veiloc_connections_closed_total{reason=\"displaced\"}"), "{text}");
-    // The operator is asked for no token, and has a listener that all of this does not reach.
+    // The operator's listener needs no token and is not affected.
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(Request::get("/readyz").send(admin).text(), "ready\n");
     assert!(Request::get("/metrics").send(admin).text().contains("veiloc_connections "));
@@ -54,7 +54,7 @@ fn idle_connections_without_token_block_nobody_with_one() {
 }
 
 #[test]
-fn a_connection_that_brings_no_token_does_not_live_long() {
+fn unauthenticated_connections_have_a_short_lifetime() {
     let files = Files::new();
     let mut options = files.options();
     options.timeouts.unknown_life = 5 * SECOND;
@@ -71,7 +71,7 @@ fn a_connection_that_brings_no_token_does_not_live_long() {
 }
 
 #[test]
-fn any_connection_ends_at_its_age() {
+fn connections_have_a_maximum_lifetime() {
     let files = Files::new();
     let mut options = files.options();
     options.timeouts.life = 5 * SECOND;
@@ -83,9 +83,9 @@ fn any_connection_ends_at_its_age() {
 }
 
 #[test]
-fn a_stuck_log_holds_up_no_request_and_refusals_are_summed_up() {
-    common::alone::alone(
-        "unknown_clients::a_stuck_log_holds_up_no_request_and_refusals_are_summed_up",
+fn stuck_log_delays_no_request_and_refusals_are_limited() {
+    common::own_process::run_in_own_process(
+        "unknown_clients::stuck_log_delays_no_request_and_refusals_are_limited",
         stick_the_log,
     );
 }
@@ -111,7 +111,7 @@ fn stick_the_log() {
     let files = Files::new();
     let mut options = files.options();
     options.log = Some(log.clone());
-    // So that all of it is within a minute.
+    // With a paused clock all requests are within one minute.
     let server = Running::start_paused(options);
     for _ in 0..100 {
         assert_eq!(server.get("/v1/maps", "guess").status, 401);
@@ -121,26 +121,27 @@ fn stick_the_log() {
     let refusals = text.lines().filter(|line| line.contains("unauthenticated")).count();
     assert_eq!(refusals, 10, "of 100 refusals in a minute");
 
-    // Nobody reads any more.
+    // Block the sink.
     let stuck = written.0.lock().expect("not poisoned");
-    let lost = || server.get("/metrics", OPERATOR).text().contains("veiloc_log_lines_dropped_total 0");
-    assert!(lost(), "nothing is lost yet");
+    let none_dropped =
+        || server.get("/metrics", OPERATOR).text().contains("veiloc_log_lines_dropped_total 0");
+    assert!(none_dropped(), "nothing was dropped yet");
     let mut stream = connect(server.address);
     let list = Request::get("/v1/maps").token(PHONE);
     for _ in 0..5000 {
         assert_eq!(ask(&mut stream, &list).expect("an answer").status, 200);
     }
-    assert!(!lost(), "lines were dropped and counted");
-    assert_eq!(server.stop().given_up, 0, "and it ends");
+    assert!(!none_dropped(), "lines were dropped and counted");
+    assert_eq!(server.stop().given_up, 0, "shutdown is not blocked");
     drop(stuck);
-    eventually("the log tells what is missing", || {
+    eventually("a report of dropped lines", || {
         let text = written.0.lock().expect("not poisoned").clone();
         String::from_utf8_lossy(&text).contains("log lines were dropped")
     });
 }
 
 #[test]
-fn every_connection_reserved_is_refused() {
+fn reserving_all_connections_is_refused() {
     let files = Files::new();
     let mut options = files.options();
     options.connections = number(8);

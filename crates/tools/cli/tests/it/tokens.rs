@@ -67,7 +67,7 @@ fn invalid_changes_are_refused_and_file_stays() {
         ("token new b --tokens broken", 1, "line 1"),
         ("token list --tokens broken", 1, "64 hexadecimal digits"),
         ("token list --tokens none", 1, "none"),
-        ("token revoke other --tokens tokens", 1, "no token of this name"),
+        ("token revoke other --tokens tokens", 1, "no token has this name"),
         ("token revoke other --tokens none", 1, "none"),
     ] {
         let run = folder.run(command);

@@ -17,9 +17,9 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::Answer;
-use veiloc_service::labour::Told as _;
-use veiloc_service::telemetry::{GatewayCounts, Metrics, MetricsOptions, Now, RequestIds, WorkerCounts};
-use veiloc_service::{Asked, Elsewhere as _, Kind, Question, Unanswered};
+use veiloc_service::labour::Controllable as _;
+use veiloc_service::telemetry::{GatewayCounts, Metrics, MetricsOptions, GaugeValues, RequestIds, WorkerCounts};
+use veiloc_service::{DecodedRequest, RemoteBackend as _, BodyKind, RemoteRequest, LocalizeFailure};
 
 use service::{Place, pose};
 
@@ -154,17 +154,17 @@ impl Machines {
         running.await.expect("it ends")
     }
 
-    pub fn question(&self, bytes: &[u8], within: Duration) -> Question {
-        Question {
+    pub fn question(&self, bytes: &[u8], within: Duration) -> RemoteRequest {
+        RemoteRequest {
             request: self.ids.next(),
-            asked: Asked::decode(Kind::Query, bytes).expect("a sealed query"),
+            asked: DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query"),
             bytes: bytes.to_vec(),
             near: None,
             within,
         }
     }
 
-    pub async fn ask(&self, bytes: &[u8]) -> Result<Answer, Unanswered> {
+    pub async fn ask(&self, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
         self.gateway.localize(self.question(bytes, LONG)).await
     }
 
@@ -172,7 +172,7 @@ impl Machines {
     pub fn counted(&self, what: &str) -> u64 {
         let metrics =
             Metrics::new(&MetricsOptions { gateway: Some(&self.counts), ..MetricsOptions::default() });
-        let text = metrics.text(&Now::default());
+        let text = metrics.text(&GaugeValues::default());
         value(&text, what)
     }
 
@@ -218,8 +218,8 @@ pub async fn impostor<F: Future<Output = ()> + Send>(
 }
 
 /// What a region gives by itself, without any machine between.
-pub fn directly(map: &MapFile, bytes: &[u8]) -> Result<Answer, Unanswered> {
-    let asked = Asked::decode(Kind::Query, bytes).expect("a sealed query");
+pub fn directly(map: &MapFile, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
+    let asked = DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query");
     asked.localize(map, &LocalizeOptions::default(), 0.0).map(|found| found.answer)
 }
 

@@ -1,4 +1,4 @@
-//! What every address can answer beside what it is for: refusals and headers, one table for all.
+//! Refusals and headers that addresses have in common, for the OpenAPI document.
 
 use axum::http::Method;
 use utoipa::Modify;
@@ -7,7 +7,7 @@ use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder};
 
-/// Statuses, and what each says; the names of problems are in docs/reference/http.md.
+/// Statuses and descriptions; the names of problems are in docs/service.md.
 const REFUSALS: [(u16, &str); 14] = [
     (400, "Not a sealed query of a known version, an option that is none, or a body that broke off"),
     (401, "No valid token"),
@@ -18,14 +18,14 @@ const REFUSALS: [(u16, &str); 14] = [
     (409, "Sealed for another map or with an older profile, or the map is empty"),
     (413, "Longer than any query for this map, or more images than the allowance lets through at once"),
     (415, "Another media type, or a compressed body"),
-    (422, "No pose is supported by the query"),
+    (422, "The query supports no pose"),
     (429, "Allowance used; see Retry-After"),
     (500, "A bug in veiloc; it was logged"),
     (503, "Busy, stopping, without a valid file of tokens, or the map is unavailable; see Retry-After"),
     (504, "No pose in time; send the same bytes again later"),
 ];
 
-/// Which of them an address can answer.
+/// Refusals of an address.
 fn refusals_of(path: &str) -> &'static [u16] {
     match path {
         "/v1/maps/{name}/localize" | "/v1/maps/{name}/localize-rig" => {
@@ -38,7 +38,7 @@ fn refusals_of(path: &str) -> &'static [u16] {
     }
 }
 
-/// Writes them into all operations.
+/// Adds them to all operations.
 pub(super) struct Answers;
 
 impl Modify for Answers {
@@ -49,12 +49,12 @@ impl Modify for Answers {
                     let described = REFUSALS.iter().find(|(known, _)| known == status);
                     let description = described.map_or("", |(_, description)| description);
                     let known = operation.responses.responses.entry(status.to_string());
-                    // `/readyz` says 503 in its own form.
+                    // `/readyz` has its own form of 503.
                     known.or_insert_with(|| RefOr::T(refusal(*status, description, &method)));
                 }
                 for (status, response) in &mut operation.responses.responses {
                     if let RefOr::T(response) = response {
-                        let id = "Name of this request, which the service drew: what to tell its operator";
+                        let id = "Id of this request, drawn by the service; report it to the operator";
                         response
                             .headers
                             .insert("veiloc-request-id".to_owned(), pattern(id, "^[0-9a-f]{32}$"));
@@ -79,8 +79,8 @@ fn refusal(status: u16, description: &str, method: &Method) -> Response {
     let response =
         ResponseBuilder::new().description(description).content("application/problem+json", document);
     let response = match status {
-        401 => response.header("www-authenticate", pattern("How to say who asks", "^Bearer$")),
-        405 => response.header("allow", pattern("Methods that this address knows", method.as_str())),
+        401 => response.header("www-authenticate", pattern("Authentication scheme", "^Bearer$")),
+        405 => response.header("allow", pattern("Methods of this address", method.as_str())),
         429 => response.header(
             "retry-after",
             pattern("Seconds after which to send the same bytes again", "^[1-9][0-9]*$"),
@@ -94,7 +94,7 @@ fn refusal(status: u16, description: &str, method: &Method) -> Response {
     response.build()
 }
 
-/// A header whose value has this form.
+/// A header whose value matches this pattern.
 fn pattern(description: &str, form: &str) -> Header {
     let schema = ObjectBuilder::new().schema_type(Type::String).pattern(Some(form)).build();
     HeaderBuilder::new().schema(schema).description(Some(description)).build()
@@ -105,13 +105,13 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::problem::kinds_of_queries;
+    use crate::problem::query_outcomes;
 
-    /// What can be counted can be answered, and is described.
+    /// Every counted status is described.
     #[test]
     fn every_status_of_a_query_is_described() {
         for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"] {
-            let kinds = kinds_of_queries();
+            let kinds = query_outcomes();
             let counted =
                 kinds.iter().filter(|kind| kind.route == route && kind.status >= 400).map(|kind| kind.status);
             assert_eq!(counted.collect::<BTreeSet<_>>(), refusals_of(route).iter().copied().collect());

@@ -1,17 +1,17 @@
-//! Traces as OTLP has them, in its JSON form (OpenTelemetry Protocol 1.x, `ExportTraceServiceRequest`): ids in hexadecimal,
+//! Traces in the JSON form of OTLP (OpenTelemetry Protocol 1.x, `ExportTraceServiceRequest`): ids in hexadecimal,
 //! 64-bit numbers as strings.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
+use crate::telemetry::request_context::{RequestContext, RequestKind, Stage};
 use crate::telemetry::request_id::RequestId;
-use crate::telemetry::trail::{RequestKind, Stage, Trail};
 
 /// `SPAN_KIND_INTERNAL` and `SPAN_KIND_SERVER`.
 const INTERNAL: u8 = 1;
 const SERVER: u8 = 2;
-/// `STATUS_CODE_ERROR`; of a server's span, for what is the server's fault.
+/// `STATUS_CODE_ERROR`; set on a server span for errors of the server.
 const ERROR: u8 = 2;
 
 /// One request and its stages.
@@ -29,35 +29,36 @@ pub(super) struct Trace {
 }
 
 impl Trace {
-    pub(super) fn of(trail: &Trail, method: &'static str, kind: &RequestKind<'_>) -> Self {
+    pub(super) fn of(context: &RequestContext, method: &'static str, kind: &RequestKind<'_>) -> Self {
         Self {
-            id: trail.id(),
-            begun: trail.begun_at(),
-            took: trail.elapsed(),
+            id: context.id(),
+            begun: context.begun_at(),
+            took: context.elapsed(),
             method,
             route: kind.route.to_owned(),
             status: kind.status,
             problem: kind.problem,
-            token: trail.token().map(str::to_owned),
-            map: trail.map().map(str::to_owned),
-            stages: trail.stages(),
+            token: context.token().map(str::to_owned),
+            map: context.map().map(str::to_owned),
+            stages: context.stages(),
         }
     }
 
-    /// How many spans it has.
+    /// Number of spans.
     pub(super) fn spans(&self) -> u64 {
         1 + self.stages.len() as u64
     }
 
-    /// The span of the request is 0, of its stages 1, 2, …: ids that differ within the trace, and are not 0, as OTLP wants.
+    /// Span number 0 is the request, 1, 2, … are its stages. Ids differ within the trace and are not 0, as OTLP
+    /// requires.
     fn span_id(&self, number: usize) -> String {
         let [_, _, _, _, _, _, _, _, low @ ..] = self.id.bytes();
-        // Never 0, and the number never carries beyond the last bit.
+        // Never 0, and adding the number cannot overflow.
         let id = (u64::from_be_bytes(low) >> 1 | 1 << 62).wrapping_add(number as u64);
         format!("{id:016x}")
     }
 
-    /// What all spans have.
+    /// The fields common to all spans.
     fn span(&self, number: usize, name: &str, kind: u8, begun: Duration, took: Duration) -> Value {
         let begun = self.begun + begun;
         json!({
@@ -112,7 +113,7 @@ fn text(key: &str, value: &str) -> Value {
     json!({"key": key, "value": {"stringValue": value}})
 }
 
-/// Since 1970, as a string of decimal digits.
+/// Nanoseconds since 1970 as a decimal string.
 fn nanoseconds(time: SystemTime) -> String {
     time.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos().to_string()
 }
@@ -125,18 +126,18 @@ mod tests {
     use crate::telemetry::request_id::RequestIds;
 
     #[test]
-    fn stages_lie_below_what_they_are_a_part_of() {
+    fn stage_spans_have_the_right_parent() {
         let ids = RequestIds::start().expect("random");
         let ms = Duration::from_millis;
         for _ in 0..100 {
-            let trail = Trail::begin(ids.next());
+            let context = RequestContext::begin(ids.next());
             for (name, within, begun) in
                 [("read", None, 1), ("localize", None, 5), ("pose", Some("localize"), 7)]
             {
-                trail.stage(Stage { name, within, begun: ms(begun), took: ms(2) });
+                context.stage(Stage { name, within, begun: ms(begun), took: ms(2) });
             }
             let kind = RequestKind { route: "/x", status: 504, problem: Some("timed-out") };
-            let trace = Trace::of(&trail, "POST", &kind);
+            let trace = Trace::of(&context, "POST", &kind);
             let spans = trace.all_spans();
             assert_eq!(spans.len() as u64, trace.spans());
             let id = |i: usize| spans[i]["spanId"].as_str().expect("an id");

@@ -1,4 +1,4 @@
-//! A client that does as it is told, bad manners included: requests byte by byte over a plain socket.
+//! A minimal HTTP client that can also send malformed requests, byte by byte over a plain socket.
 #![allow(dead_code, unreachable_pub)] // each user takes its own part
 
 use std::io::{Read, Write};
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-/// A request as it is written.
+/// A request.
 pub struct Request {
     pub head: String,
     pub body: Vec<u8>,
@@ -18,12 +18,12 @@ impl Request {
         Self { head: format!("GET {path} HTTP/1.1\r\nhost: test\r\n"), body: Vec::new() }
     }
 
-    /// With any method, and no body.
+    /// A request with any method and no body.
     pub fn with_method(method: &str, path: &str) -> Self {
         Self { head: format!("{method} {path} HTTP/1.1\r\nhost: test\r\n"), body: Vec::new() }
     }
 
-    /// A sealed query for the map `place`.
+    /// A request to localize a sealed query in the map `place`.
     pub fn localize(query: &[u8]) -> Self {
         Self::post("/v1/maps/place/localize", query).header("content-type", "application/x-protobuf")
     }
@@ -38,16 +38,16 @@ impl Request {
         Self { head: format!("{head}{name}: {value}\r\n"), body }
     }
 
-    /// Empty for none.
+    /// Adds a token, unless it is empty.
     pub fn token(self, token: &str) -> Self {
         if token.is_empty() { self } else { self.header("authorization", &format!("Bearer {token}")) }
     }
 
-    /// On a connection of its own.
+    /// Sends the request on a new connection.
     pub fn send(self, address: SocketAddr) -> Response {
         let mut stream = connect(address);
         let request = self.header("connection", "close");
-        // A server that refuses may stop reading before all is written: what counts is its answer.
+        // A server that refuses may stop reading early; only its response matters.
         let _ = stream.write_all(&request.bytes());
         Response::read(&mut stream)
     }
@@ -57,22 +57,22 @@ impl Request {
     }
 }
 
-/// A connection on which waiting for ever is a failure.
+/// A connection with a read timeout, so that a missing response fails the test.
 pub fn connect(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).expect("the server listens");
     stream.set_read_timeout(Some(Duration::from_secs(600))).expect("set");
     stream
 }
 
-/// Whether an answer, or the end of the connection, has come.
-pub fn has_come(stream: &TcpStream) -> bool {
+/// Whether a response or the end of the connection has arrived.
+pub fn has_data(stream: &TcpStream) -> bool {
     stream.set_nonblocking(true).expect("set");
     let peeked = stream.peek(&mut [0]);
     stream.set_nonblocking(false).expect("set");
     !matches!(peeked, Err(e) if e.kind() == std::io::ErrorKind::WouldBlock)
 }
 
-/// A response as it was read.
+/// A response.
 #[derive(Debug, Clone)]
 pub struct Response {
     pub status: u16,
@@ -81,7 +81,7 @@ pub struct Response {
 }
 
 impl Response {
-    /// Reads one response with a `content-length`, and no more.
+    /// Reads exactly one response with a `content-length`.
     pub fn read(stream: &mut impl Read) -> Self {
         Self::try_read(stream).expect("an answer")
     }
@@ -122,7 +122,7 @@ impl Response {
         String::from_utf8(self.body.clone()).expect("text")
     }
 
-    /// Checks that this is a refusal as RFC 9457 has it, and returns its name.
+    /// Checks that this is a problem document (RFC 9457), and returns its name.
     pub fn problem(&self) -> String {
         assert_eq!(self.header("content-type"), Some("application/problem+json"), "{self:?}");
         let document = self.json();

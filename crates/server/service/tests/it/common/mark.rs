@@ -1,4 +1,4 @@
-//! A query that can be recognized wherever something of it is told.
+//! A query with a recognizable content, to detect leaks.
 #![allow(dead_code, unreachable_pub)] // each user takes its own part
 
 use rand::SeedableRng;
@@ -7,10 +7,10 @@ use veiloc_descriptor::{DescriptorKind, Descriptors};
 
 use super::{Files, seal_features, truth};
 
-/// Sixteen bytes nothing else would ever write.
+/// Sixteen bytes that occur nowhere else.
 pub const MARK: &[u8; 16] = b"XqZvKwJyQxVzWkYj";
 
-/// The mark in all forms in which a program might print bytes; a third of it is enough to know it.
+/// A part of the mark in all forms in which a program might print bytes.
 fn forms() -> Vec<String> {
     let list = |f: fn(&u8) -> String, by: &str| MARK[3..8].iter().map(f).collect::<Vec<_>>().join(by);
     let base64 = |skip: usize| {
@@ -36,16 +36,16 @@ fn forms() -> Vec<String> {
     ]
 }
 
-pub fn holds_the_mark(text: &str) -> Option<String> {
+pub fn find_mark(text: &str) -> Option<String> {
     forms().into_iter().find(|form| text.contains(form))
 }
 
-/// A query whose descriptors all are the mark, eight times.
+/// A query whose descriptors all consist of the mark, eight times.
 pub fn marked(files: &Files) -> Vec<u8> {
-    let mut features = files.place.features(&truth());
+    let mut features = files.scene.features(&truth());
     let count = features.keypoints.len();
     features.descriptors =
         Descriptors::new(DescriptorKind::ROOT_SIFT, MARK.repeat(8 * count)).expect("whole rows");
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    seal_features(features, &files.place.camera, &files.place.profile, &mut rng).encode()
+    seal_features(features, &files.scene.camera, &files.scene.profile, &mut rng).encode()
 }

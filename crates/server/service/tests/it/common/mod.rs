@@ -1,10 +1,10 @@
-//! A place of random points, and a real server that serves it on a loopback port.
+//! A scene of random points, and a real server on a loopback port.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
-pub mod alone;
 pub mod gate;
 pub mod http;
 pub mod mark;
+pub mod own_process;
 
 use std::net::SocketAddr;
 use std::ops::{Deref, DerefMut};
@@ -27,15 +27,15 @@ use veiloc_testing::RandomPlace;
 
 use http::{Request, Response};
 
-/// A client's token.
+/// Token of a client.
 pub const PHONE: &str = "phone-token";
 /// The token that may read metrics.
 pub const OPERATOR: &str = "operator-token";
 
-/// A place of 900 random points, and what a device sends of it.
-pub struct Place(RandomPlace);
+/// A scene of 900 random points, and the queries of a device in it.
+pub struct TestScene(RandomPlace);
 
-impl Deref for Place {
+impl Deref for TestScene {
     type Target = RandomPlace;
 
     fn deref(&self) -> &RandomPlace {
@@ -43,28 +43,28 @@ impl Deref for Place {
     }
 }
 
-impl DerefMut for Place {
+impl DerefMut for TestScene {
     fn deref_mut(&mut self) -> &mut RandomPlace {
         &mut self.0
     }
 }
 
-impl Place {
+impl TestScene {
     pub fn new(seed: u64) -> Self {
         Self(RandomPlace::new(seed, 900, 8, "SIMPLE_RADIAL,640,480,520,322,238,-0.04"))
     }
 
-    /// The bytes a device sends for it.
+    /// A sealed query from this pose, encoded.
     pub fn sealed(&self, pose: &CameraFromWorld) -> Vec<u8> {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
     }
 
-    /// A query for the map whose left half shows this place and whose right half another: lines of one anchor agree, and
-    /// leave one direction free.
-    pub fn sealed_doubtfully(&self) -> Vec<u8> {
+    /// A query whose left half shows this scene and whose right half another: matching lines share one anchor, so one
+    /// direction is not constrained.
+    pub fn sealed_with_doubts(&self) -> Vec<u8> {
         let own = self.features(&truth());
-        let other = Place::new(77).features(&truth()).descriptors;
+        let other = TestScene::new(77).features(&truth()).descriptors;
         let middle = f64::from(self.camera.width) / 2.0;
         let row = |i: usize| {
             let shown = if own.keypoints[i].pixel.u < middle { &own.descriptors } else { &other };
@@ -73,12 +73,12 @@ impl Place {
         self.with_descriptors(row, other.len())
     }
 
-    /// A query for the map all of whose rows look the same: no row matches better than another.
+    /// A query whose rows are all equal: no row matches better than another.
     pub fn sealed_without_features(&self) -> Vec<u8> {
         self.with_descriptors(|_| vec![200; 128], usize::MAX)
     }
 
-    /// A query for the map whose rows look each like a point elsewhere in the image: all match, and no pose agrees.
+    /// A query in which each row has the descriptor of another point: all match, but no pose is consistent.
     pub fn sealed_without_consensus(&self) -> Vec<u8> {
         let own = self.features(&truth()).descriptors;
         let count = own.len();
@@ -98,7 +98,7 @@ impl Place {
     }
 }
 
-/// The one place of these tests that seals.
+/// Seals features; all tests use this function.
 pub fn seal_features(
     features: Features,
     camera: &Intrinsics,
@@ -108,15 +108,15 @@ pub fn seal_features(
     seal(features, camera, profile, &SealOptions::default(), rng).expect("sealed")
 }
 
-/// A camera within the mapped part of the place.
+/// A camera within the mapped part of the scene.
 pub use veiloc_testing::pose_in_place as pose;
 
-/// A pose that no image of the map has.
+/// A pose that differs from all map images.
 pub fn truth() -> CameraFromWorld {
     pose(0.13, 0.2)
 }
 
-/// A file of the tests' data.
+/// Path of a file of the test data.
 pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
@@ -124,31 +124,31 @@ pub fn data(name: &str) -> PathBuf {
 /// A folder with `place.vmap` and `tokens`.
 pub struct Files {
     pub folder: tempfile::TempDir,
-    pub place: Place,
+    pub scene: TestScene,
 }
 
 impl Files {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("temporary folder");
-        let place = Place::new(1);
-        veiloc_map::write(&place.map(6), &folder.path().join("place.vmap")).expect("written");
+        let scene = TestScene::new(1);
+        veiloc_map::write(&scene.map(6), &folder.path().join("place.vmap")).expect("written");
         std::fs::write(folder.path().join("tokens"), tokens_file(&[(PHONE, ""), (OPERATOR, "operator")]))
             .expect("written");
-        Self { folder, place }
+        Self { folder, scene }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// Serves the map as `place`, with tokens, on any free port; files are not watched.
+    /// Options that serve the map as `place`, with tokens, on a free port, without watching files.
     pub fn options(&self) -> ServerOptions {
         let mut options = self.open_options();
         options.tokens = Some(self.path("tokens"));
         options
     }
 
-    /// The same for everybody.
+    /// The same without tokens.
     pub fn open_options(&self) -> ServerOptions {
         let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap") };
         let mut options = ServerOptions::new(vec![source]);
@@ -157,13 +157,13 @@ impl Files {
         options.rate.per_second = 100_000.try_into().expect("not zero");
         options.rate.burst = 100_000.try_into().expect("not zero");
         options.watch = None;
-        options.timeouts = patient();
+        options.timeouts = no_timeouts();
         options
     }
 }
 
-/// Limits that no test reaches by being slow; one that is about a limit sets it, and lets time pass.
-pub fn patient() -> Timeouts {
+/// Time limits that a slow machine cannot reach; a test of a limit sets it explicitly.
+pub fn no_timeouts() -> Timeouts {
     Timeouts {
         head: HOUR,
         body: HOUR,
@@ -179,7 +179,7 @@ pub fn patient() -> Timeouts {
 pub const SECOND: Duration = Duration::from_secs(1);
 pub const HOUR: Duration = Duration::from_secs(3600);
 
-/// A clock for [`ServerOptions::clock`] that stands still until it is advanced.
+/// A clock for [`ServerOptions::clock`] that changes only by `advance`.
 #[derive(Clone)]
 pub struct ManualClock(Arc<Mutex<Instant>>);
 
@@ -198,7 +198,7 @@ impl ManualClock {
     }
 }
 
-/// A file of tokens, hashed here as an operator would with `openssl dgst -sha256`.
+/// A token file, hashed as an operator would with `openssl dgst -sha256`.
 pub fn tokens_file(tokens: &[(&str, &str)]) -> String {
     use sha2::Digest as _;
     let line = |(token, role): &(&str, &str)| {
@@ -209,22 +209,22 @@ pub fn tokens_file(tokens: &[(&str, &str)]) -> String {
     tokens.iter().map(line).collect()
 }
 
-/// A server in a thread of its own, stopped when dropped.
+/// A server in its own thread, stopped when dropped.
 pub struct Running {
     pub address: SocketAddr,
     pub listening: Listening,
     pub handle: ServerHandle,
-    /// Of a server whose clock is paused.
-    time: Option<UnboundedSender<Passing>>,
+    /// Control of a paused clock.
+    time: Option<UnboundedSender<ClockCommand>>,
     thread: Option<JoinHandle<Stopped>>,
 }
 
-/// What becomes of a clock that is paused.
-enum Passing {
-    /// So much time passes; then it is said.
-    Of(Duration, mpsc::Sender<()>),
-    /// From now on it goes by itself.
-    Resumed,
+/// Command to a paused clock.
+enum ClockCommand {
+    /// Advance, then confirm.
+    Advance(Duration, mpsc::Sender<()>),
+    /// Resume.
+    Resume,
 }
 
 impl Running {
@@ -245,7 +245,8 @@ impl Running {
         Self::of(receiver, None, thread)
     }
 
-    /// A server for which time passes only when [`Self::pass`] says so, until it is stopped: no limit is reached by chance.
+    /// A server whose tokio clock advances only by [`Self::pass`] until it is stopped, so that no time limit is
+    /// reached by chance.
     pub fn start_paused(options: ServerOptions) -> Self {
         let (sender, receiver) = mpsc::channel();
         let (time, mut passing) = unbounded_channel();
@@ -253,7 +254,8 @@ impl Running {
             let runtime =
                 tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build();
             runtime.expect("runtime").block_on(async {
-                // A paused clock leaps to the next timer when there is nothing to do, but not while something blocks.
+                // A paused clock jumps to the next timer when the runtime is idle, but not while a blocking task
+                // runs.
                 let (blocking, released) = mpsc::channel::<()>();
                 tokio::task::spawn_blocking(move || released.recv());
                 let server = Server::bind(options).await.expect("a server");
@@ -263,11 +265,11 @@ impl Running {
                     tokio::select! {
                         stopped = &mut running => return stopped,
                         Some(passing) = passing.recv() => match passing {
-                            Passing::Of(time, done) => {
+                            ClockCommand::Advance(time, done) => {
                                 tokio::time::advance(time).await;
                                 done.send(()).expect("the test waits");
                             }
-                            Passing::Resumed => break,
+                            ClockCommand::Resume => break,
                         },
                     }
                 }
@@ -281,7 +283,7 @@ impl Running {
 
     fn of(
         started: mpsc::Receiver<(Listening, ServerHandle)>,
-        time: Option<UnboundedSender<Passing>>,
+        time: Option<UnboundedSender<ClockCommand>>,
         thread: JoinHandle<Stopped>,
     ) -> Self {
         let (listening, handle) = started.recv().expect("the server starts");
@@ -289,15 +291,15 @@ impl Running {
         Self { address, listening, handle, time, thread: Some(thread) }
     }
 
-    /// Lets time pass for a server that was started paused.
+    /// Advances the paused clock.
     pub fn pass(&self, time: Duration) {
         let (done, passed) = mpsc::channel();
         let clock = self.time.as_ref().expect("its clock is paused");
-        clock.send(Passing::Of(time, done)).expect("the server runs");
+        clock.send(ClockCommand::Advance(time, done)).expect("the server runs");
         passed.recv().expect("the server runs");
     }
 
-    /// Lets time pass, one step after another, until something is so.
+    /// Advances the paused clock in steps until a condition holds.
     pub fn pass_until(&self, step: Duration, what: &str, mut is_so: impl FnMut() -> bool) {
         eventually(what, || {
             is_so() || {
@@ -309,20 +311,20 @@ impl Running {
 
     fn resume(&self) {
         if let Some(clock) = &self.time {
-            // One that has ended needs no time.
-            let _ = clock.send(Passing::Resumed);
+            // The server may have ended.
+            let _ = clock.send(ClockCommand::Resume);
         }
     }
 
-    /// Stops it and waits; how it ended.
+    /// Stops the server, waits, and returns how it ended.
     pub fn stop(mut self) -> Stopped {
         self.handle.stop();
         self.resume();
         self.thread.take().expect("running").join().expect("the server ends")
     }
 
-    /// What the metrics say of a series; `None` when it is not there. Needs a listener for the operator, whose connections are
-    /// not among those that are counted.
+    /// Value of a series of the metrics; `None` if it does not exist. Uses the operator's listener, whose connections
+    /// are not counted.
     pub fn metric(&self, series: &str) -> Option<f64> {
         let admin = self.listening.admin.expect("a listener for the operator");
         value(&Request::get("/metrics").send(admin).text(), series)
@@ -347,13 +349,13 @@ impl Drop for Running {
     }
 }
 
-/// What a page of metrics says of a series; `None` when it is not there.
+/// Value of a series in a text of metrics; `None` if it does not exist.
 pub fn value(text: &str, series: &str) -> Option<f64> {
     let line = text.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '))?;
     Some(line.parse().expect("a number"))
 }
 
-/// Waits until something is so; a test that waits in vain fails instead of hanging.
+/// Waits until a condition holds; fails after a minute.
 pub fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
     for _ in 0..3000 {
         if is_so() {
@@ -361,5 +363,5 @@ pub fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    panic!("{what} never came about");
+    panic!("timed out waiting for {what}");
 }

@@ -1,4 +1,4 @@
-//! What is read of a folder, and what is not.
+//! Which files of a folder are read.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use veiloc_service::ServerError;
 use veiloc_service::web_page::Page;
 
 #[test]
-fn only_plain_files_of_known_forms_are_read() {
+fn only_allowed_files_are_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str| fs::write(folder.path().join(name), name).expect("written");
     let missing = |page: Result<Page, ServerError>| match page {
@@ -30,7 +30,7 @@ fn only_plain_files_of_known_forms_are_read() {
 }
 
 #[test]
-fn a_folder_larger_than_any_page_is_refused() {
+fn too_large_folder_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = fs::File::create(folder.path().join("index.html")).expect("made");
     file.set_len(1 << 40).expect("a hole");
@@ -38,15 +38,15 @@ fn a_folder_larger_than_any_page_is_refused() {
 }
 
 #[test]
-fn it_lies_beside_the_program_or_where_packages_put_it() {
+fn default_folder_is_next_to_the_program_or_in_share() {
     let root = tempfile::tempdir().expect("a folder");
     let program = root.path().join("bin/veiloc");
-    let said = Page::folder(&program).expect_err("nowhere").to_string();
-    assert!(said.contains("bin/veiloc-page") && said.contains("--page-folder"), "{said}");
-    for place in ["share/veiloc/veiloc-page", "bin/veiloc-page"] {
-        let place = root.path().join(place);
-        fs::create_dir_all(&place).expect("made");
-        fs::write(place.join("index.html"), "").expect("written");
-        assert_eq!(Page::folder(&program).expect("found"), place);
+    let message = Page::folder(&program).expect_err("nowhere").to_string();
+    assert!(message.contains("bin/veiloc-page") && message.contains("--page-folder"), "{message}");
+    for folder in ["share/veiloc/veiloc-page", "bin/veiloc-page"] {
+        let folder = root.path().join(folder);
+        fs::create_dir_all(&folder).expect("made");
+        fs::write(folder.join("index.html"), "").expect("written");
+        assert_eq!(Page::folder(&program).expect("found"), folder);
     }
 }

@@ -1,38 +1,38 @@
-//! What is known of a request on its way: who asks, for which map, and what took how long. Filled by whoever learns it,
-//! read once, when the request is answered.
+//! Data about a request in progress: token, map, and durations of stages. Filled by the handlers, read once when the
+//! request is answered.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use crate::telemetry::request_id::RequestId;
 
-/// A part of the work on a request.
+/// A stage of the work on a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage {
-    /// `read`, `queue`, `localize`, or a part of the last: `retrieve`, `match`, `pose`.
+    /// `read`, `queue`, `localize`, or a part of `localize`: `retrieve`, `match`, `pose`.
     pub name: &'static str,
-    /// The stage that it is a part of; of the whole request when there is none.
+    /// The parent stage; `None`: the request.
     pub within: Option<&'static str>,
-    /// From the beginning of the request.
+    /// Start, from the beginning of the request.
     pub begun: Duration,
-    /// How long it took.
+    /// Duration.
     pub took: Duration,
 }
 
-/// What kind of request was answered, and how.
+/// Route and outcome of an answered request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RequestKind<'a> {
-    /// The route's template.
+    /// Template of the route.
     pub route: &'a str,
-    /// The status of the answer.
+    /// HTTP status.
     pub status: u16,
-    /// The name of the problem, if it was one.
+    /// Name of the problem, if any.
     pub problem: Option<&'static str>,
 }
 
-/// What is known of one request. It has no field for anything of its content.
+/// Data about one request. It has no field for any content of the query.
 #[derive(Debug)]
-pub struct Trail {
+pub struct RequestContext {
     id: RequestId,
     begun: Instant,
     begun_at: SystemTime,
@@ -41,8 +41,8 @@ pub struct Trail {
     stages: Mutex<Vec<Stage>>,
 }
 
-impl Trail {
-    /// Of a request that begins now.
+impl RequestContext {
+    /// For a request that begins now.
     pub fn begin(id: RequestId) -> Self {
         Self {
             id,
@@ -54,47 +54,47 @@ impl Trail {
         }
     }
 
-    /// Its name.
+    /// Request id.
     pub const fn id(&self) -> RequestId {
         self.id
     }
 
-    /// When it began.
+    /// Time of its beginning.
     pub const fn begun_at(&self) -> SystemTime {
         self.begun_at
     }
 
-    /// How long ago that is.
+    /// Time since its beginning.
     pub fn elapsed(&self) -> Duration {
         self.begun.elapsed()
     }
 
-    /// Who asks: the name that the operator gave the token. The first that is said holds.
-    pub fn asked_by(&self, token: Arc<str>) {
+    /// Sets the name that the operator gave the token. Only the first call has an effect.
+    pub fn set_token(&self, token: Arc<str>) {
         let _ = self.token.set(token);
     }
 
-    /// Which map it is about, one that is served. The first that is said holds.
-    pub fn about(&self, map: Arc<str>) {
+    /// Sets the map, which must be a served one. Only the first call has an effect.
+    pub fn set_map(&self, map: Arc<str>) {
         let _ = self.map.set(map);
     }
 
-    /// The name of the token it brought, when that is known.
+    /// Name of the token, if known.
     pub fn token(&self) -> Option<&str> {
         self.token.get().map(AsRef::as_ref)
     }
 
-    /// The map, when it is one that is served.
+    /// The map, if it is a served one.
     pub fn map(&self) -> Option<&str> {
         self.map.get().map(AsRef::as_ref)
     }
 
-    /// A stage that ended.
+    /// Records a finished stage.
     pub fn stage(&self, stage: Stage) {
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).push(stage);
     }
 
-    /// All stages that ended so far.
+    /// All finished stages.
     pub fn stages(&self) -> Vec<Stage> {
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

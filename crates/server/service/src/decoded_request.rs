@@ -1,4 +1,4 @@
-//! What a body holds, and localizing it: the same wherever the map is.
+//! Decoding the body of a request and localizing it. The service and the workers of a cluster share this code.
 
 use std::num::NonZeroU64;
 
@@ -9,41 +9,41 @@ use veiloc_protocol::{Answer, QueryError, RigMessage, SealedFrame, SealedQuery};
 
 use crate::answer::{answer_of, answer_of_rig};
 
-/// What a body is said to hold.
+/// The kind of body that the client declares by the address it uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum BodyKind {
     /// One sealed query.
     Query,
-    /// Those of a session.
+    /// The sealed queries of a session.
     Rig,
 }
 
-/// What a body was found to hold.
+/// A decoded body.
 #[derive(Debug)]
-pub enum Asked {
+pub enum DecodedRequest {
     /// One sealed query.
     Query(Box<SealedQuery>),
-    /// Those of a session, 1 to [`RigMessage::MOST_FRAMES`].
+    /// The sealed queries of a session, 1 to [`RigMessage::MOST_FRAMES`].
     Rig(Vec<SealedFrame>),
 }
 
-impl Asked {
-    /// Reads a body.
+impl DecodedRequest {
+    /// Decodes a body of the given kind.
     ///
     /// # Errors
-    /// [`QueryError`]: it does not hold what it is said to.
-    pub fn decode(kind: Kind, bytes: &[u8]) -> Result<Self, QueryError> {
+    /// [`QueryError`]: the body is not of this kind.
+    pub fn decode(kind: BodyKind, bytes: &[u8]) -> Result<Self, QueryError> {
         Ok(match kind {
-            Kind::Query => Self::Query(Box::new(SealedQuery::decode(bytes)?)),
-            Kind::Rig => Self::Rig(RigMessage::decode(bytes)?.frames),
+            BodyKind::Query => Self::Query(Box::new(SealedQuery::decode(bytes)?)),
+            BodyKind::Rig => Self::Rig(RigMessage::decode(bytes)?.frames),
         })
     }
 
-    /// What it is.
-    pub const fn kind(&self) -> Kind {
+    /// The kind of this body.
+    pub const fn kind(&self) -> BodyKind {
         match self {
-            Self::Query(_) => Kind::Query,
-            Self::Rig(_) => Kind::Rig,
+            Self::Query(_) => BodyKind::Query,
+            Self::Rig(_) => BodyKind::Rig,
         }
     }
 
@@ -58,84 +58,87 @@ impl Asked {
         all.into_iter()
     }
 
-    /// Images that it is about.
+    /// Number of images.
     pub fn frames(&self) -> usize {
         self.queries().len()
     }
 
-    /// Rows of all queries.
+    /// Number of descriptor rows of all queries.
     pub fn rows(&self) -> usize {
         self.queries().map(|query| query.descriptors().len()).sum()
     }
 
-    /// Localizes it after a wait of so many milliseconds.
+    /// Localizes the queries in `map`. `queue_ms`: time the request waited in the queue, milliseconds.
     ///
     /// # Errors
-    /// [`Unanswered`]: sealed for another map, no pose, or it was stopped.
+    /// [`LocalizeFailure`]: the query was sealed for another map, no pose is supported, or the job was stopped.
     pub fn localize(
         &self,
         map: &MapFile,
         options: &LocalizeOptions,
         queue_ms: f64,
-    ) -> Result<Found, Unanswered> {
+    ) -> Result<LocalizeOutput, LocalizeFailure> {
         match self {
             Self::Query(query) => localize(query, map, options)
-                .map(|found| Found { answer: answer_of(&found, queue_ms), times: found.times }),
-            Self::Rig(frames) => localize_rig(frames, map, options)
-                .map(|found| Found { answer: answer_of_rig(&found, queue_ms), times: found.times }),
+                .map(|result| LocalizeOutput { answer: answer_of(&result, queue_ms), times: result.times }),
+            Self::Rig(frames) => localize_rig(frames, map, options).map(|result| LocalizeOutput {
+                answer: answer_of_rig(&result, queue_ms),
+                times: result.times,
+            }),
         }
-        .map_err(|error| Unanswered::of(&error))
+        .map_err(|error| LocalizeFailure::of(&error))
     }
 }
 
-/// What is told, and what the stages took.
+/// An answer and the durations of the stages that computed it.
 #[derive(Debug, Clone)]
-pub struct Found {
-    /// What is told.
+pub struct LocalizeOutput {
+    /// The answer.
     pub answer: Answer,
-    /// What the stages took.
+    /// Duration of each stage.
     pub times: StageTimes,
 }
 
-/// Why a query that was read got no pose.
+/// Why a decoded query got no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unanswered {
-    /// It was sealed for another map, or with the profile of an older one.
+pub enum LocalizeFailure {
+    /// The query was sealed for another map, or with an outdated profile.
     WrongProfile,
-    /// The map holds nothing.
+    /// The map is empty.
     EmptyMap,
-    /// No pose is supported by it, and what is known of why.
+    /// The query supports no pose; the value holds the reason as far as it is known.
     NoPose(NoPose),
-    /// It was given up.
+    /// The job was cancelled.
     Stopped,
-    /// Those who could localize it have no room; after so many seconds they should.
+    /// All workers that could localize the query are busy. The client should retry after this many seconds.
     Busy {
         /// Seconds, 1 to 60.
         retry_after: NonZeroU64,
     },
-    /// Nobody who holds this part of the map could be reached; after so many seconds somebody may.
+    /// No worker that holds the needed part of the map could be reached. The client should retry after this many
+    /// seconds.
     Unreached {
         /// Seconds, 1 to 60.
         retry_after: NonZeroU64,
     },
-    /// Nobody answered in time.
+    /// No worker answered within the time limit.
     TimedOut,
-    /// A bug of ours, which was logged where it happened.
+    /// An internal error, which was logged where it happened.
     Broken,
 }
 
-/// What is known of why there is no pose.
+/// Why there is no pose, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoPose {
-    /// Nothing more.
+    /// No further reason is known.
     Unsupported,
-    /// All lines that match run through one anchor.
+    /// All matching lines run through one anchor.
     OneSided,
     /// Too few rows match the map.
     TooFew,
 }
 
-impl Unanswered {
+impl LocalizeFailure {
     fn of(error: &LocalizeError) -> Self {
         match error {
             LocalizeError::WrongProfile { .. } => Self::WrongProfile,

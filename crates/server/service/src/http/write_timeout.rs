@@ -1,5 +1,5 @@
-//! A stream that gives up on a reader who takes nothing for a while: hyper limits how long a client may take to send, not
-//! to receive. It also tells the guest what comes and goes.
+//! A stream with a time limit for writes: hyper limits the time of receiving, but not of sending. It also reports
+//! input and flushes to its [`Connection`].
 
 use std::io;
 use std::pin::Pin;
@@ -7,25 +7,25 @@ use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
-use crate::queue::Guest;
+use crate::queue::Connection;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep};
 
-pub(crate) struct Patient<S> {
+pub(crate) struct WriteTimeoutStream<S> {
     stream: S,
-    guest: Arc<Guest>,
-    patience: Duration,
+    connection: Arc<Connection>,
+    timeout: Duration,
     deadline: Pin<Box<Sleep>>,
     waiting: bool,
 }
 
-impl<S> Patient<S> {
-    pub(crate) fn new(stream: S, patience: Duration, guest: Arc<Guest>) -> Self {
-        let deadline = Box::pin(tokio::time::sleep(patience));
-        Self { stream, guest, patience, deadline, waiting: false }
+impl<S> WriteTimeoutStream<S> {
+    pub(crate) fn new(stream: S, timeout: Duration, connection: Arc<Connection>) -> Self {
+        let deadline = Box::pin(tokio::time::sleep(timeout));
+        Self { stream, connection, timeout, deadline, waiting: false }
     }
 
-    /// Passes on what a write said; one that has been pending for too long becomes an error.
+    /// Returns the result of a write; a write that has been pending for too long becomes an error.
     fn limit<T>(&mut self, polled: Poll<io::Result<T>>, context: &mut Context<'_>) -> Poll<io::Result<T>> {
         if polled.is_ready() {
             self.waiting = false;
@@ -33,14 +33,14 @@ impl<S> Patient<S> {
         }
         if !self.waiting {
             self.waiting = true;
-            self.deadline.as_mut().reset(Instant::now() + self.patience);
+            self.deadline.as_mut().reset(Instant::now() + self.timeout);
         }
         ready!(self.deadline.as_mut().poll(context));
         Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for WriteTimeoutStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -49,13 +49,13 @@ impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
         let before = buffer.filled().len();
         let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
         if buffer.filled().len() > before {
-            self.guest.received();
+            self.connection.received();
         }
         polled
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for WriteTimeoutStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -68,7 +68,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let polled = Pin::new(&mut self.stream).poll_flush(context);
         if matches!(polled, Poll::Ready(Ok(()))) {
-            self.guest.flushed();
+            self.connection.flushed();
         }
         self.limit(polled, context)
     }

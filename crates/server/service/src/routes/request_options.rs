@@ -1,28 +1,29 @@
-//! What a caller may say beside a query, in headers of its own: none of it is needed, and all of it is checked.
+//! Optional request headers of a query; each is validated.
 //!
-//! Headers and not the address: proxies write addresses into their logs.
+//! Headers are used instead of the address, because proxies log addresses.
 
 use axum::http::{HeaderMap, HeaderName};
 use veiloc_protocol::PositionHint;
 
 use crate::problem::Problem;
 
-/// `true` asks that doubtful poses be withheld.
+/// `true` withholds doubtful poses.
 pub(super) const TRUSTED_ONLY: HeaderName = HeaderName::from_static("veiloc-trusted-only");
-/// Where the camera roughly is, `X,Y,Z,SD` in map units.
+/// Prior of the camera position, `X,Y,Z,SD` in map units.
 pub(super) const NEAR: HeaderName = HeaderName::from_static("veiloc-near");
 
-/// What is wished for one request.
+/// The options of one request.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Wishes {
-    /// A doubtful pose is withheld: the answer has its doubts and no pose.
+pub(super) struct RequestOptions {
+    /// Withhold a doubtful pose: the answer then has the doubts but no pose.
     pub(super) trusted_only: bool,
-    /// Where the camera roughly is.
+    /// Prior of the camera position.
     pub(super) near: Option<PositionHint>,
 }
 
-impl Wishes {
-    /// Reads them. What is not understood is refused: whoever asked for trusted poses only must not get another one.
+impl RequestOptions {
+    /// Parses the headers. An invalid value is refused: a client that requested trusted poses only must never get
+    /// another one.
     pub(super) fn read(headers: &HeaderMap) -> Result<Self, Problem> {
         let trusted_only = match single(headers, &TRUSTED_ONLY) {
             Ok(None) => Some(false),
@@ -31,32 +32,32 @@ impl Wishes {
                 "false" => Some(false),
                 _ => None,
             },
-            Err(Twofold) => None,
+            Err(Repeated) => None,
         };
         let near = match single(headers, &NEAR) {
             Ok(None) => Some(None),
             Ok(Some(text)) => text.parse().ok().map(Some),
-            Err(Twofold) => None,
+            Err(Repeated) => None,
         };
         Ok(Self {
-            trusted_only: trusted_only.ok_or(Problem::BadWish("veiloc-trusted-only must be true or false"))?,
-            near: near.ok_or(Problem::BadWish(
+            trusted_only: trusted_only.ok_or(Problem::BadOption("veiloc-trusted-only must be true or false"))?,
+            near: near.ok_or(Problem::BadOption(
                 "veiloc-near must be X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0",
             ))?,
         })
     }
 }
 
-/// A header that came twice: whichever was meant, the other would be obeyed by somebody.
-struct Twofold;
+/// The header was repeated, so its value is ambiguous.
+struct Repeated;
 
-fn single<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, Twofold> {
+fn single<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, Repeated> {
     let mut values = headers.get_all(name).into_iter();
     match (values.next(), values.next()) {
         (None, _) => Ok(None),
-        // Bytes that are no text are nobody's wish either.
+        // A value that is not text is invalid.
         (Some(value), None) => Ok(Some(value.to_str().unwrap_or("?"))),
-        (Some(_), Some(_)) => Err(Twofold),
+        (Some(_), Some(_)) => Err(Repeated),
     }
 }
 
@@ -64,31 +65,31 @@ fn single<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a st
 mod tests {
     use super::*;
 
-    fn read(headers: &[(&str, &str)]) -> Result<Wishes, Problem> {
+    fn read(headers: &[(&str, &str)]) -> Result<RequestOptions, Problem> {
         let mut map = HeaderMap::new();
         for (name, value) in headers {
             let name: HeaderName = name.parse().expect("a name");
             map.append(name, value.parse().expect("a value"));
         }
-        Wishes::read(&map)
+        RequestOptions::read(&map)
     }
 
     #[test]
-    fn wishes_are_read_or_refused() {
-        assert_eq!(read(&[]), Ok(Wishes::default()));
-        assert_eq!(read(&[("veiloc-trusted-only", "false")]), Ok(Wishes::default()));
-        let told =
-            read(&[("Veiloc-Trusted-Only", "true"), ("veiloc-near", "1,2,-3.5,0.25")]).expect("wishes");
-        let near = told.near.expect("told");
-        assert_eq!((told.trusted_only, near.center(), near.sd()), (true, [1.0, 2.0, -3.5], 0.25));
+    fn options_are_parsed_or_refused() {
+        assert_eq!(read(&[]), Ok(RequestOptions::default()));
+        assert_eq!(read(&[("veiloc-trusted-only", "false")]), Ok(RequestOptions::default()));
+        let options =
+            read(&[("Veiloc-Trusted-Only", "true"), ("veiloc-near", "1,2,-3.5,0.25")]).expect("options");
+        let near = options.near.expect("near");
+        assert_eq!((options.trusted_only, near.center(), near.sd()), (true, [1.0, 2.0, -3.5], 0.25));
         for bad in ["yes", "", "1", "TRUE", "true,true"] {
-            assert!(matches!(read(&[("veiloc-trusted-only", bad)]), Err(Problem::BadWish(_))), "{bad}");
+            assert!(matches!(read(&[("veiloc-trusted-only", bad)]), Err(Problem::BadOption(_))), "{bad}");
         }
         for bad in ["", "1,2,3", "1,2,3,0", "1,2,3,-1", "NaN,0,0,1", "1,2,3,inf", "a,b,c,d"] {
-            assert!(matches!(read(&[("veiloc-near", bad)]), Err(Problem::BadWish(_))), "{bad}");
+            assert!(matches!(read(&[("veiloc-near", bad)]), Err(Problem::BadOption(_))), "{bad}");
         }
         let twice = [("veiloc-trusted-only", "true"), ("veiloc-trusted-only", "false")];
-        assert!(matches!(read(&twice), Err(Problem::BadWish(_))));
+        assert!(matches!(read(&twice), Err(Problem::BadOption(_))));
         let refused = read(&[("veiloc-near", "987,654,321,0")]).expect_err("refused").to_string();
         assert!(!refused.contains("987") && refused.contains("veiloc-near"), "{refused}");
     }

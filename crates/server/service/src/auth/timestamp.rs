@@ -1,4 +1,4 @@
-//! A second in UTC, and the calendar that goes with it.
+//! A second in UTC, and its calendar form.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,18 +10,18 @@ use time::{Date, Duration, OffsetDateTime, Time};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Moment(i64);
 
-/// A text that is no moment.
+/// The text is not a valid time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a day (2027-01-31) or a second in UTC (2027-01-31T00:00:00Z) is expected")]
+#[error("expected a day (2027-01-31) or a second in UTC (2027-01-31T00:00:00Z)")]
 pub struct BadMoment;
 
 impl Moment {
-    /// So many seconds after the beginning of 1970.
+    /// From seconds since the beginning of 1970.
     pub const fn of_unix(seconds: i64) -> Self {
         Self(seconds)
     }
 
-    /// What a clock of the system shows.
+    /// From a time of the system clock.
     pub fn of(time: SystemTime) -> Self {
         Self(match time.duration_since(UNIX_EPOCH) {
             Ok(since) => since.as_secs().cast_signed(),
@@ -29,8 +29,8 @@ impl Moment {
         })
     }
 
-    /// From year, month (1 to 12), day (from 1), hour, minute, second; `None` where the calendar has no such day, or the day
-    /// no such second. A leap second counts as the first of the next minute.
+    /// From year, month (1 to 12), day (from 1), hour, minute, second; `None` if the calendar has no such day or the
+    /// day no such second. A leap second counts as the first second of the next minute.
     pub fn of_calendar(date: [i64; 3], time: [i64; 3]) -> Option<Self> {
         let [year, month, day] = date;
         let [hour, minute, second] = time.map(|part| u8::try_from(part).ok());
@@ -46,7 +46,7 @@ impl Moment {
         self.0
     }
 
-    /// So many days later; `None` beyond the year 9999, which has no written form.
+    /// This many days later; `None` beyond the year 9999, which has no written form.
     pub fn days_later(self, days: u32) -> Option<Self> {
         let later = self.calendar()?.checked_add(Duration::days(days.into()))?;
         Some(Self(later.unix_timestamp()))
@@ -60,7 +60,7 @@ impl Moment {
 
 impl fmt::Display for Moment {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Beyond the calendar's end no text could be read again.
+        // Beyond the calendar there is no form that could be parsed again.
         let Some(time) = self.calendar() else { return write!(f, "{} s after 1970", self.0) };
         let (year, month, day) = time.to_calendar_date();
         let (hour, minute, second) = time.to_hms();
@@ -82,7 +82,7 @@ impl FromStr for Moment {
     }
 }
 
-/// Three numbers of so many digits.
+/// Three numbers with the given numbers of digits.
 fn numbers(text: &str, separator: char, digits: [usize; 3]) -> Option<[i64; 3]> {
     let mut parts = text.split(separator);
     let mut numbers = [0; 3];
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_calendar_is_right() {
+    fn calendar_dates_convert_to_unix_seconds() {
         // `date -u -d DATE +%s`
         for (text, seconds) in [
             ("1970-01-01", 0),
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_moment_is_refused() {
+    fn invalid_times_are_rejected() {
         for bad in [
             "",
             "2027",

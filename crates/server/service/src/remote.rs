@@ -1,0 +1,82 @@
+//! Maps in other processes: the service accepts the query and sends the answer, a remote backend computes the pose.
+//!
+//! Authentication, the fair queue, refusals, padding and metrics are the same as for a local map. A thread of the
+//! pool calls the [`RemoteBackend`] instead of localizing, and waits. So the number of threads bounds the number of
+//! remote queries in flight.
+
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::telemetry::RequestId;
+use veiloc_protocol::{Answer, PositionHint, Profile};
+
+use crate::decoded_request::{DecodedRequest, LocalizeFailure};
+
+/// A map as described by its remote backend.
+#[derive(Debug, Clone)]
+pub struct MapDescription {
+    /// The profile with which a device seals.
+    pub profile: Profile,
+    /// Registered images.
+    pub images: usize,
+    /// Map points.
+    pub points: usize,
+}
+
+/// One request to a remote backend.
+pub struct RemoteRequest {
+    /// Id of the request.
+    pub id: RequestId,
+    /// The decoded body.
+    pub decoded: DecodedRequest,
+    /// The body as received. A retry sends the same bytes (rule L7).
+    pub bytes: Vec<u8>,
+    /// A prior of the camera position, if the client sent one.
+    pub near: Option<PositionHint>,
+    /// Time limit, from now.
+    pub within: Duration,
+}
+
+/// Rule L8: nothing of a query reaches a log.
+impl fmt::Debug for RemoteRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RemoteRequest")
+            .field("id", &self.id)
+            .field("decoded", &self.decoded)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The future answer of a remote backend.
+pub type AnswerFuture<'a> = Pin<Box<dyn Future<Output = Result<Answer, LocalizeFailure>> + Send + 'a>>;
+
+/// A process or a cluster that holds a map.
+pub trait RemoteBackend: Send + Sync {
+    /// Describes the current map; returns the same `Arc` until the map changes. `None` while parts of the map are
+    /// unreachable.
+    fn describe(&self) -> Option<Arc<MapDescription>>;
+
+    /// Maximum length of a body, bytes.
+    fn longest(&self) -> usize;
+
+    /// Requests a pose.
+    fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_>;
+}
+
+/// A map of a remote backend, and the name under which it is served.
+#[derive(Clone)]
+pub struct MapElsewhere {
+    /// As [`crate::MapSource::name`].
+    pub name: String,
+    /// The backend.
+    pub held_by: Arc<dyn RemoteBackend>,
+}
+
+impl fmt::Debug for MapElsewhere {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("MapElsewhere").field("name", &self.name).finish_non_exhaustive()
+    }
+}

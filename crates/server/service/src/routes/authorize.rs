@@ -1,0 +1,58 @@
+//! Authentication, rate limit and map access: the first checks of a request.
+
+use std::sync::Arc;
+
+use axum::extract::Path;
+use axum::extract::rejection::PathRejection;
+use axum::http::HeaderMap;
+
+use crate::maps::LoadedMap;
+use crate::problem::Problem;
+use crate::queue::Connection;
+use crate::state::App;
+use crate::telemetry::RequestContext;
+use crate::tokens::Caller;
+
+/// Authenticates the client and takes one request from its rate limit. Records the token in the connection and in the
+/// request context.
+pub(super) fn authenticate(
+    app: &App,
+    connection: &Connection,
+    context: &RequestContext,
+    headers: &HeaderMap,
+) -> Result<Arc<Caller>, Problem> {
+    let callers = app.callers();
+    let identified = callers.identify(headers);
+    if callers.require_tokens() {
+        connection.authenticate(identified.as_ref().ok().map(|caller| caller.key()));
+    }
+    let caller = identified?;
+    caller.record_in(context);
+    caller.spend()?;
+    Ok(caller)
+}
+
+/// Authenticates the client and resolves the map; records the map in the request context.
+pub(super) fn authorize_map(
+    app: &App,
+    connection: &Connection,
+    context: &RequestContext,
+    name: Result<Path<String>, PathRejection>,
+    headers: &HeaderMap,
+) -> Result<Arc<LoadedMap>, Problem> {
+    let caller = authenticate(app, connection, context, headers)?;
+    let loaded = resolve_map(app, &caller, name)?;
+    context.set_map(loaded.name.as_str().into());
+    Ok(loaded)
+}
+
+/// Resolves the map. A map that the token may not use is treated like an unknown map, so a client learns nothing
+/// about other maps.
+pub(super) fn resolve_map(
+    app: &App,
+    caller: &Caller,
+    name: Result<Path<String>, PathRejection>,
+) -> Result<Arc<LoadedMap>, Problem> {
+    let name = name.map_err(|_| Problem::UnknownMap)?;
+    if caller.may_ask_for(&name) { app.maps.served(&name) } else { Err(Problem::UnknownMap) }
+}
