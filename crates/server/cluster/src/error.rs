@@ -1,4 +1,4 @@
-//! What can go wrong between the machines of a cluster: bus, object store, frames, settings. Every message names the remedy.
+//! Errors of a cluster: bus, object store, frames, settings. Every message names the remedy.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,114 +14,114 @@ use crate::object_store::refusal::hint_of;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {
-    /// There is no such map.
+    /// The map is not published.
     #[error("no map {map:?} is published at {place}; publish one with `veiloc map publish`")]
     NoMap {
         /// Its name.
         map: String,
-        /// Where it was looked for.
+        /// Where it was searched.
         place: String,
     },
-    /// A region or an index.
+    /// A region or an index cannot be used.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// A share of the regions that is none.
+    /// Invalid share of regions.
     #[error(
-        "{text:?} is no share of regions; write 1/3 for the first of three, or numbers with commas between: 0,4,7"
+        "{text:?} is not a share of regions; write 1/3 for the first of three, or numbers separated by commas: 0,4,7"
     )]
     Share {
-        /// What was written.
+        /// The given text.
         text: String,
     },
-    /// A name that no map has.
+    /// Invalid map name.
     #[error("{name:?} cannot name a map; use letters, digits, `-`, `_` and `.`, at most 64")]
     Name {
         /// The name.
         name: String,
     },
-    /// A profile that is none.
+    /// Invalid profile.
     #[error("the profile {object} that the manifest names: {source}; publish the map again")]
     Profile {
-        /// Which object.
+        /// The object.
         object: veiloc_map::regions::ObjectId,
         /// What is wrong with it.
         source: veiloc_protocol::QueryError,
     },
-    /// The listener of probes and metrics.
+    /// The listener of probes and metrics failed.
     #[error(transparent)]
     Probes(#[from] ServerError),
-    /// Threads or signal handlers could not be had.
+    /// The system refused threads or signal handlers.
     #[error("the system refused {what}: {source}")]
     System {
-        /// What was asked for.
+        /// What was requested.
         what: &'static str,
-        /// What it reported.
+        /// The reported error.
         source: std::io::Error,
     },
 
-    /// A word that cannot be a part of a subject.
+    /// Invalid subject.
     #[error(transparent)]
     Subject(#[from] BadWord),
-    /// Nobody is in the group.
-    #[error("nobody has joined {subject}; start a worker that does")]
-    Nobody {
-        /// Of which subject.
+    /// The group is empty.
+    #[error("no worker has joined {subject}; start a worker for it")]
+    NoResponders {
+        /// The subject.
         subject: Subject,
     },
     /// No reply in time.
     #[error("no reply on {subject} within {} ms", within.as_millis())]
     TimedOut {
-        /// On which subject.
+        /// The subject.
         subject: Subject,
-        /// How long was waited.
+        /// The time limit.
         within: Duration,
     },
-    /// A message that is longer than any may be.
+    /// The message is too long.
     #[error(
         "a message of {bytes} bytes is longer than the bus takes ({longest}); raise `max_payload` of its servers"
     )]
     MessageTooLong {
-        /// How long it is.
+        /// Its length, bytes.
         bytes: usize,
-        /// How long it may be.
+        /// The limit, bytes.
         longest: usize,
     },
-    /// Servers that take only short messages.
+    /// The message limit of the server is too small.
     #[error(
         "the NATS server takes messages of {longest} bytes, and queries need {needed}; set `max_payload: {needed}` (or \
          more) in the settings of all its servers"
     )]
     SmallPayload {
-        /// What it takes.
+        /// The limit of the server, bytes.
         longest: usize,
-        /// What is needed.
+        /// The needed length, bytes.
         needed: usize,
     },
-    /// No server.
+    /// No server can be reached.
     #[error(
         "no NATS server at {servers}: {reason}; check the addresses, and with TLS the authority (--nats-ca)"
     )]
     Connect {
         /// Their addresses, without passwords.
         servers: String,
-        /// What was reported.
+        /// The reported error.
         reason: String,
     },
-    /// An address that is none.
-    #[error("{address:?} is no address of a NATS server; write nats://HOST:PORT or tls://HOST:PORT")]
+    /// Invalid address.
+    #[error("{address:?} is not an address of a NATS server; write nats://HOST:PORT or tls://HOST:PORT")]
     BusAddress {
         /// The text, without a password.
         address: String,
     },
-    /// A user or a password in an address that cannot be used.
+    /// User or password in an address cannot be used.
     #[error(
-        "an address of a NATS server names a user and a password, and {reason}; choose others, or give a file of credentials"
+        "login in the address of a NATS server: {reason}; choose another login, or give a file of credentials"
     )]
     Login {
         /// What is wrong with them.
         reason: &'static str,
     },
-    /// A file of credentials that cannot be used.
+    /// The credentials file cannot be used.
     #[error("{path}: {reason}; give a file of credentials as `nsc` writes it")]
     Credentials {
         /// Which file.
@@ -129,99 +129,99 @@ pub enum ClusterError {
         /// What is wrong.
         reason: String,
     },
-    /// The connection ended and does not come back.
+    /// The connection is closed for good.
     #[error("the connection to the bus is closed")]
     BusClosed,
-    /// What should name storage names none.
+    /// The URL names no usable storage.
     #[error("{url}: {reason}")]
     StorageAddress {
-        /// What was given.
+        /// The given URL.
         url: String,
-        /// Why not, and the remedy.
+        /// The reason, and the remedy.
         reason: String,
     },
-    /// Storage refused for a reason that stays.
+    /// Storage refused the request; retrying does not help.
     #[error("{address}: {why} ({reported}); {remedy}")]
     StorageRefused {
-        /// Of what.
+        /// Address of the object.
         address: String,
         /// Why.
         why: &'static str,
-        /// What to do.
+        /// The remedy.
         remedy: &'static str,
-        /// What it reported.
+        /// The reported error.
         reported: String,
     },
     /// Storage could not be reached, or reported an unknown error.
     #[error("{address}: {source}{}", hint_of(address, source))]
     Storage {
-        /// Of what.
+        /// Address of the object.
         address: String,
-        /// What it reported.
+        /// The reported error.
         source: Box<object_store::Error>,
     },
-    /// There is no such thing in storage.
+    /// The object is not in storage.
     #[error("{address}: not there; {remedy}")]
     NotThere {
-        /// Of what.
+        /// Address of the object.
         address: String,
-        /// What to do.
+        /// The remedy.
         remedy: &'static str,
     },
-    /// Nothing came for so long.
-    #[error("{address}: nothing came for {seconds} s; look whether the storage answers, and try again")]
+    /// Storage sent nothing for this long.
+    #[error("{address}: no data for {seconds} s; check that the storage answers, and try again")]
     Stalled {
-        /// Of what.
+        /// Address of the object.
         address: String,
         /// How long.
         seconds: u64,
     },
-    /// There is more than there may be.
-    #[error("{address}: more than {most} bytes, where no more may be; this is not what veiloc published")]
+    /// The object is longer than allowed.
+    #[error("{address}: longer than the {most} bytes allowed there; this was not published by veiloc")]
     ObjectTooLong {
-        /// Of what.
+        /// Address of the object.
         address: String,
         /// Most bytes.
         most: u64,
     },
-    /// A pointer is not what it should be.
+    /// Invalid pointer.
     #[error("{address}: {reason}; publish the map again with `veiloc map publish`")]
     Pointer {
-        /// Of what.
+        /// Address of the object.
         address: String,
         /// What is wrong.
         reason: String,
     },
-    /// A manifest is not what it should be.
+    /// Invalid manifest.
     #[error("{address}: {source}")]
     Manifest {
-        /// Of what.
+        /// Address of the object.
         address: String,
         /// What is wrong.
         source: ManifestError,
     },
-    /// An object is not what its name says.
+    /// The content of an object does not match its name.
     #[error(
-        "{address}: {found}, where the object {} of {} bytes should be; publish the map again with `veiloc map publish`",
+        "{address}: found {found} instead of the object {} of {} bytes; publish the map again with `veiloc map publish`",
         expected.sha256,
         expected.bytes
     )]
     Object {
-        /// Of what.
+        /// Address of the object.
         address: String,
-        /// What should be there.
+        /// The expected object.
         expected: ObjectRef,
-        /// What is there.
+        /// The content that was found.
         found: String,
     },
-    /// What is needed is larger than the cache may be.
-    #[error("{}: {needed} bytes are needed, and the cache may hold {most}; allow it more, or take fewer regions", path.display())]
+    /// The cache limit is smaller than the needed objects.
+    #[error("{}: {needed} bytes are needed, but the cache is limited to {most}; raise the limit, or hold fewer regions", path.display())]
     CacheTooSmall {
         /// The cache.
         path: PathBuf,
-        /// Bytes that are needed together.
+        /// Bytes needed together.
         needed: u64,
-        /// Bytes that it may hold.
+        /// The limit, bytes.
         most: u64,
     },
     /// A local file could not be read or written.
@@ -229,13 +229,13 @@ pub enum ClusterError {
     Io {
         /// Which file.
         path: PathBuf,
-        /// What the system reported.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// No protobuf, or of other fields.
+    /// The bytes are not a valid frame.
     #[error("not a frame of this cluster")]
     Frame,
-    /// Written by a newer program.
+    /// The frame has an unknown version.
     #[error(
         "a frame of version {found}, this program reads {}; use one version of veiloc in a cluster",
         crate::message::VERSION
@@ -244,22 +244,22 @@ pub enum ClusterError {
         /// Its version.
         found: u32,
     },
-    /// A field that is not what it may be.
-    #[error("the field {field} of a frame is not what it may be")]
+    /// A field has an invalid value.
+    #[error("the field {field} of a frame is invalid")]
     FrameField {
-        /// Which.
+        /// The field.
         field: &'static str,
     },
-    /// An answer to another question.
+    /// The reply belongs to another request.
     #[error("a reply to another request")]
     OtherRequest,
 }
 
-/// What to do about a system error whose message does not say it.
+/// Remedy for a system error whose message has none.
 fn remedy_of(source: &std::io::Error) -> &'static str {
     match source.kind() {
         std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            "; make room there, or allow a cache less (`--cache-gb`)"
+            "; free disk space there, or lower the limit of the cache (`--cache-gb`)"
         }
         _ => "",
     }
@@ -270,8 +270,8 @@ impl ClusterError {
         |source| Self::Io { path: path.to_owned(), source }
     }
 
-    /// Whether the same may go well a little later: storage cannot be reached, or says so of itself.
-    pub fn may_pass(&self) -> bool {
+    /// Whether a retry may succeed: storage was unreachable or reported a temporary error.
+    pub fn is_transient(&self) -> bool {
         use object_store::Error as Cause;
         match self {
             Self::Stalled { .. } | Self::Object { .. } => true,

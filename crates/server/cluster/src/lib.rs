@@ -1,21 +1,21 @@
-//! One service of many machines: workers that hold regions of a map, and the gateway that asks them.
+//! A service distributed over several machines: workers hold regions of a map, and gateways query them.
 //!
 //! ```text
 //! device ── HTTP ── gateway ──┬── index group ── which regions?
 //!                             └── region groups ── the sealed query, as it came ── pose
 //!                 bus: NATS, or one process        source: where maps are published
 //! ```
-//! - [`Gateway`]: asks for poses in the place of a map in memory; `veiloc_service` takes it as
-//!   [`veiloc_service::MapElsewhere`], and does all that HTTP needs.
-//! - [`Worker`]: holds a [`Share`] of a map's regions, each verified, and answers for them.
-//! - [`ManifestSource`]: where both look what is published.
-//! - [`message`]: what they say to each other.
+//! - [`Gateway`]: computes poses by querying workers; `veiloc_service` uses it as [`veiloc_service::MapElsewhere`]
+//!   and handles HTTP.
+//! - [`Worker`]: holds a verified [`Share`] of the regions of a map, and answers requests for them.
+//! - [`ManifestSource`]: where both read what is published.
+//! - [`message`]: the messages between gateways and workers.
 //!
-//! What is sent is what the device sealed, byte for byte, also when it is sent to a second worker or once more (rule L7): two
-//! seals of one image would tell more than one, two copies of one seal do not. This crate depends neither on
-//! `veiloc-features` nor on `veiloc-obfuscation`: like the service, it cannot name a keypoint of a query.
+//! Workers receive exactly the bytes that the device sealed, also when they are sent to a second worker or again
+//! (rule L7): two seals of one image would reveal more than one, two copies of one seal do not. This crate depends
+//! neither on `veiloc-features` nor on `veiloc-obfuscation`: like the service, it cannot name a keypoint of a query.
 //!
-//! `docs/guide/cluster.md` is for operators, decision 0029 says why it is as it is.
+//! `docs/cluster.md` is for operators, decision 0029 explains the design.
 #![forbid(unsafe_code)]
 
 pub mod bus;

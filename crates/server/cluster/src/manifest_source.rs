@@ -1,7 +1,7 @@
-//! Where maps are published: what a machine of a cluster needs of it, and a folder that does for one.
+//! Sources of published maps: the interface that machines of a cluster need, and a folder as source.
 //!
-//! A [`ManifestSource`] says which manifest of a map holds now, and brings objects to the local disk. What it brings has been
-//! verified: an object is named by the SHA-256 of its bytes.
+//! A [`ManifestSource`] returns the current manifest of a map, and fetches objects to the local disk. Fetched objects
+//! are verified: an object is named by the SHA-256 of its bytes.
 
 mod object_store;
 
@@ -17,7 +17,7 @@ use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, verify_file};
 
 pub use object_store::ObjectStoreSource;
 
-/// What is published of a map.
+/// A published manifest.
 #[derive(Debug)]
 pub struct Published {
     /// The SHA-256 of the manifest.
@@ -27,7 +27,7 @@ pub struct Published {
 }
 
 impl Published {
-    /// This manifest.
+    /// From this manifest.
     pub fn of(manifest: Manifest) -> Arc<Self> {
         Arc::new(Self { id: manifest.id(), manifest })
     }
@@ -36,28 +36,29 @@ impl Published {
 /// The future result of a source.
 pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ClusterError>> + Send + 'a>>;
 
-/// Where maps are published.
+/// A source of published maps.
 pub trait ManifestSource: Send + Sync {
-    /// The manifest that holds now for the map of this name.
+    /// The current manifest of the map of this name.
     fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>>;
 
-    /// Brings these objects, each verified, to a folder in which [`Folder::of`] finds them; those that are there stay.
+    /// Fetches these objects, each verified, into a folder for [`Folder::of`]; existing objects are kept.
     fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf>;
 
-    /// Of what was brought these objects are needed; others may go when there is little room.
+    /// Declares which fetched objects are needed; others may be removed when space is short.
     fn retain(&self, needed: &BTreeSet<ObjectId>) {
         let _ = needed;
     }
 }
 
-/// A folder as `veiloc map split` writes it: one map, nothing to be brought. For tests and machines that share a disk.
+/// A folder written by `veiloc map split`, with one map, for tests and machines that share a disk. Nothing is
+/// fetched.
 #[derive(Debug, Clone)]
 pub struct FolderSource {
     folder: PathBuf,
 }
 
 impl FolderSource {
-    /// Of this folder.
+    /// From this folder.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
@@ -79,11 +80,11 @@ impl ManifestSource for FolderSource {
 
     fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
         Box::pin(async move {
-            let anywhere = || -> Result<(), MapError> {
+            let verify_all = || -> Result<(), MapError> {
                 let manifest = Folder::open(&self.folder)?;
                 objects.iter().try_for_each(|object| verify_file(&manifest.path_of(&object.sha256), object))
             };
-            anywhere()?;
+            verify_all()?;
             Ok(self.folder.clone())
         })
     }

@@ -1,14 +1,14 @@
 //! Messages between gateway and workers: small frames around bytes that a device or the service wrote.
 //!
-//! Both ends are the operator's own machines. Nothing is trusted all the same: lengths, names and numbers are checked, and an
-//! invalid frame gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/reference/configuration.md` lists the fields.
+//! Both ends are machines of the operator. Lengths, names and numbers are checked nevertheless, and an invalid frame
+//! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
 
 use crate::ClusterError;
 use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
 use veiloc_protocol::{Answer, PositionHint};
-use veiloc_service::{BodyKind, NoPose, LocalizeFailure};
+use veiloc_service::{BodyKind, LocalizeFailure, NoPose};
 
 use std::num::NonZeroU64;
 use std::time::Duration;
@@ -16,13 +16,13 @@ use std::time::Duration;
 /// The version of frames that this program writes and reads.
 pub const VERSION: u32 = 1;
 
-/// Bytes of a frame beside what it carries.
+/// Maximum overhead of a frame, bytes.
 pub const FRAME_BYTES: usize = 1024;
 
-/// Every reply about a query has so many bytes, whatever it says, unless it is longer than any of ours.
+/// Every reply about a query has this length, whatever its content, unless the content is longer.
 pub const REPLY_BYTES: usize = 5120;
 
-/// Seconds that a reply may ask to wait.
+/// Maximum `retry_after` in a reply, seconds.
 const LONGEST_WAIT: u32 = 60;
 
 /// The name of a request: the one of its log line.
@@ -33,17 +33,17 @@ pub type RequestName = [u8; 16];
 pub struct Request {
     /// The name of the gateway's request that it is part of.
     pub name: RequestName,
-    /// The region or index to use; a worker that holds another one refuses ([`Why::NotHeld`]).
+    /// The region or index to use; a worker that holds another one refuses ([`RejectReason::NotHeld`]).
     pub object: ObjectId,
     /// Time allowed for the answer, from the arrival of the request (machines' clocks are not compared).
     pub within: Duration,
     /// The task.
-    pub wanted: Wanted,
+    pub task: Task,
 }
 
 /// The task of a request.
 #[derive(Clone, PartialEq)]
-pub enum Wanted {
+pub enum Task {
     /// A sign of life.
     Ping,
     /// Retrieval in an index: the regions to ask, for the global descriptors of the images.
@@ -65,15 +65,12 @@ pub enum Wanted {
 /// Rule L8: nothing of a query reaches a log.
 impl std::fmt::Debug for Request {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let wanted = match self.wanted {
-            Wanted::Ping => "ping",
-            Wanted::Search { .. } => "search",
-            Wanted::Pose { .. } => "pose",
+        let task = match self.task {
+            Task::Ping => "ping",
+            Task::Search { .. } => "search",
+            Task::Pose { .. } => "pose",
         };
-        f.debug_struct("Request")
-            .field("object", &self.object)
-            .field("wanted", &wanted)
-            .finish_non_exhaustive()
+        f.debug_struct("Request").field("object", &self.object).field("task", &task).finish_non_exhaustive()
     }
 }
 
@@ -93,16 +90,16 @@ pub struct Reply {
 /// The result of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// The reply to [`Wanted::Ping`].
+    /// The reply to [`Task::Ping`].
     Here,
     /// The regions that hold most of the retrieved images, best first.
     Regions(Vec<Candidate>),
     /// The complete answer.
     Pose(Box<Answer>),
     /// There is no pose, or there will be none; asking another worker of the group would give the same.
-    LocalizeFailure(LocalizeFailure),
+    Failed(LocalizeFailure),
     /// This worker cannot answer; another worker of the group may.
-    Rejected(Why),
+    Rejected(RejectReason),
 }
 
 /// A region to ask.
@@ -110,27 +107,27 @@ pub enum Outcome {
 pub struct Candidate {
     /// Its number in the manifest.
     pub region: u32,
-    /// How many of the images that retrieval would give it holds.
+    /// Number of retrieved images that the region holds.
     pub held: u32,
 }
 
-/// Why another worker of the group should be asked.
+/// Why another worker of the group should be expected_name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Why {
+pub enum RejectReason {
     /// All threads are busy and the queue is full, or too long for the time there is.
     Busy {
         /// Seconds after which there should be room, 1 to 60.
         retry_after: NonZeroU64,
     },
-    /// It is working on this very request.
-    AtIt,
+    /// It is already working on this request.
+    InProgress,
     /// It is leaving.
     Leaving,
-    /// It holds another object than was asked for.
+    /// It holds another object than was expected_name for.
     NotHeld,
     /// It could not read the request.
-    Unread,
-    /// A bug there, which was logged.
+    Undecodable,
+    /// An internal error of the worker, which was logged.
     Broken,
 }
 
@@ -177,7 +174,7 @@ struct ReplyFrame {
     padding: Bytes,
 }
 
-/// Most regions that an index names.
+/// Maximum number of regions that an index returns.
 pub const MOST_REGIONS: usize = 64;
 
 const PING: u32 = 0;
@@ -188,11 +185,11 @@ const RIG: u32 = 3;
 impl Request {
     /// As bytes.
     pub fn encode(&self) -> Bytes {
-        let (wanted, near, body) = match &self.wanted {
-            Wanted::Ping => (PING, None, Vec::new()),
-            Wanted::Search { globals } => (SEARCH, None, globals.clone()),
-            Wanted::Pose { kind: BodyKind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
-            Wanted::Pose { kind: BodyKind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
+        let (wanted, near, body) = match &self.task {
+            Task::Ping => (PING, None, Vec::new()),
+            Task::Search { globals } => (SEARCH, None, globals.clone()),
+            Task::Pose { kind: BodyKind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
+            Task::Pose { kind: BodyKind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
         };
         let near = near.map_or_else(Vec::new, |near| {
             let [x, y, z] = near.center();
@@ -210,10 +207,10 @@ impl Request {
         frame.encode_to_vec().into()
     }
 
-    /// From bytes; what is sealed in it is not looked at.
+    /// Parses a frame; the sealed query in it is not decoded.
     ///
     /// # Errors
-    /// [`ClusterError`] naming what is wrong.
+    /// [`ClusterError`] that names the wrong field.
     pub fn decode(bytes: Bytes) -> Result<Self, ClusterError> {
         let frame = RequestFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
         check_version(frame.version)?;
@@ -225,12 +222,12 @@ impl Request {
             _ => return Err(field("near")),
         };
         let mut body = frame.body;
-        let wanted = match (frame.wanted, body.len()) {
-            (PING, 0) => Wanted::Ping,
-            (SEARCH, 1..=32) => Wanted::Search { globals: body },
+        let task = match (frame.wanted, body.len()) {
+            (PING, 0) => Task::Ping,
+            (SEARCH, 1..=32) => Task::Search { globals: body },
             (QUERY | RIG, 1) => {
                 let kind = if frame.wanted == QUERY { BodyKind::Query } else { BodyKind::Rig };
-                Wanted::Pose { kind, body: body.swap_remove(0), near }
+                Task::Pose { kind, body: body.swap_remove(0), near }
             }
             (PING | SEARCH | QUERY | RIG, _) => return Err(field("body")),
             _ => return Err(field("wanted")),
@@ -239,13 +236,13 @@ impl Request {
             name: name(&frame.name)?,
             object: ObjectId::from_bytes(object),
             within: Duration::from_millis(frame.within_ms.into()),
-            wanted,
+            task,
         })
     }
 }
 
 impl Reply {
-    /// As bytes. All replies about a query are equally long.
+    /// Encodes the reply. All replies about a query have the same length.
     pub fn encode(&self) -> Bytes {
         let code = code_of(&self.outcome);
         let micros = |time: Duration| u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
@@ -263,35 +260,37 @@ impl Reply {
                 frame.held = candidates.iter().map(|candidate| candidate.held).collect();
             }
             Outcome::Pose(answer) => frame.answer = answer.encode().into(),
-            Outcome::LocalizeFailure(LocalizeFailure::Busy { retry_after } | LocalizeFailure::Unreached { retry_after })
-            | Outcome::Rejected(Why::Busy { retry_after }) => {
+            Outcome::Failed(
+                LocalizeFailure::Busy { retry_after } | LocalizeFailure::Unreached { retry_after },
+            )
+            | Outcome::Rejected(RejectReason::Busy { retry_after }) => {
                 frame.retry_after =
                     u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
             }
-            Outcome::Here | Outcome::LocalizeFailure(_) | Outcome::Rejected(_) => {}
+            Outcome::Here | Outcome::Failed(_) | Outcome::Rejected(_) => {}
         }
         if !matches!(self.outcome, Outcome::Here | Outcome::Regions(_)) {
-            // Tag and length of the padding are three bytes where the whole is between 128 and 16384 bytes.
+            // Tag and length of the padding take three bytes if the frame has 128 to 16384 bytes.
             let left = REPLY_BYTES.saturating_sub(frame.encoded_len() + 3);
             frame.padding = vec![0; left].into();
         }
         frame.encode_to_vec().into()
     }
 
-    /// From bytes, as the reply to the request of this name.
+    /// Parses the reply to the request of this name.
     ///
     /// # Errors
-    /// [`ClusterError`] naming what is wrong.
-    pub fn decode(bytes: Bytes, asked: &RequestName) -> Result<Self, ClusterError> {
+    /// [`ClusterError`] that names the wrong field.
+    pub fn decode(bytes: Bytes, expected_name: &RequestName) -> Result<Self, ClusterError> {
         let frame = ReplyFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
         check_version(frame.version)?;
         let name = name(&frame.name)?;
-        if name != *asked {
+        if name != *expected_name {
             return Err(ClusterError::OtherRequest);
         }
         let (worked, waited) =
             (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
-        Ok(Self { name, outcome: said(frame)?, worked, waited })
+        Ok(Self { name, outcome: outcome_of(frame)?, worked, waited })
     }
 }
 
@@ -313,7 +312,7 @@ const fn code_of(outcome: &Outcome) -> u32 {
         Outcome::Here => HERE,
         Outcome::Regions(_) => REGIONS,
         Outcome::Pose(_) => POSE,
-        Outcome::LocalizeFailure(why) => match why {
+        Outcome::Failed(why) => match why {
             LocalizeFailure::WrongProfile => 16,
             LocalizeFailure::EmptyMap => 17,
             LocalizeFailure::NoPose(NoPose::Unsupported) => 18,
@@ -326,17 +325,17 @@ const fn code_of(outcome: &Outcome) -> u32 {
             LocalizeFailure::Broken => 25,
         },
         Outcome::Rejected(why) => match why {
-            Why::Busy { .. } => 32,
-            Why::AtIt => 33,
-            Why::Leaving => 34,
-            Why::NotHeld => 35,
-            Why::Unread => 36,
-            Why::Broken => 37,
+            RejectReason::Busy { .. } => 32,
+            RejectReason::InProgress => 33,
+            RejectReason::Leaving => 34,
+            RejectReason::NotHeld => 35,
+            RejectReason::Undecodable => 36,
+            RejectReason::Broken => 37,
         },
     }
 }
 
-fn said(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
+fn outcome_of(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
     let field = |field| ClusterError::FrameField { field };
     let retry_after = || {
         let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= LONGEST_WAIT.into());
@@ -352,23 +351,23 @@ fn said(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
             Outcome::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
         }
         POSE => Outcome::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
-        16 => Outcome::LocalizeFailure(LocalizeFailure::WrongProfile),
-        17 => Outcome::LocalizeFailure(LocalizeFailure::EmptyMap),
-        18 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::Unsupported)),
-        19 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::OneSided)),
-        20 => Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::TooFew)),
-        21 => Outcome::LocalizeFailure(LocalizeFailure::Stopped),
-        22 => Outcome::LocalizeFailure(LocalizeFailure::Busy { retry_after: retry_after()? }),
-        23 => Outcome::LocalizeFailure(LocalizeFailure::Unreached { retry_after: retry_after()? }),
-        24 => Outcome::LocalizeFailure(LocalizeFailure::TimedOut),
-        25 => Outcome::LocalizeFailure(LocalizeFailure::Broken),
-        32 => Outcome::Rejected(Why::Busy { retry_after: retry_after()? }),
-        33 => Outcome::Rejected(Why::AtIt),
-        34 => Outcome::Rejected(Why::Leaving),
-        35 => Outcome::Rejected(Why::NotHeld),
-        36 => Outcome::Rejected(Why::Unread),
-        37 => Outcome::Rejected(Why::Broken),
-        _ => return Err(field("said")),
+        16 => Outcome::Failed(LocalizeFailure::WrongProfile),
+        17 => Outcome::Failed(LocalizeFailure::EmptyMap),
+        18 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::Unsupported)),
+        19 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::OneSided)),
+        20 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)),
+        21 => Outcome::Failed(LocalizeFailure::Stopped),
+        22 => Outcome::Failed(LocalizeFailure::Busy { retry_after: retry_after()? }),
+        23 => Outcome::Failed(LocalizeFailure::Unreached { retry_after: retry_after()? }),
+        24 => Outcome::Failed(LocalizeFailure::TimedOut),
+        25 => Outcome::Failed(LocalizeFailure::Broken),
+        32 => Outcome::Rejected(RejectReason::Busy { retry_after: retry_after()? }),
+        33 => Outcome::Rejected(RejectReason::InProgress),
+        34 => Outcome::Rejected(RejectReason::Leaving),
+        35 => Outcome::Rejected(RejectReason::NotHeld),
+        36 => Outcome::Rejected(RejectReason::Undecodable),
+        37 => Outcome::Rejected(RejectReason::Broken),
+        _ => return Err(field("outcome")),
     })
 }
 

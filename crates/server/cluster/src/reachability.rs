@@ -1,4 +1,4 @@
-//! Whether everything that a manifest names is held by somebody.
+//! Whether a worker holds each object of a manifest.
 
 use crate::ClusterError;
 use std::time::Duration;
@@ -8,17 +8,17 @@ use futures_util::StreamExt as _;
 use futures_util::stream;
 use veiloc_map::regions::{Manifest, ObjectId};
 
-use crate::message::{Outcome, Reply, Request, Wanted};
+use crate::message::{Outcome, Reply, Request, Task};
 use crate::subjects;
 
-/// How long somebody may take to say that it is there, and how many are asked at a time.
-const PATIENCE: Duration = Duration::from_secs(2);
-const AT_A_TIME: usize = 32;
+/// Time limit of a ping, and number of concurrent pings.
+const PING_TIMEOUT: Duration = Duration::from_secs(2);
+const MAX_CONCURRENT_PINGS: usize = 32;
 
-/// A name for requests that belong to no query.
+/// Request name of messages that belong to no query.
 const NO_REQUEST: [u8; 16] = [0; 16];
 
-/// The groups of a manifest: of its index, and of its regions by their numbers.
+/// The groups of a manifest: its index, and its regions by number.
 #[derive(Debug, Clone)]
 pub(crate) struct Groups {
     pub(crate) index: (Subject, ObjectId),
@@ -38,17 +38,17 @@ impl Groups {
         })
     }
 
-    /// How many of them nobody is in.
-    pub(crate) async fn unreached(&self, bus: &Bus) -> usize {
+    /// Number of groups without a responding member.
+    pub(crate) async fn unreachable(&self, bus: &Bus) -> usize {
         let all: Vec<_> = std::iter::once(&self.index).chain(&self.regions).cloned().collect();
         let asked = stream::iter(all).map(|(subject, object)| is_held(bus.clone(), subject, object));
-        asked.buffer_unordered(AT_A_TIME).filter(|held| std::future::ready(!held)).count().await
+        asked.buffer_unordered(MAX_CONCURRENT_PINGS).filter(|held| std::future::ready(!held)).count().await
     }
 }
 
 async fn is_held(bus: Bus, subject: Subject, object: ObjectId) -> bool {
-    let ping = Request { name: NO_REQUEST, object, within: PATIENCE, wanted: Wanted::Ping };
-    let reply = bus.request(&subject, ping.encode(), PATIENCE).await;
+    let ping = Request { name: NO_REQUEST, object, within: PING_TIMEOUT, wanted: Task::Ping };
+    let reply = bus.request(&subject, ping.encode(), PING_TIMEOUT).await;
     reply.is_ok_and(|bytes| {
         matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { outcome: Outcome::Here, .. }))
     })

@@ -1,4 +1,4 @@
-//! Which regions of a map a worker takes.
+//! Which regions of a map a worker holds.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -7,26 +7,26 @@ use std::str::FromStr;
 
 use crate::ClusterError;
 
-/// A share of the regions of a map. Together the workers of a cluster must take all; several may take the same.
+/// A share of the regions of a map. The workers of a cluster must together hold all regions; shares may overlap.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Share {
     /// All.
     #[default]
     All,
-    /// Every `of`-th, beginning with number `nth` (from 0): with neighbours of different workers, one place that everybody
-    /// asks for is the work of several.
+    /// Every `of`-th region, beginning with number `nth` (from 0). Neighbouring regions belong to different workers,
+    /// so a popular area is the work of several.
     Nth {
-        /// Which, below `of`.
+        /// Offset, below `of`.
         nth: usize,
-        /// Of how many.
+        /// Number of shares.
         of: NonZeroUsize,
     },
-    /// Those of these numbers in the manifest; numbers that it does not have are nothing.
+    /// The regions with these numbers in the manifest; unknown numbers are ignored.
     Numbers(BTreeSet<usize>),
 }
 
 impl Share {
-    /// Whether the region of this number is in it.
+    /// Whether the share contains this region.
     pub fn takes(&self, region: usize) -> bool {
         match self {
             Self::All => true,
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_read_as_they_are_written_and_cover_everything() {
+    fn shares_round_trip_and_cover_all_regions() {
         for text in ["all", "1/1", "2/3", "0,4,7"] {
             assert_eq!(text.parse::<Share>().expect("a share").to_string(), text);
         }

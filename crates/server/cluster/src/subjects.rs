@@ -1,7 +1,7 @@
-//! The groups that workers join: one an object, whatever manifest names it.
+//! Subjects of the groups that workers join: one group per object, independent of the manifest.
 //!
-//! So a region that two manifests have in common stays where it is when one takes the place of the other. The map's name
-//! stands in front, so that an account of the bus can be given the maps that it may ask for.
+//! So a region that two manifests share stays in its group when one manifest replaces the other. The map name comes
+//! first, so that an account of the bus can be restricted to maps.
 
 use crate::ClusterError;
 use crate::bus::Subject;

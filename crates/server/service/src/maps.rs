@@ -197,7 +197,10 @@ impl MapSlot {
     /// The remote map as its backend describes it now.
     fn current_remote(&self, source: &MapElsewhere, known: Option<Arc<LoadedMap>>) -> Option<Arc<LoadedMap>> {
         let now = source.held_by.describe()?;
-        let same = |loaded: &Arc<LoadedMap>| matches!(&loaded.backend, Backend::Remote { description, .. } if Arc::ptr_eq(description, &now));
+        let same = |loaded: &Arc<LoadedMap>| match &loaded.backend {
+            Backend::Remote { description, .. } => Arc::ptr_eq(description, &now),
+            Backend::Local(_) => false,
+        };
         if known.as_ref().is_some_and(same) {
             return known;
         }

@@ -59,15 +59,15 @@ pub(crate) enum Problem {
     #[error("{0}")]
     Version(String),
     #[error(
-        "the query was sealed for another map or with an old profile; fetch the profile, and seal another frame of the same \
-         session with its orientation, or move on first: several images of one position without a session reveal more"
+        "the query was sealed for another map or with an old profile; fetch the profile, and seal another frame of the \
+         same session with its orientation, or move on first: several images of one position without a session reveal more"
     )]
     WrongProfile,
     #[error("{0}")]
     BadOption(&'static str),
     #[error(
-        "no pose is supported by the query{0}; send another frame of the same session with its orientation, or move on by a \
-         step or more first: several images of one position without a session reveal more"
+        "no pose is supported by the query{0}; send another frame of the same session with its orientation, or move on by \
+         a step or more first: several images of one position without a session reveal more"
     )]
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]

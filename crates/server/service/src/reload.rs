@@ -31,7 +31,7 @@ impl App {
                 TokensCheck::Expired(error) => {
                     self.set_callers(Arc::new(Callers::Closed));
                     self.metrics.reload("tokens", "", false);
-                    tracing::error!(%error, "no valid file of tokens for too long: all queries are refused until there is one");
+                    tracing::error!(%error, "no valid file of tokens for too long: queries are refused until there is one");
                 }
             }
             self.metrics.reload_failing("tokens", "", file.is_failing());

@@ -1,14 +1,16 @@
-//! Requests to whichever member of a group is there, and its reply: what a service of many machines talks over.
+//! Request/reply messaging: a request goes to one member of a group, and its reply comes back. All machines of a
+//! cluster communicate over this bus.
 //!
-//! - [`Bus`]: [`Bus::request`] asks one member of the group of a [`Subject`], [`Bus::join`] makes one a member. Over NATS
-//!   ([`Bus::nats`]), or within one process ([`Bus::in_process`]): both keep the same promises.
-//! - [`Membership`]: what is asked of a member, until it leaves.
+//! - [`Bus`]: [`Bus::request`] sends a request to one member of the group of a [`Subject`], [`Bus::join`] makes the
+//!   caller a member. The transport is NATS ([`Bus::nats`]) or the local process ([`Bus::in_process`]); both give the
+//!   same guarantees.
+//! - [`Membership`]: receives the requests to a member until it leaves.
 //!
-//! # What is promised
-//! A request goes to **at most one** member. It is answered, or it ends with a [`ClusterError`] that says whether there was
-//! nobody ([`ClusterError::Nobody`], known at once) or nobody answered in time ([`ClusterError::TimedOut`]); a member that dies
-//! looks like the second. Whoever needs an answer sends the same bytes again. Nothing is stored: a message that nobody
-//! waits for is gone.
+//! # Guarantees
+//! A request goes to **at most one** member. It is answered, or it ends with a [`ClusterError`]: the group is empty
+//! ([`ClusterError::NoResponders`], known at once), or no reply came in time ([`ClusterError::TimedOut`]), which also
+//! covers a member that died. A client that needs an answer sends the same bytes again. Nothing is stored: a reply
+//! after the timeout is dropped.
 //!
 //! A requester that stops waiting may cancel its request ([`Bus::request_cancellable`]). The member that received it is then
 //! notified ([`Incoming::cancelled`]), best effort and once. Only the requester can cancel.
@@ -24,13 +26,13 @@
 //! # runtime.block_on(async {
 //! let bus = Bus::in_process();
 //! let subject = Subject::new(["greeting", "en"])?;
-//! let nobody = bus.request(&subject, "hello".into(), Duration::from_secs(1)).await;
-//! assert!(matches!(nobody, Err(ClusterError::Nobody { .. })));
+//! let empty_group = bus.request(&subject, "hello".into(), Duration::from_secs(1)).await;
+//! assert!(matches!(empty_group, Err(ClusterError::NoResponders { .. })));
 //!
 //! let mut member = bus.join(&subject).await?;
 //! tokio::spawn(async move {
-//!     while let Some(asked) = member.next().await {
-//!         asked.answer("good day".into()).await.expect("somebody waits");
+//!     while let Some(incoming) = member.next().await {
+//!         incoming.answer("good day".into()).await.expect("sent");
 //!     }
 //! });
 //! let reply = bus.request(&subject, "hello".into(), Duration::from_secs(5)).await?;
@@ -42,7 +44,7 @@
 #![forbid(unsafe_code)]
 
 mod nats;
-mod open;
+mod open_requests;
 mod process;
 mod subject;
 
@@ -58,69 +60,69 @@ pub use subject::{BadWord, Subject};
 use nats::Nats;
 use process::Process;
 
-/// Where requests go; a clone is the same bus.
+/// The bus; clones share it.
 #[derive(Clone)]
-pub struct Bus(Road);
+pub struct Bus(Transport);
 
 #[derive(Clone)]
-enum Road {
+enum Transport {
     Nats(Nats),
     Process(Process),
 }
 
 impl Bus {
-    /// Within this process, for tests and for a cluster on one machine.
+    /// A bus within this process, for tests and for a cluster on one machine.
     pub fn in_process() -> Self {
-        Self(Road::Process(Process::default()))
+        Self(Transport::Process(Process::default()))
     }
 
-    /// Over NATS. Once connected it stays so by itself: a server that goes is exchanged for another one.
+    /// A bus over NATS. It reconnects by itself, also to another server of the cluster.
     ///
     /// # Errors
-    /// [`ClusterError`]: an address that is none, files that cannot be read, no server that answers, or one that takes only
-    /// shorter messages than are needed.
+    /// [`ClusterError`]: an invalid address, an unreadable file, no reachable server, or a server whose maximum
+    /// message is too short.
     pub async fn nats(options: &NatsOptions) -> Result<Self, ClusterError> {
-        Nats::connect(options).await.map(|nats| Self(Road::Nats(nats)))
+        Nats::connect(options).await.map(|nats| Self(Transport::Nats(nats)))
     }
 
-    /// The longest message, bytes.
+    /// Maximum length of a message, bytes.
     pub fn max_payload(&self) -> usize {
         match &self.0 {
-            Road::Nats(nats) => nats.max_payload(),
-            Road::Process(_) => Process::MAX_PAYLOAD,
+            Transport::Nats(nats) => nats.max_payload(),
+            Transport::Process(_) => Process::MAX_PAYLOAD,
         }
     }
 
-    /// Whether there is a server at the moment.
+    /// Whether a server is connected.
     pub fn is_connected(&self) -> bool {
         match &self.0 {
-            Road::Nats(nats) => nats.is_connected(),
-            Road::Process(_) => true,
+            Transport::Nats(nats) => nats.is_connected(),
+            Transport::Process(_) => true,
         }
     }
 
-    /// Waits until all messages so far have left this machine, at most a few seconds.
+    /// Waits until all sent messages have left this machine, at most a few seconds.
     pub async fn flush(&self) {
-        if let Road::Nats(nats) = &self.0 {
+        if let Transport::Nats(nats) = &self.0 {
             nats.flush().await;
         }
     }
 
-    /// Asks one member of the subject's group.
+    /// Sends a request to one member of the subject's group.
     ///
     /// # Errors
-    /// [`ClusterError`]: nobody is there, nobody answered in time, or the message is too long.
+    /// [`ClusterError`]: the group is empty, no reply came in time, or the message is too long.
     pub async fn request(
         &self,
         subject: &Subject,
         payload: Bytes,
         within: Duration,
     ) -> Result<Bytes, ClusterError> {
-        self.ask(subject, payload, within, false).await
+        self.send_request(subject, payload, within, false).await
     }
 
-    /// As [`Self::request`], for what keeps its member busy: when nobody waits for the reply any more, because the future
-    /// was dropped or time is over, the member is told ([`Incoming::cancelled`]). That is not certain to reach it.
+    /// As [`Self::request`], for expensive requests: when the future is dropped or times out, the member is notified,
+    /// best effort ([`Incoming::cancelled`]).
     ///
     /// # Errors
     /// As [`Self::request`].
@@ -130,10 +132,10 @@ impl Bus {
         payload: Bytes,
         within: Duration,
     ) -> Result<Bytes, ClusterError> {
-        self.ask(subject, payload, within, true).await
+        self.send_request(subject, payload, within, true).await
     }
 
-    async fn ask(
+    async fn send_request(
         &self,
         subject: &Subject,
         payload: Bytes,
@@ -146,22 +148,22 @@ impl Bus {
         }
         let answered = async {
             match &self.0 {
-                Road::Nats(nats) => nats.request(subject, payload, cancellable).await,
-                Road::Process(process) => process.request(subject, payload).await,
+                Transport::Nats(nats) => nats.request(subject, payload, cancellable).await,
+                Transport::Process(process) => process.request(subject, payload).await,
             }
         };
         let timed_out = || ClusterError::TimedOut { subject: subject.clone(), within };
         tokio::time::timeout(within, answered).await.map_err(|_| timed_out())?
     }
 
-    /// Becomes a member of the subject's group; what is asked of it from then on is in the [`Membership`].
+    /// Joins the subject's group; the [`Membership`] receives its requests.
     ///
     /// # Errors
-    /// [`ClusterError::BusClosed`]: the connection is gone for good.
+    /// [`ClusterError::BusClosed`]: the connection is closed for good.
     pub async fn join(&self, subject: &Subject) -> Result<Membership, ClusterError> {
         Ok(Membership(match &self.0 {
-            Road::Nats(nats) => Member::Nats(nats.join(subject).await?),
-            Road::Process(process) => Member::Process(process.join(subject)),
+            Transport::Nats(nats) => Member::Nats(nats.join(subject).await?),
+            Transport::Process(process) => Member::Process(process.join(subject)),
         }))
     }
 }
@@ -169,13 +171,13 @@ impl Bus {
 impl fmt::Debug for Bus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.0 {
-            Road::Nats(_) => "Bus(NATS)",
-            Road::Process(_) => "Bus(in process)",
+            Transport::Nats(_) => "Bus(NATS)",
+            Transport::Process(_) => "Bus(in process)",
         })
     }
 }
 
-/// A place in the group of a subject. When it is dropped nothing more is asked of it, and what was asked is lost.
+/// Membership in the group of a subject. Dropping it leaves the group and loses pending requests.
 pub struct Membership(Member);
 
 enum Member {
@@ -184,7 +186,7 @@ enum Member {
 }
 
 impl Membership {
-    /// The next request, once there is one; `None` after [`Self::leave`], when all that was asked before has been given.
+    /// Waits for the next request; `None` after [`Self::leave`], when all earlier requests were returned.
     pub async fn next(&mut self) -> Option<Incoming> {
         match &mut self.0 {
             Member::Nats(member) => {
@@ -196,7 +198,7 @@ impl Membership {
         }
     }
 
-    /// Leaves the group; what was asked before is still given by [`Self::next`].
+    /// Leaves the group; earlier requests are still returned by [`Self::next`].
     pub async fn leave(&mut self) {
         match &mut self.0 {
             Member::Nats(member) => member.leave().await,
@@ -211,9 +213,9 @@ impl fmt::Debug for Membership {
     }
 }
 
-/// A request, and the way back to who asked.
+/// A received request, and its reply channel.
 pub struct Incoming {
-    /// What was sent.
+    /// The payload of the request.
     pub payload: Bytes,
     to: Reply,
 }
@@ -233,10 +235,10 @@ impl Incoming {
         }
     }
 
-    /// Answers it. Whether anybody still waits is not known.
+    /// Sends the reply. Whether the requester still waits is not known.
     ///
     /// # Errors
-    /// [`ClusterError`]: the answer is too long, or the connection is gone for good.
+    /// [`ClusterError`]: the reply is too long, or the connection is closed for good.
     pub async fn answer(self, payload: Bytes) -> Result<(), ClusterError> {
         match self.to {
             Reply::Nats(reply) => reply.send(payload).await,
@@ -245,7 +247,7 @@ impl Incoming {
     }
 }
 
-/// Of what was sent the length, and no more.
+/// Prints only the length of the payload.
 impl fmt::Debug for Incoming {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Incoming({} bytes)", self.payload.len())

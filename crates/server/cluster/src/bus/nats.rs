@@ -1,7 +1,7 @@
-//! The bus over NATS: groups are queue groups, replies come back to an inbox of the connection's own.
+//! The bus over NATS: groups are queue groups, and replies come to one inbox per connection.
 //!
-//! The inbox is ours and not the library's: the library keeps a note of each request until its reply comes, and of those
-//! whose member died none ever does.
+//! The inbox is managed here, because the library keeps an entry per request until its reply comes, and the entry of
+//! a request whose member died would stay for ever.
 //!
 //! A cancel message is published on the group's subject with the suffix `.cancel`, to which all members subscribe, because the
 //! gateway does not know which member received the request. It carries the reply inbox of the request. Only the gateway and the
@@ -21,29 +21,29 @@ use futures_util::StreamExt as _;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::ClusterError;
-use crate::bus::open::Open;
+use crate::bus::open_requests::OpenRequests;
 use crate::bus::subject::Subject;
 
-/// All members of a subject are in the queue group of this name.
+/// Name of the queue group of all members of a subject.
 const GROUP: &str = "members";
 
 /// Cancel messages that wait to be published; further ones are dropped.
-const UNSAID: usize = 1024;
+const CANCEL_QUEUE: usize = 1024;
 
 /// How to reach NATS.
 #[derive(Clone, Default)]
 pub struct NatsOptions {
-    /// Addresses of its servers, `nats://HOST:PORT` or `tls://HOST:PORT`; one is enough to find the others. A user and a password
-    /// may stand before the host, `tls://USER:PASSWORD@HOST:PORT`; those of the first address that has them count. Replies
-    /// then come to subjects that begin with `_INBOX_USER`, which the servers may let this user alone hear.
+    /// Addresses of the servers, `nats://HOST:PORT` or `tls://HOST:PORT`; one is enough to find the others. A user
+    /// and a password may precede the host, `tls://USER:PASSWORD@HOST:PORT`; the first address that has them counts.
+    /// Replies then come to subjects that begin with `_INBOX_USER`, which the servers may restrict to this user.
     pub servers: Vec<String>,
-    /// Certificates of the authorities that vouch for the servers, PEM. With it TLS is spoken, whatever the address says.
+    /// Certificate authorities of the servers, PEM. If given, TLS is used whatever the address says.
     pub ca: Option<PathBuf>,
-    /// A file of credentials (`nsc` writes it): which account we are of.
+    /// A credentials file as written by `nsc`, which selects the account.
     pub credentials: Option<PathBuf>,
-    /// What the connection is called in the server's own reports.
+    /// Name of the connection in reports of the server.
     pub name: String,
-    /// Messages must be able to have so many bytes.
+    /// Required maximum length of a message, bytes.
     pub needed_payload: usize,
 }
 
@@ -52,7 +52,7 @@ impl NatsOptions {
         let options = ConnectOptions::new()
             .name(&self.name)
             .connection_timeout(Duration::from_secs(5))
-            // One that is cut off from its server without a word finds out after two of these.
+            // A silently broken connection is detected after two missed pings.
             .ping_interval(Duration::from_secs(5))
             .reconnect_delay_callback(|attempts| match attempts {
                 0 | 1 => Duration::ZERO,
@@ -60,13 +60,15 @@ impl NatsOptions {
             })
             .event_callback(|event| async move {
                 match event {
-                    Event::Connected => tracing::info!("connected to the bus"),
+                    Event::Connected => tracing::info!("connected to NATS"),
                     Event::Disconnected => {
-                        tracing::warn!("the bus is gone; looking for another server of it");
+                        tracing::warn!("the connection to NATS is lost; trying other servers");
                     }
-                    Event::SlowConsumer(_) => tracing::warn!("the bus brings more than is taken"),
-                    // What servers say may hold subjects, and nothing of a message.
-                    other => tracing::warn!("the bus: {other}"),
+                    Event::SlowConsumer(_) => {
+                        tracing::warn!("NATS: slow consumer, messages arrive faster than they are read")
+                    }
+                    // Server messages may contain subjects, but nothing of a payload.
+                    other => tracing::warn!("NATS: {other}"),
                 }
             });
         match &self.ca {
@@ -76,7 +78,7 @@ impl NatsOptions {
     }
 }
 
-/// Passwords may stand in addresses.
+/// Addresses may contain passwords, which must not be printed.
 impl fmt::Debug for NatsOptions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let servers: Vec<String> = self.servers.iter().map(|server| without_password(server)).collect();
@@ -84,85 +86,87 @@ impl fmt::Debug for NatsOptions {
     }
 }
 
-/// What stands before an `@` is nobody's.
+/// Removes user and password from an address.
 fn without_password(address: &str) -> String {
     let (scheme, rest) = address.split_once("://").map_or((None, address), |(s, rest)| (Some(s), rest));
     let host = rest.rsplit_once('@').map_or(rest, |(_, host)| host);
     scheme.map_or_else(|| host.to_owned(), |scheme| format!("{scheme}://{host}"))
 }
 
-/// What is printed where a password stands.
+/// Printed in place of a password.
 const MASK: &str = "***";
 
-/// Who we are to the servers.
+/// User and password for the servers.
 struct Login {
     user: String,
     password: String,
 }
 
 impl Login {
-    /// That of the first address which names one: the library does not look there.
+    /// The login of the first address that has one: the library does not read it.
     fn of(servers: &[ServerAddr]) -> Result<Option<Self>, ClusterError> {
         let named = servers.iter().find_map(|server| Some((server.username()?, server.password())));
         let Some((user, password)) = named else { return Ok(None) };
         let Some(password) = password else {
             return Err(ClusterError::Login { reason: "the password is missing" });
         };
-        // A user is part of a subject, and escapes in addresses are not read.
+        // The user becomes a part of a subject, and escapes in addresses are not decoded.
         let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         if user.is_empty() || !user.chars().all(is_plain) {
             return Err(ClusterError::Login {
-                reason: "its user has other characters than letters, digits, _ and -",
+                reason: "the user has other characters than letters, digits, _ and -",
             });
         }
         if password.contains('%') {
-            return Err(ClusterError::Login { reason: "its password has an escape (%), which is not read" });
+            return Err(ClusterError::Login {
+                reason: "the password has an escape (%), which is not decoded",
+            });
         }
         if password == MASK {
             return Err(ClusterError::Login {
-                reason: "the password is the `***` that --print-config prints in place of one; write the real one there",
+                reason: "the password is the `***` that --print-config prints in its place; write the real one",
             });
         }
         Ok(Some(Self { user: user.to_owned(), password: password.to_owned() }))
     }
 }
 
-/// A connection.
+/// A connection to NATS; clones share it.
 #[derive(Clone)]
 pub(crate) struct Nats(Arc<Connection>);
 
 struct Connection {
     client: Client,
-    /// Replies come to this subject and the number of the request.
+    /// Prefix of the reply subjects; the number of the request follows.
     inbox: String,
     next: AtomicU64,
-    waiting: Arc<Waiting>,
+    waiting: Arc<PendingReplies>,
     cancels: mpsc::Sender<Cancel>,
-    _tasks: [Aborted; 2],
+    _tasks: [AbortOnDrop; 2],
 }
 
-/// A cancel message to publish: the subject, and the inbox that needs no reply any more.
+/// A cancel message to publish: its subject, and the inbox of the cancelled request.
 type Cancel = (String, String);
 
-type Replied = Result<Bytes, Nobody>;
+type ReplyResult = Result<Bytes, NoResponders>;
 
-/// Who waits for a reply, by the number of the request.
+/// Requests that wait for a reply, by number.
 #[derive(Default)]
-struct Waiting(Mutex<HashMap<u64, oneshot::Sender<Replied>>>);
+struct PendingReplies(Mutex<HashMap<u64, oneshot::Sender<ReplyResult>>>);
 
-/// The server says that nobody is in the group.
-struct Nobody;
+/// The server reports that the group is empty.
+struct NoResponders;
 
-impl Waiting {
-    fn all(&self) -> MutexGuard<'_, HashMap<u64, oneshot::Sender<Replied>>> {
+impl PendingReplies {
+    fn all(&self) -> MutexGuard<'_, HashMap<u64, oneshot::Sender<ReplyResult>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A task that ends with its owner.
-struct Aborted(tokio::task::JoinHandle<()>);
+/// A task that is aborted when its owner is dropped.
+struct AbortOnDrop(tokio::task::JoinHandle<()>);
 
-impl Drop for Aborted {
+impl Drop for AbortOnDrop {
     fn drop(&mut self) {
         self.0.abort();
     }
@@ -198,15 +202,15 @@ impl Nats {
         }
         let inbox = client.new_inbox();
         let replies = client.subscribe(format!("{inbox}.*")).await.map_err(|e| wrong(e.to_string()))?;
-        let waiting = Arc::new(Waiting::default());
-        let replies = Aborted(tokio::spawn(hand_out(replies, waiting.clone())));
-        let (cancels, unsaid) = mpsc::channel(UNSAID);
-        let tasks = [replies, Aborted(tokio::spawn(say_cancels(client.clone(), unsaid)))];
+        let waiting = Arc::new(PendingReplies::default());
+        let replies = AbortOnDrop(tokio::spawn(dispatch_replies(replies, waiting.clone())));
+        let (cancels, cancel_queue) = mpsc::channel(CANCEL_QUEUE);
+        let tasks = [replies, AbortOnDrop(tokio::spawn(publish_cancels(client.clone(), cancel_queue)))];
         let next = AtomicU64::new(0);
         Ok(Self(Arc::new(Connection { client, inbox, next, waiting, cancels, _tasks: tasks })))
     }
 
-    /// Another server may take other lengths than the first.
+    /// Servers may have different limits, so ask the current one.
     pub(crate) fn max_payload(&self) -> usize {
         self.0.client.server_info().max_payload
     }
@@ -231,12 +235,12 @@ impl Nats {
         connection.waiting.all().insert(number, reply);
         let to = format!("{}.{number}", connection.inbox);
         let cancel = cancellable.then(|| (subject.of_cancels(), to.clone()));
-        let _forgotten = Forgotten { connection, number, cancel };
+        let _pending = PendingRequest { connection, number, cancel };
         let sent = connection.client.publish_with_reply(subject.as_str().to_owned(), to, payload).await;
         sent.map_err(|_| ClusterError::BusClosed)?;
         match answer.await {
             Ok(Ok(bytes)) => Ok(bytes),
-            Ok(Err(Nobody)) => Err(ClusterError::Nobody { subject: subject.clone() }),
+            Ok(Err(NoResponders)) => Err(ClusterError::NoResponders { subject: subject.clone() }),
             Err(_) => Err(ClusterError::BusClosed),
         }
     }
@@ -244,75 +248,75 @@ impl Nats {
     pub(crate) async fn join(&self, subject: &Subject) -> Result<Membership, ClusterError> {
         let client = self.0.client.clone();
         let joined = client.queue_subscribe(subject.as_str().to_owned(), GROUP.to_owned()).await;
-        let asked = joined.map_err(|_| ClusterError::BusClosed)?;
+        let requests = joined.map_err(|_| ClusterError::BusClosed)?;
         let cancels = client.subscribe(subject.of_cancels()).await.map_err(|_| ClusterError::BusClosed)?;
-        let open = Arc::new(Open::default());
-        let cancels = Aborted(tokio::spawn(hear_cancels(cancels, open.clone())));
+        let open = Arc::new(OpenRequests::default());
+        let cancels = AbortOnDrop(tokio::spawn(receive_cancels(cancels, open.clone())));
         // The NATS server has the subscription before the membership is announced.
         client.flush().await.map_err(|_| ClusterError::BusClosed)?;
-        Ok(Membership { client, asked, open, _cancels: cancels })
+        Ok(Membership { client, requests, open, _cancels: cancels })
     }
 }
 
 /// Removes a waiting request, and publishes a cancel message if it was not answered and may be cancelled.
-struct Forgotten<'a> {
+struct PendingRequest<'a> {
     connection: &'a Connection,
     number: u64,
     cancel: Option<Cancel>,
 }
 
-impl Drop for Forgotten<'_> {
+impl Drop for PendingRequest<'_> {
     fn drop(&mut self) {
         let unanswered = self.connection.waiting.all().remove(&self.number).is_some();
         if let Some(cancel) = self.cancel.take().filter(|_| unanswered) {
-            // Where too much is unsaid the member works in vain, as it would without all this.
+            // If the queue is full, the member works in vain, as it would without cancellation.
             let _ = self.connection.cancels.try_send(cancel);
         }
     }
 }
 
-/// Says what is no longer waited for, as long as the connection lives.
-async fn say_cancels(client: Client, mut unsaid: mpsc::Receiver<Cancel>) {
-    while let Some((subject, inbox)) = unsaid.recv().await {
+/// Publishes cancel messages until the connection is closed.
+async fn publish_cancels(client: Client, mut cancel_queue: mpsc::Receiver<Cancel>) {
+    while let Some((subject, inbox)) = cancel_queue.recv().await {
         if client.publish(subject, inbox.into()).await.is_err() {
             return;
         }
     }
 }
 
-/// Gives replies to those who wait. One that nobody waits for is late, or nobody's.
-async fn hand_out(mut replies: Subscriber, waiting: Arc<Waiting>) {
+/// Delivers replies to waiting requests. A reply without a waiting request is late or forged, and is dropped.
+async fn dispatch_replies(mut replies: Subscriber, waiting: Arc<PendingReplies>) {
     while let Some(message) = replies.next().await {
         let number = message.subject.rsplit_once('.').and_then(|(_, number)| number.parse().ok());
         let Some(reply) = number.and_then(|number: u64| waiting.all().remove(&number)) else { continue };
-        let nobody = message.status == Some(StatusCode::NO_RESPONDERS);
-        let _ = reply.send(if nobody { Err(Nobody) } else { Ok(message.payload) });
+        let is_empty = message.status == Some(StatusCode::NO_RESPONDERS);
+        let _ = reply.send(if is_empty { Err(NoResponders) } else { Ok(message.payload) });
     }
 }
 
 pub(crate) struct Membership {
     client: Client,
-    asked: Subscriber,
-    open: Arc<Open>,
-    _cancels: Aborted,
+    requests: Subscriber,
+    open: Arc<OpenRequests>,
+    _cancels: AbortOnDrop,
 }
 
-/// Tells those who work for nobody. What names no inbox that we have is another member's, made up, or a question's that
-/// is still to come.
-async fn hear_cancels(mut cancels: Subscriber, open: Arc<Open>) {
+/// Notifies cancelled requests. An unknown inbox belongs to another member, is forged, or belongs to a request that
+/// is still to arrive.
+async fn receive_cancels(mut cancels: Subscriber, open: Arc<OpenRequests>) {
     while let Some(message) = cancels.next().await {
         let Ok(inbox) = std::str::from_utf8(&message.payload) else { continue };
-        open.not_waited_for(inbox);
+        open.cancel(inbox);
     }
 }
 
 impl Membership {
-    /// What comes without a way back was not asked.
+    /// Messages without a reply subject are not requests.
     pub(crate) async fn next(&mut self) -> Option<(Bytes, Reply)> {
         loop {
-            let message = self.asked.next().await?;
+            let message = self.requests.next().await?;
             if let Some(to) = message.reply {
-                let cancelled = self.open.asked(&to);
+                let cancelled = self.open.received(&to);
                 let (client, open) = (self.client.clone(), self.open.clone());
                 return Some((message.payload, Reply { client, open, to, cancelled }));
             }
@@ -320,15 +324,15 @@ impl Membership {
     }
 
     pub(crate) async fn leave(&mut self) {
-        // Fails only when the connection is gone, and the membership with it.
-        let _ = self.asked.drain().await;
+        // Fails only if the connection is closed, and the membership with it.
+        let _ = self.requests.drain().await;
     }
 }
 
-/// The way back.
+/// Reply channel of a request.
 pub(crate) struct Reply {
     client: Client,
-    open: Arc<Open>,
+    open: Arc<OpenRequests>,
     to: async_nats::Subject,
     cancelled: oneshot::Receiver<()>,
 }
@@ -342,7 +346,7 @@ impl Drop for Reply {
 impl Reply {
     pub(crate) async fn cancelled(&mut self) {
         if (&mut self.cancelled).await.is_err() {
-            // Nobody can say it any more.
+            // The sender is gone, so no cancel message can arrive.
             std::future::pending::<()>().await;
         }
     }
@@ -361,7 +365,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_user_and_a_password_are_those_of_the_first_address_that_names_them() {
+    fn login_is_read_from_the_first_address_that_has_one() {
         let login = |text: &str| {
             let servers: Vec<ServerAddr> = text.split(',').map(|s| s.parse().expect("an address")).collect();
             Login::of(&servers).map(|login| login.map(|login| (login.user, login.password)))
@@ -382,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn passwords_are_not_repeated() {
+    fn passwords_are_not_printed() {
         for (address, shown) in [
             ("nats://user:secret@host:4222", "nats://host:4222"),
             ("secret@host", "host"),

@@ -1,4 +1,4 @@
-//! The bus within one process: members of a group take turns.
+//! The bus within one process: the members of a group take turns.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,10 +9,10 @@ use tokio::sync::{mpsc, oneshot};
 use crate::ClusterError;
 use crate::bus::subject::Subject;
 
-/// Requests that may wait for one member; more are as lost as those of a member that is too slow for its connection.
-const WAITING: usize = 1024;
+/// Pending requests per member; further ones are lost, as on a connection of NATS that is too slow.
+const MEMBER_QUEUE: usize = 1024;
 
-type Asked = (Bytes, Reply);
+type Delivery = (Bytes, Reply);
 
 /// The groups.
 #[derive(Clone, Default)]
@@ -21,24 +21,24 @@ pub(crate) struct Process(Arc<Mutex<Groups>>);
 #[derive(Default)]
 struct Groups {
     groups: HashMap<Subject, Group>,
-    /// Of the next member.
-    next_place: u64,
+    /// Number of the next member.
+    next_number: u64,
 }
 
 #[derive(Default)]
 struct Group {
-    places: Vec<Place>,
-    /// Whose turn it is.
+    members: Vec<GroupMember>,
+    /// Index of the last member that got a request.
     turn: usize,
 }
 
-struct Place {
+struct GroupMember {
     number: u64,
-    ask: mpsc::Sender<Asked>,
+    sender: mpsc::Sender<Delivery>,
 }
 
 impl Process {
-    /// What the messages of a NATS server have at most.
+    /// The maximum that NATS allows.
     pub(crate) const MAX_PAYLOAD: usize = 64 << 20;
 
     fn groups(&self) -> MutexGuard<'_, Groups> {
@@ -49,27 +49,27 @@ impl Process {
         let (reply, answer) = oneshot::channel();
         {
             let mut groups = self.groups();
-            let group = groups.groups.get_mut(subject).filter(|group| !group.places.is_empty());
-            let Group { places, turn } =
-                group.ok_or_else(|| ClusterError::Nobody { subject: subject.clone() })?;
+            let group = groups.groups.get_mut(subject).filter(|group| !group.members.is_empty());
+            let Group { members, turn } =
+                group.ok_or_else(|| ClusterError::NoResponders { subject: subject.clone() })?;
             *turn = turn.wrapping_add(1);
-            // One that cannot take it loses it, as a slow connection would.
-            let _ = places[*turn % places.len()].ask.try_send((payload, Reply(reply)));
+            // A full queue drops the request, as a slow connection would.
+            let _ = members[*turn % members.len()].sender.try_send((payload, Reply(reply)));
         }
         match answer.await {
             Ok(bytes) => Ok(bytes),
-            // Dropped unanswered: as with any bus, who asked finds out by waiting.
+            // Dropped without a reply: as over NATS, the requester waits until its timeout.
             Err(_) => std::future::pending().await,
         }
     }
 
     pub(crate) fn join(&self, subject: &Subject) -> Membership {
-        let (ask, asked) = mpsc::channel(WAITING);
+        let (sender, requests) = mpsc::channel(MEMBER_QUEUE);
         let mut groups = self.groups();
-        let number = groups.next_place;
-        groups.next_place += 1;
-        groups.groups.entry(subject.clone()).or_default().places.push(Place { number, ask });
-        Membership { process: self.clone(), subject: subject.clone(), number, asked }
+        let number = groups.next_number;
+        groups.next_number += 1;
+        groups.groups.entry(subject.clone()).or_default().members.push(GroupMember { number, sender });
+        Membership { process: self.clone(), subject: subject.clone(), number, requests }
     }
 }
 
@@ -77,20 +77,20 @@ pub(crate) struct Membership {
     process: Process,
     subject: Subject,
     number: u64,
-    asked: mpsc::Receiver<Asked>,
+    requests: mpsc::Receiver<Delivery>,
 }
 
 impl Membership {
-    pub(crate) async fn next(&mut self) -> Option<Asked> {
-        self.asked.recv().await
+    pub(crate) async fn next(&mut self) -> Option<Delivery> {
+        self.requests.recv().await
     }
 
-    /// The channel ends with its sender; what is in it is still given.
+    /// The channel closes with its sender; pending requests are still returned.
     pub(crate) fn leave(&mut self) {
         let mut groups = self.process.groups();
         if let Some(group) = groups.groups.get_mut(&self.subject) {
-            group.places.retain(|place| place.number != self.number);
-            if group.places.is_empty() {
+            group.members.retain(|member| member.number != self.number);
+            if group.members.is_empty() {
                 groups.groups.remove(&self.subject);
             }
         }
@@ -103,7 +103,7 @@ impl Drop for Membership {
     }
 }
 
-/// The way back.
+/// Reply channel of a request.
 pub(crate) struct Reply(oneshot::Sender<Bytes>);
 
 impl Reply {
@@ -115,7 +115,7 @@ impl Reply {
         if payload.len() > Process::MAX_PAYLOAD {
             return Err(ClusterError::MessageTooLong { bytes: payload.len(), longest: Process::MAX_PAYLOAD });
         }
-        // Whoever asked may have given up.
+        // The requester may be gone.
         let _ = self.0.send(payload);
         Ok(())
     }

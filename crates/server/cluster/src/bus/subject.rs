@@ -1,26 +1,26 @@
-//! Names of groups: a few words, each of characters that mean nothing to any bus.
+//! Names of groups: a few words without characters that are special in NATS.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// A word that cannot be a part of a subject.
+/// The word cannot be a part of a subject.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} cannot be a part of a subject; use letters, digits, `-`, `_` and `.`, 512 characters in all")]
 pub struct BadWord(pub String);
 
-/// What a group is called: words with dots between them. A clone costs nothing.
+/// Name of a group: words separated by dots. Clones are cheap.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Subject(Arc<str>);
 
 impl Subject {
-    /// Most characters of a subject.
+    /// Maximum number of characters.
     pub const LONGEST: usize = 512;
 
-    /// Of these words: letters, digits, `-`, `_` and `.`; none is empty. A dot within a word is written as `~`, so that
-    /// different words never make the same subject.
+    /// From non-empty words of letters, digits, `-`, `_` and `.`. A dot within a word is written as `~`, so that
+    /// different words never give the same subject.
     ///
     /// # Errors
-    /// [`BadWord`] for a word with other characters, no word at all, or too long a subject.
+    /// [`BadWord`]: a word has other characters, there is no word, or the subject is too long.
     pub fn new<'a>(words: impl IntoIterator<Item = &'a str>) -> Result<Self, BadWord> {
         let mut subject = String::new();
         for word in words {
@@ -39,13 +39,13 @@ impl Subject {
         Ok(Self(subject.into()))
     }
 
-    /// Where the members of this group hear what is no longer waited for. No group has this name: its words would be one
-    /// more than those of any that is asked.
+    /// Subject of the cancel messages of this group. No group has this name, because it has one word more than any
+    /// group.
     pub(crate) fn of_cancels(&self) -> String {
         format!("{}.cancel", self.0)
     }
 
-    /// As the bus has it.
+    /// The subject as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn different_words_make_different_subjects_and_nothing_means_anything() {
+    fn subjects_are_unique_and_free_of_special_characters() {
         let subject = |words: &[&str]| Subject::new(words.iter().copied());
         assert_eq!(subject(&["a", "b.c", "D-_9"]).expect("plain").as_str(), "a.b~c.D-_9");
         assert_ne!(subject(&["a", "b.c"]).expect("plain"), subject(&["a", "b", "c"]).expect("plain"));

@@ -1,80 +1,80 @@
-//! How long workers take of late, and so when to ask a second one; and how many second messages there may be.
+//! Recent latencies of workers, which give the delay of hedged requests, and the budget of hedged requests.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Times that are remembered.
-const REMEMBERED: usize = 128;
-/// Before anything is known.
-pub(super) const UNKNOWN: Duration = Duration::from_secs(2);
-/// A second message is never sent sooner, nor later.
-pub(super) const SOONEST: Duration = Duration::from_millis(20);
-pub(super) const LATEST: Duration = Duration::from_secs(10);
+/// Number of stored latencies.
+const WINDOW: usize = 128;
+/// Delay before the first measurement.
+pub(super) const INITIAL_DELAY: Duration = Duration::from_secs(2);
+/// Bounds of the delay.
+pub(super) const MIN_DELAY: Duration = Duration::from_millis(20);
+pub(super) const MAX_DELAY: Duration = Duration::from_secs(10);
 
-/// Second messages that may be sent without first ones between them, and what a first one adds. With 64 in the place of 8, 70
-/// second messages went out for 109 queries on a busy machine (scripts/cluster_chaos.py).
-const MOST_SPARE: f64 = 8.0;
-const EARNED: f64 = 0.1;
+/// Maximum hedge budget, and what a request adds to it. With 64 in place of 8, 70 hedges were sent for 109 queries on
+/// a busy machine (scripts/cluster_chaos.py).
+const MAX_BUDGET: f64 = 8.0;
+const BUDGET_PER_REQUEST: f64 = 0.1;
 
 /// The latency of one kind of work.
 #[derive(Debug, Default)]
-pub(crate) struct LatencyTracker(Mutex<Known>);
+pub(crate) struct LatencyTracker(Mutex<Window>);
 
 #[derive(Debug)]
-struct Known {
-    /// The last times, in no order.
+struct Window {
+    /// The last latencies, unsorted.
     times: Vec<Duration>,
     next: usize,
-    spare: f64,
+    budget: f64,
 }
 
-impl Default for Known {
+impl Default for Window {
     fn default() -> Self {
-        Self { times: Vec::new(), next: 0, spare: MOST_SPARE }
+        Self { times: Vec::new(), next: 0, budget: MAX_BUDGET }
     }
 }
 
 impl LatencyTracker {
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn window(&self) -> MutexGuard<'_, Window> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A worker took so long.
+    /// Records the latency of a reply.
     pub(crate) fn record(&self, time: Duration) {
-        let mut known = self.known();
-        let place = known.next;
-        if known.times.len() < REMEMBERED {
-            known.times.push(time);
+        let mut window = self.window();
+        let place = window.next;
+        if window.times.len() < WINDOW {
+            window.times.push(time);
         } else {
-            known.times[place] = time;
+            window.times[place] = time;
         }
-        known.next = (place + 1) % REMEMBERED;
+        window.next = (place + 1) % WINDOW;
     }
 
-    /// When to ask a second worker: half as long again as nineteen of twenty take.
+    /// Delay after which a request is hedged: 1.5 times the 95th percentile.
     pub(crate) fn hedge_after(&self) -> Duration {
-        let mut times = self.known().times.clone();
+        let mut times = self.window().times.clone();
         if times.is_empty() {
-            return UNKNOWN;
+            return INITIAL_DELAY;
         }
         let rank = (times.len() * 19 / 20).min(times.len() - 1);
         let (_, slow, _) = times.select_nth_unstable(rank);
-        (*slow * 3 / 2).clamp(SOONEST, LATEST)
+        (*slow * 3 / 2).clamp(MIN_DELAY, MAX_DELAY)
     }
 
-    /// A first message is sent.
+    /// Records a request, which adds to the budget.
     pub(crate) fn record_request(&self) {
-        let mut known = self.known();
-        known.spare = (known.spare + EARNED).min(MOST_SPARE);
+        let mut window = self.window();
+        window.budget = (window.budget + BUDGET_PER_REQUEST).min(MAX_BUDGET);
     }
 
-    /// Whether a second one may be: one for ten first ones in the long run, so that workers who are slow because there is
-    /// much to do do not get twice as much.
-    pub(crate) fn may_hedge(&self) -> bool {
-        let mut known = self.known();
-        let may = known.spare >= 1.0;
+    /// Takes one hedge from the budget, if available. In the long run one request in ten may be hedged, so that an
+    /// overloaded cluster does not get twice the load.
+    pub(crate) fn take_hedge(&self) -> bool {
+        let mut window = self.window();
+        let may = window.budget >= 1.0;
         if may {
-            known.spare -= 1.0;
+            window.budget -= 1.0;
         }
         may
     }
@@ -85,32 +85,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_worker_is_asked_when_nearly_all_would_have_answered() {
+    fn hedge_delay_is_above_most_latencies() {
         let latency = LatencyTracker::default();
-        assert_eq!(latency.hedge_after(), UNKNOWN);
+        assert_eq!(latency.hedge_after(), INITIAL_DELAY);
         for ms in (1..=100).rev() {
             latency.record(Duration::from_millis(ms));
         }
         assert_eq!(latency.hedge_after(), Duration::from_millis(96 * 3 / 2));
-        for _ in 0..REMEMBERED {
+        for _ in 0..WINDOW {
             latency.record(Duration::from_micros(10));
         }
-        assert_eq!(latency.hedge_after(), SOONEST, "old times are forgotten");
-        for _ in 0..REMEMBERED {
+        assert_eq!(latency.hedge_after(), MIN_DELAY, "old times are forgotten");
+        for _ in 0..WINDOW {
             latency.record(Duration::from_secs(20));
         }
-        assert_eq!(latency.hedge_after(), LATEST);
+        assert_eq!(latency.hedge_after(), MAX_DELAY);
     }
 
     #[test]
-    fn second_messages_are_a_tenth_in_the_long_run() {
+    fn hedges_are_limited_to_a_tenth() {
         let latency = LatencyTracker::default();
-        let burst = (0..1000).filter(|_| latency.may_hedge()).count();
+        let burst = (0..1000).filter(|_| latency.take_hedge()).count();
         assert_eq!(burst, 8);
         let more = (0..1000)
             .filter(|_| {
                 latency.record_request();
-                latency.may_hedge()
+                latency.take_hedge()
             })
             .count();
         assert!((98..=100).contains(&more), "{more}");

@@ -1,11 +1,11 @@
-//! The gateway's half: a query to the regions where it may have been taken, and the best of their poses.
+//! The gateway: sends a query to the regions where it may have been taken, and returns the best of their poses.
 //!
-//! It holds no map. It follows what is published, and asks by a new manifest as soon as somebody holds each of its regions;
-//! a query under way stays with the manifest it began with, unless that has nobody left.
+//! It holds no map. It follows the published manifests and activates a new one as soon as each of its regions is
+//! reachable. A query in flight stays with the manifest it began with, unless that manifest becomes unreachable.
 
-mod ask;
-mod choose;
+mod dispatch;
 mod latency_tracker;
+mod select;
 
 use std::sync::{Arc, PoisonError, RwLock, Weak};
 use std::time::Duration;
@@ -18,35 +18,35 @@ use veiloc_map::MapError;
 use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;
-use veiloc_service::{AnswerFuture, MapDescription, RemoteBackend, RemoteRequest, LocalizeFailure};
+use veiloc_service::{AnswerFuture, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest};
 
-use self::ask::{Ask, Route};
+use self::dispatch::{Dispatcher, GroupRequest};
 use self::latency_tracker::LatencyTracker;
 use crate::ClusterError;
 use crate::manifest_source::ManifestSource;
-use crate::message::{Candidate, FRAME_BYTES, Outcome, Wanted};
+use crate::message::{Candidate, FRAME_BYTES, Outcome, Task};
 use crate::reachability::Groups;
 
-/// What a gateway does.
+/// Options of a gateway.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct GatewayOptions {
-    /// The map it asks for.
+    /// Name of the map.
     pub map: String,
-    /// Regions that a query is asked in at most. Default 3.
+    /// Maximum number of regions in which a query is searched. Default 3.
     pub regions: usize,
-    /// How often to look what is published. Default 2 s.
+    /// Polling interval for new manifests. Default 2 s.
     pub watch: Duration,
 }
 
 impl GatewayOptions {
-    /// For this map.
+    /// Default options for this map.
     pub fn new(map: &str) -> Self {
         Self { map: map.to_owned(), regions: ASKED, watch: Duration::from_secs(2) }
     }
 }
 
-/// Asks a cluster for the poses in one map. A clone is the same gateway.
+/// A client of the cluster for one map. Clones share it.
 #[derive(Clone)]
 pub struct Gateway(Arc<Inner>);
 
@@ -55,13 +55,13 @@ struct Inner {
     source: Arc<dyn ManifestSource>,
     options: GatewayOptions,
     counts: GatewayCounts,
-    /// What is asked by now.
+    /// The active manifest.
     current: RwLock<Option<Arc<ActiveManifest>>>,
     searches: LatencyTracker,
     poses: LatencyTracker,
 }
 
-/// A manifest that is asked by.
+/// A manifest in use.
 struct ActiveManifest {
     id: ObjectId,
     groups: Groups,
@@ -69,10 +69,10 @@ struct ActiveManifest {
 }
 
 impl Gateway {
-    /// Looks what is published, and follows it from now on. That nobody holds it yet is no error.
+    /// Reads the published manifest and follows it from now on. It is no error if its regions are not reachable yet.
     ///
     /// # Errors
-    /// [`ClusterError`]: nothing is published, or it is not what it should be.
+    /// [`ClusterError`]: nothing is published, or it is invalid.
     pub async fn start(
         bus: Bus,
         source: Arc<dyn ManifestSource>,
@@ -93,7 +93,7 @@ impl Gateway {
         Ok(gateway)
     }
 
-    /// The id of the manifest that it asks by, if there is one whose regions are all held.
+    /// Id of the active manifest, if there is one.
     pub fn manifest(&self) -> Option<ObjectId> {
         self.0.current().map(|active| active.id)
     }
@@ -108,18 +108,18 @@ impl RemoteBackend for Gateway {
         self.0.bus.max_payload().saturating_sub(FRAME_BYTES)
     }
 
-    fn localize(&self, question: RemoteRequest) -> AnswerFuture<'_> {
-        Box::pin(async move { self.0.localize(question).await })
+    fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_> {
+        Box::pin(async move { self.0.localize(request).await })
     }
 }
 
-/// Looks what is published until the gateway is gone.
+/// Polls for new manifests until the gateway is dropped.
 async fn follow(gateway: Weak<Inner>, every: Duration) {
     loop {
         tokio::time::sleep(every).await;
         let Some(gateway) = gateway.upgrade() else { return };
         if let Err(error) = gateway.follow().await {
-            tracing::error!(map = gateway.options.map, %error, "what is published cannot be read; what is asked by stays");
+            tracing::error!(map = gateway.options.map, %error, "the published manifest cannot be read; the active one stays in use");
         }
     }
 }
@@ -129,7 +129,7 @@ impl Inner {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Asks by what is published, if it is another manifest than before and somebody holds all of it.
+    /// Activates the published manifest if it is new and all its regions are reachable.
     async fn follow(&self) -> Result<(), ClusterError> {
         let published = self.source.current(&self.options.map).await?;
         let (id, manifest, known) = (published.id, &published.manifest, self.current());
@@ -137,19 +137,19 @@ impl Inner {
             return Ok(());
         }
         let groups = Groups::of(manifest)?;
-        let unreached = groups.unreached(&self.bus).await;
+        let unreachable = groups.unreachable(&self.bus).await;
         let map = &self.options.map;
-        if unreached > 0 {
+        if unreachable > 0 {
             self.counts.all_reachable(known.is_some());
             let all = manifest.regions.len() + 1;
-            tracing::warn!(map, manifest = %id, unreached, all, "not asked by this manifest until all of it is held");
+            tracing::warn!(map, manifest = %id, unreachable, all, "this manifest is not activated until all its regions are reachable");
             return Ok(());
         }
         let active = ActiveManifest { id, groups, description: Arc::new(self.describe(manifest).await?) };
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(active));
         self.counts.all_reachable(true);
         self.counts.manifest_activated();
-        tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "asking by this manifest");
+        tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "manifest activated");
         Ok(())
     }
 
@@ -164,19 +164,19 @@ impl Inner {
         Ok(MapDescription { profile, images: manifest.images as usize, points: manifest.points as usize })
     }
 
-    async fn localize(&self, question: RemoteRequest) -> Result<Answer, LocalizeFailure> {
-        let deadline = Instant::now() + question.within;
-        let query = Query::of(&question, deadline);
-        let nobody = LocalizeFailure::Unreached { retry_after: std::num::NonZeroU64::MIN };
-        let mut active = self.current().ok_or(nobody)?;
+    async fn localize(&self, request: RemoteRequest) -> Result<Answer, LocalizeFailure> {
+        let deadline = Instant::now() + request.within;
+        let query = Query::of(&request, deadline);
+        let unreachable = LocalizeFailure::Unreached { retry_after: std::num::NonZeroU64::MIN };
+        let mut active = self.current().ok_or(unreachable)?;
         loop {
-            // Sealed for another profile: no worker need see it.
+            // A query for another profile is refused here; no worker need see it.
             let profile = &active.description.profile;
-            if question.asked.queries().any(|sealed| profile.check(sealed).is_err()) {
+            if request.decoded.queries().any(|sealed| profile.check(sealed).is_err()) {
                 return Err(LocalizeFailure::WrongProfile);
             }
-            let result = self.ask_in(&active, &query).await;
-            // Nobody is left of an old manifest: as if the query had come now.
+            let result = self.query_regions(&active, &query).await;
+            // The old manifest became unreachable: retry with the new one.
             match (&result, self.current()) {
                 (Err(LocalizeFailure::Unreached { .. }), Some(now)) if now.id != active.id => active = now,
                 _ => return result,
@@ -184,27 +184,31 @@ impl Inner {
         }
     }
 
-    /// Asks the regions of this manifest.
-    async fn ask_in(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, LocalizeFailure> {
+    /// Searches the regions of this manifest.
+    async fn query_regions(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, LocalizeFailure> {
         let candidates = self.search(active, query).await?;
         let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
-        let (mut given, mut asked) = (Vec::new(), 0);
+        let (mut answers, mut searched) = (Vec::new(), 0);
         for round in rounds(ranked, self.options.regions) {
-            asked += round.len();
-            given.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
-            if given.iter().any(|given| matches!(given, Ok(answer) if answer.trusted)) {
+            searched += round.len();
+            answers.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
+            if answers.iter().any(|answer| matches!(answer, Ok(answer) if answer.trusted)) {
                 break;
             }
         }
-        self.counts.regions_searched(asked);
-        choose::best(given)
+        self.counts.regions_searched(searched);
+        select::best(answers)
     }
 
-    async fn search(&self, active: &ActiveManifest, query: &Query) -> Result<Vec<Candidate>, LocalizeFailure> {
-        let wanted = Wanted::Search { globals: query.globals.clone() };
-        match self.ask(&active.groups.index, query, wanted, &self.searches).await? {
+    async fn search(
+        &self,
+        active: &ActiveManifest,
+        query: &Query,
+    ) -> Result<Vec<Candidate>, LocalizeFailure> {
+        let task = Task::Search { globals: query.globals.clone() };
+        match self.query_group(&active.groups.index, query, task, &self.searches).await? {
             Outcome::Regions(candidates) => Ok(candidates),
-            Outcome::LocalizeFailure(why) => Err(why),
+            Outcome::Failed(why) => Err(why),
             Outcome::Here | Outcome::Pose(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
         }
     }
@@ -215,46 +219,46 @@ impl Inner {
         query: &Query,
         region: usize,
     ) -> Result<Answer, LocalizeFailure> {
-        // An index that was verified names regions of its manifest.
+        // A verified index names only regions of its manifest.
         let group = active.groups.regions.get(region).ok_or(LocalizeFailure::Broken)?;
-        let wanted = query.pose.clone();
-        match self.ask(group, query, wanted, &self.poses).await? {
+        let task = query.pose.clone();
+        match self.query_group(group, query, task, &self.poses).await? {
             Outcome::Pose(answer) => Ok(*answer),
-            Outcome::LocalizeFailure(why) => Err(why),
+            Outcome::Failed(why) => Err(why),
             Outcome::Here | Outcome::Regions(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
         }
     }
 
-    async fn ask(
+    async fn query_group(
         &self,
         group: &(crate::bus::Subject, ObjectId),
         query: &Query,
-        wanted: Wanted,
+        task: Task,
         latency: &LatencyTracker,
     ) -> Result<Outcome, LocalizeFailure> {
-        let route = Route { bus: &self.bus, counts: &self.counts, latency };
-        route.ask(&Ask { group, name: query.name, wanted, deadline: query.deadline }).await
+        let dispatcher = Dispatcher { bus: &self.bus, counts: &self.counts, latency };
+        dispatcher.dispatch(&GroupRequest { group, name: query.name, task, deadline: query.deadline }).await
     }
 }
 
-/// What is sent of a question.
+/// The parts of a request that are sent to workers.
 struct Query {
     name: [u8; 16],
     globals: Vec<Bytes>,
-    pose: Wanted,
+    pose: Task,
     deadline: Instant,
 }
 
 impl Query {
-    fn of(question: &RemoteRequest, deadline: Instant) -> Self {
+    fn of(request: &RemoteRequest, deadline: Instant) -> Self {
         let codes = |codes: &[i8]| codes.iter().map(|code| code.cast_unsigned()).collect();
         Self {
-            name: question.request.bytes(),
-            globals: question.asked.queries().map(|query| codes(query.global().as_codes())).collect(),
-            pose: Wanted::Pose {
-                kind: question.asked.kind(),
-                body: Bytes::copy_from_slice(&question.bytes),
-                near: question.near,
+            name: request.id.bytes(),
+            globals: request.decoded.queries().map(|query| codes(query.global().as_codes())).collect(),
+            pose: Task::Pose {
+                kind: request.decoded.kind(),
+                body: Bytes::copy_from_slice(&request.bytes),
+                near: request.near,
             },
             deadline,
         }

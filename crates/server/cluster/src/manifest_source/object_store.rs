@@ -1,4 +1,4 @@
-//! A source in object storage, with what was fetched on the local disk.
+//! A source in object storage with a local cache.
 
 use crate::ClusterError;
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,29 +20,35 @@ struct Inner {
     storage: Storage,
     cache: Cache,
     folder: PathBuf,
-    /// What was published last, by the name of the map: its manifest is not read again.
+    /// The last manifest of each map, by name, so that it is not read again.
     latest: Mutex<BTreeMap<String, Arc<Published>>>,
-    /// What [`ManifestSource::keep`] was told last.
-    kept: Mutex<BTreeSet<ObjectId>>,
+    /// The objects of the last [`ManifestSource::retain`].
+    retained: Mutex<BTreeSet<ObjectId>>,
 }
 
 impl ObjectStoreSource {
-    /// Of this storage, with a cache in this folder of so many bytes at most.
+    /// Opens this storage, with a cache in this folder of at most `most_bytes`.
     ///
     /// # Errors
-    /// [`ClusterError`]: no such storage, or the folder cannot be made.
+    /// [`ClusterError`]: no such storage, or the folder cannot be created.
     pub fn open(url: &str, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
         Self::of(Storage::open(url)?, cache, most_bytes)
     }
 
-    /// The same of storage of your own.
+    /// As [`Self::open`], for a given storage.
     ///
     /// # Errors
-    /// [`ClusterError`]: the folder cannot be made.
+    /// [`ClusterError`]: the folder cannot be created.
     pub fn of(storage: Storage, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
         let folder = cache.to_owned();
         let cache = Cache::open(cache, most_bytes)?;
-        Ok(Self(Arc::new(Inner { storage, cache, folder, latest: Mutex::default(), kept: Mutex::default() })))
+        Ok(Self(Arc::new(Inner {
+            storage,
+            cache,
+            folder,
+            latest: Mutex::default(),
+            retained: Mutex::default(),
+        })))
     }
 }
 
@@ -54,7 +60,7 @@ impl Inner {
     async fn current(&self, map: &str) -> Result<Arc<Published>, ClusterError> {
         let id = match self.storage.current(map).await {
             Ok(id) => id,
-            Err(error) if error.may_pass() => self.last(map).ok_or(error)?,
+            Err(error) if error.is_transient() => self.last(map).ok_or(error)?,
             Err(error) => return Err(error),
         };
         let known = self.latest().get(map).filter(|published| published.id == id).cloned();
@@ -63,24 +69,25 @@ impl Inner {
         }
         let manifest = self.cache.manifest(&self.storage, map, id).await?;
         let published = Arc::new(Published { id, manifest });
-        // Without it a machine cannot start while the storage is away, and all else goes well.
+        // Without this record a machine cannot start while storage is unreachable; everything else works.
         if let Err(error) = self.cache.remember(map, id) {
-            tracing::warn!(%error, map, "which manifest is current cannot be remembered");
+            tracing::warn!(%error, map, "the id of the current manifest cannot be stored in the cache");
         }
         self.latest().insert(map.to_owned(), published.clone());
         Ok(published)
     }
 
-    /// Of a machine that starts while the storage is away: what was current before. One that has started has what it has.
+    /// For a machine that starts while storage is unreachable: the manifest that was current before. A running
+    /// machine already has one.
     fn last(&self, map: &str) -> Option<ObjectId> {
         let id = self.cache.remembered(map).filter(|_| !self.latest().contains_key(map))?;
-        tracing::warn!(map, manifest = %id, "the storage cannot be reached; what was current last is taken from the cache");
+        tracing::warn!(map, manifest = %id, "the storage cannot be reached; the last manifest is taken from the cache");
         Some(id)
     }
 
     async fn fetch(&self, objects: &[ObjectRef]) -> Result<PathBuf, ClusterError> {
         self.cache.check_room(objects.iter().map(|object| object.bytes).sum())?;
-        let mut needed = self.kept.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut needed = self.retained.lock().unwrap_or_else(PoisonError::into_inner).clone();
         needed.extend(objects.iter().map(|object| object.sha256));
         self.cache.make_room(objects, &needed)?;
         for object in objects {
@@ -90,8 +97,8 @@ impl Inner {
     }
 }
 
-/// Does what storage takes time for on a thread of its own: its futures belong to one thread.
-async fn apart<T: Send + 'static>(
+/// Runs slow storage operations on a separate thread, because their futures are not `Send`.
+async fn on_blocking_thread<T: Send + 'static>(
     work: impl AsyncFnOnce() -> Result<T, ClusterError> + Send + 'static,
 ) -> Result<T, ClusterError> {
     let runtime = Handle::current();
@@ -104,19 +111,19 @@ async fn apart<T: Send + 'static>(
 impl ManifestSource for ObjectStoreSource {
     fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
         let (inner, map) = (self.0.clone(), map.to_owned());
-        Box::pin(apart(async move || inner.current(&map).await))
+        Box::pin(on_blocking_thread(async move || inner.current(&map).await))
     }
 
     fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
         let inner = self.0.clone();
-        Box::pin(apart(async move || inner.fetch(&objects).await))
+        Box::pin(on_blocking_thread(async move || inner.fetch(&objects).await))
     }
 
     fn retain(&self, needed: &BTreeSet<ObjectId>) {
-        self.0.kept.lock().unwrap_or_else(PoisonError::into_inner).clone_from(needed);
-        // A cache that grew too large is told of, and no reason to stop answering.
+        self.0.retained.lock().unwrap_or_else(PoisonError::into_inner).clone_from(needed);
+        // A cache that is too large is logged, but is no reason to stop answering.
         if let Err(error) = self.0.cache.trim(needed) {
-            tracing::warn!(%error, "the cache could not be made smaller");
+            tracing::warn!(%error, "the cache could not be trimmed");
         }
     }
 }

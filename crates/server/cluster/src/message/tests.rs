@@ -1,4 +1,4 @@
-//! Frames as they are written, damaged and made up.
+//! Valid, damaged and random frames.
 
 use proptest::prelude::*;
 use veiloc_protocol::{AnswerPose, AnswerTimes};
@@ -11,8 +11,8 @@ fn object() -> ObjectId {
     ObjectId::of(b"region")
 }
 
-fn request(wanted: Wanted) -> Request {
-    Request { name: NAME, object: object(), within: Duration::from_millis(29_500), wanted }
+fn request(task: Task) -> Request {
+    Request { name: NAME, object: object(), within: Duration::from_millis(29_500), task }
 }
 
 fn answer() -> Answer {
@@ -36,7 +36,7 @@ fn answer() -> Answer {
     }
 }
 
-fn all_said() -> Vec<Outcome> {
+fn all_outcomes() -> Vec<Outcome> {
     let retry_after = NonZeroU64::new(7).expect("not zero");
     let mut all = vec![
         Outcome::Here,
@@ -55,10 +55,17 @@ fn all_said() -> Vec<Outcome> {
         LocalizeFailure::TimedOut,
         LocalizeFailure::Broken,
     ];
-    let busy = Why::Busy { retry_after };
-    let elsewhere = [busy, Why::AtIt, Why::Leaving, Why::NotHeld, Why::Unread, Why::Broken];
-    all.extend(why.map(Outcome::LocalizeFailure));
-    all.extend(elsewhere.map(Outcome::Rejected));
+    let busy = RejectReason::Busy { retry_after };
+    let reject_reasons = [
+        busy,
+        RejectReason::InProgress,
+        RejectReason::Leaving,
+        RejectReason::NotHeld,
+        RejectReason::Undecodable,
+        RejectReason::Broken,
+    ];
+    all.extend(why.map(Outcome::Failed));
+    all.extend(reject_reasons.map(Outcome::Rejected));
     all
 }
 
@@ -67,16 +74,16 @@ fn reply(outcome: Outcome) -> Reply {
 }
 
 #[test]
-fn requests_are_read_as_they_were_written() {
-    let near = "1.5,-2,3,0.25".parse().expect("a place");
+fn requests_round_trip() {
+    let near = "1.5,-2,3,0.25".parse().expect("a position");
     let body = Bytes::from_static(b"sealed bytes, as they came");
-    for wanted in [
-        Wanted::Ping,
-        Wanted::Search { globals: vec![Bytes::from_static(&[1, 255]), Bytes::from_static(&[0, 7])] },
-        Wanted::Pose { kind: BodyKind::Query, body: body.clone(), near: None },
-        Wanted::Pose { kind: BodyKind::Rig, body: body.clone(), near: Some(near) },
+    for task in [
+        Task::Ping,
+        Task::Search { globals: vec![Bytes::from_static(&[1, 255]), Bytes::from_static(&[0, 7])] },
+        Task::Pose { kind: BodyKind::Query, body: body.clone(), near: None },
+        Task::Pose { kind: BodyKind::Rig, body: body.clone(), near: Some(near) },
     ] {
-        let request = request(wanted);
+        let request = request(task);
         let bytes = request.encode();
         assert!(bytes.len() <= FRAME_BYTES + body.len());
         assert!(Request::decode(bytes).expect("read") == request);
@@ -84,11 +91,11 @@ fn requests_are_read_as_they_were_written() {
 }
 
 #[test]
-fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
-    for outcome in all_said() {
+fn replies_round_trip_with_equal_length() {
+    for outcome in all_outcomes() {
         let reply = reply(outcome);
         let bytes = reply.encode();
-        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::LocalizeFailure(_) | Outcome::Rejected(_)) {
+        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Failed(_) | Outcome::Rejected(_)) {
             assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.outcome);
         }
         assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);
@@ -97,10 +104,10 @@ fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
 }
 
 #[test]
-fn a_frame_that_is_not_right_names_its_field() {
+fn invalid_frames_name_the_field() {
     let request = |change: &dyn Fn(&mut RequestFrame)| {
         let body = Bytes::from_static(b"body");
-        let good = request(Wanted::Pose { kind: BodyKind::Query, body, near: None }).encode();
+        let good = request(Task::Pose { kind: BodyKind::Query, body, near: None }).encode();
         let mut frame = RequestFrame::decode(good).expect("a frame");
         change(&mut frame);
         Request::decode(frame.encode_to_vec().into()).expect_err("refused").to_string()
@@ -123,7 +130,7 @@ fn a_frame_that_is_not_right_names_its_field() {
     };
     assert_eq!(reply(&|f| f.version = 0), ClusterError::FrameVersion { found: 0 }.to_string());
     assert_eq!(reply(&|f| f.name = Bytes::new()), field("name"));
-    assert_eq!(reply(&|f| f.outcome = 99), field("said"));
+    assert_eq!(reply(&|f| f.outcome = 99), field("outcome"));
     assert_eq!(reply(&|f| f.answer = f.answer.slice(1..)), field("answer"));
     assert_eq!(reply(&|f| f.outcome = 22), field("retry_after"));
     assert_eq!(reply(&|f| (f.outcome, f.retry_after) = (32, 61)), field("retry_after"));
@@ -136,24 +143,24 @@ fn a_frame_that_is_not_right_names_its_field() {
 }
 
 #[test]
-fn debug_shows_nothing_of_a_query() {
+fn debug_hides_the_query() {
     let body = Bytes::from_static(b"SECRET");
-    let near = Some("4711,0,0,1".parse().expect("a place"));
-    let shown = format!("{:?}", request(Wanted::Pose { kind: BodyKind::Query, body, near }));
+    let near = Some("4711,0,0,1".parse().expect("a position"));
+    let shown = format!("{:?}", request(Task::Pose { kind: BodyKind::Query, body, near }));
     assert!(!shown.contains("SECRET") && !shown.contains("4711") && !shown.contains("83, 69"), "{shown}");
 }
 
 proptest! {
-    /// No bytes make a reader panic, and what is read is written again as it was meant.
+    /// No bytes make a decoder panic, and what was decoded is encoded with the same meaning.
     #[test]
-    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0_usize..6000, flip in 0_usize..6000) {
+    fn arbitrary_bytes_are_decoded_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0_usize..6000, flip in 0_usize..6000) {
         drop(Request::decode(bytes.clone().into()));
         drop(Reply::decode(bytes.into(), &NAME));
-        for outcome in all_said() {
+        for outcome in all_outcomes() {
             let mut bytes = reply(outcome).encode().to_vec();
             bytes.truncate(cut.max(1));
-            let place = flip % bytes.len();
-            bytes[place] ^= 1 << (flip % 8);
+            let position = flip % bytes.len();
+            bytes[position] ^= 1 << (flip % 8);
             if let Ok(read) = Reply::decode(bytes.into(), &NAME) {
                 prop_assert_eq!(Reply::decode(read.encode(), &NAME).expect("read again"), read);
             }

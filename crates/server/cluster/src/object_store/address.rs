@@ -1,4 +1,4 @@
-//! From a URL or a path to storage.
+//! Resolves a URL or a path to storage.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,24 +9,22 @@ use url::Url;
 
 use crate::ClusterError;
 
-/// Storage, and where in it.
-pub(crate) type Place = (Arc<dyn ObjectStore>, object_store::path::Path);
+/// Storage, and the prefix in it.
+pub(crate) type StorageLocation = (Arc<dyn ObjectStore>, object_store::path::Path);
 
-/// What a URL names; a path is a folder. With `make`, a folder is made where there is none.
-pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, ClusterError> {
+/// Resolves a URL; a path is a folder. With `make`, a missing folder is created.
+pub(crate) fn resolve(url: &str, make: bool) -> Result<StorageLocation, ClusterError> {
     let wrong = |reason: String| ClusterError::StorageAddress { url: without_login(url), reason };
     if !url.contains("://") {
         return folder(Path::new(url), make);
     }
-    let parsed = Url::parse(url).map_err(|error| wrong(format!("not a URL ({error}); give {FORMS}")))?;
+    let parsed =
+        Url::parse(url).map_err(|error| wrong(format!("not a URL ({error}); give {SUPPORTED_URLS}")))?;
     if !parsed.username().is_empty() || parsed.password().is_some() {
-        return Err(wrong(
-            "credentials do not belong into a URL, which ends up in logs; set them in the environment"
-                .to_owned(),
-        ));
+        return Err(wrong("credentials in a URL end up in logs; set them in the environment".to_owned()));
     }
     if parsed.query().is_some() || parsed.fragment().is_some() {
-        return Err(wrong(format!("nothing may follow the path; give {FORMS}")));
+        return Err(wrong(format!("nothing may follow the path; give {SUPPORTED_URLS}")));
     }
     match parsed.scheme() {
         "file" => {
@@ -39,15 +37,14 @@ pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, ClusterError> {
         "s3" | "gs" | "az" => cloud(&parsed).map_err(|error| match error {
             Some(source) => ClusterError::Storage { address: url.to_owned(), source: Box::new(source) },
             None => wrong(
-                "this program was built without storage of clouds; build it with `--features clouds`"
-                    .to_owned(),
+                "this program was built without cloud storage; build it with `--features clouds`".to_owned(),
             ),
         }),
-        scheme => Err(wrong(format!("{scheme}:// is not known; give {FORMS}"))),
+        scheme => Err(wrong(format!("{scheme}:// is not known; give {SUPPORTED_URLS}"))),
     }
 }
 
-/// What stands before an `@` of a URL is nobody's.
+/// Removes user and password from a URL.
 fn without_login(url: &str) -> String {
     match url.split_once("://").and_then(|(scheme, rest)| Some((scheme, rest.rsplit_once('@')?))) {
         Some((scheme, (_, rest))) => format!("{scheme}://{rest}"),
@@ -55,9 +52,10 @@ fn without_login(url: &str) -> String {
     }
 }
 
-const FORMS: &str = "a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH";
+const SUPPORTED_URLS: &str =
+    "a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH";
 
-fn folder(path: &Path, make: bool) -> Result<Place, ClusterError> {
+fn folder(path: &Path, make: bool) -> Result<StorageLocation, ClusterError> {
     if make {
         std::fs::create_dir_all(path).map_err(ClusterError::io(path))?;
     }
@@ -72,22 +70,22 @@ fn folder(path: &Path, make: bool) -> Result<Place, ClusterError> {
     Ok((Arc::new(store.with_fsync(true)), object_store::path::Path::default()))
 }
 
-/// Settings and credentials are the environment's: those that the clouds' own programs read.
+/// Settings and credentials come from the environment, from the same variables as for the tools of the clouds.
 #[cfg(feature = "clouds")]
-fn cloud(url: &Url) -> Result<Place, Option<object_store::Error>> {
+fn cloud(url: &Url) -> Result<StorageLocation, Option<object_store::Error>> {
     use object_store::aws::AmazonS3Builder;
     use object_store::azure::MicrosoftAzureBuilder;
     use object_store::gcp::GoogleCloudStorageBuilder;
     use object_store::{ClientOptions, RetryConfig, path};
 
-    // Only the first provider counts; whoever set one before meant it.
+    // Only the first installed provider counts; an existing one is kept.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    // A region takes as long as it takes; what stands still is noticed by whoever reads.
+    // Downloading a region may take long; stalls are detected by the reader.
     let client = ClientOptions::new().with_timeout(LONGEST_REQUEST).with_allow_http(
         std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| v.eq_ignore_ascii_case("true") || v == "1"),
     );
     let location = path::Path::from_url_path(url.path()).map_err(object_store::Error::from)?;
-    // Half a minute in all, with the attempts of our own around them: whoever starts meanwhile waits no longer.
+    // Half a minute in total, including our own retries around it.
     let retry = RetryConfig { max_retries: RETRIES, ..RetryConfig::default() };
     let store: Arc<dyn ObjectStore> = match url.scheme() {
         "s3" => Arc::new(
@@ -116,11 +114,11 @@ fn cloud(url: &Url) -> Result<Place, Option<object_store::Error>> {
 }
 
 #[cfg(not(feature = "clouds"))]
-const fn cloud(_: &Url) -> Result<Place, Option<object_store::Error>> {
+const fn cloud(_: &Url) -> Result<StorageLocation, Option<object_store::Error>> {
     Err(None)
 }
 
-/// Of one request, after 0.1 s, then twice as long each time.
+/// Retries of one request, after 0.1 s, then twice as long each time.
 #[cfg(feature = "clouds")]
 const RETRIES: usize = 6;
 
@@ -132,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_names_no_storage_is_refused_with_what_does() {
+    fn invalid_urls_are_refused_with_a_remedy() {
         for (url, expected) in [
             ("http://example.com/maps", "s3://BUCKET"),
             ("ftp://example.com", "s3://BUCKET"),
@@ -142,7 +140,7 @@ mod tests {
             ("://", "not a URL"),
             ("s3://key:secret@bu^cket:x/maps", "not a URL"),
         ] {
-            let error = place_of(url, false).expect_err(url);
+            let error = resolve(url, false).expect_err(url);
             assert!(
                 matches!(error, ClusterError::StorageAddress { .. }) && error.to_string().contains(expected),
                 "{error}"
@@ -151,21 +149,21 @@ mod tests {
         }
         #[cfg(not(feature = "clouds"))]
         for url in ["s3://bucket/maps", "gs://bucket", "az://container/maps"] {
-            assert!(place_of(url, false).expect_err(url).to_string().contains("--features clouds"));
+            assert!(resolve(url, false).expect_err(url).to_string().contains("--features clouds"));
         }
     }
 
     #[test]
-    fn a_folder_is_made_when_it_may_be() {
+    fn folder_is_created_on_request() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a b/maps");
         let text = path.to_str().unwrap();
-        assert!(matches!(place_of(text, false), Err(ClusterError::Io { .. })));
-        place_of(text, true).unwrap();
-        place_of(text, false).unwrap();
-        place_of(Url::from_file_path(&path).unwrap().as_str(), false).unwrap();
+        assert!(matches!(resolve(text, false), Err(ClusterError::Io { .. })));
+        resolve(text, true).unwrap();
+        resolve(text, false).unwrap();
+        resolve(Url::from_file_path(&path).unwrap().as_str(), false).unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();
-        assert!(matches!(place_of(file.to_str().unwrap(), false), Err(ClusterError::Io { .. })));
+        assert!(matches!(resolve(file.to_str().unwrap(), false), Err(ClusterError::Io { .. })));
     }
 }

@@ -17,41 +17,41 @@ use veiloc_map::regions::{
 
 use crate::ClusterError;
 use crate::object_store::pointer::Pointer;
-use crate::object_store::storage::{AGAIN, Storage};
+use crate::object_store::storage::{REMEDY_REPUBLISH, Storage};
 
-/// A folder of objects that were fetched, `objects/<sha256>`, manifests, `manifests/<id>.json`, and pointers as they were read
-/// last, `pointers/<map name>.json`.
+/// A folder of fetched objects, `objects/<sha256>`, manifests, `manifests/<id>.json`, and the last pointers,
+/// `pointers/<map name>.json`.
 ///
-/// A file bears the name of an object only when it is that object: it is written beside, verified, and renamed. It is
-/// verified again whenever it is asked for, and one that is damaged is fetched again. Several programs may share a folder.
+/// A file has the name of an object only if its content is that object: it is written under another name, verified,
+/// and renamed. It is verified again on each use, and fetched again if damaged. Several programs may share a folder.
 #[derive(Debug)]
 pub struct Cache {
     folder: PathBuf,
     most_bytes: u64,
 }
 
-/// What was removed from a cache.
+/// Result of trimming a cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct Trimmed {
-    /// Objects that were removed.
+    /// Removed objects.
     pub removed: usize,
-    /// Bytes of the objects that are left.
+    /// Bytes of the remaining objects.
     pub bytes: u64,
 }
 
 const MANIFESTS_FOLDER: &str = "manifests";
 const POINTERS_FOLDER: &str = "pointers";
-/// What a download is called until it is verified.
+/// Suffix of a download until it is verified.
 const PARTIAL: &str = ".partial";
-/// A download that nobody wrote to for so long is of the dead.
+/// Age after which an unfinished download is considered abandoned.
 const DEAD_AFTER: Duration = Duration::from_secs(3600);
 
 impl Cache {
-    /// A cache in this folder, which is made where there is none, of so many bytes of objects at most.
+    /// Opens a cache in this folder, which is created if missing, with this limit of object bytes.
     ///
     /// # Errors
-    /// [`ClusterError::Io`] when it cannot be made.
+    /// [`ClusterError::Io`]: the folder cannot be created.
     pub fn open(folder: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
         for part in [OBJECTS_FOLDER, MANIFESTS_FOLDER, POINTERS_FOLDER] {
             let path = folder.join(part);
@@ -60,19 +60,19 @@ impl Cache {
         Ok(Self { folder: folder.to_owned(), most_bytes })
     }
 
-    /// Without manifests and without bounds.
+    /// A cache for objects only, without a limit.
     pub(crate) fn open_objects(folder: &Path) -> Result<Self, ClusterError> {
         let path = folder.join(OBJECTS_FOLDER);
         fs::create_dir_all(&path).map_err(ClusterError::io(&path))?;
         Ok(Self { folder: folder.to_owned(), most_bytes: u64::MAX })
     }
 
-    /// The objects of a manifest, as they lie here once they were fetched.
+    /// The folder that contains the objects of a manifest once they are fetched.
     pub fn folder_of(&self, manifest: Manifest) -> Folder {
         Folder::of(manifest, &self.folder)
     }
 
-    /// The manifest of a map that has this id: from here, or fetched.
+    /// The manifest of a map with this id, from the cache or fetched.
     ///
     /// # Errors
     /// As [`Storage::manifest`], and [`ClusterError::Io`].
@@ -83,11 +83,11 @@ impl Cache {
         id: ObjectId,
     ) -> Result<Manifest, ClusterError> {
         let path = self.folder.join(MANIFESTS_FOLDER).join(format!("{id}.json"));
-        // One that is longer than any, or is damaged, is as good as none.
+        // A file that is too long or damaged is ignored.
         let is_short = fs::metadata(&path).is_ok_and(|m| m.len() <= MOST_MANIFEST_BYTES as u64);
-        let kept = is_short.then(|| fs::read(&path).ok()).flatten();
-        let kept = kept.and_then(|bytes| Manifest::decode_as(&bytes, id).ok());
-        if let Some(manifest) = kept.filter(|manifest| manifest.map == map) {
+        let stored = is_short.then(|| fs::read(&path).ok()).flatten();
+        let stored = stored.and_then(|bytes| Manifest::decode_as(&bytes, id).ok());
+        if let Some(manifest) = stored.filter(|manifest| manifest.map == map) {
             return Ok(manifest);
         }
         let manifest = storage.manifest(map, id).await?;
@@ -95,7 +95,7 @@ impl Cache {
         Ok(manifest)
     }
 
-    /// Remembers that this manifest of a map was the current one.
+    /// Records the current manifest of a map.
     ///
     /// # Errors
     /// [`ClusterError::Io`].
@@ -105,7 +105,7 @@ impl Cache {
             .map_err(ClusterError::io(&path))
     }
 
-    /// What was remembered last of a map: what to begin with while storage cannot be reached.
+    /// The last recorded manifest of a map, for starting while storage is unreachable.
     pub fn remembered(&self, map: &str) -> Option<ObjectId> {
         let bytes = fs::read(self.pointer(map)).ok().filter(|_| is_map_name(map))?;
         Pointer::decode(&bytes, map).ok().map(|pointer| pointer.manifest)
@@ -115,17 +115,17 @@ impl Cache {
         self.folder.join(POINTERS_FOLDER).join(format!("{map}.json"))
     }
 
-    /// Where an object lies here, verified; fetched where it does not yet, or is damaged.
+    /// The path of an object in the cache, verified; fetched if it is missing or damaged.
     ///
     /// # Errors
-    /// [`ClusterError::Object`] when storage has something else under this name, [`ClusterError::NotThere`],
-    /// [`ClusterError::CacheTooSmall`] when it alone is more than the cache may hold, [`ClusterError::Storage`],
+    /// [`ClusterError::Object`]: storage has other content under this name; [`ClusterError::NotThere`];
+    /// [`ClusterError::CacheTooSmall`]: the object alone exceeds the limit; [`ClusterError::Storage`];
     /// [`ClusterError::Io`].
     pub async fn object(&self, storage: &Storage, object: &ObjectRef) -> Result<PathBuf, ClusterError> {
         Ok(self.object_of(storage, object).await?.0)
     }
 
-    /// The same, and whether it had to be fetched.
+    /// As [`Self::object`]; also returns whether the object was fetched.
     pub(crate) async fn object_of(
         &self,
         storage: &Storage,
@@ -140,19 +140,19 @@ impl Cache {
         Ok((path, true))
     }
 
-    /// Removes what was used least recently until the cache holds no more than it may, but nothing that is `needed`, and what
-    /// downloads that died left behind. Whoever has a file open keeps it.
+    /// Removes least recently used objects until the limit is met, except `needed` ones, and abandoned downloads.
+    /// Open files stay usable.
     ///
     /// # Errors
-    /// [`ClusterError::Io`] when the folder cannot be read.
+    /// [`ClusterError::Io`]: the folder cannot be read.
     pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<Trimmed, ClusterError> {
         self.trim_to(needed, self.most_bytes)
     }
 
-    /// The same before these objects are fetched, so that they and what is there are together no more than there may be.
+    /// As [`Self::trim`], with space for these objects, which are fetched next.
     ///
     /// # Errors
-    /// [`ClusterError::Io`] when the folder cannot be read.
+    /// [`ClusterError::Io`]: the folder cannot be read.
     pub fn make_room(
         &self,
         objects: &[ObjectRef],
@@ -178,7 +178,7 @@ impl Cache {
                 if !needed.contains(&id) {
                     others.push((used, id, metadata.len()));
                 }
-            } else if name.ends_with(PARTIAL) && apart(used, SystemTime::now()) > DEAD_AFTER {
+            } else if name.ends_with(PARTIAL) && time_between(used, SystemTime::now()) > DEAD_AFTER {
                 let _ = fs::remove_file(entry.path());
             }
         }
@@ -187,7 +187,7 @@ impl Cache {
             if trimmed.bytes <= most_bytes {
                 break;
             }
-            // One that another program removed first is gone all the same.
+            // Another program may have removed it first.
             let _ = fs::remove_file(folder.join(id.to_string()));
             trimmed.removed += 1;
             trimmed.bytes -= bytes;
@@ -195,7 +195,7 @@ impl Cache {
         Ok(trimmed)
     }
 
-    /// Whether the cache may hold so many bytes together.
+    /// Checks that this many bytes fit into the limit.
     ///
     /// # Errors
     /// [`ClusterError::CacheTooSmall`].
@@ -206,7 +206,7 @@ impl Cache {
         Err(ClusterError::CacheTooSmall { path: self.folder.clone(), needed, most: self.most_bytes })
     }
 
-    /// Whether the object is there and sound; it counts as used then. One that is damaged is removed.
+    /// Whether the object exists and is valid; updates its time of use. A damaged file is removed.
     async fn has(&self, path: &Path, object: &ObjectRef) -> Result<bool, ClusterError> {
         let verified = {
             let (path, object) = (path.to_owned(), *object);
@@ -215,7 +215,7 @@ impl Cache {
                 if verified.is_ok()
                     && let Ok(file) = fs::File::options().append(true).open(&path)
                 {
-                    // When it was used last; a disk that cannot say it loses the order, and nothing else.
+                    // Time of last use. If it cannot be set, only the order of eviction suffers.
                     let _ = file.set_modified(SystemTime::now());
                 }
                 verified
@@ -225,14 +225,14 @@ impl Cache {
         match verified {
             Ok(Ok(())) => Ok(true),
             Ok(Err(MapError::Object { .. })) => {
-                fs::remove_file(path).or_else(gone_is_gone).map_err(ClusterError::io(path))?;
+                fs::remove_file(path).or_else(ignore_not_found).map_err(ClusterError::io(path))?;
                 Ok(false)
             }
             Ok(Err(MapError::Io { source, .. })) if source.kind() == std::io::ErrorKind::NotFound => {
                 Ok(false)
             }
             Ok(Err(error)) => Err(error.into()),
-            Err(_) => Err(ClusterError::io(path)(std::io::Error::other("reading it was broken off"))),
+            Err(_) => Err(ClusterError::io(path)(std::io::Error::other("reading the file was aborted"))),
         }
     }
 
@@ -245,16 +245,16 @@ impl Cache {
         fs::rename(&partial.0, path).map_err(ClusterError::io(path))
     }
 
-    /// Writes the object there; anything but the object is an error.
+    /// Downloads the object to this path; other content is an error.
     async fn download(&self, storage: &Storage, object: &ObjectRef, to: &Path) -> Result<(), ClusterError> {
         let entry = storage.object_entry(object.sha256);
         let wrong =
             |found: String| ClusterError::Object { address: entry.address.clone(), expected: *object, found };
-        let mut pieces = storage.read(&entry, AGAIN).await?;
+        let mut pieces = storage.read(&entry, REMEDY_REPUBLISH).await?;
         let mut file = tokio::fs::File::create_new(to).await.map_err(ClusterError::io(to))?;
         let (mut hash, mut length) = (Sha256::new(), 0_u64);
         while let Some(piece) = storage.retry_policy.await_next(pieces.next(), &entry.address).await? {
-            let piece = piece.map_err(|source| entry.error(source, AGAIN))?;
+            let piece = piece.map_err(|source| entry.error(source, REMEDY_REPUBLISH))?;
             length += piece.len() as u64;
             if length > object.bytes {
                 return Err(wrong(format!("more than {} bytes", object.bytes)));
@@ -269,13 +269,13 @@ impl Cache {
         if found != object.sha256 {
             return Err(wrong(format!("the object {found}")));
         }
-        // The last write is told by `flush` alone: `sync_all` forgets that it failed, on a full disk for example.
+        // Only `flush` reports a failed last write: `sync_all` loses the error, for example on a full disk.
         file.flush().await.map_err(ClusterError::io(to))?;
         file.sync_all().await.map_err(ClusterError::io(to))
     }
 }
 
-/// A download, which goes with whoever makes it.
+/// An unfinished download, removed when dropped.
 struct Partial(PathBuf);
 
 impl Drop for Partial {
@@ -284,11 +284,11 @@ impl Drop for Partial {
     }
 }
 
-/// Between two times of the clock, whichever is first: it may have been set back since.
-fn apart(one: SystemTime, other: SystemTime) -> Duration {
+/// Absolute difference of two times; the clock may have been set back.
+fn time_between(one: SystemTime, other: SystemTime) -> Duration {
     one.duration_since(other).unwrap_or_else(|error| error.duration())
 }
 
-fn gone_is_gone(error: std::io::Error) -> std::io::Result<()> {
+fn ignore_not_found(error: std::io::Error) -> std::io::Result<()> {
     if error.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(error) }
 }

@@ -1,4 +1,4 @@
-//! All regions of a map into a folder, as `veiloc map split` writes one.
+//! Fetches all regions of a map into a folder, as `veiloc map split` writes it.
 
 use std::path::Path;
 
@@ -9,24 +9,24 @@ use crate::object_store::cache::Cache;
 use crate::object_store::publish::Watch;
 use crate::object_store::storage::Storage;
 
-/// What was fetched.
+/// Result of a fetch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Fetched {
     /// Id of the manifest.
     pub manifest: ObjectId,
-    /// Objects that were fetched.
+    /// Fetched objects.
     pub fetched: usize,
-    /// Bytes of them.
+    /// Their bytes.
     pub fetched_bytes: u64,
-    /// Objects that were there and sound.
+    /// Objects that existed and were valid.
     pub there: usize,
-    /// Bytes of them.
+    /// Their bytes.
     pub there_bytes: u64,
 }
 
-/// Fetches all that a manifest of this map names into a folder; the manifest comes last, so that an older one in the folder is
-/// whole until then.
+/// Fetches all objects of a manifest into a folder. The manifest is written last, so that an older manifest in the
+/// folder stays complete until then.
 ///
 /// # Errors
 /// As [`Cache::object`] and [`Storage::manifest`].

@@ -6,15 +6,15 @@
 //!                                  URL/<map name>.json           last: the id of the current manifest
 //! cache folder      ◀── fetch ──  pointer, manifest, objects; each verified before it gets its name
 //! ```
-//! - [`Storage`]: a place by its URL (`file://…` or a path; `s3://…`, `gs://…` and `az://…` with the cargo feature `clouds`),
-//!   and [`Storage::publish`].
-//! - [`Cache`]: verified objects on the local disk, of bounded size; what was used least recently goes.
-//! - [`fetch_folder`]: all regions of a map, as a folder.
-//! - [`Pointer`]: which manifest of a map is the current one.
+//! - [`Storage`]: storage by its URL (`file://…` or a path; `s3://…`, `gs://…` and `az://…` with the cargo feature
+//!   `clouds`), and [`Storage::publish`].
+//! - [`Cache`]: verified objects on the local disk with a size limit; the least recently used are evicted.
+//! - [`fetch_folder`]: fetches all regions of a map into a folder.
+//! - [`Pointer`]: names the current manifest of a map.
 //!
-//! Nothing that storage says is believed: names of objects are SHA-256 and nothing else, no more bytes are read than are
-//! expected, and a file gets its name only when its content is right. So storage that is wrong or hostile can withhold, and
-//! no more. `docs/reference/map-format.md` specifies what lies where.
+//! Storage is not trusted: names of objects are SHA-256 values, no more bytes are read than expected, and a file gets
+//! its name only after verification. So faulty or hostile storage can only withhold objects. `docs/regions.md`
+//! specifies the layout.
 //!
 //! # Example
 //! ```

@@ -1,10 +1,10 @@
-//! The pointer: which manifest of a map is the current one.
+//! The pointer: names the current manifest of a map.
 
 use serde::{Deserialize, Serialize};
 use veiloc_map::is_map_name;
 use veiloc_map::regions::ObjectId;
 
-/// Names the current manifest of a map: the one thing in storage that changes.
+/// Names the current manifest of a map: the only file in storage that changes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pointer {
@@ -18,18 +18,18 @@ pub struct Pointer {
 const VERSION: u32 = 1;
 
 impl Pointer {
-    /// The longest that is read, bytes.
+    /// Maximum length, bytes.
     pub(crate) const MOST_BYTES: u64 = 4096;
 
-    /// To this manifest of this map.
+    /// A pointer to this manifest of this map.
     pub fn new(map: &str, manifest: ObjectId) -> Self {
         Self { version: VERSION, map: map.to_owned(), manifest }
     }
 
-    /// Reads the pointer of a map.
+    /// Parses the pointer of a map.
     ///
     /// # Errors
-    /// What is wrong with it: no pointer, of another version, or of another map.
+    /// The reason: invalid, of another version, or of another map.
     pub fn decode(bytes: &[u8], map: &str) -> Result<Self, String> {
         let Head { version } =
             serde_json::from_slice(bytes).map_err(|error| format!("no pointer: {error}"))?;
@@ -41,7 +41,7 @@ impl Pointer {
         }
         let pointer: Self = serde_json::from_slice(bytes).map_err(|error| format!("no pointer: {error}"))?;
         if pointer.map != map || !is_map_name(&pointer.map) {
-            return Err(format!("the pointer of {:?}, where that of {map:?} should be", pointer.map));
+            return Err(format!("the pointer belongs to map {:?}, expected {map:?}", pointer.map));
         }
         Ok(pointer)
     }
@@ -54,7 +54,7 @@ impl Pointer {
     }
 }
 
-/// What every version has.
+/// The field that every version has.
 #[derive(Deserialize)]
 struct Head {
     version: u32,
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_of_one_map_and_one_version() {
+    fn pointer_checks_map_and_version() {
         let pointer = Pointer::new("kitchen", ObjectId::of(b"manifest"));
         let bytes = pointer.encode();
         assert_eq!(Pointer::decode(&bytes, "kitchen"), Ok(pointer));
@@ -80,7 +80,7 @@ mod tests {
         ] {
             assert!(Pointer::decode(wrong.as_bytes(), "kitchen").is_err(), "{wrong}");
         }
-        let elsewhere = text.replace(&ObjectId::of(b"manifest").to_string(), "../../secret");
-        assert!(Pointer::decode(elsewhere.as_bytes(), "kitchen").is_err());
+        let outside = text.replace(&ObjectId::of(b"manifest").to_string(), "../../secret");
+        assert!(Pointer::decode(outside.as_bytes(), "kitchen").is_err());
     }
 }

@@ -1,4 +1,5 @@
-//! Publishing: objects first, then the manifest, last the pointer, so that whoever reads finds all or the old.
+//! Publishing: objects first, then the manifest, last the pointer, so that a reader sees either the old or the new
+//! map completely.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -10,43 +11,43 @@ use veiloc_map::regions::{Folder, ObjectId, ObjectRef, verify_file};
 
 use crate::ClusterError;
 use crate::object_store::pointer::Pointer;
-use crate::object_store::storage::{Entry, Storage};
+use crate::object_store::storage::{Storage, StorageEntry};
 
-/// Controllable how many bytes are done, of how many.
+/// Progress callback: bytes done, and bytes in total.
 pub type Watch<'a> = &'a (dyn Fn(u64, u64) + Send + Sync);
 
-/// What was published.
+/// Result of publishing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Published {
-    /// Id of the manifest, which is now the current one of its map.
+    /// Id of the manifest, which is now current.
     pub manifest: ObjectId,
-    /// Objects that were sent.
+    /// Uploaded objects.
     pub sent: usize,
-    /// Bytes of them.
+    /// Their bytes.
     pub sent_bytes: u64,
-    /// Objects that were there already.
+    /// Objects that existed already.
     pub there: usize,
-    /// Bytes of them.
+    /// Their bytes.
     pub there_bytes: u64,
 }
 
-/// Objects that are sent at the same time.
-const AT_ONCE: usize = 4;
-/// What was being published is gone.
-const MEANWHILE: &str = "it went while it was being published: run `veiloc map publish` again";
-/// Bytes of a part of a large object; storage wants 5 MB at least.
+/// Concurrent uploads.
+const CONCURRENT_UPLOADS: usize = 4;
+/// Remedy if an object disappeared during the upload.
+const REMEDY_REMOVED: &str = "it was removed during publishing: run `veiloc map publish` again";
+/// Part size of multipart uploads, bytes; storage requires at least 5 MB.
 const PART: usize = 8 << 20;
 
 impl Storage {
-    /// Publishes a folder of regions, whose manifest becomes the current one of its map.
+    /// Publishes a folder of regions; its manifest becomes the current one of its map.
     ///
-    /// Objects that are there with the right length are not sent again. Each file is read through and held against its name
-    /// before it is sent. Nothing is removed: readers may be using what an older manifest names.
+    /// Existing objects of the right length are not uploaded again. Each file is verified before its upload. Nothing
+    /// is removed, because readers may still use an older manifest.
     ///
     /// # Errors
-    /// [`ClusterError::Map`] when a file of the folder is damaged or missing, [`ClusterError::Storage`]; what was current
-    /// before is then current still.
+    /// [`ClusterError::Map`]: a file of the folder is damaged or missing; [`ClusterError::Storage`]. The previous
+    /// manifest then stays current.
     pub async fn publish(&self, folder: &Folder, watch: Watch<'_>) -> Result<Published, ClusterError> {
         let manifest = folder.manifest();
         let (id, total) = (manifest.id(), manifest.byte_count());
@@ -59,7 +60,7 @@ impl Storage {
         watch(0, total);
         let objects: Vec<(ObjectRef, bool)> = futures_util::stream::iter(manifest.objects())
             .map(one)
-            .buffer_unordered(AT_ONCE)
+            .buffer_unordered(CONCURRENT_UPLOADS)
             .try_collect()
             .await?;
         self.put(&self.manifest_entry(id), manifest.encode()).await?;
@@ -72,20 +73,20 @@ impl Storage {
         Ok(Published { manifest: id, sent, sent_bytes, there, there_bytes })
     }
 
-    /// Whether it had to be sent.
+    /// Uploads an object if needed; returns whether it was uploaded.
     async fn object(&self, folder: &Folder, object: &ObjectRef) -> Result<bool, ClusterError> {
         let entry = self.object_entry(object.sha256);
         match self.retry_policy.await_next(self.store.head(&entry.location), &entry.address).await? {
             Ok(there) if there.size == object.bytes => return Ok(false),
             Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
-            Err(source) => return Err(entry.error(source, MEANWHILE)),
+            Err(source) => return Err(entry.error(source, REMEDY_REMOVED)),
         }
         let path = folder.path_of(&object.sha256);
         let verified = {
             let (path, object) = (path.clone(), *object);
             tokio::task::spawn_blocking(move || verify_file(&path, &object)).await
         };
-        verified.map_err(|error| entry.error(error.into(), MEANWHILE))??;
+        verified.map_err(|error| entry.error(error.into(), REMEDY_REMOVED))??;
         let mut file = tokio::fs::File::open(&path).await.map_err(ClusterError::io(&path))?;
         let mut writer = BufWriter::with_capacity(self.store.clone(), entry.location.clone(), PART);
         let mut piece = vec![0; 1 << 18];
@@ -99,28 +100,28 @@ impl Storage {
             }
             let written =
                 self.retry_policy.await_next(writer.write_all(&piece[..read]), &entry.address).await?;
-            written.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
+            written.map_err(|error| entry.error(cause_of(error), REMEDY_REMOVED))?;
             left -= read as u64;
         }
         let ended = self.retry_policy.await_next(writer.shutdown(), &entry.address).await?;
-        ended.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
+        ended.map_err(|error| entry.error(cause_of(error), REMEDY_REMOVED))?;
         Ok(true)
     }
 
-    async fn put(&self, entry: &Entry, bytes: Vec<u8>) -> Result<(), ClusterError> {
+    async fn put(&self, entry: &StorageEntry, bytes: Vec<u8>) -> Result<(), ClusterError> {
         let put = async || {
             let payload = PutPayload::from(bytes.clone());
             let answer = self
                 .retry_policy
                 .await_next(self.store.put(&entry.location, payload), &entry.address)
                 .await?;
-            answer.map(|_| ()).map_err(|source| entry.error(source, MEANWHILE))
+            answer.map(|_| ()).map_err(|source| entry.error(source, REMEDY_REMOVED))
         };
         self.retry_policy.attempt(put).await
     }
 }
 
-/// What storage said, out of what the writer makes of it.
+/// Extracts the storage error from the error of the writer.
 fn cause_of(error: std::io::Error) -> object_store::Error {
     error
         .downcast()

@@ -1,92 +1,93 @@
-//! What storage of a cloud means by a refusal, and what to do about it.
+//! Classifies refusals of cloud storage, with remedies.
 
 use object_store::Error;
 
-/// What to do about what storage reported, for the place that an address names.
+/// A refusal, and the remedy for the storage that the address names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Refusal {
-    /// In the words of whoever runs this program.
+    /// The reason, in terms of this program.
     pub(crate) why: &'static str,
-    /// Settings to look at, and more.
+    /// The remedy, with settings to check.
     pub(crate) remedy: &'static str,
-    /// In the storage's words.
+    /// The error as reported by the storage.
     pub(crate) reported: String,
 }
 
-/// Why storage refused, where that is known and the same would be refused again; `address` says of which kind it is.
+/// Classifies a permanent refusal; `address` tells the kind of storage.
 pub(crate) fn refusal_of(address: &str, error: &Error) -> Option<Refusal> {
     let text = error.to_string();
     let (code, message) = (element(&text, "Code"), element(&text, "Message"));
-    // What Google says of it has no code of its own.
+    // Google reports this without an error code.
     let no_bucket = ["NoSuchBucket", "ContainerNotFound", "The specified bucket does not exist"];
     let region = ("the bucket is in another region", "set AWS_REGION to it");
     let (why, remedy) = match code {
         _ if no_bucket.iter().any(|known| text.contains(known)) => {
-            ("there is no such bucket", "make it, or look at its name in the URL")
+            ("there is no such bucket", "create it, or check its name in the URL")
         }
         Some("InvalidAccessKeyId") => (
-            "the key is not known there",
-            "look at AWS_ACCESS_KEY_ID, and at AWS_ENDPOINT where this is not Amazon's storage",
+            "the storage does not know the key",
+            "check AWS_ACCESS_KEY_ID, and AWS_ENDPOINT if this is not Amazon's storage",
         ),
         Some("SignatureDoesNotMatch") => {
-            ("the secret does not belong to the key", "look at AWS_SECRET_ACCESS_KEY")
+            ("the secret does not belong to the key", "check AWS_SECRET_ACCESS_KEY")
         }
         Some("ExpiredToken" | "InvalidToken" | "TokenRefreshRequired") => {
-            ("the credentials have ended", "get new ones (AWS_SESSION_TOKEN among them)")
+            ("the credentials have expired", "get new ones, including AWS_SESSION_TOKEN")
         }
         Some("RequestTimeTooSkewed") => ("the clock of this machine is wrong", "set it"),
         Some("AuthorizationHeaderMalformed" | "PermanentRedirect") => region,
         _ if text.contains("incorrectly configured region") => region,
         _ if matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. }) => {
-            ("the storage refuses these credentials here", credentials(address))
+            ("the storage refuses these credentials", credentials(address))
         }
         _ => return None,
     };
     let reported = match (code, message) {
         (Some(code), Some(message)) => format!("{code}: {message}"),
-        // A reader of one line is not helped by a document.
+        // The message must be one line, not a document.
         _ => text.lines().next().unwrap_or_default().to_owned(),
     };
     Some(Refusal { why, remedy, reported })
 }
 
-/// What stands in the first element of this name.
+/// Text of the first XML element of this name.
 fn element<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(&format!("<{name}>"))?;
     Some(rest.split_once(&format!("</{name}>"))?.0)
 }
 
-/// Where credentials come from, and what they must be good for.
+/// Remedy for wrong credentials.
 fn credentials(address: &str) -> &'static str {
     match address.split("://").next() {
         Some("gs") => {
-            "look at GOOGLE_SERVICE_ACCOUNT, and whether it may read there (to publish: write and list, too)"
+            "check GOOGLE_SERVICE_ACCOUNT, and that it may read there (to publish: also write and list)"
         }
         Some("az") => {
-            "look at AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY, and whether they may read there (to publish: \
-             write and list, too)"
+            "check AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY, and that they may read there (to publish: also \
+             write and list)"
         }
         _ => {
-            "look at AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, and whether they may read there (to publish: write and list, too)"
+            "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, and that they may read there (to publish: also write and list)"
         }
     }
 }
 
-/// What may help where storage of a cloud was not reached, or not understood.
+/// Hint if cloud storage was not reached or gave an unknown error.
 pub(crate) fn hint_of(address: &str, error: &Error) -> &'static str {
     let Error::Generic { .. } = error else { return "" };
     let reported = error.to_string();
-    // Who finds no credentials asks the machine's own cloud for them.
-    let asks_its_cloud = ["/latest/api/token", "/latest/meta-data", "metadata.google", "/metadata/identity"];
+    // Without credentials, the library queries the metadata service of the cloud.
+    let metadata_services =
+        ["/latest/api/token", "/latest/meta-data", "metadata.google", "/metadata/identity"];
     match address.split("://").next() {
-        Some("s3") if asks_its_cloud.iter().any(|known| reported.contains(known)) => {
+        Some("s3") if metadata_services.iter().any(|known| reported.contains(known)) => {
             "; no credentials were found: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
         }
-        Some("s3") => "; look whether the storage answers there (AWS_ENDPOINT, AWS_REGION), and try again",
-        Some("gs" | "az") if asks_its_cloud.iter().any(|known| reported.contains(known)) => {
+        Some("s3") => "; check that the storage answers there (AWS_ENDPOINT, AWS_REGION), and try again",
+        Some("gs" | "az") if metadata_services.iter().any(|known| reported.contains(known)) => {
             "; no credentials were found: set those of the cloud in the environment (GOOGLE_…, AZURE_…)"
         }
-        Some("gs" | "az") => "; look whether the storage answers there, and try again",
+        Some("gs" | "az") => "; check that the storage answers there, and try again",
         _ => "",
     }
 }
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_the_setting_that_is_wrong() {
+    fn refusal_names_the_wrong_setting() {
         let s3 = "s3://maps/town/town.json";
         for (body, remedy) in [
             (
@@ -132,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_no_credentials_is_told_so() {
+    fn missing_credentials_give_a_hint() {
         let hint = |address: &str, body: &str| hint_of(address, &reported(body));
         assert!(
             hint("s3://maps", "PUT http://169.254.169.254/latest/api/token: timed out")

@@ -1,16 +1,16 @@
-//! What may pass is tried again, a little later each time.
+//! Retries of transient errors with exponential backoff.
 
 use std::time::Duration;
 
 use crate::ClusterError;
 
-/// How often, how long between, and how long nothing may come.
+/// Number of attempts, pauses, and stall timeout.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RetryPolicy {
     pub(crate) attempts: u32,
-    /// Before the second attempt; twice as long before each further one.
+    /// Pause before the second attempt; doubles before each further one.
     pub(crate) pause: Duration,
-    /// Between two pieces of an answer.
+    /// Maximum wait between two pieces of a response.
     pub(crate) stall: Duration,
 }
 
@@ -21,7 +21,7 @@ impl Default for RetryPolicy {
 }
 
 impl RetryPolicy {
-    /// The first success, or the last failure.
+    /// Returns the first success, or the last failure.
     pub(crate) async fn attempt<T>(
         &self,
         act: impl AsyncFn() -> Result<T, ClusterError>,
@@ -29,7 +29,7 @@ impl RetryPolicy {
         let mut pause = self.pause;
         for _ in 1..self.attempts {
             match act().await {
-                Err(error) if error.may_pass() => tokio::time::sleep(pause).await,
+                Err(error) if error.is_transient() => tokio::time::sleep(pause).await,
                 decided => return decided,
             }
             pause *= 2;
@@ -37,7 +37,7 @@ impl RetryPolicy {
         act().await
     }
 
-    /// What comes in time.
+    /// Awaits a future with the stall timeout.
     pub(crate) async fn await_next<T>(
         &self,
         next: impl Future<Output = T>,
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_stalls_is_given_up() {
+    async fn stalled_reads_time_out() {
         let begun = Instant::now();
         let stalled = RetryPolicy::default().await_next(std::future::pending::<()>(), "memory://maps").await;
         assert!(matches!(stalled, Err(ClusterError::Stalled { seconds: 60, .. })));

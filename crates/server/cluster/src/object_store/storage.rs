@@ -1,4 +1,4 @@
-//! Storage that holds regions: what is read from it, and no more of it than there may be.
+//! Storage of regions: bounded reads.
 
 use std::sync::Arc;
 
@@ -10,12 +10,12 @@ use veiloc_map::regions::{MOST_MANIFEST_BYTES, Manifest, ObjectId};
 use veiloc_map::{ManifestError, MapError};
 
 use crate::ClusterError;
-use crate::object_store::address::place_of;
+use crate::object_store::address::resolve;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::refusal::{Refusal, refusal_of};
 use crate::object_store::retry::RetryPolicy;
 
-/// A place where regions of maps are published.
+/// Storage where regions of maps are published.
 #[derive(Debug, Clone)]
 pub struct Storage {
     pub(crate) store: Arc<dyn ObjectStore>,
@@ -25,27 +25,27 @@ pub struct Storage {
 }
 
 impl Storage {
-    /// By its URL; a path is a folder. Credentials and settings of clouds are the environment's (`AWS_…`, `GOOGLE_…`,
-    /// `AZURE_…`). Nothing is asked yet.
+    /// Opens storage by URL; a path is a folder. Credentials and settings of clouds come from the environment
+    /// (`AWS_…`, `GOOGLE_…`, `AZURE_…`). No request is sent yet.
     ///
     /// # Errors
-    /// [`ClusterError::StorageAddress`] when it names no storage that this program knows, [`ClusterError::Io`] when there is no such
-    /// folder, [`ClusterError::Storage`] when settings of a cloud are missing or wrong.
+    /// [`ClusterError::StorageAddress`]: the URL names no supported storage; [`ClusterError::Io`]: the folder does
+    /// not exist; [`ClusterError::Storage`]: settings of a cloud are missing or wrong.
     pub fn open(url: &str) -> Result<Self, ClusterError> {
-        let (store, root) = place_of(url, false)?;
+        let (store, root) = resolve(url, false)?;
         Ok(Self::of(store, root, url))
     }
 
-    /// The same, and a folder that is not there is made: for who publishes.
+    /// As [`Self::open`], and creates a missing folder, for publishing.
     ///
     /// # Errors
     /// As [`Self::open`].
     pub fn create(url: &str) -> Result<Self, ClusterError> {
-        let (store, root) = place_of(url, true)?;
+        let (store, root) = resolve(url, true)?;
         Ok(Self::of(store, root, url))
     }
 
-    /// Storage of your own, below `root`; `address` is how messages call it.
+    /// A given storage below `root`; `address` is its name in messages.
     pub fn of(store: Arc<dyn ObjectStore>, root: Location, address: &str) -> Self {
         Self {
             store,
@@ -55,7 +55,7 @@ impl Storage {
         }
     }
 
-    /// With less retry_policy: so many attempts, pauses that begin so, and so long without an answer.
+    /// Sets the number of attempts, the first pause, and the stall timeout.
     #[must_use]
     pub fn with_retry_policy(
         self,
@@ -66,7 +66,7 @@ impl Storage {
         Self { retry_policy: RetryPolicy { attempts: attempts.max(1), pause, stall }, ..self }
     }
 
-    /// How messages call it.
+    /// Its name in messages.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -74,23 +74,24 @@ impl Storage {
     /// The id of the current manifest of a map.
     ///
     /// # Errors
-    /// [`ClusterError::NotThere`] when the map was not published, [`ClusterError::Pointer`], [`ClusterError::Storage`].
+    /// [`ClusterError::NotThere`]: the map is not published; [`ClusterError::Pointer`]; [`ClusterError::Storage`].
     pub async fn current(&self, map: &str) -> Result<ObjectId, ClusterError> {
         let entry = self.pointer(map)?;
-        let remedy = "publish the map first with `veiloc map publish`, and look whether this is its name";
-        let bytes = self.small(&entry, Pointer::MOST_BYTES, remedy).await?;
+        let remedy = "publish the map first with `veiloc map publish`, and check its name";
+        let bytes = self.read_small(&entry, Pointer::MOST_BYTES, remedy).await?;
         let pointer = Pointer::decode(&bytes, map)
             .map_err(|reason| ClusterError::Pointer { address: entry.address.clone(), reason })?;
         Ok(pointer.manifest)
     }
 
-    /// The manifest of this map that has this id.
+    /// The manifest of this map with this id.
     ///
     /// # Errors
-    /// [`ClusterError::NotThere`], [`ClusterError::Manifest`] when it is wrong or another one, [`ClusterError::Storage`].
+    /// [`ClusterError::NotThere`]; [`ClusterError::Manifest`]: it is invalid or another one;
+    /// [`ClusterError::Storage`].
     pub async fn manifest(&self, map: &str, id: ObjectId) -> Result<Manifest, ClusterError> {
         let entry = self.manifest_entry(id);
-        let bytes = self.small(&entry, MOST_MANIFEST_BYTES as u64, AGAIN).await?;
+        let bytes = self.read_small(&entry, MOST_MANIFEST_BYTES as u64, REMEDY_REPUBLISH).await?;
         let wrong = |source| ClusterError::Manifest { address: entry.address.clone(), source };
         let manifest = Manifest::decode_as(&bytes, id).map_err(wrong)?;
         if manifest.map != map {
@@ -99,28 +100,33 @@ impl Storage {
         Ok(manifest)
     }
 
-    pub(crate) fn pointer(&self, map: &str) -> Result<Entry, ClusterError> {
+    pub(crate) fn pointer(&self, map: &str) -> Result<StorageEntry, ClusterError> {
         if !is_map_name(map) {
             return Err(MapError::Name { name: map.to_owned() }.into());
         }
         Ok(self.entry(&[&format!("{map}.json")]))
     }
 
-    pub(crate) fn manifest_entry(&self, id: ObjectId) -> Entry {
+    pub(crate) fn manifest_entry(&self, id: ObjectId) -> StorageEntry {
         self.entry(&["manifests", &format!("{id}.json")])
     }
 
-    pub(crate) fn object_entry(&self, id: ObjectId) -> Entry {
+    pub(crate) fn object_entry(&self, id: ObjectId) -> StorageEntry {
         self.entry(&["objects", &id.to_string()])
     }
 
-    fn entry(&self, parts: &[&str]) -> Entry {
+    fn entry(&self, parts: &[&str]) -> StorageEntry {
         let location = parts.iter().fold(self.root.clone(), |location, part| location.join(*part));
-        Entry { location, address: format!("{}/{}", self.address, parts.join("/")) }
+        StorageEntry { location, address: format!("{}/{}", self.address, parts.join("/")) }
     }
 
-    /// All of something small; what is longer is not read to its end.
-    async fn small(&self, entry: &Entry, most: u64, remedy: &'static str) -> Result<Vec<u8>, ClusterError> {
+    /// Reads a read_small object completely; stops when it is longer than `most`.
+    async fn read_small(
+        &self,
+        entry: &StorageEntry,
+        most: u64,
+        remedy: &'static str,
+    ) -> Result<Vec<u8>, ClusterError> {
         let read = async || {
             let mut bytes = Vec::new();
             let mut pieces = self.read(entry, remedy).await?;
@@ -135,10 +141,10 @@ impl Storage {
         self.retry_policy.attempt(read).await
     }
 
-    /// What is there, piece by piece.
+    /// Reads an object as a stream.
     pub(crate) async fn read(
         &self,
-        entry: &Entry,
+        entry: &StorageEntry,
         remedy: &'static str,
     ) -> Result<futures_util::stream::BoxStream<'static, object_store::Result<bytes::Bytes>>, ClusterError>
     {
@@ -148,14 +154,14 @@ impl Storage {
     }
 }
 
-/// Something in storage.
+/// An object in storage.
 #[derive(Debug, Clone)]
-pub(crate) struct Entry {
+pub(crate) struct StorageEntry {
     pub(crate) location: Location,
     pub(crate) address: String,
 }
 
-impl Entry {
+impl StorageEntry {
     pub(crate) fn error(&self, source: object_store::Error, remedy: &'static str) -> ClusterError {
         let address = self.address.clone();
         if let Some(Refusal { why, remedy, reported }) = refusal_of(&address, &source) {
@@ -168,5 +174,6 @@ impl Entry {
     }
 }
 
-/// What was published is gone.
-pub(crate) const AGAIN: &str = "it was removed, or not all was published: run `veiloc map publish` again";
+/// Remedy if a published object is missing.
+pub(crate) const REMEDY_REPUBLISH: &str =
+    "it was removed, or not all was published: run `veiloc map publish` again";

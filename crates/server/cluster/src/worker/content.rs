@@ -1,13 +1,13 @@
-//! What stands behind the name of an object, opened.
+//! The opened content of an object.
 
 use veiloc_map::MapFile;
 use veiloc_map::regions::Index;
 
-/// What a worker holds of a map.
+/// A part of a map that a worker holds.
 #[derive(Debug)]
 pub(crate) enum Content {
-    /// A region, which gives poses.
+    /// A region, in which queries are localized.
     Region(Box<MapFile>),
-    /// An index, which says which regions to ask.
+    /// An index, which selects the regions for a query.
     Index(Box<Index>),
 }

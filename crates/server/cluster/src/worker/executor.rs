@@ -1,4 +1,4 @@
-//! The threads of a worker, and what they do with a request.
+//! The threads of a worker, and the tasks that they execute.
 
 use std::collections::HashSet;
 use std::num::NonZeroUsize;
@@ -15,27 +15,27 @@ use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
 use veiloc_service::labour::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
-use veiloc_service::{DecodedRequest, Clock, LocalizeOutput, BodyKind, LocalizeFailure};
+use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure, LocalizeOutput};
 
 use super::content::Content;
-use crate::message::{Candidate, MOST_REGIONS, Outcome, Request, RequestName, Wanted, Why};
+use crate::message::{Candidate, MOST_REGIONS, Outcome, RejectReason, Request, RequestName, Task};
 
-/// Bytes of a query for each of its rows, about: what a job costs is told before the query is read.
+/// Approximate bytes per row of a query: the cost of a job is estimated before the query is decoded.
 const ROW_BYTES: usize = 132;
 
-/// What threads and subscriptions share.
+/// State shared by threads and subscriptions.
 pub(crate) struct Executor {
-    /// For poses.
+    /// Pool for poses.
     pool: Pool,
-    /// For searches: they take less than a millisecond in a town, and must not wait behind poses.
+    /// Pool for searches: they take less than a millisecond for a town, and must not wait behind poses.
     searches: Pool,
     localize: LocalizeOptions,
     counts: Arc<WorkerCounts>,
-    /// Requests that are waiting or worked on: a second message of one is another worker's.
-    at_it: Mutex<HashSet<(RequestName, ObjectId)>>,
+    /// Requests in the queue or in progress: a second message of one is meant for another worker.
+    in_progress: Mutex<HashSet<(RequestName, ObjectId)>>,
 }
 
-/// What came of a request.
+/// Result of a request.
 pub(crate) struct Done {
     pub(crate) outcome: Outcome,
     pub(crate) worked: Duration,
@@ -43,7 +43,7 @@ pub(crate) struct Done {
 }
 
 impl Done {
-    /// Outcome without work.
+    /// A result that needed no work.
     pub(crate) const fn at_once(outcome: Outcome) -> Self {
         Self { outcome, worked: Duration::ZERO, waited: Duration::ZERO }
     }
@@ -58,67 +58,71 @@ impl Executor {
     ) -> std::io::Result<Self> {
         Ok(Self {
             pool: Pool::start(threads, queue, Clock::default())?,
-            searches: Pool::start(NonZeroUsize::MIN, SEARCHES, Clock::default())?,
+            searches: Pool::start(NonZeroUsize::MIN, SEARCH_QUEUE, Clock::default())?,
             localize,
             counts,
-            at_it: Mutex::default(),
+            in_progress: Mutex::default(),
         })
     }
 
-    /// Requests that wait, and threads that localize.
+    /// Queued requests and busy threads.
     pub(crate) fn load(&self) -> (usize, usize) {
         (self.pool.queued(), self.pool.busy())
     }
 
-    /// What was taken is finished, and nothing more taken. Blocks.
+    /// Finishes accepted jobs and rejects further ones. Blocks.
     pub(crate) fn finish(&self) {
         self.pool.finish();
         self.searches.finish();
     }
 
-    /// Counts a reply.
-    pub(crate) fn said(&self, outcome: &Outcome) {
+    /// Counts a reply by its outcome.
+    pub(crate) fn count_reply(&self, outcome: &Outcome) {
         self.counts.reply(match outcome {
             Outcome::Here | Outcome::Regions(_) | Outcome::Pose(_) => "answered",
-            Outcome::LocalizeFailure(_) => "unanswered",
-            Outcome::Rejected(Why::Busy { .. } | Why::Leaving) => "busy",
-            Outcome::Rejected(Why::AtIt) => "twin",
-            Outcome::Rejected(Why::NotHeld | Why::Unread) => "unread",
-            Outcome::Rejected(Why::Broken) => "broken",
+            Outcome::Failed(_) => "unanswered",
+            Outcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
+            Outcome::Rejected(RejectReason::InProgress) => "twin",
+            Outcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "unread",
+            Outcome::Rejected(RejectReason::Broken) => "broken",
         });
     }
 
-    /// Does what is wanted of the object whose content this is.
+    /// Executes a task on this object.
     pub(crate) async fn work(self: &Arc<Self>, request: Request, content: &Arc<Content>) -> Done {
-        let Request { name, object, within, wanted } = request;
-        match wanted {
-            Wanted::Ping => {
+        let Request { name, object, within, task } = request;
+        match task {
+            Task::Ping => {
                 self.counts.request("ping");
                 Done::at_once(Outcome::Here)
             }
-            Wanted::Search { globals } => {
+            Task::Search { globals } => {
                 self.counts.request("search");
                 let content = content.clone();
                 let retrieve = self.localize.retrieve;
                 let spec = JobSpec { client: None, rows: 0, limit: within };
-                self.queued(&self.searches, name, spec, Stop::default(), move || {
-                    let Content::Index(index) = &*content else { return Outcome::Rejected(Why::NotHeld) };
+                self.run_queued(&self.searches, name, spec, Stop::default(), move || {
+                    let Content::Index(index) = &*content else {
+                        return Outcome::Rejected(RejectReason::NotHeld);
+                    };
                     search(index, &globals, retrieve)
                 })
                 .await
             }
-            Wanted::Pose { kind, body, near } => {
+            Task::Pose { kind, body, near } => {
                 self.counts.request("pose");
-                let Some(_here) = AtIt::begin(self, name, object) else {
-                    return Done::at_once(Outcome::Rejected(Why::AtIt));
+                let Some(_here) = InProgress::begin(self, name, object) else {
+                    return Done::at_once(Outcome::Rejected(RejectReason::InProgress));
                 };
                 let spec = JobSpec { client: None, rows: body.len() / ROW_BYTES, limit: within };
                 let mut options = self.localize.clone();
                 options.pose.stop = Stop::default();
                 let stop = options.pose.stop.clone();
                 let content = content.clone();
-                self.queued(&self.pool, name, spec, stop, move || {
-                    let Content::Region(map) = &*content else { return Outcome::Rejected(Why::NotHeld) };
+                self.run_queued(&self.pool, name, spec, stop, move || {
+                    let Content::Region(map) = &*content else {
+                        return Outcome::Rejected(RejectReason::NotHeld);
+                    };
                     pose(map, kind, &body, near, options)
                 })
                 .await
@@ -126,8 +130,9 @@ impl Executor {
         }
     }
 
-    /// On a thread of this pool, as long as there is time. Dropped before its end, it is not begun, or soon stopped.
-    async fn queued(
+    /// Runs a job on a thread of this pool within its time limit. If the future is dropped, the job is skipped or
+    /// stopped.
+    async fn run_queued(
         &self,
         pool: &Pool,
         name: RequestName,
@@ -137,56 +142,59 @@ impl Executor {
     ) -> Done {
         let counts = self.counts.clone();
         let begun = Arc::new(AtomicBool::new(false));
-        let mut job_of = JobOf { stop, begun: begun.clone(), counts: &self.counts, ended: false };
+        let mut cancel_on_drop =
+            CancelOnDrop { stop, begun: begun.clone(), counts: &self.counts, ended: false };
         let job = move |waited: Duration| {
             begun.store(true, Ordering::Relaxed);
             let started = Instant::now();
             let outcome = with_request(RequestId::from_bytes(name), work);
             let worked = started.elapsed();
             counts.worked(worked);
-            // Times of an answer are those of the worker: the gateway adds its own.
+            // The times in an answer are those of the worker; the gateway adds its own.
             Done { outcome: with_wait(outcome, waited), worked, waited }
         };
         let limit = spec.limit;
         let result = match pool.submit(spec, job) {
             Ok(result) => result,
             Err(refused) => {
-                job_of.ended = true;
+                cancel_on_drop.ended = true;
                 return Done::at_once(Outcome::Rejected(match refused {
                     Rejected::Full { retry_after } | Rejected::Late { retry_after } => {
-                        Why::Busy { retry_after }
+                        RejectReason::Busy { retry_after }
                     }
-                    Rejected::Closed => Why::Leaving,
+                    Rejected::Closed => RejectReason::Leaving,
                 }));
             }
         };
         let ended = tokio::time::timeout(limit, result).await;
-        job_of.ended = true;
+        cancel_on_drop.ended = true;
         match ended {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => {
-                tracing::error!("localization broke; this is a bug in veiloc, the line before says where");
-                Done::at_once(Outcome::Rejected(Why::Broken))
+                tracing::error!(
+                    "localization panicked; this is a bug in veiloc, the line before has the location"
+                );
+                Done::at_once(Outcome::Rejected(RejectReason::Broken))
             }
-            Err(_) => Done::at_once(Outcome::LocalizeFailure(LocalizeFailure::TimedOut)),
+            Err(_) => Done::at_once(Outcome::Failed(LocalizeFailure::TimedOut)),
         }
     }
 
-    fn at_it(&self) -> MutexGuard<'_, HashSet<(RequestName, ObjectId)>> {
-        self.at_it.lock().unwrap_or_else(PoisonError::into_inner)
+    fn in_progress(&self) -> MutexGuard<'_, HashSet<(RequestName, ObjectId)>> {
+        self.in_progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A job that somebody waits for; when nobody does any more it is stopped, and counted unless it had ended by itself or by
-/// the clock. One that still waits for a thread is not begun: its receiver is gone.
-struct JobOf<'a> {
+/// Guard of a job: dropping it stops the job, and counts it as cancelled unless it had ended or timed out. A queued
+/// job is skipped, because its receiver is gone.
+struct CancelOnDrop<'a> {
     stop: Stop,
     begun: Arc<AtomicBool>,
     counts: &'a WorkerCounts,
     ended: bool,
 }
 
-impl Drop for JobOf<'_> {
+impl Drop for CancelOnDrop<'_> {
     fn drop(&mut self) {
         self.stop.set();
         if !self.ended {
@@ -195,28 +203,28 @@ impl Drop for JobOf<'_> {
     }
 }
 
-/// Searches that may wait.
-const SEARCHES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
+/// Capacity of the queue of searches.
+const SEARCH_QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
 
-/// Marks a request as ours until it is dropped.
-struct AtIt<'a> {
+/// Marks a request as in progress until it is dropped.
+struct InProgress<'a> {
     executor: &'a Executor,
     request: (RequestName, ObjectId),
 }
 
-impl<'a> AtIt<'a> {
-    /// `None` when it is already.
+impl<'a> InProgress<'a> {
+    /// `None` if the request is already in progress.
     fn begin(executor: &'a Executor, name: RequestName, object: ObjectId) -> Option<Self> {
         let request = (name, object);
-        let is_first = executor.at_it().insert(request);
-        // Made only then: dropping one takes the mark away.
+        let is_first = executor.in_progress().insert(request);
+        // Created only in this case, because dropping the guard removes the mark.
         is_first.then(|| Self { executor, request })
     }
 }
 
-impl Drop for AtIt<'_> {
+impl Drop for InProgress<'_> {
     fn drop(&mut self) {
-        self.executor.at_it().remove(&self.request);
+        self.executor.in_progress().remove(&self.request);
     }
 }
 
@@ -230,26 +238,26 @@ fn with_wait(outcome: Outcome, waited: Duration) -> Outcome {
     }
 }
 
-/// The regions to ask for these images: of several, what they hold for all of them together.
+/// The regions for these images; for several images the sums of retrieved images.
 fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
-    let mut together: Vec<Candidate> = Vec::new();
+    let mut candidates: Vec<Candidate> = Vec::new();
     for codes in globals {
         if codes.len() != index.global_len() {
-            return Outcome::LocalizeFailure(LocalizeFailure::WrongProfile);
+            return Outcome::Failed(LocalizeFailure::WrongProfile);
         }
         let global = GlobalDescriptor::new(codes.iter().map(|code| code.cast_signed()).collect());
         for ranked in index.rank(&global, retrieve) {
             let (region, held) = (ranked.region as u32, ranked.held as u32);
-            match together.iter_mut().find(|known| known.region == region) {
+            match candidates.iter_mut().find(|known| known.region == region) {
                 Some(known) => known.held += held,
-                None => together.push(Candidate { region, held }),
+                None => candidates.push(Candidate { region, held }),
             }
         }
     }
-    // Stable: of equals the one that one image ranked first.
-    together.sort_by_key(|candidate| std::cmp::Reverse(candidate.held));
-    together.truncate(MOST_REGIONS);
-    Outcome::Regions(together)
+    // The sort is stable: equal regions keep the order of the first image.
+    candidates.sort_by_key(|candidate| std::cmp::Reverse(candidate.held));
+    candidates.truncate(MOST_REGIONS);
+    Outcome::Regions(candidates)
 }
 
 fn pose(
@@ -259,14 +267,16 @@ fn pose(
     near: Option<PositionHint>,
     mut options: LocalizeOptions,
 ) -> Outcome {
-    // The gateway has read it; what cannot be read here is no sealed query of this version.
-    let Ok(asked) = DecodedRequest::decode(kind, body) else { return Outcome::Rejected(Why::Unread) };
+    // The gateway has decoded it; otherwise the versions differ.
+    let Ok(request) = DecodedRequest::decode(kind, body) else {
+        return Outcome::Rejected(RejectReason::Undecodable);
+    };
     if let Some(near) = near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
-    match asked.localize(map, &options, 0.0) {
+    match request.localize(map, &options, 0.0) {
         Ok(LocalizeOutput { answer, .. }) => Outcome::Pose(Box::new(answer)),
-        Err(why) => Outcome::LocalizeFailure(why),
+        Err(why) => Outcome::Failed(why),
     }
 }

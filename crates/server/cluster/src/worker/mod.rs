@@ -1,8 +1,8 @@
-//! A worker: holds regions of a map, answers for them, and follows what is published.
+//! A worker: holds regions of a map, answers requests for them, and follows the published manifests.
 //!
-//! It joins one group a region, named by the region's SHA-256, so that a new manifest moves only what changed. What a new
-//! manifest needs is loaded and joined first; what it does not name any more is left when all of the new one is held by
-//! somebody, and a grace after that, so that no gateway is left alone with the old one.
+//! It joins one group per region, named by the SHA-256 of the region, so that a new manifest moves only changed
+//! regions. Objects of a new manifest are loaded and joined first. Objects that it no longer names are left when the
+//! new manifest is completely reachable, plus a grace period, so that gateways with the old manifest can finish.
 
 mod content;
 mod executor;
@@ -20,7 +20,7 @@ use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};
-use veiloc_service::labour::{HealthProbe, Controllable};
+use veiloc_service::labour::{Controllable, HealthProbe};
 use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
 
 use self::content::Content;
@@ -32,35 +32,35 @@ use crate::reachability::Groups;
 use crate::share::Share;
 use crate::subjects;
 
-/// What a worker does.
+/// Options of a worker.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct WorkerOptions {
-    /// The map whose regions it takes.
+    /// Name of the map.
     pub map: String,
-    /// Which of them.
+    /// The regions to hold.
     pub share: Share,
-    /// Whether it also takes the index. Default: it does.
+    /// Whether to hold the index too. Default: true.
     pub index: bool,
-    /// Threads that localize. Default: one a core.
+    /// Threads that localize. Default: one per core.
     pub threads: NonZeroUsize,
-    /// Requests that may wait for one; more are told to go elsewhere. Default 32.
+    /// Capacity of the queue; further requests are rejected, and the gateway tries another worker. Default 32.
     pub queue: NonZeroUsize,
-    /// How to localize.
+    /// Options of localization.
     pub localize: LocalizeOptions,
-    /// Where the bytes of regions are.
+    /// How region files are loaded.
     pub memory: MapMemory,
-    /// How often to look what is published. Default 2 s.
+    /// Polling interval for new manifests. Default 2 s.
     pub watch: Duration,
-    /// How long what is no longer published is still answered for, once all that is can be reached. Default 10 s: longer
-    /// than gateways take to look, and than a query takes.
+    /// How long objects that are no longer published stay available after the new manifest is reachable. Default 10
+    /// s: longer than the polling interval of gateways plus the duration of a query.
     pub grace: Duration,
-    /// How long what was accepted may take when the worker is stopped. Default 30 s.
+    /// Time limit for finishing accepted requests at shutdown. Default 30 s.
     pub finish: Duration,
 }
 
 impl WorkerOptions {
-    /// All of this map.
+    /// Default options: all regions of this map.
     pub fn new(map: &str) -> Self {
         Self {
             map: map.to_owned(),
@@ -85,15 +85,15 @@ pub struct Worker {
     executor: Arc<Executor>,
     counts: Arc<WorkerCounts>,
     subscriptions: BTreeMap<ObjectId, Subscription>,
-    /// The manifest that holds, and its groups.
+    /// The current manifest, and its groups.
     current: Option<(ObjectId, Groups)>,
-    /// When what is no longer published is left.
+    /// When to leave objects that are no longer published.
     leave_at: Option<Instant>,
     state: Arc<State>,
     stop: watch::Sender<Phase>,
 }
 
-/// What others may know of a worker.
+/// State shared with handles.
 #[derive(Default)]
 struct State {
     held: AtomicUsize,
@@ -102,18 +102,18 @@ struct State {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
-    Working,
-    Leaving,
-    GivingUp,
+    Running,
+    Draining,
+    Aborting,
 }
 
-/// Returns when the worker has got so far.
-async fn reached(phase: &mut watch::Receiver<Phase>, least: Phase) {
-    // The worker holds a sender itself.
-    let _ = phase.wait_for(|phase| *phase >= least).await;
+/// Returns when the worker has reached this phase.
+async fn wait_for_phase(phase: &mut watch::Receiver<Phase>, target: Phase) {
+    // Cannot fail: the worker holds a sender.
+    let _ = phase.wait_for(|phase| *phase >= target).await;
 }
 
-/// Tells a running worker what to do, and tells probes how it is.
+/// Controls a running worker and reports its state to probes.
 #[derive(Clone)]
 pub struct WorkerHandle {
     stop: watch::Sender<Phase>,
@@ -126,15 +126,15 @@ pub struct WorkerHandle {
 impl Controllable for WorkerHandle {
     fn stop(&self) {
         self.state.leaving.store(true, Ordering::Relaxed);
-        self.stop.send_if_modified(|phase| std::mem::replace(phase, (*phase).max(Phase::Leaving)) != *phase);
+        self.stop.send_if_modified(|phase| std::mem::replace(phase, (*phase).max(Phase::Draining)) != *phase);
     }
 
     fn stop_now(&self) {
         self.state.leaving.store(true, Ordering::Relaxed);
-        self.stop.send_replace(Phase::GivingUp);
+        self.stop.send_replace(Phase::Aborting);
     }
 
-    /// It looks at what is published by itself.
+    /// The worker polls by itself.
     fn reload(&self) {}
 }
 
@@ -156,18 +156,18 @@ impl HealthProbe for WorkerHandle {
     }
 }
 
-/// The pause after one more failure: twice as long, up to a minute, or to what lies between two looks where that is longer.
-fn longer(pause: Duration, watch: Duration) -> Duration {
+/// Pause after a further failure: doubles up to a minute, or to the polling interval if that is longer.
+fn next_pause(pause: Duration, watch: Duration) -> Duration {
     (pause * 2).min(watch.max(LONGEST_PAUSE))
 }
 
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
 impl Worker {
-    /// Fetches and opens its share of what is published, and joins.
+    /// Fetches and opens its share of the published map, and joins the groups.
     ///
     /// # Errors
-    /// [`ClusterError`]: nothing is published, something cannot be fetched or is not what it should be, or the bus is gone.
+    /// [`ClusterError`]: nothing is published, an object cannot be fetched or is invalid, or the bus is closed.
     pub async fn start(
         bus: Bus,
         source: Arc<dyn ManifestSource>,
@@ -187,13 +187,13 @@ impl Worker {
             current: None,
             leave_at: None,
             state: Arc::default(),
-            stop: watch::Sender::new(Phase::Working),
+            stop: watch::Sender::new(Phase::Running),
         };
         worker.follow().await?;
         Ok(worker)
     }
 
-    /// For stopping it and asking how it is while it runs.
+    /// A handle for stopping and monitoring the running worker.
     pub fn handle(&self) -> WorkerHandle {
         WorkerHandle {
             stop: self.stop.clone(),
@@ -204,31 +204,33 @@ impl Worker {
         }
     }
 
-    /// Regions and indexes that it holds.
+    /// Number of held regions and indexes.
     pub fn held(&self) -> usize {
         self.subscriptions.len()
     }
 
-    /// Answers until it is told to stop, then leaves its groups and finishes what it was asked. Whether it could.
+    /// Runs until it is stopped, then leaves its groups and finishes accepted requests. Returns whether all were
+    /// finished.
     pub async fn run(mut self) -> bool {
         let mut phase = self.stop.subscribe();
         let mut pause = self.options.watch;
         loop {
             tokio::select! {
                 () = tokio::time::sleep(pause) => {}
-                () = reached(&mut phase, Phase::Leaving) => break,
+                () = wait_for_phase(&mut phase, Phase::Draining) => break,
             }
-            // What is being fetched must not hold up the end.
+            // A fetch in progress must not delay the shutdown.
             tokio::select! {
                 followed = self.follow() => {
                     self.counts.failing(followed.is_err());
-                    // What cannot be taken, on a full disk for example, was perhaps fetched nearly to its end: not at every look.
-                    pause = if followed.is_ok() { self.options.watch } else { longer(pause, self.options.watch) };
+                    // A manifest that cannot be loaded, for example on a full disk, may have been fetched almost
+                    // completely: do not retry at every poll.
+                    pause = if followed.is_ok() { self.options.watch } else { next_pause(pause, self.options.watch) };
                     if let Err(error) = followed {
-                        tracing::error!(%error, "what is published cannot be taken; what is held stays");
+                        tracing::error!(%error, "the published manifest cannot be loaded; the worker keeps its objects");
                     }
                 }
-                () = reached(&mut phase, Phase::Leaving) => break,
+                () = wait_for_phase(&mut phase, Phase::Draining) => break,
             }
         }
         let subscriptions = std::mem::take(&mut self.subscriptions);
@@ -237,57 +239,57 @@ impl Worker {
         let finished = tokio::select! {
             _ = all => true,
             () = tokio::time::sleep(self.options.finish) => false,
-            () = reached(&mut phase, Phase::GivingUp) => false,
+            () = wait_for_phase(&mut phase, Phase::Aborting) => false,
         };
         self.bus.flush().await;
         if finished {
             let executor = self.executor.clone();
-            // Nothing is queued any more: the threads end at once.
+            // No job is queued any more, so the threads end at once.
             let _ = tokio::task::spawn_blocking(move || executor.finish()).await;
         }
         finished
     }
 
-    /// Looks at what is published, and takes and leaves accordingly.
+    /// Reads the published manifest, loads new objects and leaves old ones.
     async fn follow(&mut self) -> Result<(), ClusterError> {
         let published = self.source.current(&self.options.map).await?;
         let (id, manifest) = (published.id, &published.manifest);
-        let wanted = self.wanted(manifest);
+        let assigned = self.assigned_objects(manifest);
         let is_new = self.current.as_ref().is_none_or(|(known, _)| *known != id);
-        if is_new || wanted.iter().any(|(object, _)| !self.subscriptions.contains_key(&object.sha256)) {
-            self.take(manifest, &wanted).await?;
+        if is_new || assigned.iter().any(|(object, _)| !self.subscriptions.contains_key(&object.sha256)) {
+            self.load(manifest, &assigned).await?;
             self.current = Some((id, Groups::of(manifest)?));
             self.leave_at = None;
             if is_new {
-                tracing::info!(map = manifest.map, manifest = %id, held = self.subscriptions.len(), "manifest taken");
+                tracing::info!(map = manifest.map, manifest = %id, held = self.subscriptions.len(), "manifest loaded");
             }
         }
-        self.leave_what_is_not(&wanted).await;
+        self.leave_unpublished(&assigned).await;
         self.state.held.store(self.subscriptions.len(), Ordering::Relaxed);
         Ok(())
     }
 
-    /// The objects of its share, and the numbers of those that are regions.
-    fn wanted(&self, manifest: &Manifest) -> Vec<(ObjectRef, Option<usize>)> {
+    /// The objects of its share, with the numbers of those that are regions.
+    fn assigned_objects(&self, manifest: &Manifest) -> Vec<(ObjectRef, Option<usize>)> {
         let regions =
             manifest.regions.iter().enumerate().filter(|(number, _)| self.options.share.takes(*number));
         let index = self.options.index.then_some((manifest.index, None));
         index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
     }
 
-    /// Fetches, opens and joins what it does not hold yet.
-    async fn take(
+    /// Fetches and opens missing objects, and joins their groups.
+    async fn load(
         &mut self,
         manifest: &Manifest,
-        wanted: &[(ObjectRef, Option<usize>)],
+        assigned: &[(ObjectRef, Option<usize>)],
     ) -> Result<(), ClusterError> {
-        let missing = wanted.iter().filter(|(object, _)| !self.subscriptions.contains_key(&object.sha256));
+        let missing = assigned.iter().filter(|(object, _)| !self.subscriptions.contains_key(&object.sha256));
         let missing: Vec<(ObjectRef, Option<usize>)> = missing.copied().collect();
         let folder = self.source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
         let folder = Folder::of(manifest.clone(), &folder);
         for (object, number) in missing {
             let (folder, memory) = (folder.clone(), self.options.memory);
-            // Large files: not where messages are served.
+            // Large files are opened on another thread than messages are served.
             let opened = tokio::task::spawn_blocking(move || match number {
                 Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
                 None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
@@ -301,33 +303,36 @@ impl Worker {
                 None => subjects::of_index(&manifest.map, &object.sha256)?,
             };
             let membership = self.bus.join(&subject).await?;
-            let subscription = Subscription::take(self.executor.clone(), object.sha256, content, membership);
+            let subscription = Subscription::start(self.executor.clone(), object.sha256, content, membership);
             self.subscriptions.insert(object.sha256, subscription);
         }
         self.source.retain(&self.subscriptions.keys().copied().collect());
         Ok(())
     }
 
-    /// Leaves what is not wanted, once all that is published can be reached, and a grace after that.
-    async fn leave_what_is_not(&mut self, wanted: &[(ObjectRef, Option<usize>)]) {
-        let wanted = |id: &ObjectId| wanted.iter().any(|(object, _)| object.sha256 == *id);
-        let old: Vec<ObjectId> = self.subscriptions.keys().filter(|id| !wanted(id)).copied().collect();
+    /// Leaves objects outside of its assignment, a grace period after the published manifest became reachable.
+    async fn leave_unpublished(&mut self, assigned: &[(ObjectRef, Option<usize>)]) {
+        let is_assigned = |id: &ObjectId| assigned.iter().any(|(object, _)| object.sha256 == *id);
+        let old: Vec<ObjectId> = self.subscriptions.keys().filter(|id| !is_assigned(id)).copied().collect();
         let Some((_, groups)) = self.current.as_ref().filter(|_| !old.is_empty()) else { return };
         match self.leave_at {
             None => {
-                if groups.unreached(&self.bus).await == 0 {
+                if groups.unreachable(&self.bus).await == 0 {
                     self.leave_at = Some(Instant::now() + self.options.grace);
                 }
             }
             Some(at) if Instant::now() >= at => {
                 for id in old {
                     if let Some(subscription) = self.subscriptions.remove(&id) {
-                        // What it was asked before is answered meanwhile.
+                        // Earlier requests are answered in the meantime.
                         tokio::spawn(subscription.leave());
                     }
                 }
                 self.leave_at = None;
-                tracing::info!(held = self.subscriptions.len(), "what is no longer published was left");
+                tracing::info!(
+                    held = self.subscriptions.len(),
+                    "objects that are no longer published were left"
+                );
             }
             Some(_) => {}
         }

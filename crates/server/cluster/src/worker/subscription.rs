@@ -1,4 +1,4 @@
-//! A place in the group of one object: what is asked of it is worked on by the worker's threads.
+//! Membership in the group of one object, whose requests run on the threads of the worker.
 
 use std::sync::Arc;
 
@@ -9,17 +9,17 @@ use veiloc_map::regions::ObjectId;
 
 use super::content::Content;
 use super::executor::{Done, Executor};
-use crate::message::{Outcome, Reply, Request, Why};
+use crate::message::{Outcome, RejectReason, Reply, Request};
 
-/// An object that is held, and the task that answers for it.
+/// A held object, and the task that answers its requests.
 pub(crate) struct Subscription {
     leave: watch::Sender<bool>,
-    answering: JoinHandle<()>,
+    requests: JoinHandle<()>,
 }
 
 impl Subscription {
-    /// Answers what is asked of a member that holds this object.
-    pub(crate) fn take(
+    /// Answers requests for this object.
+    pub(crate) fn start(
         executor: Arc<Executor>,
         object: ObjectId,
         content: Content,
@@ -27,14 +27,14 @@ impl Subscription {
     ) -> Self {
         let (leave, left) = watch::channel(false);
         let responder = Arc::new(Responder { executor, object, content: Arc::new(content) });
-        Self { leave, answering: tokio::spawn(answer_all(responder, membership, left)) }
+        Self { leave, requests: tokio::spawn(answer_all(responder, membership, left)) }
     }
 
-    /// Leaves the group; what was asked before is answered. Returns when it is.
+    /// Leaves the group; returns when earlier requests are answered.
     pub(crate) async fn leave(self) {
         self.leave.send_replace(true);
-        // It ends by itself; a panic of it is logged by whoever watches the process's.
-        let _ = self.answering.await;
+        // It ends by itself; a panic is logged by the panic hook.
+        let _ = self.requests.await;
     }
 }
 
@@ -45,29 +45,29 @@ struct Responder {
 }
 
 async fn answer_all(responder: Arc<Responder>, mut membership: Membership, mut leave: watch::Receiver<bool>) {
-    let mut answering = JoinSet::new();
+    let mut requests = JoinSet::new();
     let mut left = false;
     loop {
         tokio::select! {
             incoming = membership.next() => match incoming {
                 Some(incoming) => {
-                    answering.spawn(answer(responder.clone(), incoming));
+                    requests.spawn(answer(responder.clone(), incoming));
                 }
                 None => break,
             },
-            // A sender that is gone leaves too: its worker was dropped.
-            () = told(&mut leave), if !left => {
+            // A dropped sender also means leaving: the worker was dropped.
+            () = left_requested(&mut leave), if !left => {
                 left = true;
                 membership.leave().await;
             }
-            Some(_) = answering.join_next(), if !answering.is_empty() => {}
+            Some(_) = requests.join_next(), if !requests.is_empty() => {}
         }
     }
-    while answering.join_next().await.is_some() {}
+    while requests.join_next().await.is_some() {}
 }
 
-/// Returns when the word is given, or nobody is left who could.
-async fn told(leave: &mut watch::Receiver<bool>) {
+/// Returns when the flag is set or its sender is dropped.
+async fn left_requested(leave: &mut watch::Receiver<bool>) {
     let _ = leave.wait_for(|leave| *leave).await;
 }
 
@@ -78,17 +78,17 @@ async fn answer(responder: Arc<Responder>, mut incoming: Incoming) {
             tokio::select! {
                 biased;
                 done = responder.executor.work(request, &responder.content) => (name, done),
-                // Another copy was answered first, the device has left, or time is over: nobody waits for a reply.
+                // Another copy was answered first, the device disconnected, or time is over: the reply is not needed.
                 () = incoming.cancelled() => return,
             }
         }
-        Ok(request) => (request.name, Done::at_once(Outcome::Rejected(Why::NotHeld))),
+        Ok(request) => (request.name, Done::at_once(Outcome::Rejected(RejectReason::NotHeld))),
         Err(error) => {
-            tracing::warn!(%error, "a request was not understood");
-            ([0; 16], Done::at_once(Outcome::Rejected(Why::Unread)))
+            tracing::warn!(%error, "an invalid request was received");
+            ([0; 16], Done::at_once(Outcome::Rejected(RejectReason::Undecodable)))
         }
     };
-    responder.executor.said(&done.outcome);
+    responder.executor.count_reply(&done.outcome);
     let Done { outcome, worked, waited } = done;
     if let Err(error) = incoming.answer(Reply { name, outcome, worked, waited }.encode()).await {
         tracing::warn!(%error, "a reply could not be sent");

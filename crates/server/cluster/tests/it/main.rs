@@ -2,5 +2,5 @@
 
 mod bus;
 mod common;
-mod machines;
 mod object_store;
+mod workers;

@@ -1,7 +1,7 @@
-//! What every bus promises, asked of each: the one within a process, and NATS with real servers.
+//! The guarantees of the bus, tested for each transport: within one process, and NATS with real servers.
 //!
-//! The tests of NATS start servers of their own and are ignored where there may be none; `.ci/run cluster` runs them:
-//! `cargo test -p veiloc-cluster --test it bus::laws -- --include-ignored`.
+//! The NATS tests start their own servers and are ignored by default; `.ci/run cluster` runs them: `cargo test -p
+//! veiloc-cluster --test it bus::laws -- --include-ignored`.
 
 use super::servers;
 
@@ -19,7 +19,7 @@ fn subject(word: &str) -> Subject {
     Subject::new(["test", word]).expect("a subject")
 }
 
-/// A member that answers with its own name and what it was asked.
+/// A member that replies with its name and the payload.
 async fn echo(bus: &Bus, subject: &Subject, name: &'static str) -> tokio::task::JoinHandle<()> {
     let mut membership = bus.join(subject).await.expect("joined");
     tokio::spawn(async move {
@@ -30,15 +30,15 @@ async fn echo(bus: &Bus, subject: &Subject, name: &'static str) -> tokio::task::
     })
 }
 
-async fn all_laws(bus: &Bus) {
+async fn check_guarantees(bus: &Bus) {
     let one = subject("one");
-    let nobody = bus.request(&one, "x".into(), LONG).await;
-    assert!(matches!(nobody, Err(ClusterError::Nobody { subject }) if subject == one));
+    let empty_group = bus.request(&one, "x".into(), LONG).await;
+    assert!(matches!(empty_group, Err(ClusterError::NoResponders { subject }) if subject == one));
 
     // Each request goes to one member, and all members get some.
     let (first, second) = (echo(bus, &one, "a").await, echo(bus, &one, "b").await);
     let mut by_member: BTreeMap<u8, usize> = BTreeMap::new();
-    // Whose turn it is may be chance, but not for ever.
+    // The choice of the member may be random, but must reach all.
     for i in 0.. {
         let text = i.to_string();
         let reply = bus.request(&one, text.clone().into(), LONG).await.expect("a reply");
@@ -49,7 +49,7 @@ async fn all_laws(bus: &Bus) {
         }
         assert!(i < 100_000, "{by_member:?}");
     }
-    // Many at once do not mix.
+    // Concurrent replies are not mixed up.
     let at_once = (0..100).map(|i| {
         let (bus, one) = (bus.clone(), one.clone());
         tokio::spawn(async move {
@@ -58,39 +58,39 @@ async fn all_laws(bus: &Bus) {
             assert_eq!(&reply[2..], text.as_bytes());
         })
     });
-    for asked in at_once.collect::<Vec<_>>() {
-        asked.await.expect("its own reply");
+    for received in at_once.collect::<Vec<_>>() {
+        received.await.expect("its own reply");
     }
     first.abort();
     second.abort();
 
-    // Who leaves is given what it was asked before, and nothing after.
+    // A leaving member gets earlier requests and no later ones.
     let two = subject("two");
     let mut leaving = bus.join(&two).await.expect("joined");
-    let asked = {
+    let received = {
         let (bus, two) = (bus.clone(), two.clone());
         tokio::spawn(async move { bus.request(&two, "before".into(), LONG).await })
     };
-    let incoming = leaving.next().await.expect("asked");
+    let incoming = leaving.next().await.expect("a request");
     leaving.leave().await;
     assert_eq!(&incoming.payload[..], b"before");
     incoming.answer("after all".into()).await.expect("sent");
-    assert_eq!(asked.await.expect("it ends").expect("a reply"), Bytes::from_static(b"after all"));
+    assert_eq!(received.await.expect("it ends").expect("a reply"), Bytes::from_static(b"after all"));
     assert!(leaving.next().await.is_none());
     drop(leaving);
     let gone = bus.request(&two, "after".into(), LONG).await;
-    assert!(matches!(gone, Err(ClusterError::Nobody { .. })), "{gone:?}");
+    assert!(matches!(gone, Err(ClusterError::NoResponders { .. })), "{gone:?}");
 
-    // A member that says nothing is nobody's answer; its late word goes to nobody else.
+    // A silent member gives a timeout; its late reply reaches no other request.
     let three = subject("three");
     let mut silent = bus.join(&three).await.expect("joined");
     let short = Duration::from_millis(50);
-    // On a slow machine time may be over before the request is on its way.
+    // On a slow machine the timeout may pass before the request is sent.
     let incoming = loop {
         let timed_out = bus.request(&three, "x".into(), short).await;
         assert!(matches!(timed_out, Err(ClusterError::TimedOut { within, .. }) if within == short));
         if let Ok(incoming) = tokio::time::timeout(short, silent.next()).await {
-            break incoming.expect("asked");
+            break incoming.expect("a request");
         }
     };
     incoming.answer("too late".into()).await.expect("sent");
@@ -102,57 +102,57 @@ async fn all_laws(bus: &Bus) {
     assert_eq!(bus.request(&three, "x".into(), LONG).await.expect("a reply"), Bytes::from_static(b"in time"));
     member.abort();
 
-    // Who no longer waits says so, to the one who was asked and to nobody else; nobody else can say it for him.
+    // A cancellation reaches the member that received the request and no other; a third party cannot cancel it.
     let five = subject("five");
     let mut members = [bus.join(&five).await.expect("joined"), bus.join(&five).await.expect("joined")];
     let ask = || {
         let (bus, five) = (bus.clone(), five.clone());
         tokio::spawn(async move { bus.request_cancellable(&five, "work".into(), LONG).await })
     };
-    let (given_up, waited_for) = (ask(), ask());
-    let mut asked = Vec::new();
-    while asked.len() < 2 {
+    let (abandoned, awaited) = (ask(), ask());
+    let mut received = Vec::new();
+    while received.len() < 2 {
         let [one, other] = &mut members;
         let incoming =
             tokio::select! { incoming = one.next() => incoming, incoming = other.next() => incoming };
-        asked.push(incoming.expect("asked"));
+        received.push(incoming.expect("a request"));
     }
-    let said_by_others = Subject::new(["test", "five", "cancel"]).expect("a subject");
-    for made_up in ["", "work", "_INBOX.0.1", "\u{0}"] {
-        // Nobody answers, whoever hears it.
-        assert!(bus.request(&said_by_others, made_up.into(), short).await.is_err());
+    let cancel_subject = Subject::new(["test", "five", "cancel"]).expect("a subject");
+    for forged in ["", "work", "_INBOX.0.1", "\u{0}"] {
+        // No member replies to cancel messages.
+        assert!(bus.request(&cancel_subject, forged.into(), short).await.is_err());
     }
-    for incoming in &mut asked {
-        let told = tokio::time::timeout(short, incoming.cancelled()).await;
-        assert!(told.is_err(), "both are waited for");
+    for incoming in &mut received {
+        let cancelled = tokio::time::timeout(short, incoming.cancelled()).await;
+        assert!(cancelled.is_err(), "both requests are awaited");
     }
-    given_up.abort();
-    let mut told = 0;
-    let [first, second] = &mut asked[..] else { panic!("two were asked") };
+    abandoned.abort();
+    let mut cancelled = 0;
+    let [first, second] = &mut received[..] else { panic!("two were received") };
     tokio::select! {
-        () = first.cancelled() => told += 1,
-        () = second.cancelled() => told += 2,
-        () = tokio::time::sleep(LONG) => panic!("the one who works for nobody is not told"),
+        () = first.cancelled() => cancelled += 1,
+        () = second.cancelled() => cancelled += 2,
+        () = tokio::time::sleep(LONG) => panic!("the cancelled member was not notified"),
     }
-    let still_waited_for = &mut asked[2 - told];
-    assert!(tokio::time::timeout(short, still_waited_for.cancelled()).await.is_err(), "one of two gave up");
-    asked.remove(2 - told).answer("done".into()).await.expect("sent");
-    assert_eq!(waited_for.await.expect("it ends").expect("a reply"), Bytes::from_static(b"done"));
-    asked.remove(0).answer("for nobody".into()).await.expect("sent");
-    // Time that is over says it too.
+    let still_awaited = &mut received[2 - cancelled];
+    assert!(tokio::time::timeout(short, still_awaited.cancelled()).await.is_err(), "only one was cancelled");
+    received.remove(2 - cancelled).answer("done".into()).await.expect("sent");
+    assert_eq!(awaited.await.expect("it ends").expect("a reply"), Bytes::from_static(b"done"));
+    received.remove(0).answer("unused".into()).await.expect("sent");
+    // A timeout also cancels.
     let [one, other] = &mut members;
     let mut incoming = loop {
         assert!(bus.request_cancellable(&five, "work".into(), short).await.is_err());
         tokio::select! {
-            incoming = one.next() => break incoming.expect("asked"),
-            incoming = other.next() => break incoming.expect("asked"),
+            incoming = one.next() => break incoming.expect("a request"),
+            incoming = other.next() => break incoming.expect("a request"),
             () = tokio::time::sleep(short) => {}
         }
     };
-    tokio::time::timeout(LONG, incoming.cancelled()).await.expect("told");
+    tokio::time::timeout(LONG, incoming.cancelled()).await.expect("cancelled");
     drop(members);
 
-    // Messages of all lengths up to the longest, and none beyond.
+    // Messages of all lengths up to the maximum, and none beyond.
     let four = subject("four");
     let member = echo(bus, &four, "c").await;
     let longest = bus.max_payload();
@@ -167,20 +167,20 @@ async fn all_laws(bus: &Bus) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn within_a_process_all_laws_hold() {
-    all_laws(&Bus::in_process()).await;
+async fn in_process_bus_keeps_guarantees() {
+    check_guarantees(&Bus::in_process()).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "starts nats-server: run with --include-ignored where there is one"]
-async fn over_nats_all_laws_hold() {
+async fn nats_bus_keeps_guarantees() {
     let servers = Servers::start(1, 8 << 20);
-    all_laws(&Bus::nats(&servers.options()).await.expect("connected")).await;
+    check_guarantees(&Bus::nats(&servers.options()).await.expect("connected")).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "starts nats-server: run with --include-ignored where there is one"]
-async fn messages_that_are_needed_must_fit() {
+async fn needed_payload_must_fit() {
     let servers = Servers::start(1, 1 << 20);
     let options = NatsOptions { needed_payload: 4 << 20, ..servers.options() };
     let refused = Bus::nats(&options).await.expect_err("too small");
@@ -191,10 +191,10 @@ async fn messages_that_are_needed_must_fit() {
     assert!(refused.to_string().contains("max_payload: 4194304"));
 }
 
-/// Clients of a server that dies go to another one of its cluster, and so do the members of a group.
+/// When a server dies, clients and members reconnect to another one of its cluster.
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "starts nats-server: run with --include-ignored where there is one"]
-async fn a_server_may_die() {
+async fn clients_survive_the_death_of_a_server() {
     let mut servers = Servers::start(3, 8 << 20);
     let asking = Bus::nats(&servers.options()).await.expect("connected");
     let answering = Bus::nats(&servers.options()).await.expect("connected");
@@ -212,17 +212,17 @@ async fn a_server_may_die() {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         assert_eq!(replies, 20, "after server {dies} died");
-        // The next one that dies may be the one it went to: as a cluster of three has it, one is always left.
+        // The clients may be on the next server that dies; in a cluster of three, one is always left.
         servers.restart(dies);
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_cannot_be_reached_is_named_without_a_password() {
+async fn unreachable_servers_are_named_without_password() {
     let options = |server: &str| NatsOptions { servers: vec![server.to_owned()], ..NatsOptions::default() };
-    let nobody =
-        Bus::nats(&options("nats://me:secret@127.0.0.1:1")).await.expect_err("nobody there").to_string();
-    assert!(nobody.contains("127.0.0.1:1") && !nobody.contains("secret"), "{nobody}");
+    let empty_group =
+        Bus::nats(&options("nats://me:secret@127.0.0.1:1")).await.expect_err("no server").to_string();
+    assert!(empty_group.contains("127.0.0.1:1") && !empty_group.contains("secret"), "{empty_group}");
     let wrong = Bus::nats(&options("nats://me:secret@:::")).await.expect_err("no address");
     assert!(!wrong.to_string().contains("secret"), "{wrong}");
     let no_file = NatsOptions { credentials: Some("/nowhere/file.creds".into()), ..options("127.0.0.1:1") };

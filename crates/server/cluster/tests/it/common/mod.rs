@@ -1,5 +1,5 @@
-//! A town: the random points of the service's tests, mapped, cut into regions and published; and machines that talk within
-//! this process, or over whatever bus they are given.
+//! A town: the random points of the service's tests, mapped, cut into regions and published; and machines that
+//! communicate within this process, or over a given bus.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
 #[path = "../../../../service/tests/it/common/mod.rs"]
@@ -18,28 +18,30 @@ use veiloc_map::regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::Answer;
 use veiloc_service::labour::Controllable as _;
-use veiloc_service::telemetry::{GatewayCounts, Metrics, MetricsOptions, GaugeValues, RequestIds, WorkerCounts};
-use veiloc_service::{DecodedRequest, RemoteBackend as _, BodyKind, RemoteRequest, LocalizeFailure};
+use veiloc_service::telemetry::{
+    GatewayCounts, GaugeValues, Metrics, MetricsOptions, RequestIds, WorkerCounts,
+};
+use veiloc_service::{BodyKind, DecodedRequest, LocalizeFailure, RemoteBackend as _, RemoteRequest};
 
-use service::{Place, pose};
+use service::{TestScene, pose};
 
 pub const MAP: &str = "town";
 
-/// Longer than anything takes on any machine.
+/// Longer than any step on any machine.
 pub const LONG: Duration = Duration::from_secs(120);
 
-/// How often machines look what is published: often, so that tests are short.
+/// Short polling interval, so that tests are short.
 pub const OFTEN: Duration = Duration::from_millis(20);
 
 pub struct Town {
     folder: tempfile::TempDir,
-    pub place: Place,
+    pub scene: TestScene,
 }
 
 impl Town {
-    /// With a map of ten images in regions of at most so many.
+    /// A town with a map of ten images, in regions of at most this many images.
     pub fn new(images: usize) -> Self {
-        let town = Self { folder: tempfile::tempdir().expect("temporary folder"), place: Place::new(1) };
+        let town = Self { folder: tempfile::tempdir().expect("temporary folder"), scene: TestScene::new(1) };
         town.publish(10, images);
         town
     }
@@ -49,16 +51,16 @@ impl Town {
     }
 
     pub fn map(&self, images: u32) -> MapFile {
-        MapFile::of_model(&self.place.map(images)).expect("a map")
+        MapFile::of_model(&self.scene.map(images)).expect("a map")
     }
 
-    /// Replaces what is published by a map of so many images, in regions of at most so many; as one step for readers, as
+    /// Publishes a map of this many images, in regions of at most `of_region` images; atomically for readers, as
     /// `veiloc map publish` does.
     pub fn publish(&self, images: u32, of_region: usize) -> Manifest {
         self.publish_spoilt(images, of_region, |_, _| ())
     }
 
-    /// The same, after something was done to its objects.
+    /// The same, after `spoil` modified its objects.
     pub fn publish_spoilt(
         &self,
         images: u32,
@@ -90,7 +92,7 @@ impl Town {
         Arc::new(FolderSource::new(&self.regions()))
     }
 
-    /// Where region 0 is asked.
+    /// Subject of a region.
     pub fn subject(&self, region: usize) -> Subject {
         let sha = self.folder().manifest().regions[region].sha256.to_string();
         Subject::new(["veiloc", MAP, "region", &sha]).expect("a subject")
@@ -101,18 +103,18 @@ impl Town {
         Subject::new(["veiloc", MAP, "index", &sha]).expect("a subject")
     }
 
-    /// Sealed queries of different places.
+    /// Sealed queries from different poses.
     pub fn queries(&self, count: u32) -> Vec<Vec<u8>> {
         let pose = |i: u32| pose(0.06 * f64::from(i % 7) - 0.2, 0.1 * f64::from(i % 5));
-        (0..count).map(|i| self.place.sealed(&pose(i))).collect()
+        (0..count).map(|i| self.scene.sealed(&pose(i))).collect()
     }
 
     pub fn query(&self, pose: &CameraFromWorld) -> Vec<u8> {
-        self.place.sealed(pose)
+        self.scene.sealed(pose)
     }
 }
 
-/// Gateway and workers, and what they count.
+/// A gateway and workers, with their metrics.
 pub struct Machines {
     pub bus: Bus,
     pub gateway: Gateway,
@@ -122,12 +124,12 @@ pub struct Machines {
 }
 
 impl Machines {
-    /// With workers for these shares.
+    /// Starts workers for these shares.
     pub async fn start(town: &Town, bus: Bus, shares: &[&str]) -> Self {
         Self::start_with(town, bus, shares.iter().map(|share| worker_options(share)).collect()).await
     }
 
-    /// With workers that do as these options say.
+    /// Starts workers with these options.
     pub async fn start_with(town: &Town, bus: Bus, all: Vec<WorkerOptions>) -> Self {
         let mut workers = Vec::new();
         for options in all {
@@ -147,17 +149,17 @@ impl Machines {
         self.workers.lock().expect("whole").push(worker);
     }
 
-    /// Tells the first worker to leave; whether it finished all it was asked.
+    /// Stops the first worker; returns whether it finished its requests.
     pub async fn leave(&self) -> bool {
         let (handle, running) = self.workers.lock().expect("whole").remove(0);
         handle.stop();
         running.await.expect("it ends")
     }
 
-    pub fn question(&self, bytes: &[u8], within: Duration) -> RemoteRequest {
+    pub fn request(&self, bytes: &[u8], within: Duration) -> RemoteRequest {
         RemoteRequest {
-            request: self.ids.next(),
-            asked: DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query"),
+            id: self.ids.next(),
+            decoded: DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query"),
             bytes: bytes.to_vec(),
             near: None,
             within,
@@ -165,30 +167,30 @@ impl Machines {
     }
 
     pub async fn ask(&self, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
-        self.gateway.localize(self.question(bytes, LONG)).await
+        self.gateway.localize(self.request(bytes, LONG)).await
     }
 
     /// A value of the gateway's metrics.
-    pub fn counted(&self, what: &str) -> u64 {
+    pub fn metric(&self, what: &str) -> u64 {
         let metrics =
             Metrics::new(&MetricsOptions { gateway: Some(&self.counts), ..MetricsOptions::default() });
         let text = metrics.text(&GaugeValues::default());
         value(&text, what)
     }
 
-    /// The first worker.
+    /// The handle of the first worker.
     pub fn handle(&self) -> WorkerHandle {
         self.workers.lock().expect("whole")[0].0.clone()
     }
 }
 
-/// A value of a page of metrics.
+/// A value in a text of metrics.
 pub fn value(text: &str, what: &str) -> u64 {
     let line = text.lines().find_map(|line| line.strip_prefix(what)).expect("it is counted");
     line.trim().parse().expect("a count")
 }
 
-/// Of a worker with two threads that takes this share.
+/// Options of a worker with two threads and this share.
 pub fn worker_options(share: &str) -> WorkerOptions {
     let mut options = WorkerOptions::new(MAP);
     options.share = share.parse::<Share>().expect("a share");
@@ -203,8 +205,8 @@ async fn start_worker(town: &Town, bus: &Bus, options: WorkerOptions) -> (Worker
     (worker.handle(), tokio::spawn(worker.run()))
 }
 
-/// Joins a region's group as a member that does with a request what the test says.
-pub async fn impostor<F: Future<Output = ()> + Send>(
+/// Joins a group with a member whose reaction to requests the test defines.
+pub async fn fake_member<F: Future<Output = ()> + Send>(
     bus: &Bus,
     subject: &Subject,
     mut act: impl FnMut(Incoming) -> F + Send + 'static,
@@ -217,23 +219,23 @@ pub async fn impostor<F: Future<Output = ()> + Send>(
     })
 }
 
-/// What a region gives by itself, without any machine between.
-pub fn directly(map: &MapFile, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
-    let asked = DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query");
-    asked.localize(map, &LocalizeOptions::default(), 0.0).map(|found| found.answer)
+/// Localizes directly in a region, without a cluster.
+pub fn localize_locally(map: &MapFile, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
+    let request = DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query");
+    request.localize(map, &LocalizeOptions::default(), 0.0).map(|output| output.answer)
 }
 
 pub fn region(folder: &Folder, number: usize) -> MapFile {
     folder.open_region(number, MapMemory::Copied).expect("a region")
 }
 
-/// An answer without what differs from run to run.
-pub fn timeless(mut answer: Answer) -> Answer {
+/// An answer without its times, which differ between runs.
+pub fn without_times(mut answer: Answer) -> Answer {
     answer.times = veiloc_protocol::AnswerTimes::default();
     answer
 }
 
-/// Waits until something is so; a test that waits in vain fails instead of hanging.
+/// Waits until a condition holds; fails after a minute.
 pub async fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
     for _ in 0..3000 {
         if is_so() {
@@ -241,5 +243,5 @@ pub async fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
         }
         tokio::time::sleep(OFTEN).await;
     }
-    panic!("{what} never came about");
+    panic!("timed out waiting for {what}");
 }

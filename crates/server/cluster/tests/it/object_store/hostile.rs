@@ -1,4 +1,4 @@
-//! Storage that is wrong or hostile: a typed error each time, and nothing in the cache but what is sound.
+//! Faulty or hostile storage gives a typed error, and only valid objects enter the cache.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use common::{Fault, nobody, regions, run, storage};
+use common::{Fault, no_progress, regions, run, storage};
 use object_store::ObjectStoreExt as _;
 use object_store::memory::InMemory;
 use object_store::path::Path as Location;
@@ -22,7 +22,7 @@ fn published() -> (Arc<InMemory>, Folder, tempfile::TempDir) {
     let from = tempfile::tempdir().expect("a folder");
     let folder = regions(8, from.path());
     let memory = Arc::new(InMemory::new());
-    run(storage(&memory, Fault::None).publish(&folder, &nobody)).expect("published");
+    run(storage(&memory, Fault::None).publish(&folder, &no_progress)).expect("published");
     (memory, folder, from)
 }
 
@@ -39,7 +39,7 @@ fn files(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn wrong_objects_are_refused_and_leave_nothing() {
+fn invalid_objects_are_refused_and_leave_no_files() {
     let (memory, folder, from) = published();
     let object = folder.manifest().regions[0].object();
     let good = fs::read(folder.path_of(&object.sha256)).expect("bytes");
@@ -76,18 +76,18 @@ fn wrong_objects_are_refused_and_leave_nothing() {
 }
 
 #[test]
-fn what_is_damaged_in_the_cache_is_fetched_again() {
+fn damaged_cache_files_are_fetched_again() {
     let (memory, folder, from) = published();
     let object = folder.manifest().regions[0].object();
     let to = tempfile::tempdir().expect("a folder");
     let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
     let path = run(cache.object(&storage(&memory, Fault::None), &object)).expect("fetched");
     let good = fs::read(&path).expect("bytes");
-    // Sound, it is taken from here though storage fails.
+    // A valid object is served from the cache even if storage fails.
     run(cache.object(&storage(&memory, Fault::First(99)), &object)).expect("from the cache");
     for damaged in [&good[1..], b""] {
         fs::write(&path, damaged).expect("damaged");
-        assert!(run(cache.object(&storage(&memory, Fault::First(99)), &object)).is_err(), "never believed");
+        assert!(run(cache.object(&storage(&memory, Fault::First(99)), &object)).is_err(), "never used");
         fs::write(&path, damaged).expect("damaged");
         run(cache.object(&storage(&memory, Fault::None), &object)).expect("fetched again");
         assert_eq!(fs::read(&path).expect("bytes"), good);
@@ -103,7 +103,7 @@ fn what_is_damaged_in_the_cache_is_fetched_again() {
 }
 
 #[test]
-fn pointers_and_manifests_lead_nowhere_else() {
+fn invalid_pointers_and_manifests_are_refused() {
     let (memory, folder, _from) = published();
     let reader = || storage(&memory, Fault::None);
     let id = folder.manifest().id();
@@ -131,7 +131,7 @@ fn pointers_and_manifests_lead_nowhere_else() {
         matches!(&manifest, Err(ClusterError::Manifest { source: ManifestError::OtherMap { .. }, .. })),
         "{manifest:?}"
     );
-    // Another manifest under this id, and one that names a way out.
+    // Another manifest under this id, and one with a path outside of the folder.
     let own = String::from_utf8(folder.manifest().encode()).expect("text");
     let region = folder.manifest().regions[0].sha256.to_string();
     put(&memory, &format!("maps/manifests/{id}.json"), own.replace("rooms", "other"));
@@ -151,7 +151,7 @@ fn pointers_and_manifests_lead_nowhere_else() {
 }
 
 #[test]
-fn the_cache_stays_within_its_bounds() {
+fn cache_stays_within_its_limit() {
     let (memory, folder, _from) = published();
     let reader = storage(&memory, Fault::None);
     let objects: Vec<ObjectRef> = folder.manifest().objects().collect();
@@ -166,12 +166,12 @@ fn the_cache_stays_within_its_bounds() {
         let file = fs::File::options().append(true).open(path).expect("there");
         file.set_modified(hour(20 - age)).expect("a time");
     }
-    // Used again, the oldest is the newest.
+    // Using the oldest object makes it the newest.
     run(cache.object(&reader, &objects[0])).expect("there");
     let folder_of = to.path().join(OBJECTS_FOLDER);
     let partial = folder_of.join(format!(".{}.1-0.partial", objects[0].sha256));
     let fresh = folder_of.join(format!(".{}.1-1.partial", objects[0].sha256));
-    // Of a time when the clock was ahead.
+    // Written when the clock was ahead.
     let ahead = folder_of.join(format!(".{}.1-2.partial", objects[0].sha256));
     let written =
         [(&partial, hour(2)), (&fresh, hour(0)), (&ahead, SystemTime::now() + Duration::from_secs(7200))];
@@ -184,12 +184,12 @@ fn the_cache_stays_within_its_bounds() {
     assert!(trimmed.bytes <= largest * 2 && trimmed.removed > 0, "{trimmed:?}");
     let left = files(&folder_of);
     let is_left = |object: &ObjectRef| left.contains(&object.sha256.to_string());
-    assert!(is_left(&objects[0]) && is_left(&objects[1]), "the newest and the needed stay");
-    assert!(!is_left(&objects[2]), "the oldest goes");
+    assert!(is_left(&objects[0]) && is_left(&objects[1]), "the newest and the needed objects stay");
+    assert!(!is_left(&objects[2]), "the oldest object is removed");
     assert!(!partial.exists() && fresh.exists() && !ahead.exists());
     let bytes: u64 = objects.iter().filter(|o| is_left(o)).map(|o| o.bytes).sum();
     assert_eq!(bytes, trimmed.bytes);
-    // What is needed stays though it is too much.
+    // Needed objects are kept even above the limit.
     let all: BTreeSet<ObjectId> = objects.iter().map(|o| o.sha256).collect();
     for object in &objects {
         run(cache.object(&reader, object)).expect("fetched");
@@ -198,7 +198,7 @@ fn the_cache_stays_within_its_bounds() {
 }
 
 #[test]
-fn there_is_room_before_anything_is_fetched() {
+fn space_is_freed_before_fetching() {
     let (memory, folder, _from) = published();
     let reader = storage(&memory, Fault::None);
     let objects: Vec<ObjectRef> = folder.manifest().objects().collect();
@@ -211,17 +211,17 @@ fn there_is_room_before_anything_is_fetched() {
         run(cache.object(&reader, object)).expect("fetched");
     }
     let ids = |objects: &[ObjectRef]| objects.iter().map(|object| object.sha256).collect::<BTreeSet<_>>();
-    // What is held stays; what nobody holds makes room, and no more of it goes than must.
+    // Needed objects stay; others are evicted, and no more than necessary.
     let held = ids(&objects);
     assert_eq!(cache.make_room(new, &held).expect("looked").removed, 0);
     let made = cache.make_room(new, &ids(new)).expect("made");
     assert!(made.removed == 1 && made.bytes + bytes_of(new) <= most, "{made:?}");
-    // What is there needs none.
+    // Existing objects need no space.
     assert_eq!(cache.make_room(&old[1..], &ids(new)).expect("looked").removed, 0);
 }
 
 #[test]
-fn what_was_current_last_is_remembered_and_damage_is_not_believed() {
+fn last_manifest_is_recorded_and_damage_is_ignored() {
     let to = tempfile::tempdir().expect("a folder");
     let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
     assert_eq!(cache.remembered("rooms"), None);

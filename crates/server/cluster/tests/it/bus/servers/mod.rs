@@ -13,9 +13,9 @@ pub(crate) struct Servers {
 }
 
 impl Servers {
-    /// So many, which know of each other, and take messages of so many bytes.
+    /// Starts a cluster of `count` servers with this message limit.
     pub(crate) fn start(count: usize, max_payload: usize) -> Self {
-        // A port that was free may be taken before its server has it.
+        // A free port may be taken before its server binds it.
         (0..20).find_map(|_| Self::try_start(count, max_payload)).expect("free ports")
     }
 
@@ -23,7 +23,7 @@ impl Servers {
         let folder = tempfile::tempdir().expect("temporary folder");
         std::fs::write(folder.path().join("nats.conf"), format!("max_payload: {max_payload}\n"))
             .expect("written");
-        // All are held at once, so that they differ.
+        // All ports are held at once, so that they differ.
         let held: Vec<[TcpListener; 2]> =
             (0..count).map(|_| [0, 0].map(|_| TcpListener::bind("127.0.0.1:0").expect("a port"))).collect();
         let port = |listener: &TcpListener| listener.local_addr().expect("bound").port();
@@ -49,7 +49,7 @@ impl Servers {
         command.spawn().expect("nats-server runs (Debian: apt-get install nats-server)")
     }
 
-    /// Waits until it listens; whether it does, and has not ended instead.
+    /// Waits until the server listens; false if it exited instead.
     fn listens(&mut self, i: usize) -> bool {
         for _ in 0..2400 {
             if self.running[i].try_wait().expect("a child").is_some() {
@@ -68,7 +68,7 @@ impl Servers {
         NatsOptions { servers, name: "test".to_owned(), ..NatsOptions::default() }
     }
 
-    /// As `kill -9` does.
+    /// Kills the server as `kill -9` does.
     pub(crate) fn kill(&mut self, i: usize) {
         self.running[i].kill().expect("it runs");
         self.running[i].wait().expect("it ends");
@@ -76,7 +76,7 @@ impl Servers {
 
     pub(crate) fn restart(&mut self, i: usize) {
         self.running[i] = self.spawn(i);
-        assert!(self.listens(i), "its ports are still its own");
+        assert!(self.listens(i), "its ports are still free");
     }
 }
 

@@ -1,4 +1,4 @@
-//! A small map, cut and published, and storage that does not do what it should.
+//! A small map, cut into regions, and storage with faults.
 #![allow(dead_code, unreachable_pub, reason = "a module of each test program, which takes what it needs")]
 
 use std::fmt;
@@ -23,7 +23,7 @@ use veiloc_cluster::object_store::Storage;
 use veiloc_map::MapFile;
 use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
 
-/// Regions of a map of two rooms of so many images each, in a folder.
+/// Regions of a map of two rooms with this many images each, in a folder.
 pub fn regions(images: u32, folder: &Path) -> Folder {
     let map = MapFile::of_model(&veiloc_testing::rooms(2, images)).expect("a map");
     let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
@@ -33,25 +33,25 @@ pub fn regions(images: u32, folder: &Path) -> Folder {
     Folder::open(folder).expect("what was written")
 }
 
-/// Runs it by a clock that leaps to the next timer when there is nothing to do: no pause takes any time.
+/// Runs a future with a paused clock, which jumps to the next timer when idle, so that pauses take no time.
 pub fn run<T>(work: impl Future<Output = T>) -> T {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build();
     runtime.expect("a runtime").block_on(work)
 }
 
-pub fn nobody(_: u64, _: u64) {}
+pub fn no_progress(_: u64, _: u64) {}
 
-/// How storage misbehaves.
+/// Faults of storage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     None,
-    /// The first so many reads and writes fail.
+    /// The first reads and writes fail.
     First(usize),
-    /// All writes after so many fail.
+    /// All writes after this number fail.
     WritesAfter(usize),
-    /// What is read never ends.
+    /// Reads never end.
     Endless,
-    /// Nothing comes.
+    /// Reads never return data.
     Stalls,
 }
 
@@ -60,7 +60,7 @@ pub enum Fault {
 pub struct Faulty {
     pub inner: Arc<InMemory>,
     fault: Fault,
-    asked: AtomicUsize,
+    requests: AtomicUsize,
 }
 
 impl fmt::Display for Faulty {
@@ -69,9 +69,9 @@ impl fmt::Display for Faulty {
     }
 }
 
-/// The same memory with this fault.
+/// Storage over this memory with a fault.
 pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
-    let store = Faulty { inner: inner.clone(), fault, asked: AtomicUsize::new(0) };
+    let store = Faulty { inner: inner.clone(), fault, requests: AtomicUsize::new(0) };
     Storage::of(Arc::new(store), Location::from("maps"), "memory://maps").with_retry_policy(
         3,
         Duration::from_millis(500),
@@ -80,12 +80,12 @@ pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
 }
 
 impl Faulty {
-    fn may(&self, is_write: bool) -> Result<()> {
-        let asked =
-            self.asked.fetch_add(usize::from(is_write || self.fault != Fault::None), Ordering::SeqCst);
+    fn check_fault(&self, is_write: bool) -> Result<()> {
+        let requests =
+            self.requests.fetch_add(usize::from(is_write || self.fault != Fault::None), Ordering::SeqCst);
         let fails = match self.fault {
-            Fault::First(count) => asked < count,
-            Fault::WritesAfter(count) => is_write && asked >= count,
+            Fault::First(count) => requests < count,
+            Fault::WritesAfter(count) => is_write && requests >= count,
             _ => false,
         };
         let failed = || Error::Generic { store: "faulty", source: "it broke".into() };
@@ -101,7 +101,7 @@ impl ObjectStore for Faulty {
         payload: PutPayload,
         opts: PutOptions,
     ) -> Result<PutResult> {
-        self.may(true)?;
+        self.check_fault(true)?;
         self.inner.put_opts(location, payload, opts).await
     }
 
@@ -110,14 +110,14 @@ impl ObjectStore for Faulty {
         location: &Location,
         opts: PutMultipartOptions,
     ) -> Result<Box<dyn MultipartUpload>> {
-        self.may(true)?;
+        self.check_fault(true)?;
         self.inner.put_multipart_opts(location, opts).await
     }
 
     async fn get_opts(&self, location: &Location, options: GetOptions) -> Result<GetResult> {
         let is_head = options.head;
         if let Fault::First(_) = self.fault {
-            self.may(false)?;
+            self.check_fault(false)?;
         }
         let there = self.inner.get_opts(location, options).await?;
         if is_head {

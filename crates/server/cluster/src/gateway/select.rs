@@ -1,24 +1,24 @@
-//! What is told of what the regions gave.
+//! Selects the best answer of several regions.
 
 use veiloc_map::regions::is_better;
 use veiloc_protocol::Answer;
 use veiloc_service::LocalizeFailure;
 
-/// What is told of what the regions gave: the trusted pose with most evidence, else the doubtful one, else why there is none.
+/// Returns the trusted pose with the highest evidence, else the best doubtful one, else the most informative failure.
 ///
-/// A region that could not be asked may have been the right one: then the client is asked to try again, instead of being told that there is no pose.
-pub(crate) fn best(given: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answer, LocalizeFailure> {
+/// An unreachable region may have been the right one. Then the client should retry instead of getting "no pose".
+pub(crate) fn best(results: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answer, LocalizeFailure> {
     let mut best: Option<Answer> = None;
     let mut why: Option<LocalizeFailure> = None;
-    for result in given {
+    for result in results {
         match result {
             Ok(answer) => {
-                if best.as_ref().is_none_or(|known| is_better(worth(&answer), worth(known))) {
+                if best.as_ref().is_none_or(|known| is_better(rank_key(&answer), rank_key(known))) {
                     best = Some(answer);
                 }
             }
             Err(new) => {
-                if why.is_none_or(|known| weight(new) > weight(known)) {
+                if why.is_none_or(|known| priority(new) > priority(known)) {
                     why = Some(new);
                 }
             }
@@ -27,13 +27,13 @@ pub(crate) fn best(given: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answer
     best.ok_or(why.unwrap_or(LocalizeFailure::NoPose(veiloc_service::NoPose::Unsupported)))
 }
 
-/// As regions are compared.
-const fn worth(answer: &Answer) -> (bool, f64) {
+/// Key by which answers are compared.
+const fn rank_key(answer: &Answer) -> (bool, f64) {
     (answer.trusted, answer.log_evidence)
 }
 
-/// What says more about what to do next.
-const fn weight(why: LocalizeFailure) -> u8 {
+/// Priority of a failure: how much it tells the client about what to do next.
+const fn priority(why: LocalizeFailure) -> u8 {
     match why {
         LocalizeFailure::EmptyMap => 0,
         LocalizeFailure::NoPose(_) => 1,
@@ -71,25 +71,27 @@ mod tests {
     }
 
     #[test]
-    fn trust_comes_before_evidence_and_a_pose_before_a_refusal() {
+    fn trusted_poses_then_evidence_then_failures() {
         let none = Err(LocalizeFailure::NoPose(NoPose::TooFew));
-        let told = |given: Vec<Result<Answer, LocalizeFailure>>| best(given).map(|a| (a.trusted, a.log_evidence));
+        let best_of = |results: Vec<Result<Answer, LocalizeFailure>>| {
+            best(results).map(|a| (a.trusted, a.log_evidence))
+        };
         assert_eq!(
-            told(vec![Ok(answer(false, 90.0)), none.clone(), Ok(answer(true, 20.0))]),
+            best_of(vec![Ok(answer(false, 90.0)), none.clone(), Ok(answer(true, 20.0))]),
             Ok((true, 20.0))
         );
-        assert_eq!(told(vec![Ok(answer(true, 20.0)), Ok(answer(true, 30.0))]), Ok((true, 30.0)));
+        assert_eq!(best_of(vec![Ok(answer(true, 20.0)), Ok(answer(true, 30.0))]), Ok((true, 30.0)));
         assert_eq!(
-            told(vec![Ok(answer(false, f64::NEG_INFINITY)), Ok(answer(false, 3.0))]),
+            best_of(vec![Ok(answer(false, f64::NEG_INFINITY)), Ok(answer(false, 3.0))]),
             Ok((false, 3.0))
         );
         let busy = LocalizeFailure::Busy { retry_after: NonZeroU64::MIN };
         assert_eq!(
-            told(vec![none.clone(), Err(busy), none.clone()]),
+            best_of(vec![none.clone(), Err(busy), none.clone()]),
             Err(busy),
             "it may have been the right one"
         );
-        assert_eq!(told(vec![none.clone()]), Err(LocalizeFailure::NoPose(NoPose::TooFew)));
-        assert_eq!(told(Vec::new()), Err(LocalizeFailure::NoPose(NoPose::Unsupported)));
+        assert_eq!(best_of(vec![none.clone()]), Err(LocalizeFailure::NoPose(NoPose::TooFew)));
+        assert_eq!(best_of(Vec::new()), Err(LocalizeFailure::NoPose(NoPose::Unsupported)));
     }
 }

@@ -1,4 +1,5 @@
-//! The whole road in one process: the same poses as without it, whoever dies, lies or is slow on the way.
+//! Gateway and workers in one process: the poses are the same as without a cluster, also when machines die, reply
+//! invalidly or are slow.
 
 use super::common;
 
@@ -9,104 +10,112 @@ use std::time::Duration;
 
 use common::service::{Running, truth};
 use common::{
-    LONG, MAP, Machines, OFTEN, Town, directly, eventually, impostor, region, timeless, worker_options,
+    LONG, MAP, Machines, OFTEN, Town, eventually, fake_member, localize_locally, region, without_times,
+    worker_options,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
-use veiloc_cluster::message::{Outcome, Reply, Request, Wanted, Why};
+use veiloc_cluster::message::{Outcome, RejectReason, Reply, Request, Task};
 use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
 use veiloc_service::labour::HealthProbe as _;
 use veiloc_service::{
-    DecodedRequest, RemoteBackend as _, BodyKind, MapElsewhere, NoPose, RemoteRequest, ServerOptions, LocalizeFailure,
+    BodyKind, DecodedRequest, LocalizeFailure, MapElsewhere, NoPose, RemoteBackend as _, RemoteRequest,
+    ServerOptions,
 };
 
-/// The share of a worker that holds the index and no region.
-const INDEX_ALONE: &str = "999";
+/// Share of a worker that holds only the index.
+const INDEX_ONLY: &str = "999";
 
-/// While this is held, a clock that is paused stands still, though there be nothing to do.
-fn hold_the_clock() -> std::sync::mpsc::Sender<()> {
+/// While the returned sender exists, a paused clock does not advance by itself.
+fn hold_clock() -> std::sync::mpsc::Sender<()> {
     let (held, released) = std::sync::mpsc::channel();
     tokio::task::spawn_blocking(move || released.recv());
     held
 }
 
-/// A worker's reply to this request.
+/// The reply of a worker to this request.
 fn reply(request: &Request, outcome: Outcome) -> bytes::Bytes {
     Reply { name: request.name, outcome, worked: Duration::ZERO, waited: Duration::ZERO }.encode()
 }
 
-/// Lets time pass, one step after another, until something is so.
+/// Advances the paused clock in steps until a condition holds.
 async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool) {
     for _ in 0..6000 {
         if is_so() {
             return;
         }
         tokio::time::advance(step).await;
-        // Threads that localize and read files take what they take.
+        // Threads that localize and read files need real time.
         let pause = || std::thread::sleep(Duration::from_millis(10));
         tokio::task::spawn_blocking(pause).await.expect("it only sleeps");
     }
-    panic!("{what} never came about");
+    panic!("timed out waiting for {what}");
 }
 
-/// Asks the worker that holds region 0, beside the gateway.
+/// Sends a request directly to the worker of region 0.
 fn ask_worker(town: &Town, machines: &Machines, name: u8, body: &[u8]) -> JoinHandle<Outcome> {
-    let wanted = Wanted::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
+    let task = Task::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
     let object = town.folder().manifest().regions[0].sha256;
-    let request = Request { name: [name; 16], object, within: LONG, wanted };
+    let request = Request { name: [name; 16], object, within: LONG, task };
     let (bus, subject) = (machines.bus.clone(), town.subject(0));
     tokio::spawn(async move {
         let reply = bus.request_cancellable(&subject, request.encode(), LONG).await;
-        Reply::decode(reply.expect("a reply"), &request.name).expect("understood").outcome
+        Reply::decode(reply.expect("a reply"), &request.name).expect("a reply").outcome
     })
 }
 
-fn understood(incoming: &veiloc_cluster::bus::Incoming) -> Request {
+fn decode_request(incoming: &veiloc_cluster::bus::Incoming) -> Request {
     Request::decode(incoming.payload.clone()).expect("a request of the gateway's")
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_pose_is_that_of_the_map_itself_to_the_bit() {
+async fn pose_equals_that_of_the_map_bit_for_bit() {
     let town = Town::new(10);
     let folder = town.folder();
     assert_eq!(folder.manifest().regions.len(), 1);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let (whole, only) = (town.map(10), region(&folder, 0));
     for query in town.queries(6) {
-        let told = timeless(machines.ask(&query).await.expect("a pose"));
-        assert!(told.trusted);
-        assert_eq!(told, timeless(directly(&only, &query).expect("a pose")));
-        // A region remembers the covariances of its points rounded; the pose is the whole map's.
-        let (told, whole) =
-            (told.pose.expect("told"), directly(&whole, &query).expect("a pose").pose.expect("told"));
-        assert_eq!((told.rotation, told.translation), (whole.rotation, whole.translation));
+        let answer = without_times(machines.ask(&query).await.expect("a pose"));
+        assert!(answer.trusted);
+        assert_eq!(answer, without_times(localize_locally(&only, &query).expect("a pose")));
+        // A region stores rounded covariances of its points; the pose equals that of the whole map.
+        let (answer, whole) = (
+            answer.pose.expect("answer"),
+            localize_locally(&whole, &query).expect("a pose").pose.expect("answer"),
+        );
+        assert_eq!((answer.rotation, answer.translation), (whole.rotation, whole.translation));
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_several_regions_the_trusted_pose_with_most_evidence_is_told() {
+async fn trusted_pose_with_highest_evidence_wins() {
     let town = Town::new(4);
     let folder = town.folder();
     let count = folder.manifest().regions.len();
     assert!(count >= 3, "{count} regions");
     let machines = Machines::start(&town, Bus::in_process(), &["1/2", "2/2"]).await;
     for query in town.queries(6) {
-        let told = timeless(machines.ask(&query).await.expect("a pose"));
+        let answer = without_times(machines.ask(&query).await.expect("a pose"));
         let index = folder.open_index(veiloc_map::MapMemory::Copied).expect("an index");
-        let DecodedRequest::Query(sealed) = DecodedRequest::decode(BodyKind::Query, &query).expect("sealed") else { panic!("one") };
+        let DecodedRequest::Query(sealed) = DecodedRequest::decode(BodyKind::Query, &query).expect("sealed")
+        else {
+            panic!("one")
+        };
         let ranked = index.rank(sealed.global(), 10);
         let best = ranked[0].held as f64;
-        let asked = ranked.iter().take(3).filter(|region| region.held as f64 >= 0.75 * best);
-        let given = asked.map(|ranked| directly(&region(&folder, ranked.region), &query).expect("a pose"));
+        let searched = ranked.iter().take(3).filter(|region| region.held as f64 >= 0.75 * best);
+        let given =
+            searched.map(|ranked| localize_locally(&region(&folder, ranked.region), &query).expect("a pose"));
         let expected =
             given.filter(|answer| answer.trusted).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
-        assert_eq!(told, timeless(expected.expect("trusted")));
+        assert_eq!(answer, without_times(expected.expect("trusted")));
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_session_goes_the_same_road() {
+async fn sessions_are_localized() {
     let town = Town::new(10);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let frame = |pose| veiloc_protocol::SealedFrame {
@@ -117,24 +126,27 @@ async fn a_session_goes_the_same_road() {
         translation_sd: 0.0,
     };
     let bytes = veiloc_protocol::RigMessage { frames: vec![frame(truth())] }.encode();
-    let asked = || DecodedRequest::decode(BodyKind::Rig, &bytes).expect("a session");
+    let decoded = || DecodedRequest::decode(BodyKind::Rig, &bytes).expect("a session");
     let options = veiloc_localization::LocalizeOptions::default();
-    let expected = asked().localize(&region(&town.folder(), 0), &options, 0.0).expect("a pose").answer;
-    let mut question = machines.question(&town.query(&truth()), LONG);
-    (question.asked, question.bytes) = (asked(), bytes.clone());
-    assert_eq!(timeless(machines.gateway.localize(question).await.expect("a pose")), timeless(expected));
+    let expected = decoded().localize(&region(&town.folder(), 0), &options, 0.0).expect("a pose").answer;
+    let mut request = machines.request(&town.query(&truth()), LONG);
+    (request.decoded, request.bytes) = (decoded(), bytes.clone());
+    assert_eq!(
+        without_times(machines.gateway.localize(request).await.expect("a pose")),
+        without_times(expected)
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn over_http_a_cluster_answers_as_a_map_in_memory_does() {
+async fn http_answers_equal_those_of_a_local_map() {
     let town = Town::new(10);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let mut options = ServerOptions::new(Vec::new());
     options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
     let held_by = Arc::new(machines.gateway.clone());
     options.elsewhere = vec![MapElsewhere { name: MAP.to_owned(), held_by }];
-    let (query, other) = (town.query(&truth()), common::service::Place::new(5).sealed(&truth()));
-    let featureless = town.place.sealed_without_features();
+    let (query, other) = (town.query(&truth()), common::service::TestScene::new(5).sealed(&truth()));
+    let featureless = town.scene.sealed_without_features();
     // The server blocks its own thread, not those of the cluster.
     let statuses = tokio::task::spawn_blocking(move || {
         let server = Running::start(options);
@@ -149,22 +161,22 @@ async fn over_http_a_cluster_answers_as_a_map_in_memory_does() {
     });
     let statuses = statuses.await.expect("it ends");
     assert_eq!(statuses.map(|(status, _)| status), [200, 409, 422, 400]);
-    assert!(statuses.iter().all(|(_, length)| *length == 4096), "{statuses:?}: lengths tell nothing");
+    assert!(statuses.iter().all(|(_, length)| *length == 4096), "{statuses:?}: lengths must be equal");
 }
 
-/// One that takes what it is asked and never says a word, as a machine does that hangs or is cut off. Time passes only when it
-/// was asked, so that nobody else is slow; how long is waited is tested in `gateway/ask.rs`.
+/// A member that never replies, like a machine that hangs or is cut off. Time passes only when it received a request,
+/// so that no other member is slow; delays are tested in `gateway/dispatch.rs`.
 #[tokio::test(start_paused = true)]
-async fn a_silent_member_is_asked_around() {
-    let _held = hold_the_clock();
+async fn requests_to_a_silent_member_are_hedged() {
+    let _held = hold_clock();
     let town = Town::new(10);
     let bus = Bus::in_process();
     let machines = Machines::start(&town, bus.clone(), &["all"]).await;
-    let (ask, mut heard) = tokio::sync::mpsc::unbounded_channel();
+    let (ask, mut received) = tokio::sync::mpsc::unbounded_channel();
     let cancelled = Arc::new(AtomicUsize::new(0));
     let count = cancelled.clone();
-    let _silent = impostor(&bus, &town.subject(0), move |mut incoming| {
-        ask.send(()).expect("the test listens");
+    let _silent = fake_member(&bus, &town.subject(0), move |mut incoming| {
+        ask.send(()).expect("the test receives");
         let cancelled = count.clone();
         tokio::spawn(async move {
             incoming.cancelled().await;
@@ -173,7 +185,7 @@ async fn a_silent_member_is_asked_around() {
         std::future::ready(())
     })
     .await;
-    let mut silences = 0;
+    let mut silent_requests = 0;
     for query in town.queries(8) {
         let mut answer = std::pin::pin!(machines.ask(&query));
         loop {
@@ -182,49 +194,49 @@ async fn a_silent_member_is_asked_around() {
                     assert!(answer.expect("a pose").trusted);
                     break;
                 }
-                Some(()) = heard.recv() => {
-                    silences += 1;
+                Some(()) = received.recv() => {
+                    silent_requests += 1;
                     tokio::time::advance(Duration::from_secs(10)).await;
                 }
             }
         }
     }
-    assert!(silences >= 4, "members take turns, and it was asked {silences} times");
-    assert_eq!(machines.counted("veiloc_cluster_hedges_total"), silences);
-    while cancelled.load(Ordering::Relaxed) < silences as usize {
+    assert!(silent_requests >= 4, "members take turns, and the silent one got {silent_requests} requests");
+    assert_eq!(machines.metric("veiloc_cluster_hedges_total"), silent_requests);
+    while cancelled.load(Ordering::Relaxed) < silent_requests as usize {
         tokio::task::yield_now().await;
     }
 }
 
-/// A new map of which something is gone is not taken by half: all goes by the old one, which is outcome, until it is whole.
+/// An incomplete new map is not activated: the old one stays in use until the new one is complete.
 #[tokio::test(flavor = "multi_thread")]
-async fn an_object_that_vanishes_holds_up_the_new_map_and_no_query() {
+async fn missing_object_delays_the_new_map_but_no_query() {
     let town = Town::new(5);
     let old = town.folder().manifest().id();
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let worker = machines.handle();
-    let kept = town.regions().join("kept");
+    let moved = town.regions().join("moved");
     let new = town.publish_spoilt(9, 4, |objects, manifest| {
         let region = objects.join(manifest.regions[0].sha256.to_string());
-        std::fs::rename(region, &kept).expect("it was there");
+        std::fs::rename(region, &moved).expect("it was there");
     });
     let failing = || common::value(&worker.metrics(), "veiloc_reload_failing");
-    eventually("word of it", || failing() == 1).await;
+    eventually("the failure gauge", || failing() == 1).await;
     for query in town.queries(6) {
         assert!(machines.ask(&query).await.expect("a pose").trusted);
     }
     assert_eq!(machines.gateway.manifest(), Some(old));
     let region = town.regions().join("objects").join(new.regions[0].sha256.to_string());
-    std::fs::rename(&kept, region).expect("back");
+    std::fs::rename(&moved, region).expect("back");
     eventually("the new manifest", || machines.gateway.manifest() == Some(new.id())).await;
-    eventually("word of it", || failing() == 0).await;
+    eventually("the failure gauge", || failing() == 0).await;
     assert!(machines.ask(&town.query(&truth())).await.expect("a pose").trusted);
 }
 
-/// Storage that is away when a machine starts holds it up only when it never had the map: it begins with what its cache has.
+/// If storage is unreachable, a machine starts with the map in its cache, and fails only if it has none.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
-async fn machines_start_with_what_they_had_while_the_storage_is_away() {
+async fn machines_start_from_the_cache_without_storage() {
     let town = Town::new(4);
     let folder = tempfile::tempdir().expect("temporary folder");
     let (store, cache) = (folder.path().join("store"), folder.path().join("cache"));
@@ -249,64 +261,64 @@ async fn machines_start_with_what_they_had_while_the_storage_is_away() {
     let held = worker(&cache).await.expect("a worker").held();
     let pointer = store.join(format!("{MAP}.json"));
     std::fs::remove_file(&pointer).expect("it was there");
-    // What is removed is told: nobody goes on with a map that was taken back.
+    // A removed map is an error: a withdrawn map must not be used any more.
     let gone = worker(&cache).await.err().expect("nothing is published").to_string();
     assert!(gone.contains("not there"), "{gone}");
-    // A name that leads to itself: neither there nor not there.
+    // A link to itself: neither found nor not found.
     std::os::unix::fs::symlink(&pointer, &pointer).expect("a link");
     let again = worker(&cache).await.expect("a worker");
     assert_eq!(again.held(), held);
     let counts = veiloc_service::telemetry::GatewayCounts::default();
     let gateway = Gateway::start(bus.clone(), source(&cache), GatewayOptions::new(MAP), counts).await;
     assert_eq!(gateway.expect("a gateway").manifest(), Some(town.folder().manifest().id()));
-    assert!(worker(&folder.path().join("another cache")).await.is_err(), "who never had it");
+    assert!(worker(&folder.path().join("another cache")).await.is_err(), "a machine without a cache");
 }
 
-/// What nobody waits for any more is not begun, or stopped; what somebody waits for is answered.
+/// Abandoned jobs are skipped or stopped; others are answered.
 #[tokio::test(flavor = "multi_thread")]
 async fn abandoned_work_is_dropped_and_counted() {
     const WAITING: u8 = 20;
     let town = Town::new(10);
     let mut options = worker_options("all");
-    // A query without consensus keeps its thread for ever; others end by confidence.
+    // A query without consensus occupies its thread for ever; others end by confidence.
     options.localize.pose.max_hypotheses = usize::MAX;
     let machines = Machines::start_with(&town, Bus::in_process(), vec![options]).await;
     let worker = machines.handle();
     let ask = |name: u8, body: &[u8]| ask_worker(&town, &machines, name, body);
-    let counted = |what: &str| common::value(&worker.metrics(), what);
+    let metric = |what: &str| common::value(&worker.metrics(), what);
     let is = |busy: u64, queued: u64| {
-        counted("veiloc_workers_busy") == busy && counted("veiloc_queue_length") == queued
+        metric("veiloc_workers_busy") == busy && metric("veiloc_queue_length") == queued
     };
     let cancelled =
-        || ["waiting", "working"].map(|when| counted(&format!("veiloc_cancelled_total{{when=\"{when}\"}}")));
-    let answered = || counted("veiloc_said_total{said=\"answered\"}");
+        || ["waiting", "working"].map(|when| metric(&format!("veiloc_cancelled_total{{when=\"{when}\"}}")));
+    let answered = || metric("veiloc_said_total{said=\"answered\"}");
     let before = answered();
-    let (endless, query) = (town.place.sealed_without_consensus(), town.query(&truth()));
+    let (endless, query) = (town.scene.sealed_without_consensus(), town.query(&truth()));
     let at_work = [ask(1, &endless), ask(2, &endless)];
     eventually("work on both threads", || is(2, 0)).await;
     let mut waiting: Vec<_> = (0..WAITING).map(|i| ask(3 + i, &query)).collect();
     eventually("a queue", || is(2, u64::from(WAITING))).await;
-    let kept = waiting.pop().expect("the last");
+    let awaited = waiting.pop().expect("the last");
     waiting.iter().for_each(JoinHandle::abort);
     eventually("an end of those that wait", || cancelled() == [u64::from(WAITING) - 1, 0]).await;
     at_work.iter().for_each(JoinHandle::abort);
-    assert!(matches!(kept.await.expect("it ends"), Outcome::Pose(_)));
+    assert!(matches!(awaited.await.expect("it ends"), Outcome::Pose(_)));
     eventually("an end of those at work", || cancelled() == [u64::from(WAITING) - 1, 2] && is(0, 0)).await;
     assert_eq!(answered(), before + 1);
-    // The next ones are answered as if nothing had been.
+    // Later requests are answered normally.
     assert!(matches!(ask(99, &query).await.expect("it ends"), Outcome::Pose(_)));
 }
 
-/// The sealed bytes are what the device sent, to every member that sees them, however often.
+/// Every member receives exactly the bytes that the device sent.
 #[tokio::test(flavor = "multi_thread")]
-async fn every_message_holds_the_very_same_sealed_bytes() {
+async fn all_messages_contain_the_same_sealed_bytes() {
     let town = Town::new(10);
     let bus = Bus::in_process();
     let machines = Machines::start(&town, bus.clone(), &["all"]).await;
     let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
     let keep = seen.clone();
-    let _listener = impostor(&bus, &town.subject(0), move |incoming| {
-        if let Wanted::Pose { body, .. } = understood(&incoming).wanted {
+    let _listener = fake_member(&bus, &town.subject(0), move |incoming| {
+        if let Task::Pose { body, .. } = decode_request(&incoming).task {
             keep.lock().expect("whole").push(body.to_vec());
         }
         std::future::ready(())
@@ -321,63 +333,66 @@ async fn every_message_holds_the_very_same_sealed_bytes() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_talks_nonsense_is_asked_around_and_alone_is_not_believed() {
+async fn invalid_replies_are_retried_and_never_used() {
     let town = Town::new(10);
     let query = town.query(&truth());
-    type Nonsense = fn(&Request) -> bytes::Bytes;
-    let all: [(&str, Nonsense); 6] = [
+    type InvalidReply = fn(&Request) -> bytes::Bytes;
+    let all: [(&str, InvalidReply); 6] = [
         ("garbage", |_| b"\xff\xff garbage".to_vec().into()),
         ("nothing", |_| bytes::Bytes::new()),
         ("much", |_| vec![0; 8 << 20].into()),
         ("another request's", |request| {
             let other = Request { name: [9; 16], ..request.clone() };
-            reply(&other, Outcome::LocalizeFailure(LocalizeFailure::NoPose(NoPose::TooFew)))
+            reply(&other, Outcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)))
         }),
-        ("what was not asked", |request| reply(request, Outcome::Here)),
+        ("an unexpected outcome", |request| reply(request, Outcome::Here)),
         ("regions", |request| reply(request, Outcome::Regions(Vec::new()))),
     ];
-    for (what, nonsense) in all {
+    for (what, invalid_reply) in all {
         let bus = Bus::in_process();
-        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ALONE]).await;
-        let lies = Arc::new(AtomicUsize::new(0));
-        let told = lies.clone();
-        let liar = impostor(&bus, &town.subject(0), move |incoming| {
-            let told = told.clone();
+        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ONLY]).await;
+        let invalid_replies = Arc::new(AtomicUsize::new(0));
+        let count = invalid_replies.clone();
+        let faulty_member = fake_member(&bus, &town.subject(0), move |incoming| {
+            let count = count.clone();
             async move {
-                let request = understood(&incoming);
-                // Whoever asked may have been told by somebody else meanwhile.
-                let _ = incoming.answer(nonsense(&request)).await;
-                told.fetch_add(1, Ordering::Relaxed);
+                let request = decode_request(&incoming);
+                // The requester may have its answer already.
+                let _ = incoming.answer(invalid_reply(&request)).await;
+                count.fetch_add(1, Ordering::Relaxed);
             }
         })
         .await;
         for _ in 0..4 {
             assert!(machines.ask(&query).await.expect(what).trusted, "{what}");
         }
-        eventually("members take turns", || lies.load(Ordering::Relaxed) > 0).await;
+        eventually("members take turns", || invalid_replies.load(Ordering::Relaxed) > 0).await;
         assert!(machines.leave().await, "{what}");
-        let alone = machines.ask(&query).await;
-        assert!(matches!(alone, Err(LocalizeFailure::Unreached { .. })), "{what}: {alone:?}");
-        assert!(machines.counted("veiloc_cluster_messages_total{end=\"bad-reply\"}") > 0, "{what}");
-        liar.abort();
+        let without_worker = machines.ask(&query).await;
+        assert!(
+            matches!(without_worker, Err(LocalizeFailure::Unreached { .. })),
+            "{what}: {without_worker:?}"
+        );
+        assert!(machines.metric("veiloc_cluster_messages_total{end=\"bad-reply\"}") > 0, "{what}");
+        faulty_member.abort();
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_is_told_to_go_elsewhere_goes_and_is_told_the_reason_when_there_is_nowhere() {
+async fn rejected_requests_are_retried_and_the_reason_reported() {
     let town = Town::new(10);
     let query = town.query(&truth());
     let seven = 7.try_into().expect("not zero");
     let cases = [
-        (Why::Busy { retry_after: seven }, LocalizeFailure::Busy { retry_after: seven }),
-        (Why::Leaving, LocalizeFailure::Unreached { retry_after: 1.try_into().expect("not zero") }),
-        (Why::Broken, LocalizeFailure::Broken),
+        (RejectReason::Busy { retry_after: seven }, LocalizeFailure::Busy { retry_after: seven }),
+        (RejectReason::Leaving, LocalizeFailure::Unreached { retry_after: 1.try_into().expect("not zero") }),
+        (RejectReason::Broken, LocalizeFailure::Broken),
     ];
     for (why, expected) in cases {
         let bus = Bus::in_process();
-        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ALONE]).await;
-        let busy = impostor(&bus, &town.subject(0), move |incoming| async move {
-            let request = understood(&incoming);
+        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ONLY]).await;
+        let busy = fake_member(&bus, &town.subject(0), move |incoming| async move {
+            let request = decode_request(&incoming);
             incoming.answer(reply(&request, Outcome::Rejected(why))).await.expect("sent");
         })
         .await;
@@ -385,14 +400,14 @@ async fn who_is_told_to_go_elsewhere_goes_and_is_told_the_reason_when_there_is_n
             assert!(machines.ask(&query).await.expect("a pose").trusted);
         }
         assert!(machines.leave().await);
-        assert_eq!(machines.ask(&query).await.expect_err("nobody else"), expected);
+        assert_eq!(machines.ask(&query).await.expect_err("no other worker"), expected);
         busy.abort();
     }
 }
 
-/// A worker that was asked and is told to leave answers first; one that is dropped does not, and is asked around.
+/// A stopped worker answers its requests first; a dropped one does not, and another is tried.
 #[tokio::test(flavor = "multi_thread")]
-async fn workers_come_and_go_and_every_query_is_answered() {
+async fn joining_and_leaving_workers_lose_no_query() {
     let town = Arc::new(Town::new(4));
     let bus = Bus::in_process();
     let machines = Arc::new(Machines::start(&town, bus, &["all", "all"]).await);
@@ -416,7 +431,7 @@ async fn workers_come_and_go_and_every_query_is_answered() {
     for _ in 0..4 {
         machines.add(&town, "all").await;
         let before = answered.load(Ordering::Relaxed);
-        assert!(machines.leave().await, "it finishes what it was asked");
+        assert!(machines.leave().await, "it finishes its requests");
         eventually("more answers", || answered.load(Ordering::Relaxed) > before + 3).await;
     }
     stop.store(true, Ordering::Relaxed);
@@ -425,11 +440,11 @@ async fn workers_come_and_go_and_every_query_is_answered() {
     }
 }
 
-/// The grace of workers is over when the gateway asks by the new manifest, and not before, as time passes here.
+/// In this test the grace period of workers ends after the gateway activated the new manifest.
 #[tokio::test(start_paused = true)]
-async fn a_new_manifest_takes_over_without_a_lost_query() {
+async fn new_manifest_is_activated_without_a_lost_query() {
     const DAY: Duration = Duration::from_secs(86_400);
-    let _held = hold_the_clock();
+    let _held = hold_clock();
     let town = Arc::new(Town::new(5));
     let bus = Bus::in_process();
     let workers = ["1/2", "2/2"].map(|share| {
@@ -443,16 +458,16 @@ async fn a_new_manifest_takes_over_without_a_lost_query() {
         .map(|client| {
             let (machines, town, stop) = (machines.clone(), town.clone(), stop.clone());
             tokio::spawn(async move {
-                let (queries, mut asked) = (town.queries(5), 0);
+                let (queries, mut answered) = (town.queries(5), 0);
                 for query in queries.iter().cycle().skip(client) {
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    let question = machines.question(query, DAY);
-                    assert!(machines.gateway.localize(question).await.expect("a pose").trusted);
-                    asked += 1;
+                    let request = machines.request(query, DAY);
+                    assert!(machines.gateway.localize(request).await.expect("a pose").trusted);
+                    answered += 1;
                 }
-                asked
+                answered
             })
         })
         .collect();
@@ -462,12 +477,13 @@ async fn a_new_manifest_takes_over_without_a_lost_query() {
         pass_until(OFTEN, "the new manifest", || machines.gateway.manifest() == Some(manifest.id())).await;
         let description = machines.gateway.describe().expect("held");
         assert_eq!(description.images, images as usize);
-        // What nobody asks for any more is given back in the end.
+        // Unused regions are finally left.
         let left =
             || futures_util::FutureExt::now_or_never(bus.request(&old, "".into(), Duration::from_secs(9)));
-        assert!(left().is_none(), "not before its time");
-        let is_left = || matches!(left(), Some(Err(veiloc_cluster::ClusterError::Nobody { .. })));
-        pass_until(Duration::from_secs(60), "nobody", is_left).await;
+        assert!(left().is_none(), "not before the grace period");
+        let group_is_empty =
+            || matches!(left(), Some(Err(veiloc_cluster::ClusterError::NoResponders { .. })));
+        pass_until(Duration::from_secs(60), "an empty group", group_is_empty).await;
     }
     stop.store(true, Ordering::Relaxed);
     for client in clients {
@@ -476,7 +492,7 @@ async fn a_new_manifest_takes_over_without_a_lost_query() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nothing_is_asked_until_every_region_has_somebody() {
+async fn manifest_is_activated_when_all_regions_are_reachable() {
     let town = Town::new(4);
     let query = town.query(&truth());
     let machines = Machines::start(&town, Bus::in_process(), &["1/2"]).await;
@@ -488,25 +504,25 @@ async fn nothing_is_asked_until_every_region_has_somebody() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_was_sealed_for_another_map_goes_to_no_worker() {
+async fn queries_for_another_map_reach_no_worker() {
     let town = Town::new(10);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
-    let other = common::service::Place::new(5).sealed(&truth());
+    let other = common::service::TestScene::new(5).sealed(&truth());
     assert_eq!(machines.ask(&other).await.expect_err("refused"), LocalizeFailure::WrongProfile);
-    assert_eq!(machines.counted("veiloc_cluster_messages_total{end=\"answered\"}"), 0);
+    assert_eq!(machines.metric("veiloc_cluster_messages_total{end=\"answered\"}"), 0);
 }
 
-/// One request three times to one worker: the first waits there, and those that come later are turned away and take nothing
-/// from it.
+/// The same request three times to one worker: the first is queued, the later ones are rejected and do not disturb
+/// it.
 #[tokio::test(flavor = "multi_thread")]
-async fn a_worker_that_is_at_it_says_so_and_goes_on() {
+async fn duplicate_requests_are_rejected_while_in_progress() {
     let town = Town::new(10);
     let mut options = worker_options("all");
     options.localize.pose.max_hypotheses = usize::MAX;
     let machines = Machines::start_with(&town, Bus::in_process(), vec![options]).await;
     let worker = machines.handle();
     let ask = |name: u8, body: &[u8]| ask_worker(&town, &machines, name, body);
-    let endless = town.place.sealed_without_consensus();
+    let endless = town.scene.sealed_without_consensus();
     let at_work = [ask(1, &endless), ask(2, &endless)];
     let is = |what: &str, count: u64| common::value(&worker.metrics(), what) == count;
     eventually("work on both threads", || is("veiloc_workers_busy", 2)).await;
@@ -515,24 +531,21 @@ async fn a_worker_that_is_at_it_says_so_and_goes_on() {
     eventually("a queue", || is("veiloc_queue_length", 1)).await;
     for _ in 0..2 {
         let twin = ask(5, &query).await.expect("it ends");
-        assert!(matches!(twin, Outcome::Rejected(Why::AtIt)), "{twin:?}");
+        assert!(matches!(twin, Outcome::Rejected(RejectReason::InProgress)), "{twin:?}");
     }
     at_work.iter().for_each(JoinHandle::abort);
     assert!(matches!(first.await.expect("it ends"), Outcome::Pose(_)));
-    assert!(matches!(ask(5, &query).await.expect("it ends"), Outcome::Pose(_)), "not at it any more");
+    assert!(matches!(ask(5, &query).await.expect("it ends"), Outcome::Pose(_)), "not in progress any more");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn time_is_over_when_it_is_over() {
+async fn request_times_out() {
     let town = Town::new(10);
     let bus = Bus::in_process();
     let machines = Machines::start(&town, bus.clone(), &["all"]).await;
     assert!(machines.leave().await);
-    let _silent = impostor(&bus, &town.subject(0), |_| std::future::ready(())).await;
-    let _index = impostor(&bus, &town.index_subject(), |_| std::future::ready(())).await;
-    let question: RemoteRequest = machines.question(&town.query(&truth()), Duration::from_millis(200));
-    assert_eq!(
-        machines.gateway.localize(question).await.expect_err("nobody says a word"),
-        LocalizeFailure::TimedOut
-    );
+    let _silent = fake_member(&bus, &town.subject(0), |_| std::future::ready(())).await;
+    let _index = fake_member(&bus, &town.index_subject(), |_| std::future::ready(())).await;
+    let request: RemoteRequest = machines.request(&town.query(&truth()), Duration::from_millis(200));
+    assert_eq!(machines.gateway.localize(request).await.expect_err("no reply"), LocalizeFailure::TimedOut);
 }
