@@ -1,4 +1,4 @@
-//! What can be wrong with a map, a map file, its regions or a COLMAP model. Every message names the file and says what to do.
+//! Errors of maps, map files, regions and COLMAP models. Every message names the file and the remedy.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ pub enum MapError {
     Io {
         /// Which file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The folder does not hold a COLMAP model.
@@ -26,12 +26,12 @@ pub enum MapError {
     NoColmapModel {
         /// The folder.
         dir: PathBuf,
-        /// Which files it must hold.
+        /// The missing files.
         wanted: &'static str,
     },
-    /// A model is to be written as text into a folder that holds a binary one.
+    /// A text model must not be written into a folder with a binary one.
     #[error(
-        "{}: a binary COLMAP model is there, and would be read in the place of the text; remove its .bin files, or give \
+        "{}: holds a binary COLMAP model, which would be read instead of the text; remove its .bin files, or give \
          another folder",
         dir.display()
     )]
@@ -39,31 +39,31 @@ pub enum MapError {
         /// The folder.
         dir: PathBuf,
     },
-    /// A record of a COLMAP file is not what it should be.
-    #[error("{}, {place}: {reason}", path.display())]
+    /// A record of a COLMAP file is invalid.
+    #[error("{}, {position}: {reason}", path.display())]
     Colmap {
         /// Which file.
         path: PathBuf,
-        /// Where in it.
-        place: Place,
+        /// Where in the file.
+        position: FilePosition,
         /// What is wrong, and the remedy.
         reason: String,
     },
-    /// Records of a COLMAP model do not fit together.
+    /// Records of a COLMAP model are inconsistent.
     #[error("COLMAP model{}: {record} {reason}", in_dir(dir.as_deref()))]
     ColmapRecord {
-        /// The folder it was read from, when it was read from one.
+        /// The folder of the model, if it was read from one.
         dir: Option<PathBuf>,
         /// Which record.
-        record: Record,
+        record: ModelRecord,
         /// What is wrong, and the remedy.
         reason: String,
     },
-    /// Posed images do not fit together.
-    #[error("the posed images do not fit together: {record} {reason}")]
+    /// Posed images are inconsistent.
+    #[error("the posed images are inconsistent: {record} {reason}")]
     PosedImages {
         /// Which image or point.
-        record: Record,
+        record: ModelRecord,
         /// What is wrong, and the remedy.
         reason: String,
     },
@@ -83,7 +83,7 @@ pub enum MapError {
         /// Which file.
         path: PathBuf,
     },
-    /// The file is a map of another version of the format.
+    /// The map has another format version.
     #[error(
         "{}: map format version {found}, but this program reads version {supported}; build the map again with this \
          program, or use the one that wrote it",
@@ -97,7 +97,7 @@ pub enum MapError {
         /// The version this program reads.
         supported: u32,
     },
-    /// The file has a part that this program does not know.
+    /// The map has an unknown section.
     #[error("{}: section {code} of the map is unknown: it was written by a newer version; use a newer veiloc", path.display())]
     UnknownSection {
         /// Which file.
@@ -105,7 +105,7 @@ pub enum MapError {
         /// The section's number.
         code: u32,
     },
-    /// The file ends before it should, or goes on after it should end.
+    /// The file is shorter or longer than its header states.
     #[error(
         "{}: the map is {actual} bytes long, {expected} were written; it was cut short or appended to: copy it again \
          or build it again",
@@ -116,7 +116,7 @@ pub enum MapError {
         path: PathBuf,
         /// Its length, bytes.
         actual: u64,
-        /// The length its header tells, or the least a map can have.
+        /// The length in the header, or the minimum length of a map.
         expected: u64,
     },
     /// Bytes changed since the map was written.
@@ -130,7 +130,7 @@ pub enum MapError {
         /// Which section; `header` for the header and the table of sections.
         section: &'static str,
     },
-    /// The checksums are right, and yet the content is no map: it was written by a faulty program.
+    /// The checksums are valid, but the content is not: a faulty program wrote it.
     #[error("{}: section {section:?}: {reason}; build the map again", path.display())]
     Structure {
         /// Which file.
@@ -140,33 +140,33 @@ pub enum MapError {
         /// What is wrong.
         reason: String,
     },
-    /// A map put together in memory does not hold together.
-    #[error("the map does not hold together: {record} {reason}")]
+    /// A map in memory is inconsistent.
+    #[error("the map is inconsistent: {record} {reason}")]
     Model {
         /// Which part.
-        record: Record,
+        record: ModelRecord,
         /// What is wrong.
         reason: String,
     },
-    /// A map cannot be cut so.
+    /// The map cannot be cut with these options.
     #[error("the map cannot be cut: {reason}")]
     Cut {
         /// Why, and the remedy.
         reason: String,
     },
-    /// A map cannot have this name.
-    #[error("{name:?} is no name of a map: take 1 to 64 of letters, digits, `-`, `_` and `.`")]
+    /// Invalid map name.
+    #[error("{name:?} is not a valid map name: use 1 to 64 letters, digits, `-`, `_` and `.`")]
     Name {
         /// The name.
         name: String,
     },
-    /// There are no regions in the folder.
-    #[error("{}: no regions here: `veiloc map split MAP --out DIR` makes such a folder", path.display())]
+    /// The folder has no regions.
+    #[error("{}: no regions here; `veiloc map split MAP --out DIR` creates such a folder", path.display())]
     NoRegions {
-        /// The manifest that is not there.
+        /// The missing manifest.
         path: PathBuf,
     },
-    /// A manifest is not what it should be.
+    /// Invalid manifest.
     #[error("{from}: {source}")]
     Manifest {
         /// The file or address it was read from.
@@ -174,7 +174,7 @@ pub enum MapError {
         /// What is wrong.
         source: ManifestError,
     },
-    /// An index is not what it should be.
+    /// Invalid index.
     #[error("{}: {reason}; cut the map again with `veiloc map split`", path.display())]
     Index {
         /// Which file.
@@ -182,7 +182,7 @@ pub enum MapError {
         /// What is wrong.
         reason: String,
     },
-    /// An index was written by a newer program.
+    /// The index has another version.
     #[error(
         "{}: index version {found}, but this program reads version {supported}; publish the map again with this program, or \
          use the one that published it",
@@ -196,9 +196,9 @@ pub enum MapError {
         /// The one this program reads.
         supported: u32,
     },
-    /// A file does not hold what its name says.
+    /// The content of a file does not match its name.
     #[error(
-        "{}: {found}, where the object {} of {} bytes should be; it is damaged: fetch it again, or cut the map again",
+        "{}: found {found} instead of the object {} of {} bytes; the file is damaged: fetch it again, or cut the map again",
         path.display(),
         expected.sha256,
         expected.bytes
@@ -206,13 +206,13 @@ pub enum MapError {
     Object {
         /// Which file.
         path: PathBuf,
-        /// What should be there.
+        /// The expected object.
         expected: ObjectRef,
-        /// What is there.
+        /// The content that was found.
         found: String,
     },
-    /// An object is sound, and not what the manifest says of it.
-    #[error("{}: {reason}: the manifest was put together wrongly; cut the map again", path.display())]
+    /// A valid object does not match the manifest.
+    #[error("{}: {reason}: the manifest does not match its objects; cut the map again", path.display())]
     Mismatch {
         /// Which file.
         path: PathBuf,
@@ -231,16 +231,16 @@ fn in_dir(dir: Option<&Path>) -> String {
     dir.map_or_else(String::new, |d| format!(" in {}", d.display()))
 }
 
-/// A place in a file.
+/// A position in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum FilePosition {
     /// Line of a text file, from 1.
     Line(usize),
     /// Byte of a binary file, from 0.
     Byte(usize),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line(line) => write!(f, "line {line}"),
@@ -252,7 +252,7 @@ impl fmt::Display for Place {
 /// A part of a model, by its number or name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Record {
+pub enum ModelRecord {
     /// A camera, by its COLMAP id or its index in the map.
     Camera(u32),
     /// An image, by its name.
@@ -265,7 +265,7 @@ pub enum Record {
     Map,
 }
 
-impl fmt::Display for Record {
+impl fmt::Display for ModelRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Camera(id) => write!(f, "camera {id}"),
@@ -277,20 +277,20 @@ impl fmt::Display for Record {
     }
 }
 
-/// What is wrong with the bytes of a manifest.
+/// Errors of a manifest.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ManifestError {
-    /// More bytes than any manifest has.
-    #[error("a manifest of more than {most} bytes; nothing veiloc writes is so long")]
+    /// The manifest is too long.
+    #[error("a manifest of more than {most} bytes; veiloc never writes such a manifest")]
     TooLong {
         /// Most bytes.
         most: usize,
     },
-    /// No JSON, or not of a manifest.
+    /// Not JSON, or not a manifest.
     #[error("not a manifest of regions: {0}; `veiloc map split` makes one")]
     Json(#[from] serde_json::Error),
-    /// Of a version that this program does not know.
+    /// Unknown version.
     #[error(
         "manifest version {found}, but this program reads version {supported}; publish the map again with this program, or \
          use the one that published it"
@@ -301,33 +301,29 @@ pub enum ManifestError {
         /// The one this program reads.
         supported: u32,
     },
-    /// Right by form, and yet impossible.
+    /// Well-formed, but inconsistent.
     #[error("an impossible manifest: {reason}; cut the map again with `veiloc map split`")]
     Impossible {
         /// What is wrong.
         reason: String,
     },
-    /// The same content written in another way: one content would have two ids.
-    #[error(
-        "not written as veiloc writes a manifest, so that its id is no name of its content; cut the map again"
-    )]
+    /// The same content in another form; it would have two ids.
+    #[error("not in the canonical form of a manifest, so its id is ambiguous; cut the map again")]
     SecondForm,
-    /// It is of another map.
-    #[error(
-        "the manifest of the map {found:?}, where one of {expected:?} was asked for; publish the map again"
-    )]
+    /// It belongs to another map.
+    #[error("the manifest belongs to map {found:?}, expected {expected:?}; publish the map again")]
     OtherMap {
-        /// Name of the map that was asked for.
+        /// Expected map.
         expected: String,
-        /// Name of the map that it is of.
+        /// Map of the manifest.
         found: String,
     },
-    /// The bytes are of another manifest than was asked for.
-    #[error("the manifest {found}, where {expected} was asked for; fetch it again")]
+    /// It is another manifest than requested.
+    #[error("found manifest {found}, expected {expected}; fetch it again")]
     OtherId {
-        /// The id that was asked for.
+        /// Expected id.
         expected: ObjectId,
-        /// The id of what is there.
+        /// Id of the manifest that was found.
         found: ObjectId,
     },
 }

@@ -1,22 +1,24 @@
-//! The map model, its file, and posed images and COLMAP models as ways in and out.
+//! The map model, its file format, and posed images and COLMAP models as input and output.
 //!
-//! For whoever keeps maps (an operator's tools) and whoever reads them (a service that localizes).
+//! For tools that build maps, and for services that localize in them.
 //!
-//! - [`PosedImages`]: images with cameras and poses, what a map is built of; [`colmap::read_posed`] reads COLMAP's.
-//! - [`MapModel`]: a map as an owned value, what mapping builds and changes.
-//! - [`MapFile`]: the same in a file that is mapped into memory and served from; [`write()`] makes one, and
-//!   [`MapLock`] is for whoever reads a map to change it.
+//! - [`PosedImages`]: images with cameras and poses, the input of mapping; [`colmap::read_posed`] reads them from
+//!   COLMAP.
+//! - [`MapModel`]: a map as an owned value, which mapping builds and changes.
+//! - [`MapFile`]: a map in a validated file, from which queries are served; [`write()`] writes one, and [`MapLock`]
+//!   is needed to modify one.
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
-//! - [`Down`]: which way is down in the map, where somebody knows.
-//! - [`Compressed`]: what a small map remembers of the whole one it was made of.
-//! - [`Region`]: which part of a larger map a map is; [`MapFile::region`] cuts it out.
-//! - [`MapView`]: a map file whole, or with one image left out of it.
-//! - [`colmap`]: COLMAP's models, text and binary, read strictly and written; [`write_ply`] writes a map's points.
+//! - [`Down`]: the direction of gravity in the map, if known.
+//! - [`Compressed`]: data that a compressed map keeps about the whole map.
+//! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
+//! - [`MapView`]: a map file, whole or with one image left out.
+//! - [`colmap`]: strict reader and writer of COLMAP models, text and binary; [`write_ply`] writes the points of a
+//!   map.
 //!
-//! # Who checks what
-//! A [`MapModel`] may be put together freely; [`MapModel::validate`] says whether it is a map, and [`write()`] asks it.
-//! A [`MapFile`] was checked whole when it was opened (checksums, indices, names, poses), so its accessors neither
-//! fail nor panic on what the file holds. The bytes of the format are specified in `docs/reference/map-format.md`.
+//! # Validation
+//! A [`MapModel`] may be modified freely; [`MapModel::validate`] checks its consistency, and [`write()`] calls it. A
+//! [`MapFile`] is validated when it is opened (checksums, indices, names, poses), so its accessors neither fail nor
+//! panic. `docs/map-format.md` specifies the format.
 //!
 //! # Changing a map
 //! ```
@@ -31,7 +33,7 @@
 //! let profile = Profile::vlad(Vocabulary::new(words)?);
 //! veiloc_map::write(&MapModel::empty(profile, BuildSettings::default()), &path)?;
 //!
-//! let lock = MapLock::acquire(&path)?; // nobody else changes it now
+//! let lock = MapLock::acquire(&path)?; // no other program changes it now
 //! let mut model = MapFile::open(&path)?.to_model();
 //! model.settings.pairs_per_image = 40;
 //! lock.write(&model)?;
@@ -46,9 +48,9 @@
 pub mod atomic_file;
 pub mod colmap;
 mod compressed;
-mod down;
 mod error;
 mod file;
+mod gravity;
 mod model;
 mod name;
 mod ply;
@@ -59,12 +61,12 @@ mod self_test;
 mod settings;
 
 pub use compressed::{Compressed, Remembered};
-pub use down::{Down, DownError};
-pub use error::{ManifestError, MapError, Place, Record};
+pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{
     Evidence, FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, PointWithout, Without,
     byte_count, write,
 };
+pub use gravity::{Down, DownError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use name::is_map_name;
 pub use ply::write_ply;

@@ -1,4 +1,4 @@
-//! A map as an owned value: what mapping builds, extends and shrinks.
+//! A map as an owned value, which mapping builds, extends and shrinks.
 
 use std::collections::BTreeSet;
 
@@ -9,25 +9,24 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_protocol::Profile;
 
 use crate::compressed::Compressed;
-use crate::down::Down;
-use crate::error::{MapError, Record};
+use crate::error::{MapError, ModelRecord};
+use crate::gravity::Down;
 use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
-/// A point of one map: its index there. Ids of different maps, or of a map before and after a change, mean nothing to
-/// each other.
+/// A point of a map: its index. Ids of different maps, or of a map before and after a change, are not related.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct PointId(pub u32);
 
 impl PointId {
-    /// As an index.
+    /// The index.
     pub const fn index(self) -> usize {
         self.0 as usize
     }
 }
 
-/// One keypoint that sees a point.
+/// An observation of a point by a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Observation {
     /// Index of the image.
@@ -36,32 +35,32 @@ pub struct Observation {
     pub keypoint: u32,
 }
 
-/// An image of the map. All of its keypoints are kept, also those that see no point: images added later may need them.
-/// (A compressed map keeps only some of those that see one.)
+/// An image of the map. All of its keypoints are kept, also those without a point, because images added later may
+/// need them. (A compressed map keeps only some of those with a point.)
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapImage {
     /// File name, relative to the folder of the images; unique in the map.
     pub name: String,
     /// Index of its camera.
     pub camera: usize,
-    /// Where it was taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
-    /// `[N]`, pixels `[u, v]` of the image as it was taken (distorted).
+    /// `[N]`, pixels `[u, v]` in the original (distorted) image.
     pub keypoints: Vec<[f32; 2]>,
     /// `[N, dim]`
     pub descriptors: Descriptors,
-    /// Of all its descriptors.
+    /// Global descriptor of all its descriptors.
     pub global: GlobalDescriptor,
-    /// `[N]`, the point each keypoint sees.
+    /// `[N]`, the point that each keypoint observes.
     pub point_of_keypoint: Vec<Option<PointId>>,
 }
 
 /// A triangulated point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapPoint {
-    /// Where, map units.
+    /// Position, map units.
     pub position: Point3<World>,
-    /// Who sees it, in rising order, at least one.
+    /// Observations, in ascending order, at least one.
     pub track: Vec<Observation>,
     /// Mean reprojection error over the track, pixels of the images.
     pub error: f64,
@@ -69,7 +68,7 @@ pub struct MapPoint {
 
 /// A map.
 ///
-/// The parts may be put together and changed freely; [`Self::validate`] says whether they hold together.
+/// The parts may be modified freely; [`Self::validate`] checks their consistency.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapModel {
     /// Cameras; images refer to them by index.
@@ -78,17 +77,18 @@ pub struct MapModel {
     pub images: Vec<MapImage>,
     /// Points, by [`PointId`].
     pub points: Vec<MapPoint>,
-    /// How it was built; images that join later are treated alike.
+    /// Settings of the build, also used for images that are added later.
     pub settings: BuildSettings,
-    /// What a device needs to seal a query for this map.
+    /// The profile with which a device seals queries for this map.
     pub profile: Profile,
-    /// What its test of itself came to. A change of images or points makes it untrue: who changes them takes it away.
+    /// The self-test. It becomes invalid when images or points change, so code that changes them must remove it.
     pub self_test: Option<SelfTest>,
-    /// Which way is down, where somebody knows; images that join or leave do not change it.
+    /// The direction of gravity, if known; independent of images.
     pub down: Option<Down>,
-    /// What it was made of, where it is a compressed map: such a map takes no images in and lets none go.
+    /// Data about the whole map, in a compressed map; images can be neither added to it nor removed.
     pub compressed: Option<Compressed>,
-    /// Which part of a larger map it is, where it is one; it is then [`Self::compressed`] too, whose numbers are the larger map's.
+    /// The part of a larger map, in a region; a region is also [`Self::compressed`], with the numbers of the larger
+    /// map.
     pub region: Option<Region>,
 }
 
@@ -129,9 +129,9 @@ impl MapModel {
         sum / self.observation_count().max(1) as f64
     }
 
-    /// Writes each point's track into [`MapImage::point_of_keypoint`] of its images, and forgets what stood there.
+    /// Sets [`MapImage::point_of_keypoint`] of all images from the tracks, and clears previous values.
     ///
-    /// Observations of images or keypoints that do not exist are left for [`Self::validate`] to find.
+    /// Observations of missing images or keypoints are ignored here and found by [`Self::validate`].
     pub fn link_keypoints(&mut self) {
         for image in &mut self.images {
             image.point_of_keypoint.clear();
@@ -148,44 +148,44 @@ impl MapModel {
         }
     }
 
-    /// Whether the parts hold together: indices in range, numbers finite, names unique, arrays of one image equally
-    /// long, and tracks and keypoints telling the same.
+    /// Checks consistency: indices in range, numbers finite, names unique, arrays of one image of equal length,
+    /// tracks and keypoints in agreement.
     ///
     /// # Errors
-    /// [`MapError::Model`] naming the part that does not fit.
+    /// [`MapError::Model`] with the inconsistent part.
     pub fn validate(&self) -> Result<(), MapError> {
-        let refuse = |record: Record, reason: String| Err(MapError::Model { record, reason });
+        let refuse = |record: ModelRecord, reason: String| Err(MapError::Model { record, reason });
         if let Err(error) = self.settings.check() {
-            return refuse(Record::Map, format!("was built with impossible settings: {error}"));
+            return refuse(ModelRecord::Map, format!("has invalid build settings: {error}"));
         }
         if let Some(Err(reason)) = self.self_test.as_ref().map(SelfTest::check) {
-            return refuse(Record::Map, format!("has an impossible self-test: {reason}"));
+            return refuse(ModelRecord::Map, format!("has an invalid self-test: {reason}"));
         }
         let lengths = || self.points.iter().map(|p| p.track.len());
         if let Some(Err(reason)) = self.compressed.as_ref().map(|c| c.check(lengths())) {
-            return refuse(Record::Map, reason);
+            return refuse(ModelRecord::Map, reason);
         }
-        let is_remembered = self.compressed.is_some();
-        if let Some(Err(reason)) = self.region.as_ref().map(|r| r.check(self.images.len(), is_remembered)) {
-            return refuse(Record::Map, reason);
+        let has_summaries = self.compressed.is_some();
+        if let Some(Err(reason)) = self.region.as_ref().map(|r| r.check(self.images.len(), has_summaries)) {
+            return refuse(ModelRecord::Map, reason);
         }
         let many = [self.cameras.len(), self.images.len(), self.points.len()];
         if many.iter().any(|n| *n >= u32::MAX as usize) {
-            return refuse(Record::Map, "has more parts than 32-bit numbers can count".to_owned());
+            return refuse(ModelRecord::Map, "has more parts than 32-bit numbers can count".to_owned());
         }
         let mut names = BTreeSet::new();
         for image in &self.images {
             if let Err(reason) = self.check_image(image) {
-                return refuse(Record::Image(image.name.clone()), reason);
+                return refuse(ModelRecord::Image(image.name.clone()), reason);
             }
             if !names.insert(&image.name) {
-                return refuse(Record::Image(image.name.clone()), "appears twice".to_owned());
+                return refuse(ModelRecord::Image(image.name.clone()), "appears twice".to_owned());
             }
         }
         let mut observations = 0;
         for (id, point) in (0_u32..).zip(&self.points) {
             if let Err(reason) = self.check_point(PointId(id), point) {
-                return refuse(Record::Point(id.into()), reason);
+                return refuse(ModelRecord::Point(id.into()), reason);
             }
             observations += point.track.len();
         }
@@ -193,7 +193,7 @@ impl MapModel {
         if linked != observations {
             let reason =
                 format!("has {linked} keypoints that see points, but tracks of {observations} observations");
-            return refuse(Record::Map, reason);
+            return refuse(ModelRecord::Map, reason);
         }
         Ok(())
     }
@@ -247,7 +247,7 @@ impl MapModel {
             let links = self.images.get(o.image as usize).map(|i| &i.point_of_keypoint);
             if links.and_then(|l| l.get(o.keypoint as usize)) != Some(&Some(id)) {
                 return Err(format!(
-                    "is seen by keypoint {} of image {}, which does not say so",
+                    "is seen by keypoint {} of image {}, which does not refer to it",
                     o.keypoint, o.image
                 ));
             }
@@ -256,12 +256,12 @@ impl MapModel {
     }
 }
 
-/// Not empty, and without what would break a list of names.
+/// Not empty, and without characters that would break a list of names.
 pub(crate) fn is_name(name: &str) -> bool {
     !name.is_empty() && !name.contains(['\0', '\n', '\r'])
 }
 
-/// Finite, and a rotation up to rounding.
+/// Finite, with a rotation up to rounding.
 pub(crate) fn is_rigid(pose: &CameraFromWorld) -> bool {
     let r = pose.rotation().matrix();
     pose.is_finite() && (r * r.transpose() - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0

@@ -1,7 +1,7 @@
-//! A map's points as PLY, for programs that show point clouds.
+//! Writes the points of a map as PLY, for viewers of point clouds.
 //!
-//! Binary, little-endian; of each point its position (map units), its mean reprojection error (pixels) and how many
-//! images see it. Turk, *The PLY Polygon File Format*, 1994.
+//! Binary, little-endian; for each point its position (map units), mean reprojection error (pixels) and number of
+//! observing images. Turk, *The PLY Polygon File Format*, 1994.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -11,10 +11,10 @@ use crate::atomic_file::write_whole;
 use crate::error::MapError;
 use crate::model::MapModel;
 
-/// Writes the points of a map in its order; the file is replaced whole.
+/// Writes the points of a map in order; the file is replaced atomically.
 ///
 /// # Errors
-/// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
+/// [`MapError::Model`]: the map is inconsistent; [`MapError::Io`].
 pub fn write_ply(map: &MapModel, path: &Path) -> Result<(), MapError> {
     map.validate()?;
     write_whole(path, &encode(map)).map_err(MapError::io(path))

@@ -1,11 +1,11 @@
-//! Images whose poses are known: what a map is built of, wherever the poses come from.
+//! Posed images: the input of mapping, from any source of poses.
 
 use std::collections::BTreeMap;
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 
-use crate::error::{MapError, Record};
+use crate::error::{MapError, ModelRecord};
 use crate::model::{is_name, is_rigid};
 
 /// An image with its camera and its pose.
@@ -13,18 +13,18 @@ use crate::model::{is_name, is_rigid};
 pub struct PosedImage {
     /// File name, relative to the folder of the images; unique among the images.
     pub name: String,
-    /// The camera that took it. Images of one camera have equal ones.
+    /// Its camera. Images of the same camera have equal values.
     pub camera: Intrinsics,
-    /// Where it was taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
-    /// Which of [`PosedImages::points`] it sees, as far as that is known; may be empty.
+    /// Indices of the [`PosedImages::points`] that it observes, as far as known; may be empty.
     pub seen: Vec<u32>,
 }
 
-/// Images with cameras and poses in one world, and perhaps some points that they see.
+/// Images with cameras and poses in one world frame, and optionally some points that they observe.
 ///
-/// The points only help to find out which images show the same; they do not become points of a map. A COLMAP model
-/// converts into it, with or without points; a data set fills it from what it has.
+/// The points only help to select image pairs; they do not become points of a map. A COLMAP model converts into this
+/// type, with or without points.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PosedImages {
     images: Vec<PosedImage>,
@@ -33,19 +33,20 @@ pub struct PosedImages {
 }
 
 impl PosedImages {
-    /// From images and the points that their [`PosedImage::seen`] refer to; without points give an empty list.
+    /// From images and the points to which [`PosedImage::seen`] refers; the points may be empty.
     ///
     /// # Errors
-    /// [`MapError::PosedImages`] naming the image or point: a name that is unusable or there twice, a pose that is not
-    /// finite or turns by no rotation, a point that is not finite or not there.
+    /// [`MapError::PosedImages`] with the image or point: an invalid or repeated name, an invalid pose, a non-finite
+    /// or missing point.
     pub fn new(images: Vec<PosedImage>, points: Vec<Point3<World>>) -> Result<Self, MapError> {
-        let refuse =
-            |record: Record, reason: &str| Err(MapError::PosedImages { record, reason: reason.to_owned() });
+        let refuse = |record: ModelRecord, reason: &str| {
+            Err(MapError::PosedImages { record, reason: reason.to_owned() })
+        };
         if let Some(id) = points.iter().position(|p| !p.is_finite()) {
-            return refuse(Record::Point(id as u64), "is not finite; leave it out");
+            return refuse(ModelRecord::Point(id as u64), "is not finite; leave it out");
         }
         for image in &images {
-            let this = || Record::Image(image.name.clone());
+            let this = || ModelRecord::Image(image.name.clone());
             if !is_name(&image.name) {
                 return refuse(this(), "has no usable file name; give it one");
             }
@@ -62,12 +63,12 @@ impl PosedImages {
             let mut twice = posed.images.iter().enumerate();
             let twice = twice.find(|(i, image)| posed.by_name.get(&image.name) != Some(i));
             let name = twice.map(|(_, image)| image.name.clone()).unwrap_or_default();
-            return refuse(Record::Image(name), "appears twice; keep one of them");
+            return refuse(ModelRecord::Image(name), "appears twice; keep one of them");
         }
         Ok(posed)
     }
 
-    /// From parts that are known to fit together.
+    /// From parts that are known to be consistent.
     pub(crate) fn indexed(images: Vec<PosedImage>, points: Vec<Point3<World>>) -> Self {
         let by_name = images.iter().enumerate().map(|(index, image)| (image.name.clone(), index)).collect();
         Self { images, points, by_name }
@@ -83,12 +84,12 @@ impl PosedImages {
         self.by_name.get(name).map(|index| &self.images[*index])
     }
 
-    /// Points that images see; map units.
+    /// Points that images observe, map units.
     pub fn points(&self) -> &[Point3<World>] {
         &self.points
     }
 
-    /// Names of all images, in their order.
+    /// Names of all images, in order.
     pub fn names(&self) -> Vec<String> {
         self.images.iter().map(|i| i.name.clone()).collect()
     }
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_together_is_named() {
+    fn inconsistent_images_are_named() {
         let here = Point3::new(1.0, 2.0, 3.0);
         let posed = PosedImages::new(vec![image("a.jpg", &[0]), image("b.jpg", &[])], vec![here]).unwrap();
         assert_eq!(posed.get("b.jpg").map(|i| i.name.as_str()), Some("b.jpg"));
@@ -131,10 +132,10 @@ mod tests {
             (vec![image("a.jpg", &[1])], vec![here], "a point that is not there"),
             (vec![], vec![Point3::new(f64::NAN, 0.0, 0.0)], "point 0 is not finite"),
         ];
-        for (images, points, told) in bad {
+        for (images, points, expected) in bad {
             let error = PosedImages::new(images, points).unwrap_err();
             assert!(matches!(error, MapError::PosedImages { .. }), "{error}");
-            assert!(error.to_string().contains(told), "{error}");
+            assert!(error.to_string().contains(expected), "{error}");
         }
     }
 }

@@ -1,75 +1,75 @@
-//! How well a map localizes its own images, and what follows for the covariances of its answers.
+//! Self-test of a map: how well it localizes its own images, and the resulting calibration of covariances.
 //!
-//! A self-test localizes images of the map as if they were queries, each left out of the map meanwhile. Its poses are
-//! compared with those that the map was built with. It is run by `veiloc_mapping::calibration`; here is what it came to, because it is
-//! kept in the map's file and used where queries are answered.
+//! A self-test localizes images of the map as queries, each left out of the map meanwhile, and compares the poses
+//! with those of the map. `veiloc_mapping::calibration` runs it; the results are stored in the map file and used by
+//! the server.
 
 use veiloc_protocol::Scheme;
 
-/// Shares of [`SelfTest::scale`] and degrees within which poses are counted, whatever the map's unit is.
+/// Thresholds: shares of [`SelfTest::scale`], and degrees; independent of the map unit.
 pub const RELATIVE: [(f64, f64); 3] = [(0.002, 0.2), (0.01, 1.0), (0.05, 5.0)];
 
-/// Map units and degrees within which poses are counted, for maps in metres.
+/// Thresholds: map units and degrees, for maps in metres.
 pub const ABSOLUTE: [(f64, f64); 2] = [(0.05, 5.0), (0.25, 2.0)];
 
-/// Probabilities of the regions whose coverage is counted.
+/// Probabilities of the confidence regions whose coverage is measured.
 pub const LEVELS: [f64; 3] = [0.5, 0.9, 0.99];
 
-/// What a map's test of itself came to.
+/// Result of a self-test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SelfTest {
-    /// Images that were localized, each left out of the map meanwhile.
+    /// Number of test images, each left out of the map meanwhile.
     pub images: u32,
-    /// Median over the images of the median distance of what they see, map units; 0 when they see nothing.
+    /// Median over the images of the median depth of their points, map units; 0 without points.
     pub scale: f64,
-    /// Noise of keypoints that the estimator assumes, pixels.
+    /// Keypoint noise that the estimator assumes, pixels.
     pub assumed_noise_px: f64,
-    /// One entry a scheme.
+    /// One entry per scheme.
     pub schemes: Vec<SchemeTest>,
 }
 
-/// What a self-test came to under one scheme.
+/// Result of a self-test for one scheme.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SchemeTest {
-    /// Which one. The layout of `dcl` is the default one.
+    /// The scheme; `dcl` with its default layout.
     pub scheme: Scheme,
-    /// Images of which there was a pose.
+    /// Number of localized images.
     pub localized: u32,
-    /// Images whose pose was trusted.
+    /// Number of images with a trusted pose.
     pub trusted: u32,
-    /// Images within each of [`RELATIVE`].
+    /// Number of images within each of [`RELATIVE`].
     pub within_of_scale: [u32; 3],
-    /// Images within each of [`ABSOLUTE`].
+    /// Number of images within each of [`ABSOLUTE`].
     pub within: [u32; 2],
-    /// Over all images, degrees; one that was not localized counts as infinite.
+    /// Median rotation error, degrees; images without a pose count as infinite.
     pub median_rotation_deg: f64,
-    /// Of the camera centre over all images, map units; one that was not localized counts as infinite.
+    /// Median error of the camera centre, map units; images without a pose count as infinite.
     pub median_translation: f64,
-    /// Of the noise that agreeing keypoints showed in trusted poses, pixels; 0 without any.
+    /// Median noise of inliers in trusted poses, pixels; 0 without any.
     pub median_noise_px: f64,
-    /// Of trusted poses by the estimator's own covariances.
+    /// Coverage of trusted poses by the covariances of the estimator.
     pub before: Coverage,
-    /// The same by calibrated covariances; each pose by a calibration that has not seen it.
+    /// The same by calibrated covariances; each pose by a calibration that did not use it.
     pub after: Coverage,
-    /// What makes the estimator's covariances those of this map.
+    /// Calibration of the covariances for this map.
     pub calibration: Calibration,
 }
 
-/// Shares of trusted poses whose true pose lay within the region of each of [`LEVELS`]; 0 without any.
+/// Shares of trusted poses whose true pose was within the confidence region of each of [`LEVELS`]; 0 without any.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Coverage {
-    /// Of the camera centre, three dimensions.
+    /// Coverage of the camera centre, three dimensions.
     pub center: [f64; 3],
-    /// Of the pose, six dimensions.
+    /// Coverage of the pose, six dimensions.
     pub pose: [f64; 3],
 }
 
-/// From the estimator's covariance `C` to the one that is answered: `C' = a C + diag(s_r² I, s_t² I)`, in the chart of
+/// Maps the covariance `C` of the estimator to the reported one: `C' = a C + diag(s_r² I, s_t² I)`, in the chart of
 /// [`CameraFromWorld::perturbed`](veiloc_geometry::CameraFromWorld::perturbed).
 ///
-/// `C` knows the noise of the query's keypoints and of each map point. It does not know what all points of a query share:
-/// errors of the poses and lenses that the map was made with. These do not become smaller with the number of matches, hence
-/// the floors.
+/// `C` covers the noise of the keypoints of the query and of each map point. It does not cover errors that all points
+/// of a query share: those of poses and intrinsics of the map. These do not decrease with the number of matches,
+/// hence the floors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     /// `a`, above 0.
@@ -81,13 +81,14 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Of a map without a self-test, and what maps with few images are drawn to; `distance` is the one of what the query
-    /// sees, map units.
+    /// Default for maps without a self-test, and prior for maps with few images; `distance` is the distance of the
+    /// observed scene, map units.
     ///
-    /// Self-tests came to `a` of 12 and 3.1, `s_r` of 0.011° and 0.0013°, and `s_t` of 0.52 and 0.39 ten-thousandths of the
-    /// distance (RedKitchen, whose poses are those of a depth camera's tracker, and Herz-Jesu; means over the schemes;
-    /// `veiloc map build --json`, `self_test`). The default lies between the two in `a` and `s_r`, and above both in `s_t`: a
-    /// map of good poses is told less sure than it is, one of poor poses more sure.
+    /// Self-tests gave `a` of 12 and 3.1, `s_r` of 0.011° and 0.0013°, and `s_t` of 0.52 and 0.39 ten-thousandths of
+    /// the distance (RedKitchen, whose poses come from the tracker of a depth camera, and Herz-Jesu; means over the
+    /// schemes; `veiloc map build --json`, `self_test`). The default is between the two in `a` and `s_r`, and above
+    /// both in `s_t`: for a map with accurate poses the reported covariance is too large, for one with inaccurate
+    /// poses too small.
     pub fn unmeasured(distance: f64) -> Self {
         let distance = if distance.is_finite() { distance.max(0.0) } else { 0.0 };
         Self {
@@ -97,7 +98,7 @@ impl Calibration {
         }
     }
 
-    /// The covariance that is answered. What is infinite stays so.
+    /// The reported covariance. Infinite entries stay infinite.
     pub fn apply(&self, covariance: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
         let floor = |i: usize| if i < 3 { self.rotation_floor } else { self.translation_floor }.powi(2);
         std::array::from_fn(|i| {
@@ -109,24 +110,24 @@ impl Calibration {
         let possible = self.factor.is_finite()
             && self.factor > 0.0
             && [self.rotation_floor, self.translation_floor].iter().all(|f| f.is_finite() && *f >= 0.0);
-        if possible { Ok(()) } else { Err("a calibration that no covariance can take".to_owned()) }
+        if possible { Ok(()) } else { Err("an invalid calibration".to_owned()) }
     }
 }
 
 impl SelfTest {
-    /// What came of a scheme; layouts of `dcl` are taken for one.
+    /// The result for a scheme; all layouts of `dcl` share one.
     pub fn of_scheme(&self, scheme: Scheme) -> Option<&SchemeTest> {
         self.schemes.iter().find(|s| s.scheme.name() == scheme.name())
     }
 
-    /// Whether next to none of the images was localized: fewer than one in ten within the widest of [`RELATIVE`] under
-    /// any scheme.
+    /// Whether almost no image was localized: fewer than one in ten within the widest of [`RELATIVE`] under any
+    /// scheme.
     pub fn failed(&self) -> bool {
         let best = self.schemes.iter().map(|s| s.within_of_scale[2]).max().unwrap_or(0);
         10 * best < self.images
     }
 
-    /// Refuses what no self-test can come to.
+    /// Checks that the values are possible.
     pub(crate) fn check(&self) -> Result<(), String> {
         if !(self.scale.is_finite() && self.scale >= 0.0) {
             return Err(format!("a scale of {}", self.scale));
@@ -166,7 +167,7 @@ impl SchemeTest {
 const UNMEASURED_FACTOR: f64 = 5.0;
 /// `s_r` of a map without a self-test, degrees.
 const UNMEASURED_ROTATION_DEG: f64 = 0.005;
-/// `s_t` of a map without a self-test, as a share of the distance of what is seen.
+/// `s_t` of a map without a self-test, as a share of the distance.
 const UNMEASURED_SHARE: f64 = 0.000_1;
 
 #[cfg(test)]
@@ -174,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_calibration_scales_and_adds_and_keeps_the_infinite() {
+    fn calibration_scales_and_adds_floors() {
         let calibration = Calibration { factor: 2.0, rotation_floor: 0.1, translation_floor: 3.0 };
         let mut covariance = [[0.5; 6]; 6];
         covariance[5][5] = f64::INFINITY;
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_without_a_test_is_calibrated_by_the_distance_of_what_is_seen() {
+    fn default_calibration_depends_on_the_distance() {
         let (near, far) = (Calibration::unmeasured(1.0), Calibration::unmeasured(10.0));
         assert!((far.translation_floor / near.translation_floor - 10.0).abs() < 1e-9);
         assert!(near.factor >= 1.0 && near.rotation_floor > 0.0);

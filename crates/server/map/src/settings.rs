@@ -1,33 +1,33 @@
-//! How a map was built, as far as images that join later must be treated the same way.
+//! Build settings of a map, as far as images added later need them.
 
 use veiloc_protocol::ExtractionLimits;
 
 use crate::error::MapError;
 
-/// How a map is built. Kept in its file, and used again when images join or leave.
+/// Build settings. Stored in the map file, and used again when images are added or removed.
 ///
-/// Pixel thresholds are given for an image whose longer side has 1600 pixels, and scale with the image: noise of
-/// poses and lenses does.
+/// Pixel thresholds refer to an image whose longer side has 1600 pixels, and scale with the image, as noise of poses
+/// and intrinsics does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BuildSettings {
-    /// How much is extracted from the map's own images. Default: 4096 keypoints, the strongest, because a map may be
-    /// richer than a query; 1600 pixels. (What devices extract is in the profile.)
+    /// Limits of feature extraction for map images. Default: the strongest 4096 keypoints, because a map may be
+    /// richer than a query; 1600 pixels. (The limits for devices are in the profile.)
     pub extraction: ExtractionLimits,
-    /// Words of the vocabulary. Default 64: more help little in places of up to some thousand images.
+    /// Words of the vocabulary. Default 64: more help little in scenes of up to some thousand images.
     pub vocabulary_words: u32,
-    /// Images each image is matched with, at most (not counting those that chose it). Default 20.
+    /// Maximum number of images with which each image is matched (not counting those that selected it). Default 20.
     pub pairs_per_image: u32,
-    /// Least number of images that see a point. Default 3, as COLMAP has it: on two images agree too many wrong
-    /// matches. (Hold-out queries of Herz-Jesu under dcl: 0.87 cm with 3, 1.24 cm with 2 and half as many hypotheses
-    /// again.) A map of two images takes 2.
+    /// Minimum number of images that observe a point. Default 3, as in COLMAP: two images agree on too many wrong
+    /// matches. (Hold-out queries of Herz-Jesu under dcl: 0.87 cm with 3, 1.24 cm with 2 and 1.5 times as many
+    /// hypotheses.) A map of two images needs 2.
     pub min_track_length: u32,
-    /// Largest ratio of nearest to second-nearest descriptor distance of a match. Default 0.8, Lowe's.
+    /// Maximum ratio of nearest to second-nearest descriptor distance of a match. Default 0.8, as in Lowe's paper.
     pub max_ratio: f32,
-    /// Largest distance of a matched keypoint from its epipolar line, pixels at 1600. Default 4.
+    /// Maximum distance of a matched keypoint from its epipolar line, pixels at 1600. Default 4.
     pub max_epipolar_error_px: f64,
-    /// Largest reprojection error of an observation, pixels at 1600. Default 4.
+    /// Maximum reprojection error of an observation, pixels at 1600. Default 4.
     pub max_reprojection_error_px: f64,
-    /// Least angle between the two rays of a point that differ most, degrees. Default 1.5, COLMAP's.
+    /// Minimum of the largest angle between two rays of a point, degrees. Default 1.5, as in COLMAP.
     pub min_triangulation_angle_deg: f64,
     /// Seed of the vocabulary's training.
     pub seed: u64,
@@ -50,10 +50,10 @@ impl Default for BuildSettings {
 }
 
 impl BuildSettings {
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
-    /// [`MapError::Setting`] naming the first that is not.
+    /// [`MapError::Setting`] with the first one that is not.
     pub fn check(&self) -> Result<(), MapError> {
         fn within<T: PartialOrd + std::fmt::Display>(
             setting: &'static str,

@@ -12,8 +12,8 @@
 //! covers a member that died. A client that needs an answer sends the same bytes again. Nothing is stored: a reply
 //! after the timeout is dropped.
 //!
-//! A requester that stops waiting may cancel its request ([`Bus::request_cancellable`]). The member that received it is then
-//! notified ([`Incoming::cancelled`]), best effort and once. Only the requester can cancel.
+//! A requester that stops waiting may cancel its request ([`Bus::request_cancellable`]). The member that received it
+//! is then notified ([`Incoming::cancelled`]), best effort and once. Only the requester can cancel.
 //!
 //! This module does not depend on maps or queries.
 //!
@@ -226,8 +226,8 @@ enum Reply {
 }
 
 impl Incoming {
-    /// Returns when the requester has cancelled; never, when no cancel message arrives. Must not be awaited again after it
-    /// returned.
+    /// Returns when the requester has cancelled; never, when no cancel message arrives. Must not be awaited again
+    /// after it returned.
     pub async fn cancelled(&mut self) {
         match &mut self.to {
             Reply::Nats(reply) => reply.cancelled().await,

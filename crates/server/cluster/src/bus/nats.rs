@@ -3,9 +3,10 @@
 //! The inbox is managed here, because the library keeps an entry per request until its reply comes, and the entry of
 //! a request whose member died would stay for ever.
 //!
-//! A cancel message is published on the group's subject with the suffix `.cancel`, to which all members subscribe, because the
-//! gateway does not know which member received the request. It carries the reply inbox of the request. Only the gateway and the
-//! worker that received the request know this inbox, so a third party that may publish there cannot cancel anything.
+//! A cancel message is published on the group's subject with the suffix `.cancel`, to which all members subscribe,
+//! because the gateway does not know which member received the request. It carries the reply inbox of the request.
+//! Only the gateway and the worker that received the request know this inbox, so a third party that may publish there
+//! cannot cancel anything.
 
 use std::collections::HashMap;
 use std::fmt;

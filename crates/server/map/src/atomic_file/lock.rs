@@ -1,27 +1,27 @@
-//! One writer of a file at a time.
+//! A lock that allows one writer of a file at a time.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An exclusive lock on the file `.NAME.lock` beside a file that is to be replaced.
+/// An exclusive lock on the file `.NAME.lock` next to the file that is to be replaced.
 ///
-/// The holder removes the lock file before it lets go. Whoever gets the lock therefore looks whether it has locked the
-/// file that bears the name, and tries again when that is another one or none.
+/// The holder removes the lock file before it unlocks. So a new holder must check that it has locked the file that
+/// currently has this name, and try again otherwise.
 #[derive(Debug)]
 pub struct TargetLock {
     target: PathBuf,
     lock_path: PathBuf,
-    /// Held, not read: closing it ends the lock.
+    /// Held open: closing it releases the lock.
     _file: File,
 }
 
 impl TargetLock {
-    /// Waits until it is free.
+    /// Waits for the lock.
     ///
     /// # Errors
-    /// The system's: no such folder, or none that may be written to.
+    /// The error of the system: the folder is missing or not writable.
     pub fn acquire(target: &Path) -> io::Result<Self> {
         let lock_path = lock_path(target)?;
         loop {
@@ -33,7 +33,7 @@ impl TargetLock {
         }
     }
 
-    /// `None` while another holds it.
+    /// Tries to lock; `None` if another process holds the lock.
     ///
     /// # Errors
     /// As [`Self::acquire`].
@@ -52,7 +52,7 @@ impl TargetLock {
         }
     }
 
-    /// The file that its holder may replace.
+    /// The file that the holder may replace.
     pub fn target(&self) -> &Path {
         &self.target
     }
@@ -60,7 +60,7 @@ impl TargetLock {
 
 impl Drop for TargetLock {
     fn drop(&mut self) {
-        // Only where `is_at` can tell a removed file from another one of its name. A file that stays does no harm.
+        // Only where `is_at` can distinguish a removed file from a new one. A remaining file does no harm.
         if cfg!(unix) {
             let _ = fs::remove_file(&self.lock_path);
         }
@@ -80,7 +80,7 @@ fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().create(true).truncate(false).write(true).open(path)
 }
 
-/// Whether this open file is the one that bears the name.
+/// Whether this open file is the one that currently has this path.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt as _;
@@ -92,7 +92,7 @@ fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Elsewhere nobody removes the lock file.
+/// On other systems the lock file is never removed.
 #[cfg(not(unix))]
 fn is_at(_file: &File, _path: &Path) -> io::Result<bool> {
     Ok(true)
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_does_not_wait_is_told() {
+    fn try_acquire_does_not_wait() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         let held = TargetLock::acquire(&path).unwrap();
@@ -111,16 +111,16 @@ mod tests {
         assert!(TargetLock::try_acquire(&dir.path().join("other.vmap")).unwrap().is_some(), "another map");
         drop(held);
         assert!(TargetLock::try_acquire(&path).unwrap().is_some());
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "nothing is left lying about");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "no lock file is left");
         assert!(TargetLock::acquire(&dir.path().join("none/place.vmap")).is_err());
         assert!(TargetLock::acquire(Path::new("/")).is_err());
     }
 
     #[test]
-    fn a_lock_file_of_the_dead_holds_nobody_up() {
+    fn stale_lock_file_does_not_block() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         fs::write(dir.path().join(".place.vmap.lock"), "").unwrap();
-        drop(TargetLock::try_acquire(&path).unwrap().expect("nobody holds it"));
+        drop(TargetLock::try_acquire(&path).unwrap().expect("not held"));
     }
 }

@@ -1,4 +1,4 @@
-//! Replacing a file so that whatever happens, the old one or the new one is there, whole.
+//! Atomic replacement of a file: after a crash it is completely old or completely new.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -8,27 +8,28 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::atomic_file::TargetLock;
 
-/// Who may read a file that is written.
+/// Permissions of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Readers {
-    /// As the file that is replaced; of a new one, as is usual.
-    AsBefore,
-    /// Of a new file, its owner alone. One that is replaced keeps its owner and group, and of its mode what they may read
-    /// and write: a service often reads a secret by its group, and must not be locked out by an edit of root's.
+pub enum Permissions {
+    /// Those of the replaced file; the default for a new file.
+    Preserve,
+    /// A new file is readable by its owner only. A replaced file keeps its owner, group and group permissions: a
+    /// service often reads a secret through its group, and an edit by root must not lock it out.
     OwnerAndGroup,
 }
 
-/// Writes a new file beside the one that is locked, `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
+/// Writes a new file next to the locked `path`, flushes it to the disk, renames it over `path`, and flushes the
+/// folder.
 ///
-/// When `content` fails, the new file is removed and `path` is as it was. When the process dies, a file named
-/// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. As
-/// only the holder of the lock writes such files, all that it finds are of the dead.
+/// When `content` fails, the new file is removed and `path` is unchanged. When the process dies, a file
+/// `.NAME.<process>-<count>.partial` remains, which nothing reads; the next call for the same path removes it. Only
+/// the holder of the lock writes such files, so all existing ones belong to dead processes.
 ///
 /// # Errors
-/// The system's, and those of `content`; then the old file stays.
+/// The errors of the system and of `content`; then the old file stays.
 pub fn replace_file(
     lock: &TargetLock,
-    readers: Readers,
+    permissions: Permissions,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     let path = lock.target();
@@ -46,43 +47,42 @@ pub fn replace_file(
     let mut partial = prefix;
     partial.push(format!("{}-{}{SUFFIX}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
     let partial = dir.join(partial);
-    let written = write_and_rename(&partial, path, readers, content);
+    let written = write_and_rename(&partial, path, permissions, content);
     if written.is_err() {
-        // What failed is told; that the remains could not be removed either adds nothing.
+        // The first error is returned; a failure to clean up adds nothing.
         let _ = fs::remove_file(&partial);
     }
     written?;
     sync_dir(dir)
 }
 
-/// Replaces a file by these bytes, as [`replace_file`] does, readable as is usual; for files of which nobody has to read the
-/// old content first.
+/// Replaces a file by these bytes, as [`replace_file`] does, if the old content need not be read first.
 ///
 /// # Errors
-/// The system's; then the old file stays.
+/// The error of the system; then the old file stays.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let lock = TargetLock::acquire(path)?;
-    replace_file(&lock, Readers::AsBefore, |out| out.write_all(bytes))
+    replace_file(&lock, Permissions::Preserve, |out| out.write_all(bytes))
 }
 
 fn write_and_rename(
     partial: &Path,
     path: &Path,
-    readers: Readers,
+    permissions: Permissions,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]
-    if readers == Readers::OwnerAndGroup {
+    if permissions == Permissions::OwnerAndGroup {
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     }
     let file = options.open(partial)?;
     if let Ok(old) = fs::metadata(path) {
-        match readers {
+        match permissions {
             // A file keeps its permissions when its content is replaced.
-            Readers::AsBefore => file.set_permissions(old.permissions())?,
-            Readers::OwnerAndGroup => take_over(&file, &old)?,
+            Permissions::Preserve => file.set_permissions(old.permissions())?,
+            Permissions::OwnerAndGroup => copy_ownership(&file, &old)?,
         }
     }
     let mut out = BufWriter::with_capacity(1 << 20, file);
@@ -93,7 +93,7 @@ fn write_and_rename(
 }
 
 #[cfg(unix)]
-fn take_over(file: &File, old: &fs::Metadata) -> io::Result<()> {
+fn copy_ownership(file: &File, old: &fs::Metadata) -> io::Result<()> {
     use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
     let own = file.metadata()?;
     if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
@@ -103,11 +103,11 @@ fn take_over(file: &File, old: &fs::Metadata) -> io::Result<()> {
 }
 
 #[cfg(not(unix))]
-fn take_over(_: &File, _: &fs::Metadata) -> io::Result<()> {
+fn copy_ownership(_: &File, _: &fs::Metadata) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes what writers of the same file left behind when they died.
+/// Removes partial files of dead writers of the same file.
 fn remove_stale(dir: &Path, prefix: &OsString) -> io::Result<()> {
     for entry in fs::read_dir(dir)? {
         let path: PathBuf = entry?.path();
@@ -117,7 +117,7 @@ fn remove_stale(dir: &Path, prefix: &OsString) -> io::Result<()> {
         let ours =
             middle.is_some_and(|m| !m.is_empty() && m.iter().all(|b| b.is_ascii_digit() || *b == b'-'));
         if ours {
-            // It may not be ours to remove: it is only rubbish, so no failure.
+            // The file may belong to another user; leaving it is no failure.
             let _ = fs::remove_file(&path);
         }
     }
@@ -129,7 +129,7 @@ fn sync_dir(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-/// Elsewhere a folder cannot be opened as a file; renaming is all there is.
+/// Other systems cannot open a folder as a file; renaming must suffice.
 #[cfg(not(unix))]
 fn sync_dir(_dir: &Path) -> io::Result<()> {
     Ok(())
@@ -149,12 +149,12 @@ mod tests {
     }
 
     fn replace(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-        replace_file(&TargetLock::acquire(path)?, Readers::AsBefore, content)
+        replace_file(&TargetLock::acquire(path)?, Permissions::Preserve, content)
     }
 
-    /// Each thread adds one to a number in a file, many times: a lock that two can hold loses some.
+    /// Each thread increments a number in a file many times: a lock that two threads can hold would lose updates.
     #[test]
-    fn of_many_who_read_and_replace_nobody_loses_an_update() {
+    fn concurrent_updates_are_serialized() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("count");
         fs::write(&path, "0").unwrap();
@@ -165,17 +165,18 @@ mod tests {
                     for _ in 0..rounds {
                         let lock = TargetLock::acquire(&path).unwrap();
                         let count: usize = fs::read_to_string(&path).unwrap().parse().unwrap();
-                        replace_file(&lock, Readers::AsBefore, |out| write!(out, "{}", count + 1)).unwrap();
+                        replace_file(&lock, Permissions::Preserve, |out| write!(out, "{}", count + 1))
+                            .unwrap();
                     }
                 });
             }
         });
         assert_eq!(fs::read_to_string(&path).unwrap(), (threads * rounds).to_string());
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing is left lying about");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "no temporary file is left");
     }
 
     #[test]
-    fn a_writer_that_fails_midway_leaves_the_old_file() {
+    fn failed_write_leaves_the_old_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         replace(&path, |out| out.write_all(b"old")).unwrap();
@@ -188,9 +189,9 @@ mod tests {
         assert_eq!(names(dir.path()), ["place.vmap"]);
     }
 
-    /// Many writers of one file at once: each of them ends well, though each clears away what looks left behind.
+    /// Concurrent writers of one file all succeed, although each removes stale files.
     #[test]
-    fn writers_at_once_do_not_remove_each_others_files() {
+    fn concurrent_writers_do_not_remove_each_others_files() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         std::thread::scope(|scope| {
@@ -204,12 +205,12 @@ mod tests {
             }
         });
         let last = fs::read(&path).unwrap();
-        assert!(last.len() == 1000 && last.iter().all(|b| *b == last[0]), "one writer's file, whole");
+        assert!(last.len() == 1000 && last.iter().all(|b| *b == last[0]), "the complete file of one writer");
         assert_eq!(names(dir.path()), ["place.vmap"]);
     }
 
     #[test]
-    fn remains_of_the_dead_are_removed_and_files_of_others_are_not() {
+    fn stale_partial_files_are_removed_and_others_are_not() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         for name in [".place.vmap.4711-0.partial", ".place.vmap.mine.partial", ".other.vmap.4711-0.partial"] {
@@ -224,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panicking_writer_leaves_the_old_file_and_the_next_one_cleans_up() {
+    fn panicking_writer_leaves_the_old_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
         replace(&path, |out| out.write_all(b"old")).unwrap();
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_places_are_errors() {
+    fn invalid_paths_are_errors() {
         let dir = tempfile::tempdir().unwrap();
         assert!(replace(&dir.path().join("none/place.vmap"), |_| Ok(())).is_err());
         assert!(replace(Path::new("/"), |_| Ok(())).is_err());

@@ -1,4 +1,4 @@
-//! COLMAP's binary files: little-endian records behind a count.
+//! COLMAP's binary files: a count, then little-endian records.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, Pixel, Point3};
 
 use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
-use crate::error::{MapError, Place};
+use crate::error::{FilePosition, MapError};
 
 /// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
 pub(super) const NO_POINT: u64 = u64::MAX;
 
-/// The parts of the model in a folder, its points only when they are asked for.
+/// Reads the model in a folder, with its points on request.
 pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?,
@@ -24,7 +24,7 @@ pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
     })
 }
 
-/// A file read from front to back.
+/// A file that is read sequentially.
 struct Bytes {
     path: PathBuf,
     content: Vec<u8>,
@@ -37,7 +37,7 @@ impl Bytes {
         Ok(Self { path, content, at: 0 })
     }
 
-    /// The whole file: a count, and that many records of at least `smallest` bytes each.
+    /// Reads the whole file: a count, and that many records of at least `smallest` bytes each.
     fn records<T>(
         mut self,
         smallest: usize,
@@ -52,8 +52,8 @@ impl Bytes {
         }
     }
 
-    /// A count of things that take at least `smallest` bytes each; refused before memory is asked for when the file
-    /// is too short to hold them.
+    /// Reads a count of elements of at least `smallest` bytes each. The count is checked against the length of the
+    /// file before memory is allocated.
     fn count(&mut self, what: &str, smallest: usize) -> Result<usize, MapError> {
         let at = self.at;
         let count = self.u64()?;
@@ -93,7 +93,11 @@ impl Bytes {
     }
 
     fn refuse(&self, reason: impl Into<String>) -> MapError {
-        MapError::Colmap { path: self.path.clone(), place: Place::Byte(self.at), reason: reason.into() }
+        MapError::Colmap {
+            path: self.path.clone(),
+            position: FilePosition::Byte(self.at),
+            reason: reason.into(),
+        }
     }
 }
 

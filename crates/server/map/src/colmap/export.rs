@@ -1,4 +1,4 @@
-//! From a map to a COLMAP model, for other programs to read.
+//! Exports a map as a COLMAP model.
 
 use veiloc_geometry::Pixel;
 
@@ -6,10 +6,10 @@ use super::model::{ColmapImage, ColmapModel, ColmapPoint, ColmapPoint2d};
 use crate::error::MapError;
 use crate::model::MapModel;
 
-/// The COLMAP model of a map: images and points numbered from 1 in the map's order, points gray.
+/// The COLMAP model of a map: images and points numbered from 1 in map order, points gray.
 ///
 /// # Errors
-/// [`MapError::Model`] when the map does not hold together.
+/// [`MapError::Model`]: the map is inconsistent.
 pub fn export(map: &MapModel) -> Result<ColmapModel, MapError> {
     map.validate()?;
     let cameras = (1..).zip(map.cameras.iter().copied()).collect();

@@ -1,4 +1,4 @@
-//! The folder of a model, written.
+//! Writes the folder of a model.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use crate::atomic_file::write_whole;
 
 use crate::error::MapError;
 
-/// Writes the files of a model, each of which is replaced whole.
+/// Writes the files of a model, each atomically.
 pub(super) fn write_files<const N: usize>(dir: &Path, files: [(&str, Vec<u8>); N]) -> Result<(), MapError> {
     fs::create_dir_all(dir).map_err(MapError::io(dir))?;
     for (name, content) in files {

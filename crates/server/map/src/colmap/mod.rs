@@ -4,8 +4,8 @@
 //! both, the binary ones are read, as COLMAP does. `frames` and `rigs`, which newer COLMAPs write beside them, hold
 //! nothing that these three do not say for single cameras, and are ignored.
 //!
-//! Reading is strict: what is accepted holds together (see [`ColmapModel::new`]), so that no later step needs to
-//! doubt an index. Lengths claimed by a file are never trusted with memory.
+//! Reading is strict: an accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index
+//! checks. Lengths in a file are checked before memory is allocated.
 
 mod binary;
 mod export;
@@ -29,39 +29,39 @@ use crate::posed::PosedImages;
 /// Reads the model in a folder, text or binary.
 ///
 /// # Errors
-/// [`MapError`] naming the file, the place in it and the remedy: no model, a record that does not parse, an unsupported
-/// camera model, numbers that are not finite, duplicate ids or names, references to what is not there.
+/// [`MapError`] with file, position and remedy: no model, a record that cannot be parsed, an unsupported camera
+/// model, non-finite numbers, duplicate ids or names, dangling references.
 pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
-    match Found::in_folder(dir) {
-        Some(found) if found.points => found.read(dir),
+    match ModelFiles::in_folder(dir) {
+        Some(files) if files.points => files.read(dir),
         _ => Err(MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras, images and points3D" }),
     }
 }
 
-/// Reads cameras and poses of the model in a folder, text or binary, and the points where they are there.
+/// Reads cameras and poses of the model in a folder, text or binary, and its points if present.
 ///
 /// # Errors
-/// As for [`read_model`]; but a folder without `points3D` is a model whose images see nothing yet.
+/// As for [`read_model`], but a folder without `points3D` is a model without points.
 pub fn read_posed(dir: &Path) -> Result<PosedImages, MapError> {
-    let found = Found::in_folder(dir)
+    let files = ModelFiles::in_folder(dir)
         .ok_or_else(|| MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras and images" })?;
-    Ok(PosedImages::from(&found.read(dir)?))
+    Ok(PosedImages::from(&files.read(dir)?))
 }
 
-/// Which files of a model a folder holds.
+/// The files of a model in a folder.
 #[derive(Clone, Copy)]
-struct Found {
+struct ModelFiles {
     binary: bool,
     points: bool,
 }
 
-impl Found {
-    /// A model with points before one without, binary before text.
+impl ModelFiles {
+    /// Prefers models with points, then binary ones.
     fn in_folder(dir: &Path) -> Option<Self> {
-        let has = |found: &Self| {
-            let extension = if found.binary { "bin" } else { "txt" };
+        let has = |files: &Self| {
+            let extension = if files.binary { "bin" } else { "txt" };
             let files: &[&str] =
-                if found.points { &["cameras", "images", "points3D"] } else { &["cameras", "images"] };
+                if files.points { &["cameras", "images", "points3D"] } else { &["cameras", "images"] };
             files.iter().all(|f| dir.join(format!("{f}.{extension}")).is_file())
         };
         let order = [(true, true), (false, true), (true, false), (false, false)];

@@ -1,4 +1,4 @@
-//! A COLMAP model in memory, whose parts are known to fit together.
+//! A consistent COLMAP model in memory.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -6,10 +6,10 @@ use std::path::Path;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
-use crate::error::{MapError, Record};
+use crate::error::{MapError, ModelRecord};
 use crate::model::{is_name, is_rigid};
 
-/// The parts of a model as a file format delivers them, before they were held against each other.
+/// The parts of a model as read, before cross-checks.
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) cameras: Vec<(u32, Intrinsics)>,
@@ -18,7 +18,7 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    /// Makes 2D points forget which points they see: for a model whose points are not there.
+    /// Removes the references from 2D points to points, for a model without points.
     pub(crate) fn forget_points(&mut self) {
         self.points.clear();
         self.images.iter_mut().flat_map(|i| &mut i.points2d).for_each(|p| p.point = None);
@@ -28,22 +28,22 @@ impl Parts {
 /// A keypoint of a COLMAP image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColmapPoint2d {
-    /// Where, in the image as it was taken (distorted).
+    /// Position in the original (distorted) image.
     pub pixel: Pixel,
-    /// The 3D point it observes.
+    /// The observed 3D point.
     pub point: Option<u64>,
 }
 
 /// A posed image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapImage {
-    /// COLMAP's number of the image.
+    /// COLMAP's id of the image.
     pub id: u32,
     /// File name, relative to the folder of the images.
     pub name: String,
-    /// COLMAP's number of its camera.
+    /// COLMAP's id of its camera.
     pub camera_id: u32,
-    /// Where it was taken.
+    /// Its pose.
     pub cam_from_world: CameraFromWorld,
     /// Its keypoints; tracks refer to them by index.
     pub points2d: Vec<ColmapPoint2d>,
@@ -52,20 +52,20 @@ pub struct ColmapImage {
 /// A triangulated point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapPoint {
-    /// COLMAP's number of the point.
+    /// COLMAP's id of the point.
     pub id: u64,
-    /// Where, map units.
+    /// Position, map units.
     pub position: Point3<World>,
     /// Red, green, blue.
     pub color: [u8; 3],
     /// Mean reprojection error over the track, pixels; -1 when COLMAP did not compute it.
     pub error: f64,
-    /// Who sees it: image id and index of the keypoint in that image.
+    /// Observations: image id, and index of the keypoint in that image.
     pub track: Vec<(u32, u32)>,
 }
 
-/// A COLMAP model whose references lead somewhere: every image has its camera, names and ids are unique, every
-/// observation names an image, a keypoint of it and a point that agree with each other, every number is finite.
+/// A COLMAP model with valid references: every image has its camera, names and ids are unique, observations of images
+/// and points agree, every number is finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapModel {
     cameras: BTreeMap<u32, Intrinsics>,
@@ -78,10 +78,10 @@ pub struct ColmapModel {
 }
 
 impl ColmapModel {
-    /// From its parts.
+    /// Checks and combines the parts.
     ///
     /// # Errors
-    /// [`MapError::ColmapRecord`] naming the record that does not fit.
+    /// [`MapError::ColmapRecord`] with the record that does not fit.
     pub fn new(
         cameras: Vec<(u32, Intrinsics)>,
         images: Vec<ColmapImage>,
@@ -91,7 +91,7 @@ impl ColmapModel {
     }
 
     pub(crate) fn checked(parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
-        let refuse = |record: Record, reason: String| MapError::ColmapRecord {
+        let refuse = |record: ModelRecord, reason: String| MapError::ColmapRecord {
             dir: dir.map(Path::to_owned),
             record,
             reason,
@@ -99,15 +99,18 @@ impl ColmapModel {
         let mut cameras = BTreeMap::new();
         for (id, camera) in parts.cameras {
             if cameras.insert(id, camera).is_some() {
-                return Err(refuse(Record::Camera(id), "is defined twice; remove one of them".to_owned()));
+                return Err(refuse(
+                    ModelRecord::Camera(id),
+                    "is defined twice; remove one of them".to_owned(),
+                ));
             }
         }
         let (mut by_name, mut by_id) = (BTreeMap::new(), BTreeMap::new());
         for (index, image) in parts.images.iter().enumerate() {
-            let this = || Record::Image(image.name.clone());
+            let this = || ModelRecord::Image(image.name.clone());
             if !is_name(&image.name) {
                 return Err(refuse(
-                    Record::ImageId(image.id),
+                    ModelRecord::ImageId(image.id),
                     "has no usable file name; give it one".to_owned(),
                 ));
             }
@@ -131,7 +134,7 @@ impl ColmapModel {
             }
             if by_id.insert(image.id, index).is_some() {
                 return Err(refuse(
-                    Record::ImageId(image.id),
+                    ModelRecord::ImageId(image.id),
                     "appears twice; give each image its own id".to_owned(),
                 ));
             }
@@ -141,12 +144,12 @@ impl ColmapModel {
         Ok(model)
     }
 
-    /// Points, and whether images and points tell the same observations.
-    fn check_tracks(&self) -> Result<(), (Record, String)> {
+    /// Checks that images and points have the same observations.
+    fn check_tracks(&self) -> Result<(), (ModelRecord, String)> {
         let mut ids = BTreeSet::new();
         let mut observations = 0_usize;
         for point in &self.points {
-            let refuse = |reason: String| Err((Record::Point(point.id), reason));
+            let refuse = |reason: String| Err((ModelRecord::Point(point.id), reason));
             if !ids.insert(point.id) {
                 return refuse("appears twice; give each point its own id".to_owned());
             }
@@ -175,9 +178,9 @@ impl ColmapModel {
                 observations += 1;
             }
         }
-        // All tracks lead to keypoints that agree; if there are more such keypoints, some point to nowhere.
-        let told = self.images.iter().flat_map(|i| &i.points2d).filter(|p| p.point.is_some()).count();
-        if told == observations {
+        // All tracks are valid; if more keypoints have points, some of these references are dangling.
+        let linked = self.images.iter().flat_map(|i| &i.points2d).filter(|p| p.point.is_some()).count();
+        if linked == observations {
             return Ok(());
         }
         let tracks: BTreeSet<(u32, u32)> = self.points.iter().flat_map(|p| p.track.iter().copied()).collect();
@@ -189,7 +192,7 @@ impl ColmapModel {
                         "has 2D point {index} that sees point {point}, which points3D does not say; export the model \
                          again"
                     );
-                    return Err((Record::Image(image.name.clone()), reason));
+                    return Err((ModelRecord::Image(image.name.clone()), reason));
                 }
             }
         }

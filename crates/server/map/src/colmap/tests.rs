@@ -1,4 +1,4 @@
-//! COLMAP models: round trip, agreement of text and binary, and input of every bad kind.
+//! Tests of COLMAP models: round trip, agreement of text and binary, and invalid input of every kind.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ fn read(cameras: &str, images: &str, points: &str) -> Result<ColmapModel, MapErr
 }
 
 #[test]
-fn text_is_read() {
+fn text_model_is_read() {
     let model = read(CAMERAS, IMAGES, POINTS).unwrap();
     assert_eq!(model.cameras().keys().copied().collect::<Vec<_>>(), [1, 7]);
     assert_eq!(model.image_names(), ["a.jpg", "sub dir/b c.jpg", "d.jpg"]);
@@ -42,7 +42,7 @@ fn text_is_read() {
 }
 
 #[test]
-fn line_ends_and_a_missing_last_line_do_not_matter() {
+fn line_endings_and_a_missing_last_line_are_accepted() {
     let dos = |text: &str| text.replace('\n', "\r\n");
     let model = read(CAMERAS, IMAGES, POINTS).unwrap();
     assert_eq!(read(&dos(CAMERAS), &dos(IMAGES), &dos(POINTS)).unwrap(), model);
@@ -52,7 +52,7 @@ fn line_ends_and_a_missing_last_line_do_not_matter() {
 }
 
 #[test]
-fn text_and_binary_by_pycolmap_are_the_same_model() {
+fn pycolmap_text_and_binary_models_are_equal() {
     let (text, binary) = (read_model(&fixture("text")).unwrap(), read_model(&fixture("binary")).unwrap());
     assert_eq!(binary.cameras(), text.cameras());
     assert_eq!(binary.images().len(), 4);
@@ -74,12 +74,12 @@ fn text_and_binary_by_pycolmap_are_the_same_model() {
 }
 
 #[test]
-fn what_is_written_is_read() {
+fn written_models_round_trip() {
     for model in [read_model(&fixture("binary")).unwrap(), read(CAMERAS, IMAGES, POINTS).unwrap()] {
         for write in [write_text, write_binary] {
             let dir = tempfile::tempdir().unwrap();
             write(&model, &dir.path().join("new")).unwrap();
-            // A second time, over what is there.
+            // Write a second time, over the existing files.
             write(&model, &dir.path().join("new")).unwrap();
             let back = read_model(&dir.path().join("new")).unwrap();
             assert_eq!((back.cameras(), back.points()), (model.cameras(), model.points()));
@@ -96,14 +96,14 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn binary_files_are_those_of_pycolmap() {
+fn binary_files_equal_those_of_pycolmap() {
     let dir = tempfile::tempdir().unwrap();
     write_binary(&read_model(&fixture("binary")).unwrap(), dir.path()).unwrap();
     for name in ["cameras.bin", "images.bin", "points3D.bin"] {
         let (ours, theirs) =
             (fs::read(dir.path().join(name)).unwrap(), fs::read(fixture("binary").join(name)).unwrap());
         assert_eq!(ours.len(), theirs.len(), "{name}");
-        // Quaternions are made of rotations again, so their last digits may differ.
+        // Quaternions are recomputed from rotations, so their last digits may differ.
         if name != "images.bin" {
             assert!(ours == theirs, "{name}");
         }
@@ -111,7 +111,7 @@ fn binary_files_are_those_of_pycolmap() {
 }
 
 #[test]
-fn text_is_not_written_beside_binary_files_that_hide_it() {
+fn text_is_not_written_next_to_a_binary_model() {
     let dir = tempfile::tempdir().unwrap();
     let model = read_model(&fixture("text")).unwrap();
     write_binary(&model, dir.path()).unwrap();
@@ -121,9 +121,9 @@ fn text_is_not_written_beside_binary_files_that_hide_it() {
     assert_eq!(fs::read(dir.path().join("images.bin")).unwrap(), before);
 }
 
-/// Each faulty text with the file and place that the message must name.
+/// Each invalid text, with the file and position that the message must contain.
 #[test]
-fn faulty_text_is_refused_by_name_and_line() {
+fn invalid_text_is_refused_with_file_and_line() {
     let i = |pose: &str| format!("{pose}\n\n");
     let cases: Vec<(&str, [String; 3], &str)> = vec![
         ("short camera", [cameras("1 PINHOLE 640"), i(""), p("")], "cameras.txt, line 1"),
@@ -177,9 +177,9 @@ fn faulty_text_is_refused_by_name_and_line() {
         ("seen twice", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 1 2 3 0.2 1 0 1 0 2 0")], "not to images"),
         ("point missing", [CAMERAS.into(), IMAGES.into(), p("")], "sees point 5"),
     ];
-    for (what, [cameras, images, points], place) in cases {
+    for (what, [cameras, images, points], expected) in cases {
         let error = read(&cameras, &images, &points).expect_err(what).to_string();
-        assert!(error.contains(place), "{what}: {error}");
+        assert!(error.contains(expected), "{what}: {error}");
     }
 }
 
@@ -196,7 +196,7 @@ fn p(line: &str) -> String {
 }
 
 #[test]
-fn text_that_is_not_text_names_the_line() {
+fn non_utf8_text_names_the_line() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("cameras.txt"), b"# fine\n1 PINHOLE \xff\n").unwrap();
     for name in ["images.txt", "points3D.txt"] {
@@ -207,7 +207,7 @@ fn text_that_is_not_text_names_the_line() {
 }
 
 #[test]
-fn a_folder_without_a_model_says_so() {
+fn folder_without_a_model_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("cameras.txt"), CAMERAS).unwrap();
     for dir in [dir.path(), Path::new("no/such/folder")] {
@@ -215,7 +215,7 @@ fn a_folder_without_a_model_says_so() {
     }
 }
 
-/// Copies the binary fixture, with one file changed.
+/// Copies the binary fixture and changes one file.
 fn damaged(file: &str, change: impl FnOnce(&mut Vec<u8>)) -> Result<ColmapModel, MapError> {
     let dir = tempfile::tempdir().unwrap();
     let mut change = Some(change);
@@ -230,7 +230,7 @@ fn damaged(file: &str, change: impl FnOnce(&mut Vec<u8>)) -> Result<ColmapModel,
 }
 
 #[test]
-fn every_cut_of_a_binary_file_is_refused_by_name() {
+fn truncated_binary_files_are_refused() {
     for file in ["cameras.bin", "images.bin", "points3D.bin"] {
         let length = fs::read(fixture("binary").join(file)).unwrap().len();
         for cut in 0..length {
@@ -243,20 +243,20 @@ fn every_cut_of_a_binary_file_is_refused_by_name() {
 }
 
 #[test]
-fn hostile_counts_are_refused_before_memory_is_asked_for() {
+fn hostile_counts_are_refused_before_allocation() {
     for file in ["cameras.bin", "images.bin", "points3D.bin"] {
         for count in [u64::MAX, 1 << 40, 1 << 33] {
             let error = damaged(file, |bytes| bytes[..8].copy_from_slice(&count.to_le_bytes())).unwrap_err();
             assert!(error.to_string().contains("announced") && error.to_string().contains(file), "{error}");
         }
     }
-    // The track length of the first point, behind id, position, color and error.
+    // The track length of the first point, after id, position, colour and error.
     let error = damaged("points3D.bin", |bytes| bytes[51..59].copy_from_slice(&(1_u64 << 60).to_le_bytes()));
     assert!(error.unwrap_err().to_string().contains("announced"));
 }
 
 #[test]
-fn faulty_binary_records_are_refused() {
+fn invalid_binary_records_are_refused() {
     let error = damaged("cameras.bin", |bytes| bytes[12] = 99).unwrap_err().to_string();
     assert!(error.contains("cameras.bin") && error.contains("not supported"), "{error}");
     let nan = f64::NAN.to_le_bytes();
@@ -267,7 +267,7 @@ fn faulty_binary_records_are_refused() {
 }
 
 #[real_data_test]
-fn lund_door_is_read_whole(data: &Path) {
+fn lund_door_is_read_completely(data: &Path) {
     let model = read_model(&data.join("lund-door/sparse")).unwrap();
     assert_eq!((model.images().len(), model.points().len()), (12, 11384));
     let observations: usize = model.points().iter().map(|p| p.track.len()).sum();
@@ -307,7 +307,7 @@ fn posed_images_need_no_points_file() {
 }
 
 #[test]
-fn posed_images_see_what_the_models_2d_points_see() {
+fn posed_images_have_the_points_of_the_2d_points() {
     let model = read_model(&fixture("text")).unwrap();
     let posed = PosedImages::from(&model);
     for (image, colmap) in posed.images().iter().zip(model.images()) {

@@ -7,9 +7,9 @@ use std::str::{FromStr, SplitAsciiWhitespace};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
 use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
-use crate::error::{MapError, Place};
+use crate::error::{FilePosition, MapError};
 
-/// The parts of the model in a folder, its points only when they are asked for.
+/// Reads the model in a folder, with its points on request.
 pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: cameras(&Text::open(dir.join("cameras.txt"))?)?,
@@ -33,7 +33,7 @@ impl Text {
                 let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
                 let line = valid.split(|b| *b == b'\n').count();
                 let reason = "not UTF-8 text; save the model as text again, or as binary".to_owned();
-                Err(MapError::Colmap { path, place: Place::Line(line), reason })
+                Err(MapError::Colmap { path, position: FilePosition::Line(line), reason })
             }
         }
     }
@@ -43,7 +43,7 @@ impl Text {
         self.content.lines().enumerate().map(|(i, line)| (i + 1, line.trim()))
     }
 
-    /// Lines that say something, with their fields.
+    /// Lines with content, split into fields.
     fn records(&self) -> impl Iterator<Item = Fields<'_>> {
         self.lines()
             .filter(|(_, text)| !text.is_empty() && !text.starts_with('#'))
@@ -51,7 +51,11 @@ impl Text {
     }
 
     fn refuse(&self, line: usize, reason: impl Into<String>) -> MapError {
-        MapError::Colmap { path: self.path.clone(), place: Place::Line(line), reason: reason.into() }
+        MapError::Colmap {
+            path: self.path.clone(),
+            position: FilePosition::Line(line),
+            reason: reason.into(),
+        }
     }
 }
 
@@ -111,7 +115,7 @@ fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
 }
 
 /// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and on the next line `POINTS2D[] as (X Y POINT3D_ID)`, which is
-/// there even when it is empty.
+/// present even if empty.
 fn images(text: &Text) -> Result<Vec<ColmapImage>, MapError> {
     let mut images = Vec::new();
     let mut lines = text.lines();
@@ -140,7 +144,7 @@ fn images(text: &Text) -> Result<Vec<ColmapImage>, MapError> {
     Ok(images)
 }
 
-/// What follows the first `count` fields of a line: a name may hold spaces.
+/// The rest of a line after `count` fields; a name may contain spaces.
 fn after_fields(line: &str, count: usize) -> &str {
     let mut rest = line;
     for _ in 0..count {

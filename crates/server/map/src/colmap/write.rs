@@ -1,4 +1,4 @@
-//! COLMAP's text files, written.
+//! Writes COLMAP's text files.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,14 +7,13 @@ use super::folder::write_files;
 use super::model::ColmapModel;
 use crate::error::MapError;
 
-/// Writes a model as `cameras.txt`, `images.txt` and `points3D.txt` into a folder, which is made if need be; each file is
-/// replaced whole.
+/// Writes a model as `cameras.txt`, `images.txt` and `points3D.txt` into a folder, which is created if missing; each
+/// file is replaced atomically.
 ///
-/// Every number is printed with as many digits as reading it back exactly takes.
+/// Numbers are printed with enough digits to be read back exactly.
 ///
 /// # Errors
-/// [`MapError::BinaryModelThere`] where the folder holds a binary model, which would be read in its place;
-/// [`MapError::Io`] naming the file.
+/// [`MapError::BinaryModelThere`]: the folder holds a binary model, which readers would prefer; [`MapError::Io`].
 pub fn write_text(model: &ColmapModel, dir: &Path) -> Result<(), MapError> {
     if ["cameras.bin", "images.bin", "points3D.bin"].iter().any(|name| dir.join(name).exists()) {
         return Err(MapError::BinaryModelThere { dir: dir.to_owned() });
@@ -24,7 +23,7 @@ pub fn write_text(model: &ColmapModel, dir: &Path) -> Result<(), MapError> {
     write_files(dir, files.map(|(name, content)| (name, content.into_bytes())))
 }
 
-/// Formatting into a string cannot fail; this says so once.
+/// Formats into a string, which cannot fail.
 macro_rules! put {
     ($out:expr, $($part:tt)*) => { write!($out, $($part)*).expect("a string takes all that is written to it") };
 }

@@ -1,4 +1,4 @@
-//! COLMAP's binary files, written: little-endian records behind a count.
+//! Writes COLMAP's binary files: a count, then little-endian records.
 
 use std::path::Path;
 
@@ -8,8 +8,8 @@ use super::model::{ColmapImage, ColmapModel, ColmapPoint};
 use crate::error::MapError;
 use veiloc_geometry::Intrinsics;
 
-/// Writes a model as `cameras.bin`, `images.bin` and `points3D.bin` into a folder, which is made if need be; each file is
-/// replaced whole.
+/// Writes a model as `cameras.bin`, `images.bin` and `points3D.bin` into a folder, which is created if missing; each
+/// file is replaced atomically.
 ///
 /// # Errors
 /// [`MapError::Io`] naming the file.

@@ -1,47 +1,48 @@
-//! The section of a compressed map: one record for all of it, then one a point.
+//! The section of a compressed map: one record for the map, then one per point.
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::layout::{CompressedRecord, RememberedRecord};
+use super::layout::{CompressedRecord, PointSummaryRecord};
 use crate::compressed::{Compressed, Remembered};
 
-/// The section, with what is remembered of these points: all, or none in a packed map, which has them in a section of its own.
-pub(super) fn encode(compressed: &Compressed, here: &[Remembered]) -> Vec<u8> {
+/// Encodes the section with these point summaries: all of them, or none in a packed map, which has them in its own
+/// section.
+pub(super) fn encode(compressed: &Compressed, summaries: &[Remembered]) -> Vec<u8> {
     let Compressed { bytes, keypoints, points, of_points: _, packed_from: _ } = compressed;
     let head = CompressedRecord { bytes: *bytes, keypoints: *keypoints, points: *points };
     let mut encoded = head.as_bytes().to_vec();
-    for Remembered { seen_by, covariance } in here {
-        let record = RememberedRecord { seen_by: *seen_by, covariance: *covariance };
+    for Remembered { seen_by, covariance } in summaries {
+        let record = PointSummaryRecord { seen_by: *seen_by, covariance: *covariance };
         encoded.extend_from_slice(record.as_bytes());
     }
     encoded
 }
 
-/// The section's content, of a map whose points have so many observations; what is wrong with it otherwise.
+/// Decodes the section and checks it against the track lengths; returns the reason if it is invalid.
 pub(super) fn decode(
     bytes: &[u8],
     track_lengths: impl ExactSizeIterator<Item = usize>,
 ) -> Result<Compressed, String> {
     let (head, rest) = head(bytes)?;
-    let records = <[RememberedRecord]>::ref_from_bytes(rest).map_err(|_| "not whole records".to_owned())?;
-    let remembered = |r: &RememberedRecord| Remembered { seen_by: r.seen_by, covariance: r.covariance };
+    let records = <[PointSummaryRecord]>::ref_from_bytes(rest).map_err(|_| "not whole records".to_owned())?;
+    let summary = |r: &PointSummaryRecord| Remembered { seen_by: r.seen_by, covariance: r.covariance };
     let compressed = Compressed {
         bytes: head.bytes,
         keypoints: head.keypoints,
         points: head.points,
-        of_points: records.iter().map(remembered).collect(),
+        of_points: records.iter().map(summary).collect(),
         packed_from: None,
     };
     compressed.check(track_lengths)?;
     Ok(compressed)
 }
 
-/// The section's first record, and what follows.
+/// Splits off the first record.
 fn head(bytes: &[u8]) -> Result<(CompressedRecord, &[u8]), String> {
     CompressedRecord::read_from_prefix(bytes).map_err(|_| "shorter than its first record".to_owned())
 }
 
-/// The section's content in a packed map, which remembers points elsewhere.
+/// Decodes the section of a packed map, whose point summaries are in another section.
 pub(super) fn decode_packed(
     bytes: &[u8],
     of_points: Vec<Remembered>,
@@ -55,6 +56,6 @@ pub(super) fn decode_packed(
             of_points,
             packed_from: Some(origin),
         }),
-        _ => Err("remembers points, which a packed map does elsewhere".to_owned()),
+        _ => Err("has summaries of points, which a packed map has in its own section".to_owned()),
     }
 }

@@ -1,11 +1,12 @@
-//! The records of the map file. `docs/reference/map-format.md` is the specification; the known-answer test holds both together.
+//! The records of the map file. `docs/map-format.md` is the specification; the known-answer tests check that both
+//! agree.
 //!
 //! ```text
 //! header            64 bytes
 //! table             32 bytes a section, in the order of their codes
 //! sections          each at a multiple of 64 bytes, gaps zero, the next one as early as possible
 //! ```
-//! All numbers are little-endian; records are used where they lie in the mapped file, without being copied.
+//! All numbers are little-endian; records are used in place in the mapped file, without copies.
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
@@ -17,16 +18,16 @@ compile_error!(
 /// The version of the format that this program writes and reads.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// The first bytes of every map.
+/// Magic number of a map file.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VEILMAP";
 
-/// Sections begin at multiples of this, for vector loads from the mapped file.
+/// Alignment of sections, for vector loads from the mapped file.
 pub(super) const ALIGN: usize = 64;
 
-/// In `KEYPOINT_POINTS`: the keypoint sees no point.
+/// In `KEYPOINT_POINTS`: the keypoint observes no point.
 pub(super) const NO_POINT: u32 = u32::MAX;
 
-/// What a section holds.
+/// Kind of a section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub(super) enum Section {
@@ -42,15 +43,15 @@ pub(super) enum Section {
     Points = 10,
     Observations = 11,
     Building = 12,
-    /// Where there was one.
+    /// Optional.
     SelfTest = 13,
-    /// Where somebody knows it.
+    /// Optional.
     Down = 14,
-    /// In maps that were compressed.
+    /// In compressed maps only.
     Compressed = 15,
-    /// In maps that are a part of a larger one.
+    /// In regions of a larger map only.
     Region = 16,
-    /// In the place of what sections 6 to 11 hold in other maps, which are then empty.
+    /// Replaces sections 6 to 11, which are then empty.
     Packed = 17,
 }
 
@@ -76,17 +77,17 @@ impl Section {
         Self::Packed,
     ];
 
-    /// The sections a file must have, in order; it may have the others.
+    /// The required sections, in order; the others are optional.
     pub(super) const REQUIRED: &[Self] = Self::ALL.split_at(12).0;
 
-    /// Whether these are the sections of a file: all that it must have, and what it may have, in order.
+    /// Whether a file may have these sections: all required ones, and optional ones, in order.
     pub(super) fn fit(codes: impl Iterator<Item = u32> + Clone) -> bool {
         let is_there = |s: &Self| codes.clone().any(|code| code == *s as u32);
         let known = codes.clone().all(|code| Self::from_code(code).is_some());
         known && Self::REQUIRED.iter().all(is_there) && codes.clone().is_sorted_by(|a, b| a < b)
     }
 
-    /// Whether a packed map has its content in [`Self::Packed`].
+    /// Whether a packed map stores this content in [`Self::Packed`].
     pub(super) const fn is_packed(self) -> bool {
         matches!(
             self,
@@ -126,27 +127,27 @@ impl Section {
     }
 }
 
-/// The beginning of the file.
+/// The header of the file.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct Header {
     pub(super) magic: [u8; 8],
     pub(super) version: u32,
     pub(super) sections: u32,
-    /// Of the whole file, bytes.
+    /// Length of the file, bytes.
     pub(super) length: u64,
     /// XXH3-64 of header and table, this field taken as zero.
     pub(super) checksum: u64,
     pub(super) reserved: [u64; 4],
 }
 
-/// Where a section lies.
+/// An entry of the table of sections.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
-pub(super) struct Entry {
+pub(super) struct SectionEntry {
     pub(super) code: u32,
     pub(super) reserved: u32,
-    /// From the beginning of the file, bytes.
+    /// Offset from the beginning of the file, bytes.
     pub(super) offset: u64,
     /// Bytes.
     pub(super) length: u64,
@@ -154,7 +155,7 @@ pub(super) struct Entry {
     pub(super) checksum: u64,
 }
 
-/// How the map's own images were treated.
+/// Limits of the feature extraction of map images.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct SettingsRecord {
@@ -162,7 +163,7 @@ pub(super) struct SettingsRecord {
     pub(super) max_image_side: u32,
 }
 
-/// How the map was built, beyond its [`SettingsRecord`].
+/// The other build settings.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct BuildingRecord {
@@ -179,31 +180,31 @@ pub(super) struct BuildingRecord {
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct CameraRecord {
-    /// COLMAP's number of the camera model, or [`Self::CONTINUED`].
+    /// COLMAP's id of the camera model, or [`Self::CONTINUED`].
     pub(super) model: u32,
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) reserved: u32,
-    /// COLMAP's order; zero behind the last one.
+    /// In COLMAP's order; unused ones are zero.
     pub(super) params: [f64; 8],
 }
 
 impl CameraRecord {
-    /// In the place of a model: the parameters go on that had no room in the record of the camera whose index is the width. Such
-    /// records lie behind those of all cameras, in their order.
+    /// Marks a record with further parameters of the camera whose index is in the field `width`. Such records follow
+    /// those of all cameras, in camera order.
     pub(super) const CONTINUED: u32 = u32::MAX;
 }
 
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct ImageRecord {
-    /// `R` of `cam_from_world`, row by row.
+    /// `R` of `cam_from_world`, row-major.
     pub(super) rotation: [[f64; 3]; 3],
     /// `t` of `cam_from_world`.
     pub(super) translation: [f64; 3],
-    /// Where its name ends in `NAMES`; it begins where the name before it ends.
+    /// End of its name in `NAMES`; it begins at the end of the previous name.
     pub(super) name_end: u64,
-    /// Where its keypoints end in `KEYPOINTS`, `KEYPOINT_POINTS` and `DESCRIPTORS`, in keypoints.
+    /// End of its keypoints in `KEYPOINTS`, `KEYPOINT_POINTS` and `DESCRIPTORS`, in keypoints.
     pub(super) keypoint_end: u64,
     /// Index in `CAMERAS`.
     pub(super) camera: u32,
@@ -216,7 +217,7 @@ pub(super) struct PointRecord {
     pub(super) position: [f64; 3],
     /// Mean reprojection error, pixels.
     pub(super) error: f64,
-    /// Where its track ends in `OBSERVATIONS`; it begins where the track before it ends.
+    /// End of its track in `OBSERVATIONS`; it begins at the end of the previous track.
     pub(super) track_end: u64,
 }
 
@@ -227,7 +228,7 @@ pub(super) struct ObservationRecord {
     pub(super) keypoint: u32,
 }
 
-/// What holds for all schemes of a self-test; the records of the schemes follow.
+/// Header of a self-test; the records of the schemes follow.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct SelfTestRecord {
@@ -237,11 +238,11 @@ pub(super) struct SelfTestRecord {
     pub(super) schemes: u32,
 }
 
-/// What a self-test came to under one scheme.
+/// Result of a self-test for one scheme.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct SchemeTestRecord {
-    /// As on the wire.
+    /// Code of the scheme, as on the wire.
     pub(super) scheme: u32,
     pub(super) localized: u32,
     pub(super) trusted: u32,
@@ -259,7 +260,7 @@ pub(super) struct SchemeTestRecord {
     pub(super) translation_floor: f64,
 }
 
-/// What a compressed map was made of; the records of its points follow.
+/// Data about the whole map of a compressed one; the records of the points follow.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct CompressedRecord {
@@ -268,19 +269,19 @@ pub(super) struct CompressedRecord {
     pub(super) points: u64,
 }
 
-/// What a compressed map remembers of a point.
+/// Summary of a point in a compressed map.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
-pub(super) struct RememberedRecord {
+pub(super) struct PointSummaryRecord {
     pub(super) seen_by: u32,
     pub(super) covariance: [f32; 6],
 }
 
-/// What holds for all records of a packed map.
+/// Header of the packed section.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct PackedRecord {
-    /// Where positions are counted from, map units.
+    /// Origin of positions, map units.
     pub(super) origin: [f64; 3],
     pub(super) points: u64,
     pub(super) keypoints: u64,
@@ -290,11 +291,11 @@ pub(super) struct PackedRecord {
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct PackedPointRecord {
-    /// From the origin, map units.
+    /// Position relative to the origin, map units.
     pub(super) position: [f32; 3],
-    /// Mean reprojection error, 4096 a pixel.
+    /// Mean reprojection error, in steps of 1/4096 pixel.
     pub(super) error: u16,
-    /// Images that see it in the whole map.
+    /// Number of images that observe it in the whole map.
     pub(super) seen_by: u16,
     /// Logarithms of the standard deviations of its position along the axes.
     pub(super) log_sds: [u16; 3],
@@ -306,17 +307,17 @@ pub(super) struct PackedPointRecord {
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct PackedKeypointRecord {
-    /// The point that it sees.
+    /// The observed point.
     pub(super) point: u32,
     /// Coordinates u, v, in steps.
     pub(super) at: [u16; 2],
 }
 
-/// What a region is of; the records of its images follow.
+/// Header of the region section; the records of the images follow.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct RegionRecord {
-    /// Of the whole map.
+    /// Number of images of the whole map.
     pub(super) images: u32,
     pub(super) reserved: u32,
 }
@@ -327,7 +328,7 @@ pub(super) struct RegionRecord {
 pub(super) struct RegionImageRecord {
     /// Its index in the whole map.
     pub(super) whole: u32,
-    /// 1 in the core, 0 beside it.
+    /// 1 in the core, 0 in the overlap.
     pub(super) core: u32,
 }
 

@@ -1,7 +1,8 @@
-//! The map file: how a map lies on disk, how it is replaced safely, and how it is opened.
+//! The map file: its format, and how it is written and opened.
 
 mod compressed;
 mod layout;
+mod leave_one_out;
 mod open;
 mod pack;
 mod packed;
@@ -11,13 +12,12 @@ mod self_test;
 mod uncertainty;
 mod unpacked;
 mod view;
-mod without;
 mod write;
 
 pub use layout::FORMAT_VERSION;
+pub use leave_one_out::{Evidence, MapView, PointWithout, Without};
 pub use open::MapMemory;
 pub use view::{ImageView, MapFile};
-pub use without::{Evidence, MapView, PointWithout, Without};
 pub use write::{MapLock, byte_count, write};
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Opening a map file: everything that could be wrong with it is found here, so that nothing later needs to look.
+//! Opens and validates a map file. All checks are made here, so later code needs none.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -13,37 +13,36 @@ use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{
-    ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
-    ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
+    ALIGN, BuildingRecord, CameraRecord, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
+    ObservationRecord, PointRecord, Section, SectionEntry, SettingsRecord, header_checksum,
 };
 use super::view::{ImageEntry, LargeSections, MapFile};
-use super::write::{Form, IN_MEMORY, byte_count, in_memory};
+use super::write::{IN_MEMORY, MapEncoding, byte_count, in_memory};
 use super::{compressed, region, self_test};
 use crate::compressed::Compressed;
-use crate::down::Down;
 use crate::error::MapError;
+use crate::gravity::Down;
 use crate::model::{MapModel, is_name, is_rigid};
 use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
-/// Where the bytes of an open map are.
+/// How the bytes of an open map are held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MapMemory {
-    /// In memory of this process. What becomes of the file does not touch the map; it takes as much memory as the file has
-    /// bytes.
+    /// Copied into memory. Later changes of the file have no effect; needs as much memory as the file is long.
     #[default]
     Copied,
-    /// In the file, mapped. Whoever opens it so promises that nobody writes into the file or shortens it while it is open:
-    /// written into, it gives other bytes than those that were checked; shortened, reading it ends the process (SIGBUS).
+    /// Memory-mapped. The caller guarantees that no process writes into the file or truncates it while it is open:
+    /// after a write the content is no longer validated, after truncation reading terminates the process (SIGBUS).
     Mapped,
 }
 
 impl MapFile {
-    /// Opens a map as [`MapMemory`] says, reading it once to check all of it.
+    /// Opens a map with this [`MapMemory`], and validates all of it.
     ///
     /// # Errors
-    /// As [`Self::open`]. Of a file that is written into meanwhile a copy is a mixture, and a damaged map.
+    /// As [`Self::open`]. Copying a file during a write gives a mixture, which is a damaged map.
     pub fn open_in(path: &Path, memory: MapMemory) -> Result<Self, MapError> {
         match memory {
             MapMemory::Copied => Self::of_bytes(MappedFile::copied(path).map_err(MapError::io(path))?, path),
@@ -51,23 +50,23 @@ impl MapFile {
         }
     }
 
-    /// Opens a map where it lies ([`MapMemory::Mapped`]), reading it once to check all of it.
+    /// Opens a map memory-mapped ([`MapMemory::Mapped`]), and validates all of it.
     ///
     /// # Errors
-    /// [`MapError`] naming the file: it cannot be read, is no map, is of another version, was cut, is damaged (which
-    /// section), or does not hold together although it is undamaged.
+    /// [`MapError`] with the file: unreadable, not a map, of another version, truncated, damaged (with the section),
+    /// or inconsistent.
     pub fn open(path: &Path) -> Result<Self, MapError> {
         Self::of_bytes(MappedFile::open(path).map_err(MapError::io(path))?, path)
     }
 
-    /// A map in memory, as if it had been written and opened: for whoever asks a map something before it is kept.
+    /// A map in memory, as if it had been written and opened, for using a model without writing it.
     ///
-    /// It takes the memory of a file beside that of the model.
+    /// It needs the memory of the file in addition to that of the model.
     ///
     /// # Errors
-    /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] when there is no memory for it.
+    /// [`MapError::Model`]: the map is inconsistent; [`MapError::Io`]: out of memory.
     pub fn of_model(model: &MapModel) -> Result<Self, MapError> {
-        let mut file = Self::of_bytes(in_memory(model, Form::Plain)?, Path::new(IN_MEMORY))?;
+        let mut file = Self::of_bytes(in_memory(model, MapEncoding::Plain)?, Path::new(IN_MEMORY))?;
         if let (Some(own), Some(given)) = (&mut file.compressed, &model.compressed) {
             own.packed_from = given.packed_from;
             file.file_bytes = byte_count(model);
@@ -75,9 +74,9 @@ impl MapFile {
         Ok(file)
     }
 
-    /// A map as its file will hold it.
+    /// The map as its file will represent it.
     pub(crate) fn unpacked_of(model: &MapModel) -> Result<Self, MapError> {
-        Self::of_bytes(in_memory(model, Form::of(model))?, Path::new(IN_MEMORY))
+        Self::of_bytes(in_memory(model, MapEncoding::of(model))?, Path::new(IN_MEMORY))
     }
 
     fn of_bytes(bytes: MappedFile, path: &Path) -> Result<Self, MapError> {
@@ -110,7 +109,7 @@ impl MapFile {
     }
 }
 
-/// The bytes of each section that the file has, by the section's code less one.
+/// Ranges of the sections of the file, by section code minus one.
 pub(super) type Sections = [Option<Range<usize>>; Section::ALL.len()];
 
 struct Parts {
@@ -131,7 +130,7 @@ pub(super) struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    /// The bytes of the file's sections, checksums verified.
+    /// The ranges of the sections, after verifying the checksums.
     fn sections(&self) -> Result<Sections, MapError> {
         let path = || self.path.to_owned();
         let actual = self.bytes.len() as u64;
@@ -139,15 +138,15 @@ impl<'a> Parser<'a> {
         if self.bytes.len() < MAGIC.len() || !self.bytes.starts_with(&MAGIC) {
             return Err(MapError::NotAMap { path: path() });
         }
-        let smallest = size_of::<Header>() + Section::REQUIRED.len() * size_of::<Entry>();
+        let smallest = size_of::<Header>() + Section::REQUIRED.len() * size_of::<SectionEntry>();
         let too_short =
             |expected: usize| MapError::Length { path: path(), actual, expected: expected as u64 };
         let (header, rest) = Header::read_from_prefix(self.bytes).map_err(|_| too_short(smallest))?;
         if header.version != FORMAT_VERSION {
             return Err(MapError::Version { path: path(), found: header.version, supported: FORMAT_VERSION });
         }
-        // At most so many sections: a number beyond memory is a number beyond the file.
-        let table_length = (header.sections as usize).saturating_mul(size_of::<Entry>());
+        // The saturating arithmetic turns impossible counts into lengths beyond the file.
+        let table_length = (header.sections as usize).saturating_mul(size_of::<SectionEntry>());
         let head = table_length.saturating_add(size_of::<Header>());
         let table_bytes = rest.get(..table_length).ok_or_else(|| too_short(head.max(smallest)))?;
         if header.checksum != header_checksum(&header, table_bytes) {
@@ -157,12 +156,12 @@ impl<'a> Parser<'a> {
             return Err(MapError::Length { path: path(), actual, expected: header.length });
         }
         let wrong = |reason: String| self.wrong("header", &reason);
-        let table = <[Entry]>::ref_from_bytes(table_bytes).map_err(|_| too_short(head))?;
+        let table = <[SectionEntry]>::ref_from_bytes(table_bytes).map_err(|_| too_short(head))?;
         if let Some(unknown) = table.iter().find(|e| Section::from_code(e.code).is_none()) {
             return Err(MapError::UnknownSection { path: path(), code: unknown.code });
         }
         if !Section::fit(table.iter().map(|e| e.code)) || header.reserved != [0; 4] {
-            return Err(wrong("not the sections of a map, or reserved bytes in use".to_owned()));
+            return Err(wrong("not the sections of a map, or reserved bytes are used".to_owned()));
         }
         let mut ranges = Sections::default();
         let mut end = head;
@@ -201,13 +200,13 @@ impl<'a> Parser<'a> {
 
         let descriptor_bytes = keypoints.len().checked_mul(profile.descriptor_kind().dim());
         if descriptor_bytes != Some(range(Section::Descriptors).len()) {
-            return Err(self.wrong(Section::Descriptors.name(), "not one descriptor a keypoint"));
+            return Err(self.wrong(Section::Descriptors.name(), "not one descriptor per keypoint"));
         }
         if images.len().checked_mul(global) != Some(range(Section::Globals).len()) {
-            return Err(self.wrong(Section::Globals.name(), "not one global descriptor an image"));
+            return Err(self.wrong(Section::Globals.name(), "not one global descriptor per image"));
         }
         if links.len() != keypoints.len() {
-            return Err(self.wrong(Section::KeypointPoints.name(), "not one entry a keypoint"));
+            return Err(self.wrong(Section::KeypointPoints.name(), "not one entry per keypoint"));
         }
         if !keypoints.iter().flatten().all(|c| c.is_finite()) {
             return Err(self.wrong(Section::Keypoints.name(), "a keypoint that is not finite"));
@@ -249,7 +248,7 @@ impl<'a> Parser<'a> {
     pub(super) fn down(&self, sections: &Sections) -> Result<Option<Down>, MapError> {
         let decode = |range: Range<usize>| {
             let vector: &[f64; 3] = self.record(&range, Section::Down)?;
-            Down::kept(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
+            Down::from_stored(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
         };
         sections[Section::Down as usize - 1].clone().map(decode).transpose()
     }
@@ -258,10 +257,10 @@ impl<'a> Parser<'a> {
         &self,
         sections: &Sections,
         images: usize,
-        is_remembered: bool,
+        has_summaries: bool,
     ) -> Result<Option<Region>, MapError> {
         let decode = |range: Range<usize>| {
-            region::decode(&self.bytes[range], images, is_remembered)
+            region::decode(&self.bytes[range], images, has_summaries)
                 .map_err(|e| self.wrong(Section::Region.name(), &e))
         };
         sections[Section::Region as usize - 1].clone().map(decode).transpose()
@@ -314,19 +313,19 @@ impl<'a> Parser<'a> {
                 });
                 let rest = rest.ok_or_else(|| wrong(&format!("camera {index} lacks parameters")))?;
                 if rest.reserved != 0 {
-                    return Err(wrong("bytes in use that are reserved"));
+                    return Err(wrong("reserved bytes are used"));
                 }
                 params.extend(rest.params);
             }
             let (params, unused) = params.split_at(count);
             if record.reserved != 0 || unused.iter().any(|p| p.to_bits() != 0) {
-                return Err(wrong("bytes in use that are reserved"));
+                return Err(wrong("reserved bytes are used"));
             }
             Intrinsics::new(name, record.width, record.height, params).map_err(|e| wrong(&e.to_string()))
         };
         let cameras = own.iter().enumerate().map(&mut camera).collect::<Result<_, _>>()?;
         if more.next().is_some() {
-            return Err(wrong("parameters of no camera"));
+            return Err(wrong("parameters without a camera"));
         }
         Ok(cameras)
     }
@@ -370,12 +369,12 @@ impl<'a> Parser<'a> {
             });
         }
         if name_start != names.len() || keypoint_start != keypoints {
-            return Err(wrong("names or keypoints of no image".to_owned()));
+            return Err(wrong("names or keypoints without an image".to_owned()));
         }
         Ok(images)
     }
 
-    /// Tracks in order, in range, and telling the same as the keypoints.
+    /// Checks that tracks are ordered, in range, and consistent with the keypoints.
     fn tracks(
         &self,
         points: &[PointRecord],
@@ -399,21 +398,24 @@ impl<'a> Parser<'a> {
             if !track.is_sorted_by(|a, b| (a.image, a.keypoint) < (b.image, b.keypoint)) {
                 return Err(wrong(format!("the track of point {id} is not in rising order")));
             }
-            let says_so = |o: &ObservationRecord| {
+            let links_back = |o: &ObservationRecord| {
                 let image = images.get(o.image as usize)?;
                 let keypoint = image.keypoints.clone().nth(o.keypoint as usize)?;
                 (links[keypoint] == id as u32).then_some(())
             };
-            if !track.iter().all(|o| says_so(o).is_some()) {
-                return Err(wrong(format!("point {id} is seen by a keypoint that does not say so")));
+            if !track.iter().all(|o| links_back(o).is_some()) {
+                return Err(wrong(format!(
+                    "point {id} has an observation whose keypoint does not refer to it"
+                )));
             }
             start = range.end;
         }
-        // Every observation has its own keypoint; a keypoint more would see a point that does not know it.
+        // Every observation has its own keypoint; one more linked keypoint would refer to a point that does not list
+        // it.
         if start != observations.len()
             || links.iter().filter(|l| **l != NO_POINT).count() != observations.len()
         {
-            return Err(wrong("observations of no point".to_owned()));
+            return Err(wrong("observations without a point".to_owned()));
         }
         Ok(())
     }
@@ -443,13 +445,13 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// `start..end` when it goes forward and stays within `length`.
+/// `start..end` if it is ordered and within `length`.
 fn slice_end(start: usize, end: u64, length: usize) -> Option<Range<usize>> {
     let end = usize::try_from(end).ok()?;
     (start <= end && end <= length).then_some(start..end)
 }
 
-/// The pose exactly as it was written, when it is a rotation up to rounding and a finite translation.
+/// The pose exactly as written, if it is a rotation up to rounding and a finite translation.
 fn pose(record: &ImageRecord) -> Option<CameraFromWorld> {
     let r = Matrix3::from_fn(|row, column| record.rotation[row][column]);
     let t = Vector3::from(record.translation);

@@ -1,7 +1,7 @@
-//! The section of a packed map: what most bytes of a small map go to, each in no more bits than it is worth.
+//! The section of a packed map: the large arrays of a map, each with as few bits as it needs.
 //!
-//! A map that no image joins or leaves needs no exact keypoints, and what follows from one thing (tracks, from the keypoints
-//! that see a point) need not be written twice. `docs/reference/map-format.md` says what each number is.
+//! A map that is not changed any more needs no exact keypoints, and derived data (tracks follow from the points of
+//! the keypoints) need not be stored. `docs/map-format.md` specifies each field.
 
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::Intrinsics;
@@ -13,13 +13,13 @@ use super::layout::{PackedKeypointRecord, PackedPointRecord, PackedRecord};
 use crate::compressed::Remembered;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 
-/// The section of a model that is compressed and packed.
+/// Encodes the section of a compressed and packed model.
 pub(super) fn encode(model: &MapModel, origin: [f64; 3], of_points: &[Remembered]) -> Vec<u8> {
     let keypoints = model.images.iter().map(|i| i.keypoints.len() as u64).sum();
     let head = PackedRecord { origin, points: model.points.len() as u64, keypoints };
     let mut bytes = head.as_bytes().to_vec();
-    for (point, remembered) in model.points.iter().zip(of_points) {
-        bytes.extend_from_slice(point_record(point, remembered, &origin).as_bytes());
+    for (point, summary) in model.points.iter().zip(of_points) {
+        bytes.extend_from_slice(point_record(point, summary, &origin).as_bytes());
     }
     for image in &model.images {
         let side = longer_side(&model.cameras[image.camera]);
@@ -35,31 +35,30 @@ pub(super) fn encode(model: &MapModel, origin: [f64; 3], of_points: &[Remembered
     model.images.iter().for_each(|image| bytes.push(u8::from(has_codes(&image.global))));
     for image in &model.images {
         let signs = image.global.to_signs();
-        // Of no codes but zeros nothing is kept.
+        // The signs of all-zero codes carry no information.
         bytes.extend(if has_codes(&image.global) { signs } else { vec![0; signs.len()] });
     }
     bytes
 }
 
-/// What the section says of a map whose small parts are read already: `images` have names, cameras, poses, and each its
-/// number of keypoints.
+/// Content of the section; names, cameras and poses of `images` come from other sections.
 pub(super) struct Unpacked {
-    /// Where positions are counted from.
+    /// Origin of positions.
     pub(super) origin: [f64; 3],
     pub(super) images: Vec<MapImage>,
     pub(super) points: Vec<MapPoint>,
     pub(super) of_points: Vec<Remembered>,
 }
 
-/// How many keypoints the section says that there are.
+/// Number of keypoints of the section.
 pub(super) fn keypoint_count(bytes: &[u8]) -> Result<usize, String> {
     let (head, _) = head(bytes)?;
     usize::try_from(head.keypoints).map_err(|_| "more keypoints than memory".to_owned())
 }
 
-/// The content of the section, or what is wrong with it.
+/// Decodes the section; returns the reason if it is invalid.
 ///
-/// `images` come without keypoints, descriptors and global descriptors, and with the number of keypoints of each.
+/// `images` have no keypoints and descriptors yet; each comes with its number of keypoints.
 pub(super) fn decode(
     bytes: &[u8],
     model: &MapModel,
@@ -75,7 +74,7 @@ pub(super) fn decode(
     let codes = model.profile.global_model().global_len();
     let signs_len = GlobalDescriptor::signs_len(codes);
     let records: &[PackedPointRecord] = take(&mut rest, count)?;
-    let sights: &[PackedKeypointRecord] = take(&mut rest, keypoints)?;
+    let keypoint_records: &[PackedKeypointRecord] = take(&mut rest, keypoints)?;
     let rows: &[u8] = take(&mut rest, keypoints.saturating_mul(kind.packed_len()))?;
     let has_global: &[u8] = take(&mut rest, images.len())?;
     let signs: &[u8] = take(&mut rest, images.len().saturating_mul(signs_len))?;
@@ -84,19 +83,19 @@ pub(super) fn decode(
     }
 
     let mut points: Vec<MapPoint> = records.iter().map(|r| r.point(&head.origin)).collect();
-    let of_points = records.iter().map(PackedPointRecord::remembered).collect();
+    let of_points = records.iter().map(PackedPointRecord::point_summary).collect();
     let (mut start, mut whole) = (0, Vec::with_capacity(images.len()));
     for (index, (image, count)) in images.into_iter().enumerate() {
         let own = start..start + count;
         start += count;
         let side = longer_side(&model.cameras[image.camera]);
         let mut links = Vec::with_capacity(count);
-        for (keypoint, sight) in (0_u32..).zip(&sights[own.clone()]) {
-            let Some(point) = points.get_mut(sight.point as usize) else {
+        for (keypoint, record) in (0_u32..).zip(&keypoint_records[own.clone()]) {
+            let Some(point) = points.get_mut(record.point as usize) else {
                 return Err(format!("keypoint {keypoint} of image {index} sees no point of the map"));
             };
             point.track.push(Observation { image: index as u32, keypoint });
-            links.push(Some(PointId(sight.point)));
+            links.push(Some(PointId(record.point)));
         }
         let rows = &rows[own.start * kind.packed_len()..own.end * kind.packed_len()];
         let global = match has_global[index] {
@@ -105,7 +104,7 @@ pub(super) fn decode(
             _ => None,
         };
         whole.push(MapImage {
-            keypoints: sights[own].iter().map(|s| s.at.map(|c| coordinate(c, side))).collect(),
+            keypoints: keypoint_records[own].iter().map(|s| s.at.map(|c| coordinate(c, side))).collect(),
             descriptors: Descriptors::from_packed(kind, rows).map_err(|e| e.to_string())?,
             global: global.ok_or_else(|| format!("image {index} has no possible global descriptor"))?,
             point_of_keypoint: links,
@@ -119,36 +118,36 @@ fn head(bytes: &[u8]) -> Result<(PackedRecord, &[u8]), String> {
     PackedRecord::read_from_prefix(bytes).map_err(|_| "shorter than its first record".to_owned())
 }
 
-/// So many records from the front of the bytes.
+/// Splits `count` records off the front of the bytes.
 fn take<'a, T: FromBytes + Immutable + KnownLayout>(
     bytes: &mut &'a [u8],
     count: usize,
 ) -> Result<&'a [T], String> {
     let length = count.checked_mul(size_of::<T>()).filter(|length| *length <= bytes.len());
-    let (own, rest) = bytes.split_at(length.ok_or("fewer records than it says")?);
+    let (own, rest) = bytes.split_at(length.ok_or("fewer records than announced")?);
     *bytes = rest;
     <[T]>::ref_from_bytes(own).map_err(|_| "not whole records".to_owned())
 }
 
-/// Whether anything is known of an image's look.
+/// Whether an image has a global descriptor.
 fn has_codes(global: &GlobalDescriptor) -> bool {
     global.as_codes().iter().any(|code| *code != 0)
 }
 
-fn point_record(point: &MapPoint, remembered: &Remembered, origin: &[f64; 3]) -> PackedPointRecord {
+fn point_record(point: &MapPoint, summary: &Remembered, origin: &[f64; 3]) -> PackedPointRecord {
     let [x, y, z]: [f64; 3] = point.position.coords.into();
-    let (log_sds, correlations) = packed_covariance(remembered);
+    let (log_sds, correlations) = packed_covariance(summary);
     PackedPointRecord {
         position: [x - origin[0], y - origin[1], z - origin[2]].map(|c| c as f32),
         error: (point.error * ERROR_STEPS).round().clamp(0.0, f64::from(u16::MAX)) as u16,
-        seen_by: remembered.seen_by.min(u16::MAX.into()) as u16,
+        seen_by: summary.seen_by.min(u16::MAX.into()) as u16,
         log_sds,
         correlations,
     }
 }
 
 impl PackedPointRecord {
-    /// Nobody sees it yet.
+    /// The point, still without observations.
     fn point(&self, origin: &[f64; 3]) -> MapPoint {
         let [x, y, z] = self.position.map(f64::from);
         MapPoint {
@@ -158,7 +157,7 @@ impl PackedPointRecord {
         }
     }
 
-    fn remembered(&self) -> Remembered {
+    fn point_summary(&self) -> Remembered {
         let sd = self.log_sds.map(|step| (f64::from(step) * LOG_STEP + SMALLEST_LOG_SD).exp());
         let [xy, xz, yz] = self.correlations.map(|c| f64::from(c) / CORRELATION_STEPS);
         let [xx, yy, zz] = [0, 1, 2].map(|i| (sd[i] * sd[i]) as f32);
@@ -168,10 +167,10 @@ impl PackedPointRecord {
     }
 }
 
-/// Logarithms of the standard deviations, and the correlations; these a little smaller where rounding would leave no
-/// covariance.
-fn packed_covariance(remembered: &Remembered) -> ([u16; 3], [i16; 3]) {
-    let c = remembered.covariance();
+/// Logarithms of the standard deviations, and the correlations; the correlations are shrunk slightly if rounding
+/// would make the matrix indefinite.
+fn packed_covariance(summary: &Remembered) -> ([u16; 3], [i16; 3]) {
+    let c = summary.covariance();
     let sd = [0, 1, 2].map(|i| c[i][i].max(0.0).sqrt());
     let log =
         |sd: f64| ((sd.ln() - SMALLEST_LOG_SD) / LOG_STEP).round().clamp(0.0, f64::from(u16::MAX)) as u16;
@@ -183,7 +182,7 @@ fn packed_covariance(remembered: &Remembered) -> ([u16; 3], [i16; 3]) {
             (r * shrunk * CORRELATION_STEPS).round().clamp(-CORRELATION_STEPS, CORRELATION_STEPS) as i16
         })
     };
-    // Each step takes some three times what rounding can add; nothing correlates at all in the last.
+    // Each step shrinks about three times more than rounding can add; the last step has no correlations.
     let holds = |correlations: &[i16; 3]| {
         let record = PackedPointRecord {
             position: [0.0; 3],
@@ -192,7 +191,7 @@ fn packed_covariance(remembered: &Remembered) -> ([u16; 3], [i16; 3]) {
             log_sds,
             correlations: *correlations,
         };
-        record.remembered().is_covariance()
+        record.point_summary().is_covariance()
     };
     let tries = (0..12).map(|n| packed(1.0 - SHRINKING * f64::from((1 << n) - 1)));
     (log_sds, tries.into_iter().find(holds).unwrap_or([0; 3]))
@@ -202,7 +201,8 @@ fn longer_side(camera: &Intrinsics) -> f32 {
     camera.width.max(camera.height).max(1) as f32
 }
 
-/// A coordinate of a keypoint, pixels, in steps from a quarter of the longer side before the image to a quarter behind it.
+/// Quantizes a coordinate, pixels, over a range from a quarter of the longer side before the image to a quarter
+/// behind it.
 fn packed_coordinate(coordinate: f32, side: f32) -> u16 {
     ((coordinate / side + BEFORE) * (f32::from(u16::MAX) / RANGE)).round().clamp(0.0, f32::from(u16::MAX))
         as u16
@@ -212,17 +212,17 @@ fn coordinate(packed: u16, side: f32) -> f32 {
     (f32::from(packed) * (RANGE / f32::from(u16::MAX)) - BEFORE) * side
 }
 
-/// Of a reprojection error, steps a pixel.
+/// Steps of a reprojection error per pixel.
 const ERROR_STEPS: f64 = 4096.0;
 /// Logarithm of the smallest standard deviation of a position, map units.
 const SMALLEST_LOG_SD: f64 = -35.0;
-/// From the smallest to the largest in steps of a tenth of a percent.
+/// Step of the logarithm: a tenth of a percent.
 const LOG_STEP: f64 = 70.0 / 65535.0;
-/// Of a correlation, steps from 0 to 1.
+/// Steps of a correlation from 0 to 1.
 const CORRELATION_STEPS: f64 = 32767.0;
-/// How much correlations shrink in the first try after the exact one.
+/// Shrinkage of correlations in the first attempt after the exact one.
 const SHRINKING: f64 = 1e-4;
-/// Coordinates of keypoints begin so far before the image, in longer sides.
+/// Margin before the image, in longer sides.
 const BEFORE: f32 = 0.25;
-/// And go so far, in longer sides.
+/// Total range of coordinates, in longer sides.
 const RANGE: f32 = 1.5;

@@ -1,41 +1,41 @@
-//! A part of a map as a map of its own.
+//! Extracts a region of a map as a map.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::view::MapFile;
 use crate::compressed::{Compressed, Remembered};
-use crate::error::{MapError, Record};
+use crate::error::{MapError, ModelRecord};
 use crate::model::{MapModel, MapPoint, Observation, PointId};
 use crate::region::Region;
 
 impl Compressed {
-    /// What a map that keeps these points of `whole` remembers of them.
+    /// The data that a map with these points of `whole` keeps about it.
     pub fn of(whole: &MapFile, kept: impl IntoIterator<Item = PointId>) -> Self {
-        let remembered = |id: PointId| Remembered::new(whole.seen_by(id) as u32, &whole.point_covariance(id));
+        let summary = |id: PointId| Remembered::new(whole.seen_by(id) as u32, &whole.point_covariance(id));
         Self {
             bytes: whole.byte_count(),
             keypoints: whole.images().map(|image| image.keypoints().len() as u64).sum(),
             points: whole.point_count() as u64,
-            of_points: kept.into_iter().map(remembered).collect(),
+            of_points: kept.into_iter().map(summary).collect(),
             packed_from: None,
         }
     }
 }
 
 impl MapFile {
-    /// The map of these images alone: their keypoints, all of them, and the points that they see, where the whole map has them.
+    /// The map of these images: all of their keypoints, and the points that they observe.
     ///
-    /// What the whole map knows of a point is remembered, so that a match counts as it does there. The profile is the same, to
-    /// the bit; so are settings, down, and the self-test, whose calibrations are the whole map's. Images and points keep their
-    /// order. Only what is needed is copied.
+    /// The summary of each point in the whole map is kept, so that a match has the same likelihood as there. Profile,
+    /// settings, gravity direction and self-test (with the calibrations of the whole map) are equal. Images and
+    /// points keep their order. Only the needed data is copied.
     ///
     /// # Errors
-    /// [`MapError::Model`] when the map has no such images, or is a region itself.
+    /// [`MapError::Model`]: the map has no such images, or is a region itself.
     pub fn region(&self, region: Region) -> Result<MapModel, MapError> {
-        let refuse = |reason: String| Err(MapError::Model { record: Record::Map, reason });
+        let refuse = |reason: String| Err(MapError::Model { record: ModelRecord::Map, reason });
         if self.region.is_some() {
             return refuse(
-                "is a region of a larger map, and no region is cut again: cut the whole map".to_owned(),
+                "is a region of a larger map, and regions cannot be cut again: cut the whole map".to_owned(),
             );
         }
         if region.images as usize != self.image_count() {
@@ -47,7 +47,7 @@ impl MapFile {
         let wholes = || region.of_images.iter().map(|image| image.whole as usize);
         let cameras: BTreeSet<usize> = wholes().map(|whole| self.images[whole].camera).collect();
         let camera_of: BTreeMap<usize, usize> = cameras.iter().copied().zip(0..).collect();
-        // Of each point that they see, who of them does; images in rising order, and keypoints of an image too.
+        // For each observed point its observations; images and keypoints are in ascending order.
         let mut tracks: BTreeMap<PointId, Vec<Observation>> = BTreeMap::new();
         let mut images = Vec::with_capacity(region.of_images.len());
         for (image, whole) in (0_u32..).zip(wholes()) {

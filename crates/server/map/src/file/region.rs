@@ -1,4 +1,4 @@
-//! The section of a region: one record for all of it, then one an image.
+//! The section of a region: one record for the region, then one per image.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -14,16 +14,16 @@ pub(super) fn encode(region: &Region) -> Vec<u8> {
     encoded
 }
 
-/// The section's content, of a map of so many images that remembers its points or does not; what is wrong with it otherwise.
-pub(super) fn decode(bytes: &[u8], images: usize, is_remembered: bool) -> Result<Region, String> {
+/// Decodes the section and checks it against the number of images; returns the reason if it is invalid.
+pub(super) fn decode(bytes: &[u8], images: usize, has_summaries: bool) -> Result<Region, String> {
     let (head, rest) =
         RegionRecord::read_from_prefix(bytes).map_err(|_| "shorter than its first record".to_owned())?;
     let records = <[RegionImageRecord]>::ref_from_bytes(rest).map_err(|_| "not whole records".to_owned())?;
     if head.reserved != 0 || records.iter().any(|r| r.core > 1) {
-        return Err("bytes in use that are reserved".to_owned());
+        return Err("reserved bytes are used".to_owned());
     }
     let image = |r: &RegionImageRecord| RegionImage { whole: r.whole, is_core: r.core == 1 };
     let region = Region { images: head.images, of_images: records.iter().map(image).collect() };
-    region.check(images, is_remembered)?;
+    region.check(images, has_summaries)?;
     Ok(region)
 }

@@ -1,4 +1,4 @@
-//! The self-test section: one record for all schemes, then one a scheme.
+//! The self-test section: one record for all schemes, then one per scheme.
 
 use veiloc_protocol::Scheme;
 use zerocopy::{FromBytes, IntoBytes};
@@ -20,7 +20,7 @@ pub(super) fn encode(test: &SelfTest) -> Vec<u8> {
     bytes
 }
 
-/// The section's content; what is wrong with it otherwise.
+/// Decodes the section; returns the reason if it is invalid.
 pub(super) fn decode(bytes: &[u8]) -> Result<SelfTest, String> {
     let (head, rest) =
         SelfTestRecord::read_from_prefix(bytes).map_err(|_| "shorter than its first record".to_owned())?;
@@ -79,7 +79,7 @@ fn scheme_test(record: &SchemeTestRecord) -> Result<SchemeTest, String> {
     })
 }
 
-/// As on the wire of a query.
+/// Code of the scheme, as on the wire.
 const fn code(scheme: Scheme) -> u32 {
     match scheme {
         Scheme::Points => 1,

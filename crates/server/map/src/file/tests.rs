@@ -1,7 +1,7 @@
-//! The map file: round trip, known answer, and damage of every kind.
+//! Tests of the map file: round trip, known answer, and damage of every kind.
 
 mod compressed;
-mod down;
+mod gravity;
 mod packed;
 mod region;
 mod self_test;
@@ -19,13 +19,13 @@ use veiloc_protocol::{ExtractionLimits, Profile};
 use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::layout::{Entry, Header, NO_POINT, Section, header_checksum};
+use super::layout::{Header, NO_POINT, Section, SectionEntry, header_checksum};
 use super::write::to_bytes;
 use crate::{
     BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, SelfTest, write,
 };
 
-/// A map with these many images, keypoints of each, and points seen by some of them.
+/// A map with this many images, keypoints per image, and points observed by some of them.
 fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut rows = |n: usize| {
@@ -81,7 +81,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
     model
 }
 
-/// None of them the default.
+/// Settings that all differ from the defaults.
 fn settings() -> BuildSettings {
     BuildSettings {
         extraction: ExtractionLimits { max_keypoints: 3000, max_image_side: 1200 },
@@ -96,7 +96,7 @@ fn settings() -> BuildSettings {
     }
 }
 
-/// A file that pins the format. `VEILOC_BLESS=1` writes it again after a deliberate change of version.
+/// A file that pins the format. `VEILOC_BLESS=1` rewrites it after a deliberate change of version.
 fn known_answer(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/{name}.bin"))
 }
@@ -105,38 +105,38 @@ fn open_bytes(bytes: &[u8]) -> Result<MapFile, MapError> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("place.vmap");
     std::fs::write(&path, bytes).unwrap();
-    // The mapping outlives the name of the file.
+    // The mapping stays valid after the file is removed.
     MapFile::open(&path)
 }
 
-fn section(bytes: &[u8], section: Section) -> (usize, Entry) {
-    let places = (size_of::<Header>()..).step_by(size_of::<Entry>());
-    let mut entries =
-        places.map(|at| (at, Entry::read_from_bytes(&bytes[at..at + size_of::<Entry>()]).unwrap()));
+fn section(bytes: &[u8], section: Section) -> (usize, SectionEntry) {
+    let places = (size_of::<Header>()..).step_by(size_of::<SectionEntry>());
+    let mut entries = places
+        .map(|at| (at, SectionEntry::read_from_bytes(&bytes[at..at + size_of::<SectionEntry>()]).unwrap()));
     entries.find(|(_, entry)| entry.code == section as u32).unwrap()
 }
 
-/// Changes a section as a faulty but careful program would: with checksums that fit.
+/// Changes a section as a faulty program would: with valid checksums.
 fn forged(bytes: &[u8], which: Section, change: impl FnOnce(&mut [u8])) -> Result<MapFile, MapError> {
     let mut bytes = bytes.to_vec();
     let (at, mut entry) = section(&bytes, which);
     let range = entry.offset as usize..(entry.offset + entry.length) as usize;
     change(&mut bytes[range.clone()]);
     entry.checksum = xxh3_64(&bytes[range]);
-    bytes[at..at + size_of::<Entry>()].copy_from_slice(entry.as_bytes());
+    bytes[at..at + size_of::<SectionEntry>()].copy_from_slice(entry.as_bytes());
     seal_header(&mut bytes);
     open_bytes(&bytes)
 }
 
 fn seal_header(bytes: &mut [u8]) {
     let mut header = Header::read_from_bytes(&bytes[..size_of::<Header>()]).unwrap();
-    let table_end = size_of::<Header>() + header.sections as usize * size_of::<Entry>();
+    let table_end = size_of::<Header>() + header.sections as usize * size_of::<SectionEntry>();
     header.checksum = header_checksum(&header, &bytes[size_of::<Header>()..table_end]);
     bytes[..size_of::<Header>()].copy_from_slice(header.as_bytes());
 }
 
 #[test]
-fn what_is_written_is_read() {
+fn written_maps_round_trip() {
     for (images, keypoints, points) in [(0, 0, 0), (1, 0, 0), (3, 5, 0), (4, 30, 20)] {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
@@ -151,7 +151,7 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn accessors_tell_what_the_model_holds() {
+fn accessors_agree_with_the_model() {
     let model = sample(2, 4, 30, 20);
     let map = open_bytes(&to_bytes(&model)).unwrap();
     assert_eq!(map.profile(), &model.profile);
@@ -175,7 +175,7 @@ fn accessors_tell_what_the_model_holds() {
     }
 }
 
-/// The file was written by this very model once.
+/// The file was once written from this model.
 #[test]
 fn known_answer_of_a_map() {
     let path = known_answer("map");
@@ -197,7 +197,7 @@ fn known_answer_of_a_map() {
 const POINT_2: [f64; 3] = [1.1692299231299863, -9.645533375089684, -5.95976962999496];
 
 #[test]
-fn other_files_and_versions_say_what_they_are() {
+fn other_files_and_versions_are_reported() {
     let bytes = to_bytes(&sample(3, 2, 5, 3));
     for other in [&b""[..], b"\x89VEIL", b"# CAMERA_ID, MODEL", &[0; 4096]] {
         let error = open_bytes(other).unwrap_err();
@@ -224,7 +224,7 @@ fn other_files_and_versions_say_what_they_are() {
 }
 
 #[test]
-fn every_cut_is_found() {
+fn truncation_is_detected() {
     let bytes = to_bytes(&sample(4, 2, 5, 3));
     for length in 0..bytes.len() {
         let error = open_bytes(&bytes[..length]).expect_err("cut short");
@@ -236,7 +236,7 @@ fn every_cut_is_found() {
 }
 
 #[test]
-fn every_changed_byte_is_found() {
+fn changed_bytes_are_detected() {
     let bytes = to_bytes(&sample(5, 2, 5, 3));
     for i in 0..bytes.len() {
         let mut damaged = bytes.clone();
@@ -255,7 +255,7 @@ fn every_changed_byte_is_found() {
 type Damage = Box<dyn FnOnce(&mut [u8])>;
 
 #[test]
-fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
+fn inconsistent_content_with_valid_checksums_is_refused() {
     let bytes = to_bytes(&sample(6, 3, 6, 4));
     let put_u32 = |at: usize, value: u32| {
         move |bytes: &mut [u8]| bytes[at..at + 4].copy_from_slice(&value.to_le_bytes())
@@ -308,14 +308,14 @@ fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
     }
 }
 
-/// A table that says it is of another size, with checksums that fit wherever the file is long enough for it.
+/// Tables with a wrong number of sections, and valid checksums where the file is long enough.
 #[test]
-fn hostile_numbers_of_sections_are_refused() {
+fn hostile_section_counts_are_refused() {
     let bytes = to_bytes(&sample(8, 2, 5, 3));
     for count in [0, 1, 11, 13, 100, u32::MAX / 32, u32::MAX] {
         let mut forged = bytes.clone();
         forged[12..16].copy_from_slice(&count.to_le_bytes());
-        if size_of::<Header>() + count as usize * size_of::<Entry>() <= bytes.len() {
+        if size_of::<Header>() + count as usize * size_of::<SectionEntry>() <= bytes.len() {
             seal_header(&mut forged);
         }
         let error = open_bytes(&forged).expect_err("another number of sections");
@@ -324,7 +324,7 @@ fn hostile_numbers_of_sections_are_refused() {
 }
 
 #[test]
-fn a_section_of_a_newer_program_is_called_newer() {
+fn unknown_section_is_reported_as_newer() {
     let bytes = to_bytes(&sample(8, 2, 5, 3));
     let (at, _) = section(&bytes, Section::Building);
     let mut newer = bytes.clone();
@@ -333,7 +333,7 @@ fn a_section_of_a_newer_program_is_called_newer() {
     let error = open_bytes(&newer).unwrap_err();
     assert!(matches!(error, MapError::UnknownSection { code: 18, .. }), "{error}");
     assert!(error.to_string().contains("use a newer veiloc"), "{error}");
-    // A section twice, and another one missing.
+    // One section twice, and another one missing.
     let mut twice = bytes;
     twice[at..at + 4].copy_from_slice(&11_u32.to_le_bytes());
     seal_header(&mut twice);
@@ -341,10 +341,10 @@ fn a_section_of_a_newer_program_is_called_newer() {
 }
 
 #[test]
-fn sections_elsewhere_than_they_belong_are_refused() {
+fn misplaced_sections_are_refused() {
     let test = SelfTest { images: 0, scale: 1.0, assumed_noise_px: 1.0, schemes: Vec::new() };
     let bytes = to_bytes(&MapModel { self_test: Some(test), ..region::part(8) });
-    // A packed map has the others empty, and tests of its own.
+    // In a packed map the other sections are empty; it has its own tests.
     for which in Section::ALL.into_iter().filter(|which| !matches!(which, Section::Packed)) {
         for field in [0, 4, 8, 16] {
             for value in [u32::MAX, 64] {
@@ -364,7 +364,7 @@ fn sections_elsewhere_than_they_belong_are_refused() {
 type Breakage = (&'static str, fn(&mut MapModel));
 
 #[test]
-fn a_model_that_does_not_hold_together_is_not_written() {
+fn inconsistent_model_is_not_written() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("place.vmap");
     let good = sample(9, 3, 6, 4);
@@ -391,7 +391,7 @@ fn a_model_that_does_not_hold_together_is_not_written() {
         let mut model = good.clone();
         damage(&mut model);
         assert!(matches!(write(&model, &path), Err(MapError::Model { .. })), "{what}");
-        assert_eq!(MapFile::open(&path).unwrap().to_model(), good, "{what}: the old map is untouched");
+        assert_eq!(MapFile::open(&path).unwrap().to_model(), good, "{what}: the old map is unchanged");
     }
 }
 
@@ -399,17 +399,18 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn any_map_survives_the_round_trip(seed: u64, images in 0_usize..5, keypoints in 1_usize..20, points in 0_usize..20) {
+    fn arbitrary_maps_round_trip(seed: u64, images in 0_usize..5, keypoints in 1_usize..20, points in 0_usize..20) {
         let model = sample(seed, images, keypoints.max(points), if images < 2 { 0 } else { points });
         prop_assert_eq!(open_bytes(&to_bytes(&model)).unwrap().to_model(), model);
     }
 
-    /// Random bytes in a random section, checksums fitted: refused or opened, but never a panic, and what opens can be used.
+    /// Random bytes in a random section with valid checksums: refused or opened, but never a panic, and an opened map
+    /// can be used.
     #[test]
     fn forged_sections_never_panic(seed: u64, which in 0_usize..15, count in 1_usize..4) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let bytes = to_bytes(&region::part(seed % 8));
-        // All that a file must have, and of what it may have the last three.
+        // All required sections, and the last three of the optional ones.
         let which = which + usize::from(which >= 12);
         let opened = forged(&bytes, Section::ALL[which], |bytes| {
             for _ in 0..count {
@@ -424,7 +425,7 @@ proptest! {
 }
 
 #[test]
-fn cameras_of_more_than_eight_parameters_come_back_and_a_lost_record_is_told() {
+fn cameras_with_more_than_eight_parameters_round_trip() {
     let mut model = sample(2, 4, 30, 20);
     for text in [
         "THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.001,-0.0007,-0.004,0.0005,0.002,-0.001",
@@ -440,5 +441,5 @@ fn cameras_of_more_than_eight_parameters_come_back_and_a_lost_record_is_told() {
     assert_eq!(map.camera_count(), 5);
     assert_eq!(map.to_model().cameras, model.cameras);
     let records = super::write::camera_records(&model.cameras);
-    assert_eq!(records.len(), 7, "two of them go on");
+    assert_eq!(records.len(), 7, "two of them have a second record");
 }

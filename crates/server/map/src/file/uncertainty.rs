@@ -1,23 +1,24 @@
-//! How well the map knows where its points are: the covariance of each, from the keypoints that see it.
+//! Uncertainty of map points: the covariance of each, from its observations.
 //!
-//! With the rows `J` of the derivative of all projections by the point, in pixels of each image, and the noise `σ` of a
-//! keypoint along each axis,
+//! With the Jacobian rows `J` of all projections with respect to the point, in pixels of each image, and the keypoint
+//! noise `σ` along each axis,
 //!
 //! ```text
 //! C = (Σ JᵀJ / σ² + I / d²)⁻¹
 //! ```
 //!
-//! `d` is the distance to the farthest image that sees the point. The second term says that a point lies somewhere about
-//! as far as it seems to, and nothing else: it bounds the variance along the rays where these are nearly parallel, and is
-//! negligible beside any real parallax.
+//! `d` is the distance to the farthest observing image. The second term is a weak prior: the point lies somewhere
+//! within about this distance. It bounds the variance along nearly parallel rays, and is negligible when there is
+//! parallax.
 //!
 //! # The noise
-//! Three keypoints have six coordinates, of which a point takes three: what is left of the residuals is half, and by
-//! chance much less. So the noise is that of the whole map, squared residuals over degrees of freedom (`2n − 3` a point),
-//! and a point's own residuals move it as far as they can speak: the map counts as [`MAP_FREEDOM`] degrees of freedom.
+//! Three keypoints have six coordinates, and a point takes three degrees of freedom: the remaining residuals are half
+//! of the noise on average, and by chance much less. So the noise is pooled over the whole map (squared residuals
+//! over degrees of freedom, `2n − 3` per point), and a point's own residuals are combined with it: the pooled noise
+//! counts as [`MAP_FREEDOM`] degrees of freedom.
 //!
-//! What it does not know: errors of the images' poses and lenses, which points share. They are part of a map's
-//! [`Calibration`](crate::Calibration).
+//! The covariance does not include errors of poses and intrinsics, which points share. These are part of the
+//! [`Calibration`](crate::Calibration) of a map.
 
 use std::sync::OnceLock;
 
@@ -31,105 +32,110 @@ use crate::model::{Observation, PointId};
 impl MapFile {
     /// Covariance of a point's position in the world frame, map units squared: finite, symmetric, positive definite.
     ///
-    /// Computed from the keypoints of its track when it is first asked for, and kept; poses and cameras are taken for exact.
-    /// A compressed map tells what the whole one knew.
-    /// It is large along the rays of a point that is seen under a small angle, and never NaN.
+    /// Computed from the track on first use, and cached; poses and cameras are assumed exact. A compressed map
+    /// returns the covariance of the whole map. The covariance is large along the rays of a point with little
+    /// parallax, and never NaN.
     pub fn point_covariance(&self, id: PointId) -> [[f64; 3]; 3] {
-        if let Some(remembered) = self.remembered(id) {
-            return remembered.covariance();
+        if let Some(summary) = self.point_summary(id) {
+            return summary.covariance();
         }
-        let kept =
+        let cache =
             self.covariances.get_or_init(|| (0..self.point_count()).map(|_| OnceLock::new()).collect());
         let compute = || {
             let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = self.covariance_of(&self.point(id), self.track(id));
             [xx, xy, xz, yy, yz, zz]
         };
-        // Most matches of queries are of points that earlier ones matched: it took a quarter of the pose stage.
-        let [xx, xy, xz, yy, yz, zz] = *kept[id.index()].get_or_init(compute);
+        // Most matched points were matched by earlier queries too: without the cache this took a quarter of the pose
+        // stage.
+        let [xx, xy, xz, yy, yz, zz] = *cache[id.index()].get_or_init(compute);
         [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     }
 
-    /// Standard deviation of a keypoint of the map along each axis, pixels, as the residuals of its points show it.
+    /// Standard deviation of keypoints along each axis, pixels, estimated from the residuals.
     ///
-    /// Of up to some thousand points spread over the map; computed when it is first asked for.
+    /// Uses up to [`NOISE_POINTS`] points spread over the map; computed on first use.
     pub fn keypoint_noise_px(&self) -> f64 {
         *self.noise.get_or_init(|| {
             let step = self.point_count().div_ceil(NOISE_POINTS).max(1);
             let (mut squares, mut freedom) = (0.0, 0.0);
             for id in (0..self.point_count()).step_by(step).map(|i| PointId(i as u32)) {
-                let sights = self.sights(&self.point(id), self.track(id));
-                if sights.count >= 2 && sights.squares.is_finite() {
-                    squares += sights.squares;
-                    freedom += 2.0 * sights.count as f64 - 3.0;
+                let residuals = self.residuals(&self.point(id), self.track(id));
+                if residuals.count >= 2 && residuals.squares.is_finite() {
+                    squares += residuals.squares;
+                    freedom += 2.0 * residuals.count as f64 - 3.0;
                 }
             }
             let noise = f64::sqrt(squares / freedom);
-            // Not of points without a second view, nor exact to the last bit: keypoints are kept as 32-bit numbers.
-            if noise.is_finite() { noise.max(LEAST_NOISE_PX) } else { NOISE_UNKNOWN_PX }
+            // Single-view points have no residuals, and keypoints are stored as 32-bit floats, so the noise has a
+            // lower bound.
+            if noise.is_finite() { noise.max(MIN_NOISE_PX) } else { DEFAULT_NOISE_PX }
         })
     }
 
-    /// [`Self::point_covariance`] of any point and those who see it.
+    /// [`Self::point_covariance`] for any position and track.
     pub(super) fn covariance_of(
         &self,
         point: &Point3<World>,
         track: impl Iterator<Item = Observation>,
     ) -> [[f64; 3]; 3] {
-        let sights = self.sights(point, track);
+        let residuals = self.residuals(point, track);
         let pooled = self.keypoint_noise_px().powi(2);
-        let own = (2.0 * sights.count as f64 - 3.0).max(0.0);
-        let variance = if own > 0.0 && sights.squares.is_finite() {
-            (MAP_FREEDOM * pooled + sights.squares) / (MAP_FREEDOM + own)
+        let own = (2.0 * residuals.count as f64 - 3.0).max(0.0);
+        let variance = if own > 0.0 && residuals.squares.is_finite() {
+            (MAP_FREEDOM * pooled + residuals.squares) / (MAP_FREEDOM + own)
         } else {
             pooled
         };
-        // A point at the very place of its only camera: one map unit is as good a guess as any.
-        let distance = if sights.farthest > 0.0 { sights.farthest } else { 1.0 };
-        // In units of the distance, so that no map unit is too small or too large for the numbers.
-        let information = sights.information * (distance * distance / variance) + Matrix3::identity();
+        // A point at the centre of its only camera: one map unit is an arbitrary choice.
+        let distance = if residuals.farthest > 0.0 { residuals.farthest } else { 1.0 };
+        // In units of the distance, so that the result does not depend on the map unit.
+        let information = residuals.information * (distance * distance / variance) + Matrix3::identity();
         let covariance = information.cholesky().map(|c| c.inverse() * (distance * distance));
         match covariance {
             Some(c) if c.iter().all(|v| v.is_finite()) => {
                 std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (c[(i, j)] + c[(j, i)])))
             }
-            // Numbers beyond all bounds: nothing is known of the point.
+            // Overflow: the point is unconstrained.
             _ => std::array::from_fn(|i| std::array::from_fn(|j| if i == j { UNBOUNDED } else { 0.0 })),
         }
     }
 
-    fn sights(&self, point: &Point3<World>, track: impl Iterator<Item = Observation>) -> Sights {
-        let mut sights = Sights { information: Matrix3::zeros(), squares: 0.0, count: 0, farthest: 0.0 };
+    fn residuals(&self, point: &Point3<World>, track: impl Iterator<Item = Observation>) -> TrackResiduals {
+        let mut residuals =
+            TrackResiduals { information: Matrix3::zeros(), squares: 0.0, count: 0, farthest: 0.0 };
         for observation in track {
             let image = self.image(observation.image as usize);
             let in_camera = image.cam_from_world().transform(point).coords;
-            sights.farthest = sights.farthest.max(in_camera.norm());
-            if let Some((residual, rows)) = sight(&image, observation.keypoint as usize, &in_camera) {
-                sights.squares += residual.norm_squared();
-                sights.count += 1;
+            residuals.farthest = residuals.farthest.max(in_camera.norm());
+            if let Some((residual, rows)) =
+                linearize_observation(&image, observation.keypoint as usize, &in_camera)
+            {
+                residuals.squares += residual.norm_squared();
+                residuals.count += 1;
                 for row in rows {
-                    sights.information += row.transpose() * row;
+                    residuals.information += row.transpose() * row;
                 }
             }
         }
-        sights
+        residuals
     }
 }
 
-/// What the keypoints of a track say of a point together.
-struct Sights {
+/// Accumulated normal equations of a track.
+struct TrackResiduals {
     /// `Σ JᵀJ`, pixels² per map unit².
     information: Matrix3<f64>,
     /// Sum of squared residuals, pixels².
     squares: f64,
-    /// Keypoints that can see the point.
+    /// Number of observations in front of their cameras.
     count: usize,
     /// Distance of the farthest image, map units.
     farthest: f64,
 }
 
-/// Projection minus keypoint in undistorted pixels, and its derivative by the point in the world, row by row, of a point in
-/// the camera's frame; `None` behind the camera or where the distortion cannot be undone.
-fn sight(
+/// Residual (projection minus keypoint, undistorted pixels) and its Jacobian rows with respect to the point in the
+/// world, for a point `x` in the camera frame; `None` behind the camera or where undistortion fails.
+fn linearize_observation(
     image: &ImageView<'_>,
     keypoint: usize,
     x: &Vector3<f64>,
@@ -147,15 +153,15 @@ fn sight(
     Some((residual, [row(0), row(1)]))
 }
 
-/// Degrees of freedom for which the map's noise counts beside a point's own residuals.
+/// Degrees of freedom that the pooled noise counts for.
 const MAP_FREEDOM: f64 = 10.0;
-/// Points that the noise is measured on.
+/// Maximum number of points for the noise estimate.
 const NOISE_POINTS: usize = 2000;
-/// Noise never falls below this, pixels.
-const LEAST_NOISE_PX: f64 = 1e-3;
-/// Noise of a map in which no point has two views, pixels: that of SIFT keypoints.
-const NOISE_UNKNOWN_PX: f64 = 1.0;
-/// Variance of a point of which nothing is known, map units squared.
+/// Lower bound of the noise, pixels.
+const MIN_NOISE_PX: f64 = 1e-3;
+/// Default noise if no point has two views, pixels: that of SIFT keypoints.
+const DEFAULT_NOISE_PX: f64 = 1.0;
+/// Variance of an unconstrained point, map units squared.
 const UNBOUNDED: f64 = 1e200;
 
 #[cfg(test)]
@@ -168,7 +174,8 @@ mod tests {
     use super::*;
     use crate::{BuildSettings, MapImage, MapModel, MapPoint};
 
-    /// Cameras side by side `apart` from each other that look along z, and a point in front of them, seen with this error.
+    /// Cameras in a row with spacing `apart` that look along z, and a point in front of them, observed with these
+    /// errors.
     fn map(cameras: usize, apart: f64, point: [f64; 3], shift: impl Fn(usize) -> [f64; 2]) -> MapFile {
         let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
         let profile = Profile::vlad(Vocabulary::new(words).unwrap());
@@ -202,14 +209,14 @@ mod tests {
     }
 
     #[test]
-    fn parallax_decides_along_the_ray_and_the_distance_across_it() {
-        // One pixel of error in v, plus and minus: two degrees of freedom... of six coordinates three are left.
+    fn covariance_matches_parallax_and_distance() {
+        // Errors in v only. Of six coordinates three degrees of freedom remain.
         let shift = |i: usize| [0.0, if i == 1 { 1.0 } else { -0.5 }];
         let wide = map(3, 1.0, [1.0, 0.0, 5.0], shift);
         let sigma = wide.keypoint_noise_px();
         assert!((sigma - (1.5_f64 / 3.0).sqrt()).abs() < 1e-3, "{sigma}");
         let [x, y, z] = deviations(wide.point_covariance(PointId(0)));
-        // Across: σ z / (f √3); along: the parallax has a lever of √2 units.
+        // Across the ray: σ z / (f √3); along: the baseline is √2 units.
         let across = sigma * 5.0 / 500.0 / 3.0_f64.sqrt();
         assert!((y / across - 1.0).abs() < 0.01 && (x / across - 1.0).abs() < 0.01, "{x} {y} {across}");
         let along = sigma * 25.0 / 500.0 / 2.0_f64.sqrt();
@@ -220,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn no_track_gives_what_is_not_a_covariance() {
+    fn covariance_is_valid_for_degenerate_tracks() {
         let none = |_: usize| [0.0, 0.0];
         for (cameras, apart, point) in [
             (1, 0.0, [0.0, 0.0, 5.0]),

@@ -1,4 +1,4 @@
-//! Opening a packed map: its small sections as of any map, and what section 17 holds.
+//! Opens a packed map: the small sections as in any map, and the packed section.
 
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 
@@ -15,7 +15,7 @@ impl Parser<'_> {
         let range = |section: Section| sections[section as usize - 1].clone().unwrap_or_default();
         let wrong = |reason: String| self.wrong(Section::Packed.name(), &reason);
         if Section::ALL.into_iter().any(|s| s.is_packed() && !range(s).is_empty()) {
-            return Err(wrong("says what other sections say".to_owned()));
+            return Err(wrong("duplicates other sections".to_owned()));
         }
         let bytes = &self.bytes[range(Section::Packed)];
         let profile = self.profile(sections)?;

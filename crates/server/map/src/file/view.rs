@@ -1,4 +1,4 @@
-//! A map file, opened: what the server reads while it localizes.
+//! An opened map file: the read access of the server.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -13,20 +13,21 @@ use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
 use crate::compressed::{Compressed, Remembered};
-use crate::down::Down;
+use crate::gravity::Down;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
-/// A map in a file that is mapped into memory: opening it reads and checks everything once, using it copies nothing.
+/// An opened map file: it is validated once when it is opened, and reading copies nothing.
 ///
-/// The file must not be written into while it is open; [`write`](crate::write()) never does, it replaces the file.
+/// A memory-mapped file must not be overwritten while it is open; [`write`](crate::write()) replaces the file
+/// instead.
 #[derive(Debug)]
 pub struct MapFile {
     pub(super) path: PathBuf,
     pub(super) bytes: MappedFile,
-    /// Length of the file; that of `bytes`, unless it is packed.
+    /// Length of the file; differs from `bytes` if the file is packed.
     pub(super) file_bytes: u64,
     pub(super) profile: Profile,
     pub(super) settings: BuildSettings,
@@ -37,27 +38,27 @@ pub struct MapFile {
     pub(super) compressed: Option<Compressed>,
     pub(super) region: Option<Region>,
     pub(super) large: LargeSections,
-    /// Made when it is first asked for.
+    /// Built on first use.
     pub(super) index: OnceLock<GlobalIndex>,
-    /// Computed when it is first asked for.
+    /// Computed on first use.
     pub(super) noise: OnceLock<f64>,
-    /// Of each point, the upper triangle by rows; each computed when it is first asked for, as the list is.
+    /// Upper triangle of each covariance by rows; the list and each element are computed on first use.
     pub(super) covariances: OnceLock<Box<[OnceLock<[f64; 6]>]>>,
 }
 
-/// An image's small parts, and where its large ones are.
+/// Small parts of an image, and ranges of its large ones.
 #[derive(Debug)]
 pub(super) struct ImageEntry {
     pub(super) name: String,
     pub(super) camera: usize,
     pub(super) cam_from_world: CameraFromWorld,
-    /// In keypoints, within the sections that have one record a keypoint.
+    /// Range in the sections with one record per keypoint.
     pub(super) keypoints: Range<usize>,
-    /// In codes, within the globals.
+    /// Range in the global codes.
     pub(super) global: Range<usize>,
 }
 
-/// Bytes of the sections that stay in the file.
+/// Ranges of the large sections.
 #[derive(Debug, Default)]
 pub(super) struct LargeSections {
     pub(super) keypoints: Range<usize>,
@@ -74,17 +75,17 @@ impl MapFile {
         &self.path
     }
 
-    /// Number of bytes of the file.
+    /// Length of the file, bytes.
     pub const fn byte_count(&self) -> u64 {
         self.file_bytes
     }
 
-    /// Its bytes in memory: those of the file, or of the same map unpacked.
+    /// Its bytes in memory: those of the file, or of the unpacked map.
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// What a device needs to seal a query for this map.
+    /// The profile with which a device seals queries for this map.
     pub const fn profile(&self) -> &Profile {
         &self.profile
     }
@@ -94,22 +95,22 @@ impl MapFile {
         &self.settings
     }
 
-    /// What the map's test of itself came to; `None` when there was none since it was built or changed.
+    /// The self-test; `None` if there was none since the map was built or changed.
     pub const fn self_test(&self) -> Option<&SelfTest> {
         self.self_test.as_ref()
     }
 
-    /// Which way is down, where who built the map knew it.
+    /// The direction of gravity, if the builder of the map gave it.
     pub const fn down(&self) -> Option<Down> {
         self.down
     }
 
-    /// What it was made of, where it is a compressed map.
+    /// Data about the whole map, if this is a compressed map.
     pub const fn compressed(&self) -> Option<&Compressed> {
         self.compressed.as_ref()
     }
 
-    /// Which part of a larger map it is, where it is one.
+    /// The part of a larger map that this is, if it is a region.
     pub const fn part_of(&self) -> Option<&Region> {
         self.region.as_ref()
     }
@@ -144,16 +145,16 @@ impl MapFile {
         self.images.iter().map(|entry| ImageView { map: self, entry })
     }
 
-    /// Which of the images are worth comparing with a query; `None` in a map of so few that comparing all takes no longer.
+    /// The index of global descriptors; `None` for a small map, in which comparing all images is as fast.
     ///
-    /// Made when it is first asked for, on all processors: some 20 microseconds an image on one.
+    /// Built on first use on all processors: about 20 microseconds per image and processor.
     pub fn global_index(&self) -> Option<&GlobalIndex> {
         let codes = self.profile.global_model().global_len();
         let make = || GlobalIndex::new(self.records(&self.large.globals), codes);
         (self.images.len() >= GlobalIndex::WORTHWHILE).then(|| self.index.get_or_init(make))
     }
 
-    /// Where a point of this map is, map units.
+    /// Position of a point, map units.
     pub fn point(&self, id: PointId) -> Point3<World> {
         let [x, y, z] = self.points()[id.index()].position;
         Point3::new(x, y, z)
@@ -164,12 +165,12 @@ impl MapFile {
         self.points()[id.index()].error
     }
 
-    /// Number of images that see a point of this map: of the whole map where this one is a compressed one.
+    /// Number of images that observe a point; in a compressed map, of the whole map.
     pub fn seen_by(&self, id: PointId) -> usize {
-        self.remembered(id).map_or_else(|| self.track_length(id), |r| r.seen_by as usize)
+        self.point_summary(id).map_or_else(|| self.track_length(id), |r| r.seen_by as usize)
     }
 
-    pub(super) fn remembered(&self, id: PointId) -> Option<&Remembered> {
+    pub(super) fn point_summary(&self, id: PointId) -> Option<&Remembered> {
         self.compressed.as_ref().and_then(|c| c.of_points.get(id.index()))
     }
 
@@ -178,13 +179,13 @@ impl MapFile {
         self.track_range(id).len()
     }
 
-    /// Who sees a point of this map, in rising order.
+    /// Observations of a point, in ascending order.
     pub fn track(&self, id: PointId) -> impl ExactSizeIterator<Item = Observation> {
         let records = &self.observations()[self.track_range(id)];
         records.iter().map(|o| Observation { image: o.image, keypoint: o.keypoint })
     }
 
-    /// A copy that can be changed.
+    /// Copies the data into a mutable model.
     pub fn to_model(&self) -> MapModel {
         let points = (0..self.point_count() as u32).map(PointId).map(|id| MapPoint {
             position: self.point(id),
@@ -242,12 +243,12 @@ impl<'a> ImageView<'a> {
         &self.map.cameras[self.entry.camera]
     }
 
-    /// Where it was taken.
+    /// Its pose.
     pub fn cam_from_world(&self) -> &'a CameraFromWorld {
         &self.entry.cam_from_world
     }
 
-    /// `[N]`, pixels `[u, v]` of the image as it was taken (distorted).
+    /// `[N]`, pixels `[u, v]` in the original (distorted) image.
     pub fn keypoints(&self) -> &'a [[f32; 2]] {
         &self.map.records(&self.map.large.keypoints)[self.entry.keypoints.clone()]
     }
@@ -266,14 +267,14 @@ impl<'a> ImageView<'a> {
         &self.map.records(&self.map.large.globals)[self.entry.global.clone()]
     }
 
-    /// The point that keypoint `keypoint` sees; the index must be below the number of keypoints.
+    /// The point that keypoint `keypoint` observes; the index must be below the number of keypoints.
     pub fn point_of(&self, keypoint: usize) -> Option<PointId> {
         let all: &[u32] = self.map.records(&self.map.large.keypoint_points);
         let id = all[self.entry.keypoints.clone()][keypoint];
         (id != NO_POINT).then_some(PointId(id))
     }
 
-    /// A copy that can be changed.
+    /// Copies the data into a mutable model.
     pub(super) fn to_model(self) -> MapImage {
         MapImage {
             name: self.name().to_owned(),

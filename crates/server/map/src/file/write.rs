@@ -1,16 +1,16 @@
-//! Writing a map file: its bytes, and the right to replace it.
+//! Writes map files, under a lock.
 
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::atomic_file::{Readers, TargetLock, replace_file};
+use crate::atomic_file::{Permissions, TargetLock, replace_file};
 use veiloc_simd::MappedFile;
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::IntoBytes;
 
 use super::layout::{
-    ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
-    ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
+    ALIGN, BuildingRecord, CameraRecord, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
+    ObservationRecord, PointRecord, Section, SectionEntry, SettingsRecord, header_checksum,
 };
 use super::{compressed, packed, region, self_test};
 use crate::compressed::Compressed;
@@ -18,26 +18,26 @@ use crate::error::MapError;
 use crate::model::MapModel;
 use crate::settings::BuildSettings;
 
-/// The right to change a map file, held by one program at a time.
+/// A lock on a map file, held by one program at a time.
 ///
-/// Who reads a map to change it holds this from before reading until after writing; another one would otherwise write
-/// over it what was made of the older map. Who only reads needs none. The lock is on a file `.NAME.lock` beside the map,
-/// is advisory (between programs that ask for it), and ends with its holder, however that ends.
+/// A program that modifies a map must hold the lock from before reading until after writing, or it could overwrite
+/// changes of another program. Readers need no lock. The lock is on a file `.NAME.lock` next to the map, is advisory,
+/// and is released when its holder ends in any way.
 #[derive(Debug)]
 pub struct MapLock {
     target: TargetLock,
 }
 
 impl MapLock {
-    /// Waits until nobody else holds it.
+    /// Waits for the lock.
     ///
     /// # Errors
-    /// [`MapError::Io`] naming the file: its folder is not there or may not be written.
+    /// [`MapError::Io`]: the folder is missing or not writable.
     pub fn acquire(path: &Path) -> Result<Self, MapError> {
         Ok(Self { target: TargetLock::acquire(path).map_err(MapError::io(path))? })
     }
 
-    /// The same without waiting; `None` when somebody else holds it.
+    /// Tries to lock; `None` if another program holds the lock.
     ///
     /// # Errors
     /// As for [`Self::acquire`].
@@ -53,16 +53,16 @@ impl MapLock {
     pub fn write(&self, model: &MapModel) -> Result<(), MapError> {
         model.validate()?;
         let sections = Sections::of(model);
-        replace_file(&self.target, Readers::AsBefore, |out| sections.write(out))
+        replace_file(&self.target, Permissions::Preserve, |out| sections.write(out))
             .map_err(MapError::io(self.target.target()))
     }
 }
 
 /// Writes a map file. Equal maps give equal bytes.
 ///
-/// The file is written beside the one at `path`, flushed to the disk, and renamed over it. Whatever interrupts this, the
-/// file at `path` is afterwards the old map or the new one, whole; who has the old one open keeps it. Waits for whoever
-/// holds the [`MapLock`].
+/// The file is written next to `path`, flushed to the disk, and renamed over it. After an interruption the file at
+/// `path` is completely old or completely new; a program that has the old file open keeps it. Waits for the
+/// [`MapLock`].
 ///
 /// # Errors
 /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
@@ -70,38 +70,38 @@ pub fn write(model: &MapModel, path: &Path) -> Result<(), MapError> {
     MapLock::acquire(path)?.write(model)
 }
 
-/// How many bytes the file of a map has. The map need not hold together yet.
+/// Length of the file of a map, bytes. The map may be inconsistent.
 pub fn byte_count(model: &MapModel) -> u64 {
     Sections::of(model).head().0.length
 }
 
-/// How the large parts of a map lie.
+/// Encoding of the large arrays of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
-    /// As they are used, in sections 6 to 11.
+pub(super) enum MapEncoding {
+    /// Plain arrays in sections 6 to 11.
     Plain,
-    /// As short as may be, in section 16.
+    /// Packed into section 17.
     Packed,
 }
 
-impl Form {
-    /// That of a map's file.
+impl MapEncoding {
+    /// The encoding of a map's file.
     pub(super) fn of(model: &MapModel) -> Self {
         let packed = model.compressed.as_ref().is_some_and(|c| c.packed_from.is_some());
         if packed { Self::Packed } else { Self::Plain }
     }
 }
 
-/// The bytes of a map file in this form, in memory.
-pub(super) fn in_memory(model: &MapModel, form: Form) -> Result<MappedFile, MapError> {
+/// The bytes of a map file with this encoding, in memory.
+pub(super) fn in_memory(model: &MapModel, encoding: MapEncoding) -> Result<MappedFile, MapError> {
     model.validate()?;
-    let sections = Sections::in_form(model, form);
+    let sections = Sections::with_encoding(model, encoding);
     let (header, table) = sections.head();
     let fill = |mut to: &mut [u8]| sections.write_behind(&header, &table, &mut to);
     MappedFile::in_memory(header.length as usize, fill).map_err(MapError::io(Path::new(IN_MEMORY)))
 }
 
-/// A section as pieces that follow one another: large arrays stay where the model has them.
+/// Sections as lists of pieces, so that large arrays are not copied.
 struct Sections<'a> {
     pieces: Vec<(Section, Vec<Piece<'a>>)>,
 }
@@ -122,14 +122,14 @@ impl Piece<'_> {
 
 impl<'a> Sections<'a> {
     fn of(model: &'a MapModel) -> Self {
-        Self::in_form(model, Form::of(model))
+        Self::with_encoding(model, MapEncoding::of(model))
     }
 
-    fn in_form(model: &'a MapModel, form: Form) -> Self {
+    fn with_encoding(model: &'a MapModel, encoding: MapEncoding) -> Self {
         let section = |section: Section| {
             let images = || model.images.iter();
             let pieces = match section {
-                elsewhere if form == Form::Packed && elsewhere.is_packed() => Vec::new(),
+                section if encoding == MapEncoding::Packed && section.is_packed() => Vec::new(),
                 Section::Profile => vec![Piece::Owned(model.profile.encode())],
                 Section::Settings => vec![owned(&[settings_record(&model.settings)])],
                 Section::Cameras => vec![owned(&camera_records(&model.cameras))],
@@ -158,8 +158,9 @@ impl<'a> Sections<'a> {
                 }
                 Section::Down => model.down.iter().map(|down| owned(&down.in_world())).collect(),
                 Section::Compressed => {
-                    let here =
-                        |c: &'a Compressed| if form == Form::Packed { &[][..] } else { &c.of_points[..] };
+                    let here = |c: &'a Compressed| {
+                        if encoding == MapEncoding::Packed { &[][..] } else { &c.of_points[..] }
+                    };
                     model.compressed.iter().map(|c| Piece::Owned(compressed::encode(c, here(c)))).collect()
                 }
                 Section::Packed => {
@@ -176,7 +177,7 @@ impl<'a> Sections<'a> {
             Section::SelfTest => model.self_test.is_some(),
             Section::Down => model.down.is_some(),
             Section::Compressed => model.compressed.is_some(),
-            Section::Packed => form == Form::Packed,
+            Section::Packed => encoding == MapEncoding::Packed,
             Section::Region => model.region.is_some(),
             _ => true,
         };
@@ -184,10 +185,10 @@ impl<'a> Sections<'a> {
         Self { pieces: there.map(section).collect() }
     }
 
-    /// What stands before the sections.
-    fn head(&self) -> (Header, Vec<Entry>) {
+    /// Header and table.
+    fn head(&self) -> (Header, Vec<SectionEntry>) {
         let mut table = Vec::new();
-        let mut end = size_of::<Header>() + self.pieces.len() * size_of::<Entry>();
+        let mut end = size_of::<Header>() + self.pieces.len() * size_of::<SectionEntry>();
         for (section, pieces) in &self.pieces {
             let mut hash = Xxh3::new();
             let mut length = 0;
@@ -196,7 +197,7 @@ impl<'a> Sections<'a> {
                 length += piece.bytes().len();
             }
             let offset = end.next_multiple_of(ALIGN);
-            table.push(Entry {
+            table.push(SectionEntry {
                 code: *section as u32,
                 reserved: 0,
                 offset: offset as u64,
@@ -222,8 +223,8 @@ impl<'a> Sections<'a> {
         self.write_behind(&header, &table, out)
     }
 
-    /// Writes the whole file, of which this is the head.
-    fn write_behind(&self, header: &Header, table: &[Entry], out: &mut dyn Write) -> io::Result<()> {
+    /// Writes the whole file with this header and table.
+    fn write_behind(&self, header: &Header, table: &[SectionEntry], out: &mut dyn Write) -> io::Result<()> {
         out.write_all(header.as_bytes())?;
         out.write_all(table.as_bytes())?;
         let mut at = size_of::<Header>() + table.as_bytes().len();
@@ -236,7 +237,7 @@ impl<'a> Sections<'a> {
     }
 }
 
-/// What stands for the path of a map that is in no file.
+/// Path of a map that has no file.
 pub(super) const IN_MEMORY: &str = "(in memory)";
 
 fn owned<T: IntoBytes + zerocopy::Immutable>(records: &[T]) -> Piece<'static> {
@@ -263,7 +264,7 @@ fn building_record(settings: &BuildSettings) -> BuildingRecord {
     }
 }
 
-/// One of each camera, then those of parameters beyond the eighth.
+/// One record per camera, then records for parameters beyond the eighth.
 pub(super) fn camera_records(cameras: &[veiloc_geometry::Intrinsics]) -> Vec<CameraRecord> {
     let room = |given: &[f64]| {
         let mut params = [0.0; 8];
@@ -316,7 +317,7 @@ fn point_records(model: &MapModel) -> Vec<PointRecord> {
     model.points.iter().map(record).collect()
 }
 
-/// The whole file as bytes; tests compare and damage them.
+/// The whole file as bytes, for tests.
 #[cfg(test)]
 pub(super) fn to_bytes(model: &MapModel) -> Vec<u8> {
     let mut bytes = Vec::new();

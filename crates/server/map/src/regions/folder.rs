@@ -1,4 +1,4 @@
-//! A folder of regions: `manifest.json`, and the objects that it names in `objects/`.
+//! A folder of regions: `manifest.json`, and its objects in `objects/`.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use crate::atomic_file::{Readers, TargetLock, replace_file, write_whole};
+use crate::atomic_file::{Permissions, TargetLock, replace_file, write_whole};
 use crate::is_map_name;
 use crate::{MapFile, MapMemory, Region};
 use veiloc_geometry::Point3;
@@ -20,13 +20,13 @@ use crate::{ManifestError, MapError};
 /// Name of the manifest in its folder.
 pub const MANIFEST_FILE: &str = "manifest.json";
 
-/// Name of the folder of the objects beside it.
+/// Name of the folder of the objects.
 pub const OBJECTS_FOLDER: &str = "objects";
 
-/// Writes a folder of regions, one region at a time and several threads at once where the caller likes.
+/// Writes a folder of regions, one region at a time, from several threads if the caller likes.
 ///
-/// Whoever reads the folder finds the old manifest or the new one: objects come first, the manifest is replaced last, and
-/// objects that only the old one names go after that. One program at a time writes a folder.
+/// A reader finds the old or the new manifest: objects are written first, the manifest is replaced last, and objects
+/// of only the old manifest are removed after that. One program at a time writes a folder.
 #[derive(Debug)]
 pub struct FolderWriter<'a> {
     map: &'a MapFile,
@@ -36,10 +36,10 @@ pub struct FolderWriter<'a> {
 }
 
 impl<'a> FolderWriter<'a> {
-    /// For the regions of a map of this name. Waits for another program that writes the folder; makes it where it is not.
+    /// For the regions of a map of this name. Waits for another writer of the folder; creates the folder if missing.
     ///
     /// # Errors
-    /// [`MapError::Name`], or [`MapError::Io`] when the folder cannot be made or written into.
+    /// [`MapError::Name`], or [`MapError::Io`]: the folder cannot be created or written.
     pub fn begin(map: &'a MapFile, name: &'a str, folder: &Path) -> Result<Self, MapError> {
         if !is_map_name(name) {
             return Err(MapError::Name { name: name.to_owned() });
@@ -51,16 +51,16 @@ impl<'a> FolderWriter<'a> {
         Ok(Self { map, name, folder: folder.to_owned(), lock })
     }
 
-    /// Cuts a region out and writes it; what the manifest says of it.
+    /// Extracts a region and writes it; returns its entry of the manifest.
     ///
-    /// Takes the memory of the region twice.
+    /// Needs twice the memory of the region.
     ///
     /// # Errors
-    /// [`MapError::Model`] when the map has no such region, [`MapError::Io`] when it cannot be written.
+    /// [`MapError::Model`]: the map has no such region; [`MapError::Io`]: it cannot be written.
     pub fn region(&self, region: &Region) -> Result<RegionEntry, MapError> {
         let model = self.map.region(region.clone())?;
         let file = MapFile::of_model(&model)?;
-        let (centre, radius) = self.place_of(region);
+        let (centre, radius) = self.center_and_radius(region);
         let ObjectRef { sha256, bytes } = self.object(file.as_bytes())?;
         Ok(RegionEntry {
             sha256,
@@ -73,11 +73,11 @@ impl<'a> FolderWriter<'a> {
         })
     }
 
-    /// Writes profile, index and manifest, and removes objects that the manifest does not name. `entries` are what
-    /// [`Self::region`] gave of `regions`, in their order.
+    /// Writes profile, index and manifest, and removes objects that the manifest does not name. `entries` are the
+    /// results of [`Self::region`] for `regions`, in order.
     ///
     /// # Errors
-    /// [`MapError::Manifest`] when they do not hold together, [`MapError::Io`].
+    /// [`MapError::Manifest`]: they are inconsistent; [`MapError::Io`].
     pub fn finish(self, regions: &[Region], entries: Vec<RegionEntry>) -> Result<Manifest, MapError> {
         let path = self.folder.join(MANIFEST_FILE);
         let profile = self.object(&self.map.profile().encode())?;
@@ -86,9 +86,9 @@ impl<'a> FolderWriter<'a> {
         let manifest = Manifest::new(self.name, images, points, profile, index, entries)
             .map_err(|source| manifest_error(&path, source))?;
         let bytes = manifest.encode();
-        replace_file(&self.lock, Readers::AsBefore, |out| out.write_all(&bytes))
+        replace_file(&self.lock, Permissions::Preserve, |out| out.write_all(&bytes))
             .map_err(MapError::io(&path))?;
-        self.remove_others(&manifest);
+        self.remove_unnamed_objects(&manifest);
         Ok(manifest)
     }
 
@@ -99,8 +99,8 @@ impl<'a> FolderWriter<'a> {
         Ok(object)
     }
 
-    /// Mean of the camera centres of the core, and distance of the farthest.
-    fn place_of(&self, region: &Region) -> ([f64; 3], f64) {
+    /// Mean of the camera centres of the core, and distance of the farthest one.
+    fn center_and_radius(&self, region: &Region) -> ([f64; 3], f64) {
         let core = region.of_images.iter().filter(|image| image.is_core);
         let centres: Vec<Point3<World>> =
             core.map(|image| self.map.image(image.whole as usize).cam_from_world().center()).collect();
@@ -111,12 +111,12 @@ impl<'a> FolderWriter<'a> {
         (mean.into(), radius)
     }
 
-    /// Objects of older manifests. One that cannot be removed is only rubbish, so no failure.
-    fn remove_others(&self, manifest: &Manifest) {
+    /// Removes objects of older manifests; a failure is ignored.
+    fn remove_unnamed_objects(&self, manifest: &Manifest) {
         let named: BTreeSet<ObjectId> = manifest.objects().map(|object| object.sha256).collect();
         let Ok(entries) = fs::read_dir(self.folder.join(OBJECTS_FOLDER)) else { return };
         for entry in entries.flatten() {
-            // Only what has the name of an object: all else is somebody else's.
+            // Only files with the name of an object; others are foreign.
             let id = entry.file_name().to_str().and_then(|name| name.parse::<ObjectId>().ok());
             if id.is_some_and(|id| !named.contains(&id)) {
                 let _ = fs::remove_file(entry.path());
@@ -125,7 +125,7 @@ impl<'a> FolderWriter<'a> {
     }
 }
 
-/// A folder of regions, its manifest read.
+/// A folder of regions with its manifest.
 #[derive(Debug, Clone)]
 pub struct Folder {
     folder: PathBuf,
@@ -133,10 +133,10 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Opens a folder that [`FolderWriter`] wrote; reads its manifest alone.
+    /// Opens a folder of [`FolderWriter`]; reads only its manifest.
     ///
     /// # Errors
-    /// [`MapError::NoRegions`] when there is none, [`MapError::Manifest`] when it is wrong, [`MapError::Io`].
+    /// [`MapError::NoRegions`]: there is no manifest; [`MapError::Manifest`]: it is invalid; [`MapError::Io`].
     pub fn open(folder: &Path) -> Result<Self, MapError> {
         let path = folder.join(MANIFEST_FILE);
         let file = match fs::File::open(&path) {
@@ -152,22 +152,22 @@ impl Folder {
         Ok(Self { folder: folder.to_owned(), manifest })
     }
 
-    /// Objects of this manifest that lie in `folder`, wherever the manifest came from.
+    /// The objects of this manifest in `folder`, wherever the manifest came from.
     pub fn of(manifest: Manifest, folder: &Path) -> Self {
         Self { folder: folder.to_owned(), manifest }
     }
 
-    /// What it holds.
+    /// The manifest.
     pub const fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// Where an object lies.
+    /// Path of an object.
     pub fn path_of(&self, object: &ObjectId) -> PathBuf {
         path_in(&self.folder, object)
     }
 
-    /// Opens the index, and holds it against the manifest.
+    /// Opens the index, and checks it against the manifest.
     ///
     /// # Errors
     /// As [`Index::open`], and [`MapError::Mismatch`].
@@ -175,17 +175,17 @@ impl Folder {
         let path = self.path_of(&self.manifest.index.sha256);
         let index = Index::open(&path, memory)?;
         let profile = &self.manifest.profile.sha256.as_bytes()[..16];
-        let holds = index.region_count() == self.manifest.regions.len()
+        let matches_manifest = index.region_count() == self.manifest.regions.len()
             && index.image_count() as u64 == self.manifest.images
             && index.profile().as_bytes() == profile;
-        if holds { Ok(index) } else { Err(mismatch(&path, "an index of other regions")) }
+        if matches_manifest { Ok(index) } else { Err(mismatch(&path, "an index of other regions")) }
     }
 
-    /// Opens a region, by its number in the manifest, and holds it against the manifest.
+    /// Opens a region by its number in the manifest, and checks it against the manifest.
     ///
     /// # Errors
-    /// [`MapError::NotAMap`] when it is no map, [`MapError::Mismatch`] when it is another region's or there is none of
-    /// this number.
+    /// [`MapError::NotAMap`]: the file is not a map; [`MapError::Mismatch`]: it is another region, or there is no
+    /// region with this number.
     pub fn open_region(&self, number: usize, memory: MapMemory) -> Result<MapFile, MapError> {
         let Some(entry) = self.manifest.regions.get(number) else {
             let path = self.folder.join(MANIFEST_FILE);

@@ -1,4 +1,4 @@
-//! The manifest: what belongs to a map that was cut into regions.
+//! The manifest: the parts of a map that was cut into regions.
 
 use std::collections::BTreeSet;
 
@@ -13,33 +13,34 @@ use crate::regions::object::{ObjectId, ObjectRef};
 /// The version of the manifest that this program writes and reads.
 pub const MANIFEST_VERSION: u32 = 1;
 
-/// The longest manifest that is read, bytes: some two hundred thousand regions. So much a hostile one may make a reader take.
+/// Maximum length of a manifest, bytes: about two hundred thousand regions. It bounds the memory that a hostile
+/// manifest can use.
 pub const MOST_MANIFEST_BYTES: usize = 64 << 20;
 
-/// The longest object that a manifest may name, bytes: beyond any region, and beyond an index of a hundred million images.
+/// Maximum length of an object, bytes: beyond any region, and beyond an index of a hundred million images.
 pub const MOST_OBJECT_BYTES: u64 = 1 << 40;
 
-/// A map that was cut: its regions, the index of its images and its profile, each an object by its SHA-256.
+/// The parts of a cut map: its regions, the index of its images and its profile, each an object named by its SHA-256.
 ///
-/// A JSON document (`docs/reference/map-format.md`). Equal maps that are cut with equal options have equal bytes; the SHA-256 of these
-/// bytes is the manifest's id.
+/// A JSON document (`docs/regions.md`). Equal maps cut with equal options have equal manifests; the SHA-256 of the
+/// bytes is the id of the manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// [`MANIFEST_VERSION`].
     version: u32,
-    /// Name of the map, as a service serves it.
+    /// Name under which the map is served.
     pub map: String,
     /// Number of images of the whole map.
     pub images: u64,
     /// Number of points of the whole map.
     pub points: u64,
-    /// What devices need to seal queries: the profile of the whole map and of every region. The first half of its SHA-256 is
-    /// its id.
+    /// The profile with which devices seal queries, the same for the whole map and every region. The first half of
+    /// its SHA-256 is its id.
     pub profile: ObjectRef,
     /// The [`Index`](crate::regions::Index).
     pub index: ObjectRef,
-    /// The regions, each a map file; the index names them by their number here.
+    /// The regions, each a map file; the index refers to them by their position here.
     pub regions: Vec<RegionEntry>,
 }
 
@@ -51,25 +52,25 @@ pub struct RegionEntry {
     pub sha256: ObjectId,
     /// Number of bytes of its map file.
     pub bytes: u64,
-    /// Number of its images, those of its core among them.
+    /// Number of its images, including its core.
     pub images: u64,
-    /// Number of images that are in the core of this region and of no other.
+    /// Number of images in its core.
     pub core_images: u64,
     /// Number of its points.
     pub points: u64,
     /// Mean of the camera centres of its core, in the axes of the map, map units.
     pub centre: [f64; 3],
-    /// Distance of the farthest camera centre of its core from there, map units.
+    /// Distance of the farthest camera centre of its core from `centre`, map units.
     pub radius: f64,
 }
 
 impl RegionEntry {
-    /// As an object.
+    /// Reference to its map file.
     pub const fn object(&self) -> ObjectRef {
         ObjectRef { sha256: self.sha256, bytes: self.bytes }
     }
 
-    /// How far a position lies outside of the ball that holds the cameras of the core, map units; 0 inside.
+    /// Distance of a position from the ball around the cameras of the core, map units; 0 inside.
     pub fn distance_to(&self, position: &Point3<World>) -> f64 {
         let [x, y, z] = self.centre;
         ((position.coords - Point3::<World>::new(x, y, z).coords).norm() - self.radius).max(0.0)
@@ -77,10 +78,10 @@ impl RegionEntry {
 }
 
 impl Manifest {
-    /// Put together of its parts.
+    /// Combines and checks the parts.
     ///
     /// # Errors
-    /// [`ManifestError::Impossible`] naming what does not fit.
+    /// [`ManifestError::Impossible`] with the reason.
     pub fn new(
         map: &str,
         images: u64,
@@ -95,16 +96,15 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Reads a manifest.
+    /// Decodes a manifest.
     ///
     /// # Errors
-    /// [`ManifestError`]: longer than any manifest, no manifest, of another version, impossible, or not in the one form in
-    /// which a manifest is written.
+    /// [`ManifestError`]: too long, not a manifest, of another version, inconsistent, or not in canonical form.
     pub fn decode(bytes: &[u8]) -> Result<Self, ManifestError> {
         if bytes.len() > MOST_MANIFEST_BYTES {
             return Err(ManifestError::TooLong { most: MOST_MANIFEST_BYTES });
         }
-        // The version first, so that a newer manifest is called newer and not wrong.
+        // The version is read first, so that a newer manifest is reported as such.
         let Head { version } = serde_json::from_slice(bytes)?;
         if version != MANIFEST_VERSION {
             return Err(ManifestError::Version { found: version, supported: MANIFEST_VERSION });
@@ -117,12 +117,12 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Reads the manifest of this id.
+    /// Decodes the manifest with this id.
     ///
     /// # Errors
     /// As [`Self::decode`], and [`ManifestError::OtherId`].
     pub fn decode_as(bytes: &[u8], expected: ObjectId) -> Result<Self, ManifestError> {
-        // What is too long is not even hashed.
+        // Too long input is not hashed.
         if bytes.len() <= MOST_MANIFEST_BYTES {
             let found = ObjectId::of(bytes);
             if found != expected {
@@ -132,7 +132,7 @@ impl Manifest {
         Self::decode(bytes)
     }
 
-    /// Its bytes: JSON with two spaces, fields in the order of [`Manifest`], and a newline at the end.
+    /// Encodes the canonical form: JSON with two spaces, fields in the order of [`Manifest`], and a final newline.
     pub fn encode(&self) -> Vec<u8> {
         let mut bytes =
             serde_json::to_vec_pretty(self).expect("numbers, text and lists, all finite when checked");
@@ -145,19 +145,19 @@ impl Manifest {
         ObjectId::of(&self.encode())
     }
 
-    /// Every object that it names: profile and index first, then the regions in their order.
+    /// All objects: profile and index first, then the regions in order.
     pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
         [self.profile, self.index].into_iter().chain(self.regions.iter().map(RegionEntry::object))
     }
 
-    /// Bytes of all that it names.
+    /// Total length of all objects, bytes.
     pub fn byte_count(&self) -> u64 {
         self.objects().map(|object| object.bytes).sum()
     }
 
     fn check(&self) -> Result<(), String> {
         if !is_map_name(&self.map) {
-            return Err(format!("{:?} is no name of a map", self.map));
+            return Err(format!("{:?} is not a valid map name", self.map));
         }
         if self.regions.is_empty() || self.regions.len() > u32::MAX as usize {
             return Err(format!("{} regions", self.regions.len()));
@@ -174,9 +174,9 @@ impl Manifest {
             if region.points > self.points {
                 return Err(format!("region {number} has {} points of {}", region.points, self.points));
             }
-            let is_somewhere = region.centre.iter().all(|c| c.is_finite());
-            if !(is_somewhere && region.radius.is_finite() && region.radius >= 0.0) {
-                return Err(format!("region {number} has no place"));
+            let is_finite = region.centre.iter().all(|c| c.is_finite());
+            if !(is_finite && region.radius.is_finite() && region.radius >= 0.0) {
+                return Err(format!("region {number} has an invalid centre or radius"));
             }
             if !names.insert(region.sha256) {
                 return Err(format!("region {number} appears twice"));
@@ -196,7 +196,7 @@ impl Manifest {
     }
 }
 
-/// What every version has.
+/// The field that every version has.
 #[derive(Deserialize)]
 struct Head {
     version: u32,
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_read_as_it_was_written_and_in_no_other_form() {
+    fn only_the_canonical_form_is_read() {
         let manifest = manifest();
         let bytes = manifest.encode();
         assert_eq!(Manifest::decode(&bytes).unwrap(), manifest);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn another_version_says_what_to_do() {
+    fn other_versions_have_a_remedy() {
         let text = String::from_utf8(manifest().encode()).unwrap();
         let newer = text.replacen("\"version\": 1", "\"parents\": [], \"version\": 2", 1);
         let error = Manifest::decode(newer.as_bytes()).unwrap_err();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn the_impossible_is_named() {
+    fn inconsistent_manifests_are_named() {
         let good = || manifest();
         let refused = |change: &dyn Fn(&mut Manifest)| {
             let mut manifest = good();
@@ -263,14 +263,14 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         };
-        assert!(refused(&|m| m.map = "../x".to_owned()).contains("no name of a map"));
+        assert!(refused(&|m| m.map = "../x".to_owned()).contains("not a valid map name"));
         assert!(refused(&|m| m.regions.clear()).contains("0 regions"));
         assert!(refused(&|m| m.images = 31).contains("30 images in their cores"));
         assert!(refused(&|m| m.regions[0].core_images = 26).contains("region 0"));
         assert!(refused(&|m| m.regions[0].core_images = 0).contains("region 0"));
         assert!(refused(&|m| m.regions[1].core_images = u64::MAX).contains("region 1"));
         assert!(refused(&|m| m.regions[1].points = 71).contains("71 points of 70"));
-        assert!(refused(&|m| m.regions[1].radius = -1.0).contains("no place"));
+        assert!(refused(&|m| m.regions[1].radius = -1.0).contains("invalid centre"));
         assert!(refused(&|m| m.regions[1].sha256 = m.regions[0].sha256).contains("twice"));
         assert!(refused(&|m| m.regions[1].bytes = u64::MAX).contains("an object of"));
         assert!(refused(&|m| m.index.bytes = 0).contains("an object of 0"));
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_is_so_far_from_a_region() {
+    fn distance_to_a_region() {
         let region = &manifest().regions[0];
         assert_eq!(region.distance_to(&Point3::new(0.1, -2.5, 3.0)), 0.0);
         assert!((region.distance_to(&Point3::new(0.1, -2.5, 10.0)) - (10.0 - 1e-7 - 3.25)).abs() < 1e-12);

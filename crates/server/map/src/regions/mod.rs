@@ -1,18 +1,20 @@
-//! A map cut into regions, so that a place may be larger than a machine: neither network nor clock here.
+//! A map cut into regions, so that a scene may be larger than the memory of a machine. This module uses neither
+//! network nor clock.
 //!
 //! ```text
 //! map ── cut: who is with whom ── regions: maps of their own ─┐
 //!                              └─ index: globals, who is where ┴─ manifest: names them all by SHA-256
 //! ```
-//! - [`cut`]: which images go into which region. Every image is in the core of exactly one; regions overlap.
+//! - [`cut`]: assigns images to regions. Every image is in the core of exactly one region; regions overlap.
 //! - [`FolderWriter`], [`Folder`]: a folder of `manifest.json` and `objects/<sha256>`, as `veiloc map split` writes it.
-//! - [`Manifest`]: what belongs together. Its id is the SHA-256 of its bytes, and every object is named by its own.
-//! - [`Index`]: global descriptors of all images and where each image is, for machines that only choose regions.
-//! - [`ObjectId`], [`ObjectRef`]: names that cannot leave their folder, and what must be found under them.
+//! - [`Manifest`]: the parts of a cut map. Its id is the SHA-256 of its bytes, and every object is named by its
+//!   SHA-256.
+//! - [`Index`]: global descriptors of all images, and the regions of each image, for selecting regions.
+//! - [`ObjectId`], [`ObjectRef`]: names that cannot leave their folder, and the expected content.
 //!
-//! A region is a map file like any other ([`crate::Region`] says of what), with the profile of the whole map to the
-//! bit: a query that was sealed for the whole map fits every region. What the whole map knows of a point is remembered, so
-//! that a match counts in a region as it does in the whole. `docs/reference/map-format.md` specifies the manifest and the index.
+//! A region is an ordinary map file ([`crate::Region`]) with the profile of the whole map, so a query sealed for the
+//! whole map fits every region. It has the summary of each point in the whole map, so a match has the same likelihood
+//! as in the whole map. `docs/regions.md` specifies the manifest and the index.
 //!
 //! # From a folder to a pose
 //! ```no_run

@@ -6,13 +6,14 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-/// The SHA-256 of an object or a manifest, which is also its name: 64 hexadecimal digits, so that no name leads elsewhere.
+/// The SHA-256 of an object or a manifest, which is also its name: 64 hexadecimal digits, so no name can leave its
+/// folder.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct ObjectId([u8; 32]);
 
 impl ObjectId {
-    /// Of these bytes.
+    /// For these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
     }
@@ -40,15 +41,15 @@ impl fmt::Debug for ObjectId {
     }
 }
 
-/// What is no name of an object.
+/// The text is not the name of an object.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no SHA-256: 64 of the digits 0 to 9 and a to f are")]
+#[error("not a SHA-256: expected 64 digits 0 to 9 and a to f")]
 pub struct NotAnObjectId;
 
 impl FromStr for ObjectId {
     type Err = NotAnObjectId;
 
-    /// Of 64 digits, small letters only: an object has one name.
+    /// From 64 digits, lower case only, so that an object has one name.
     fn from_str(text: &str) -> Result<Self, NotAnObjectId> {
         let digits = text.as_bytes();
         if digits.len() != 64 || !digits.iter().all(|d| matches!(d, b'0'..=b'9' | b'a'..=b'f')) {
@@ -77,18 +78,18 @@ impl From<ObjectId> for String {
     }
 }
 
-/// An object, and how long it is.
+/// Name and length of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectRef {
     /// Its name, the SHA-256 of its bytes.
     pub sha256: ObjectId,
-    /// Number of its bytes.
+    /// Its length, bytes.
     pub bytes: u64,
 }
 
 impl ObjectRef {
-    /// Of these bytes.
+    /// For these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self { sha256: ObjectId::of(bytes), bytes: bytes.len() as u64 }
     }
@@ -99,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_64_digits_and_nothing_else() {
+    fn names_have_exactly_64_digits() {
         let id = ObjectId::of(b"abc");
         let name = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(id.to_string(), name);

@@ -1,27 +1,29 @@
-//! Which regions a query is asked in, and which of their poses is told: the same for a gateway of many machines and for an
-//! evaluation on one.
+//! Selects the regions in which a query is searched, and the best of their poses; shared by the gateway of a cluster
+//! and the evaluation.
 
-/// Regions that a query is asked in at most, unless somebody says otherwise.
+/// Default maximum number of regions in which a query is searched.
 pub const ASKED: usize = 3;
 
-/// Regions that share at least this part of what the best one holds are asked together with it.
+/// Regions with at least this share of the images of the best one are searched together with it.
 const BESIDE: f64 = 0.75;
 
-/// The regions to ask together, and those to ask when none of the first gives a pose that is trusted; `most` in all.
+/// The regions to search together, and those to search only if none of the first gives a trusted pose; `most` in
+/// total.
 ///
-/// `ranked` are regions with how many of the images they hold that retrieval gives, best first, as
-/// [`Index::rank`](crate::regions::Index::rank) has them. A region that holds nearly as much as the best one may be the right one as
-/// well. One that holds less is mostly a neighbour, whose images are in the best one's margin too: asked at once it would cost
-/// a localization for nothing.
+/// `ranked`: regions with their number of retrieved images, best first, from
+/// [`Index::rank`](crate::regions::Index::rank). A region with nearly as many as the best one may be the right one as
+/// well. A region with fewer is mostly a neighbour, whose images are also in the overlap of the best one: searching
+/// it at once would usually waste a localization.
 pub fn rounds(ranked: impl IntoIterator<Item = (usize, usize)>, most: usize) -> Vec<Vec<usize>> {
-    let asked: Vec<(usize, usize)> = ranked.into_iter().take(most).collect();
-    let enough = asked.first().map_or(0.0, |(_, held)| *held as f64 * BESIDE);
-    let (first, second): (Vec<_>, Vec<_>) = asked.into_iter().partition(|(_, held)| *held as f64 >= enough);
+    let selected: Vec<(usize, usize)> = ranked.into_iter().take(most).collect();
+    let threshold = selected.first().map_or(0.0, |(_, held)| *held as f64 * BESIDE);
+    let (first, second): (Vec<_>, Vec<_>) =
+        selected.into_iter().partition(|(_, held)| *held as f64 >= threshold);
     let numbers = |some: Vec<(usize, usize)>| some.into_iter().map(|(region, _)| region).collect();
     [first, second].into_iter().filter(|some| !some.is_empty()).map(numbers).collect()
 }
 
-/// Whether one region's pose is told in the place of another's; of each, whether it is trusted, and its evidence.
+/// Whether the pose of one region is preferred to another; for each, whether it is trusted, and its evidence.
 pub fn is_better((trusted, evidence): (bool, f64), (than_trusted, than_evidence): (bool, f64)) -> bool {
     trusted.cmp(&than_trusted).then(evidence.total_cmp(&than_evidence)).is_gt()
 }
@@ -31,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_wait_for_the_second_round() {
+    fn neighbours_are_searched_in_the_second_round() {
         for (held, most, expected) in [
             (&[10][..], 3, vec![vec![5]]),
             (&[10, 6, 4, 3], 3, vec![vec![5], vec![6, 7]]),

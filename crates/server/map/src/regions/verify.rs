@@ -1,4 +1,4 @@
-//! Whether a file holds what its name says.
+//! Verifies the content of an object file.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -9,10 +9,10 @@ use sha2::{Digest as _, Sha256};
 use crate::MapError;
 use crate::regions::object::{ObjectId, ObjectRef};
 
-/// Whether the file at `path` is this object, reading no more of it than the object has.
+/// Checks that the file at `path` is this object, reading at most its length.
 ///
 /// # Errors
-/// [`MapError::Io`] when it cannot be read, [`MapError::Object`] when it is another one.
+/// [`MapError::Io`]: it cannot be read; [`MapError::Object`]: it has other content.
 pub fn verify_file(path: &Path, object: &ObjectRef) -> Result<(), MapError> {
     let io = |source| MapError::Io { path: path.to_owned(), source };
     let wrong = |found: String| MapError::Object { path: path.to_owned(), expected: *object, found };
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_the_object_or_another_one() {
+    fn file_content_is_verified() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("object");
         let bytes: Vec<u8> = (0..700_000_u32).map(|i| (i % 251) as u8).collect();

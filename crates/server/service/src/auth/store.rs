@@ -1,14 +1,14 @@
 //! The locked token file: read it, and replace it atomically by a file written next to it.
 //!
 //! A new file is readable by its owner only (0600); a replaced file keeps the permissions of its group
-//! ([`Readers::OwnerAndGroup`]).
+//! ([`Permissions::OwnerAndGroup`]).
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
 use crate::error::ServerError;
-use veiloc_map::atomic_file::{Readers, TargetLock, replace_file};
+use veiloc_map::atomic_file::{Permissions, TargetLock, replace_file};
 
 /// A token file that no other process changes while this exists.
 #[derive(Debug)]
@@ -48,7 +48,7 @@ impl TokenFile {
     /// stays.
     pub fn replace(&mut self, text: &str) -> Result<(), ServerError> {
         let wrong = |source| ServerError::Io { path: self.lock.target().to_owned(), source };
-        replace_file(&self.lock, Readers::OwnerAndGroup, |out| out.write_all(text.as_bytes()))
+        replace_file(&self.lock, Permissions::OwnerAndGroup, |out| out.write_all(text.as_bytes()))
             .map_err(wrong)?;
         text.clone_into(&mut self.text);
         Ok(())

@@ -1,7 +1,8 @@
 //! The end of validity of a certificate: the only X.509 field that the server needs.
 //!
 //! `Certificate ::= SEQUENCE { tbs SEQUENCE { [0] version OPTIONAL, serial, signature, issuer, validity SEQUENCE {
-//! notBefore, notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with seconds.
+//! notBefore, notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with
+//! seconds.
 
 use crate::auth::Moment;
 

@@ -1,4 +1,4 @@
-//! The section of compressed maps: known answer, and forged records.
+//! Tests of the section of compressed maps: known answer, and forged records.
 
 use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
@@ -6,7 +6,7 @@ use crate::file::write::to_bytes;
 use crate::{Compressed, MapError, MapFile, MapModel, MapView, PointId, Remembered};
 
 fn compressed(points: usize) -> Compressed {
-    let remembered = |i: usize| Remembered {
+    let summary = |i: usize| Remembered {
         seen_by: 9 + i as u32,
         covariance: [0.25, 0.125, 0.0, 0.5, -0.0625, 2.0 + i as f32],
     };
@@ -14,12 +14,12 @@ fn compressed(points: usize) -> Compressed {
         bytes: 123_456,
         keypoints: 789,
         points: 55,
-        of_points: (0..points).map(remembered).collect(),
+        of_points: (0..points).map(summary).collect(),
         packed_from: None,
     }
 }
 
-/// A map with all that a compressed one has.
+/// A compressed map.
 pub(super) fn small(seed: u64) -> MapModel {
     let model = sample(seed, 3, 6, 4);
     let down = Some("-y".parse().unwrap());
@@ -36,7 +36,7 @@ fn known_answer_of_compressed() {
     let map = MapFile::open(&path).unwrap();
     assert_eq!(map.to_model(), model);
     assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
-    // What is remembered is what the server goes by.
+    // The server uses the stored summaries.
     let (id, view) = (PointId(1), MapView::from(&map));
     assert_eq!((view.seen_by(id), map.track_length(id)), (10, model.points[1].track.len()));
     assert_eq!(view.point_covariance(id)[2], [0.0, -0.0625, 3.0]);
@@ -60,13 +60,13 @@ fn forged_records_are_refused() {
 }
 
 #[test]
-fn one_record_a_point() {
+fn one_record_per_point_is_required() {
     for points in [0, 1, 9] {
         let model = MapModel { compressed: Some(compressed(points)), ..sample(8, 3, 4, 3) };
         if points == model.points.len() {
             continue;
         }
-        let error = open_bytes(&to_bytes(&model)).expect_err("not one a point");
+        let error = open_bytes(&to_bytes(&model)).expect_err("not one per point");
         assert!(matches!(error, MapError::Structure { section: "compressed", .. }), "{error}");
     }
 }

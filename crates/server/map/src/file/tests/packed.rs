@@ -1,11 +1,11 @@
-//! Packed maps: known answer, what is lost, and forged records.
+//! Tests of packed maps: known answer, loss of precision, and forged records.
 
 use super::{compressed::small, forged, known_answer, open_bytes};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
 use crate::{MapError, MapFile, MapModel, Observation};
 
-/// A compressed map of which every keypoint sees a point.
+/// A compressed map in which every keypoint has a point.
 fn with_seeing_keypoints(seed: u64) -> MapModel {
     let mut model = small(seed);
     let mut moved = Vec::new();
@@ -46,7 +46,7 @@ fn known_answer_of_packed() {
 }
 
 #[test]
-fn little_is_lost_and_nothing_more_the_second_time() {
+fn packing_loses_little_and_is_idempotent() {
     for seed in 0..20 {
         let before = with_seeing_keypoints(seed);
         let after = packed(seed);
@@ -80,7 +80,7 @@ fn little_is_lost_and_nothing_more_the_second_time() {
 }
 
 #[test]
-fn far_from_the_origin_positions_are_as_exact() {
+fn precision_does_not_depend_on_the_origin() {
     let far = |offset: f64| {
         let mut model = with_seeing_keypoints(3);
         model.points.iter_mut().for_each(|p| p.position.coords.x += offset);
@@ -92,9 +92,9 @@ fn far_from_the_origin_positions_are_as_exact() {
     }
 }
 
-/// Correlations of one, and sizes beyond what is kept: a covariance comes back.
+/// Correlations of one, and sizes beyond the stored range: the result is a valid covariance.
 #[test]
-fn thin_and_vast_covariances_stay_covariances() {
+fn extreme_covariances_stay_valid() {
     let mut model = with_seeing_keypoints(5);
     for (id, of) in model.compressed.as_mut().unwrap().of_points.iter_mut().enumerate() {
         let c = [1e-30, 1e-9, 1.0, 1e25][id % 4];
@@ -106,7 +106,7 @@ fn thin_and_vast_covariances_stay_covariances() {
 }
 
 #[test]
-fn what_a_packed_map_cannot_be_is_refused() {
+fn unsupported_maps_are_not_packed() {
     let mut plain = MapModel { compressed: None, ..with_seeing_keypoints(1) };
     let refused = plain.pack().unwrap_err().to_string();
     assert!(refused.contains("not compressed"), "{refused}");
@@ -135,12 +135,12 @@ fn forged_records_are_refused() {
         let error = error.expect_err(case);
         assert!(matches!(error, MapError::Structure { .. }), "{case}: {error}");
     }
-    // All keypoints see the first point, and none the others.
-    let sights = head + points * 28..globals - keypoints * 128;
+    // All keypoints refer to the first point, and none to the others.
+    let keypoint_records = head + points * 28..globals - keypoints * 128;
     let error = forged(&bytes, Section::Packed, |b| {
-        b[sights].chunks_exact_mut(8).for_each(|record| record[..4].fill(0));
+        b[keypoint_records].chunks_exact_mut(8).for_each(|record| record[..4].fill(0));
     });
-    let error = error.expect_err("points that nobody sees");
+    let error = error.expect_err("points without observations");
     assert!(matches!(error, MapError::Structure { .. }), "{error}");
     let error =
         forged(&bytes, Section::Compressed, |b| b[16..24].fill(0)).expect_err("fewer points than kept");

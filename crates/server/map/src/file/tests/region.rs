@@ -1,4 +1,4 @@
-//! The section of regions: known answer, forged records, and what a region has of the whole map.
+//! Tests of the section of regions: known answer, forged records, and agreement with the whole map.
 
 use super::compressed::small;
 use super::{forged, known_answer, open_bytes, sample};
@@ -11,7 +11,7 @@ fn region() -> Region {
     Region { images: 9, of_images: vec![image(2, true), image(3, false), image(7, true)] }
 }
 
-/// A map with all that a region has.
+/// A region.
 pub(super) fn part(seed: u64) -> MapModel {
     MapModel { region: Some(region()), ..small(seed) }
 }
@@ -53,7 +53,7 @@ fn forged_records_are_refused() {
 }
 
 #[test]
-fn a_region_needs_one_record_an_image_and_what_is_remembered() {
+fn region_needs_one_record_per_image_and_summaries() {
     let fewer = Region { of_images: region().of_images[..2].to_vec(), ..region() };
     let forgetful = MapModel { compressed: None, ..part(8) };
     for model in [MapModel { region: Some(fewer), ..part(8) }, forgetful] {
@@ -63,9 +63,9 @@ fn a_region_needs_one_record_an_image_and_what_is_remembered() {
     }
 }
 
-/// What is cut out of a map is what the whole one has of these images, told as the whole one tells it.
+/// A region has the data of the whole map for its images.
 #[test]
-fn a_region_tells_of_its_points_what_the_whole_map_does() {
+fn region_agrees_with_the_whole_map() {
     let whole = MapFile::of_model(&sample(3, 7, 9, 9)).unwrap();
     let image = |whole, is_core| RegionImage { whole, is_core };
     let part = Region { images: 7, of_images: vec![image(0, false), image(4, true), image(5, true)] };
@@ -103,7 +103,7 @@ fn a_region_tells_of_its_points_what_the_whole_map_does() {
 }
 
 #[test]
-fn what_cannot_be_cut_out_is_refused() {
+fn invalid_regions_are_refused() {
     let whole = MapFile::of_model(&sample(3, 7, 9, 9)).unwrap();
     let image = |whole| RegionImage { whole, is_core: true };
     for (images, of_images) in

@@ -1,4 +1,4 @@
-//! The self-test section: known answer, forged numbers, any bytes.
+//! Tests of the self-test section: known answer, forged numbers, arbitrary bytes.
 
 use proptest::prelude::*;
 use veiloc_protocol::Scheme;
@@ -8,7 +8,7 @@ use crate::file::layout::Section;
 use crate::file::write::to_bytes;
 use crate::{Calibration, Coverage, MapError, MapFile, MapModel, SchemeTest, SelfTest};
 
-/// A self-test with no default in it.
+/// A self-test without default values.
 fn self_test() -> SelfTest {
     let scheme_test = |(k, scheme): (u32, Scheme)| {
         let x = f64::from(k) + 1.0;
@@ -46,7 +46,7 @@ fn known_answer_of_a_self_test() {
     assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
     let Some(dcl) = self_test().of_scheme("dcl:horizontal".parse().unwrap()).copied() else { panic!() };
     assert_eq!(dcl.scheme, Scheme::default(), "one calibration for all layouts");
-    // Without it, the file is the one that it always was.
+    // Without it, the file is unchanged.
     let without = MapModel { self_test: None, ..map.to_model() };
     assert_eq!(std::fs::read(known_answer("map")).unwrap(), to_bytes(&without));
 }
@@ -89,9 +89,9 @@ fn forged_self_tests_are_refused() {
 }
 
 proptest! {
-    /// Any bytes in the section: refused, or a self-test that is written as it was read.
+    /// Arbitrary bytes in the section: refused, or a self-test that round-trips.
     #[test]
-    fn any_bytes_of_a_self_test(
+    fn arbitrary_bytes_of_a_self_test(
         edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
     ) {
         let bytes = to_bytes(&MapModel { self_test: Some(self_test()), ..sample(8, 1, 3, 1) });

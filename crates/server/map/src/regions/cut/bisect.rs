@@ -1,25 +1,26 @@
-//! Cores: the images halved, and each half again, until a core may have what is left.
+//! Cores by recursive bisection of the images.
 
 use veiloc_geometry::nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-use super::border::{Border, Sizes};
+use super::border::{Border, HalfSizes};
 use super::covisibility::Covisibility;
 
-/// Halves images.
-pub(super) struct Cutter<'a> {
+/// Bisects images.
+pub(super) struct Bisection<'a> {
     pub(super) shared: &'a Covisibility,
     /// `[I]`, camera centres in the world, map units.
     pub(super) centres: &'a [[f64; 3]],
-    /// Images of a core at most.
+    /// Maximum number of images per core.
     pub(super) core: usize,
 }
 
-impl Cutter<'_> {
-    /// Cores of all images, as few as there can be, each in rising order.
+impl Bisection<'_> {
+    /// Cores of all images, as few as possible, each in ascending order.
     pub(super) fn cores(&self) -> Vec<Vec<u32>> {
         let all: Vec<u32> = (0..self.centres.len() as u32).collect();
         let mut cores = Vec::new();
-        // Not by recursion: the first half is always done first, so that neighbours stay neighbours in the list.
+        // An explicit stack that processes the left half first, so that neighbouring cores are neighbours in the
+        // list.
         let count = all.len().div_ceil(self.core);
         let mut open = vec![(all, count)];
         while let Some((images, count)) = open.pop() {
@@ -28,7 +29,7 @@ impl Cutter<'_> {
                 continue;
             }
             let left_count = count / 2;
-            let sizes = Sizes::new(images.len(), left_count, count - left_count, self.core);
+            let sizes = HalfSizes::new(images.len(), left_count, count - left_count, self.core);
             let (left, right) = self.halves(&images, &sizes);
             open.push((right, count - left_count));
             open.push((left, left_count));
@@ -36,21 +37,21 @@ impl Cutter<'_> {
         cores
     }
 
-    /// The halves between which the fewest shared points are lost: begun along each axis of the camera centres, and each
-    /// border moved to where it costs least. Of equals the first.
-    fn halves(&self, images: &[u32], sizes: &Sizes) -> (Vec<u32>, Vec<u32>) {
+    /// The bisection that separates the fewest shared points: one start per principal axis of the camera centres,
+    /// each refined; ties go to the first.
+    fn halves(&self, images: &[u32], sizes: &HalfSizes) -> (Vec<u32>, Vec<u32>) {
         let begun = |axis: &Vector3<f64>| {
             let mut along: Vec<(f64, u32)> =
                 images.iter().map(|image| (self.at(*image).dot(axis), *image)).collect();
             along.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             let left: Vec<u32> = along[..sizes.target].iter().map(|(_, image)| *image).collect();
-            Border::new(self.shared, images, &left).settled(sizes)
+            Border::new(self.shared, images, &left).refined(sizes)
         };
         let best = self.axes(images).iter().map(begun).min_by_key(|border| border.cost());
         best.expect("three axes").halves()
     }
 
-    /// The principal axes of camera centres, the longest first. Where they have none, those of the map.
+    /// The principal axes of the camera centres, longest first; the axes of the map if the centres are degenerate.
     fn axes(&self, images: &[u32]) -> [Vector3<f64>; 3] {
         let count = images.len() as f64;
         let mean = images.iter().fold(Vector3::zeros(), |sum, image| sum + self.at(*image) / count);
@@ -77,7 +78,7 @@ impl Cutter<'_> {
 mod tests {
     use super::*;
 
-    /// Images in a row, each sharing points with those at most two places away.
+    /// Images in a row, each sharing points with its two nearest neighbours on both sides.
     fn row(count: u32) -> (Covisibility, Vec<[f64; 3]>) {
         let near = |image: u32| {
             let others =
@@ -89,7 +90,7 @@ mod tests {
     }
 
     fn cores(shared: &Covisibility, centres: &[[f64; 3]], core: usize) -> Vec<Vec<u32>> {
-        let cores = Cutter { shared, centres, core }.cores();
+        let cores = Bisection { shared, centres, core }.cores();
         let mut all = cores.concat();
         all.sort_unstable();
         assert_eq!(all, (0..centres.len() as u32).collect::<Vec<_>>(), "each image in one core");
@@ -99,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_cut_into_pieces_of_it() {
+    fn row_is_cut_into_contiguous_cores() {
         let (shared, centres) = row(100);
         for core in [1, 7, 20, 33, 99] {
             for core in cores(&shared, &centres, core) {
@@ -108,9 +109,9 @@ mod tests {
         }
     }
 
-    /// Two rooms side by side, with a wall along the row of cameras: centres alone would cut across both.
+    /// Two rooms separated by a wall along the row of cameras: the centres alone would suggest a cut across both.
     #[test]
-    fn a_wall_is_found_where_the_centres_do_not_show_it() {
+    fn cut_follows_covisibility_rather_than_centres() {
         let room = |image: u32| image % 2;
         let near = |image: u32| {
             let others = (0..40).filter(|other| *other != image && room(*other) == room(image));
@@ -125,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn images_that_share_nothing_and_lie_in_one_place_are_cut_all_the_same() {
+    fn images_without_shared_points_are_cut() {
         let shared = Covisibility::of_lists(vec![Vec::new(); 30]);
         assert_eq!(cores(&shared, &[[1.0, 2.0, 3.0]; 30], 7).len(), 5);
         let far: Vec<[f64; 3]> = (0..30).map(|i| [1e200 * f64::from(i), 0.0, 1e-200]).collect();

@@ -1,12 +1,12 @@
-//! Which images go into which region.
+//! Assigns images to regions.
 //!
 //! ```text
 //! covisibility ── halves, each halved again (bisect), borders moved to where little is shared (border) ── cores
 //!                 cores ── with the images beside them that share most with them (overlap) ── regions
 //! ```
-//! A query is localized in one region, by the images that retrieval gives. So images that show the same belong together:
-//! the cut goes where few points are seen from both sides. Camera centres say where to begin, and where nothing is shared
-//! they alone decide, so that rooms that look alike and lie far apart do not mix.
+//! A query is localized in one region, with the images that retrieval returns. So images of the same part of the
+//! scene belong together: the cut goes where few points are observed from both sides. Camera centres give the start,
+//! and decide alone where no points are shared, so that distant rooms that look alike are separated.
 
 mod bisect;
 mod border;
@@ -16,20 +16,20 @@ mod overlap;
 use crate::{MapFile, Region, RegionImage};
 use rayon::prelude::*;
 
-use self::bisect::Cutter;
+use self::bisect::Bisection;
 use self::covisibility::Covisibility;
 use self::overlap::beside;
 use crate::MapError;
 
-/// How a map is cut.
+/// Options of cutting a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct SplitOptions {
-    /// Images of a region at most, those beside its core among them. Default 500: some hundred megabytes, so that a machine
-    /// holds many and a new one is there within seconds.
+    /// Maximum number of images per region, including the overlap. Default 500: some hundred megabytes, so that a
+    /// machine holds many and loads a new one within seconds.
     pub images: usize,
-    /// Share of these that is kept free for images of other regions, from 0 to 0.9; a core that fills less than the rest
-    /// leaves them more. Default 0.3: more costs bytes and gains nothing (docs/results/scale.md).
+    /// Share of the images reserved for the overlap, from 0 to 0.9; smaller cores leave more. Default 0.3: more costs
+    /// bytes without benefit (docs/scale.md).
     pub overlap: f64,
 }
 
@@ -40,23 +40,23 @@ impl Default for SplitOptions {
 }
 
 impl SplitOptions {
-    /// Regions of at most so many images.
+    /// With this maximum number of images per region.
     #[must_use]
     pub const fn with_images(self, images: usize) -> Self {
         Self { images, ..self }
     }
 
-    /// With this share kept free for images of other regions.
+    /// With this share reserved for the overlap.
     #[must_use]
     pub const fn with_overlap(self, overlap: f64) -> Self {
         Self { overlap, ..self }
     }
 
-    /// Images in the core of a region at most.
+    /// Maximum number of images per core.
     fn core(&self) -> Result<usize, MapError> {
         let refuse = |reason: String| Err(MapError::Cut { reason });
         if self.images == 0 {
-            return refuse("regions of no image; ask for one at least".to_owned());
+            return refuse("regions of no image; ask for at least one".to_owned());
         }
         if !(0.0..=0.9).contains(&self.overlap) {
             return refuse(format!("an overlap of {}; give a share from 0 to 0.9", self.overlap));
@@ -66,11 +66,11 @@ impl SplitOptions {
     }
 }
 
-/// Cuts a map: its regions, each with a core and what lies beside it. Together the cores are the map, and none share an
-/// image. Depends on map and options alone.
+/// Cuts a map into regions, each with a core and an overlap. The cores partition the images. Depends on map and
+/// options only.
 ///
 /// # Errors
-/// [`MapError::Cut`] when the map has no image or is a region itself, or when nothing can be cut so.
+/// [`MapError::Cut`]: the map has no image or is a region itself, or the options are invalid.
 pub fn cut(map: &MapFile, options: &SplitOptions) -> Result<Vec<Region>, MapError> {
     let core = options.core()?;
     let refuse = |reason: &str| Err(MapError::Cut { reason: reason.to_owned() });
@@ -95,7 +95,7 @@ pub fn cut(map: &MapFile, options: &SplitOptions) -> Result<Vec<Region>, MapErro
     let shared = Covisibility::of(map);
     let centres: Vec<[f64; 3]> =
         map.images().map(|image| image.cam_from_world().center().coords.into()).collect();
-    let cores = Cutter { shared: &shared, centres: &centres, core }.cores();
+    let cores = Bisection { shared: &shared, centres: &centres, core }.cores();
     let whole = |core: &Vec<u32>| region(core, &beside(&shared, core, options.images - core.len()));
     Ok(cores.par_iter().map(whole).collect())
 }

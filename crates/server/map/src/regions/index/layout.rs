@@ -1,4 +1,4 @@
-//! How an index lies in its file. `docs/reference/map-format.md` is the specification.
+//! The layout of an index file. `docs/regions.md` is the specification.
 //!
 //! ```text
 //! header     64 bytes
@@ -21,10 +21,10 @@ use crate::MapError;
 /// The version of the index that this program writes and reads.
 pub const INDEX_VERSION: u32 = 1;
 
-/// The first bytes of every index.
+/// Magic number of an index.
 const MAGIC: [u8; 8] = *b"\x89VEILIDX";
 
-/// The beginning of the file.
+/// The header of the file.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 struct Header {
@@ -32,9 +32,9 @@ struct Header {
     version: u32,
     regions: u32,
     images: u64,
-    /// Memberships beside the cores, of all images.
+    /// Total number of overlap memberships.
     others: u64,
-    /// Codes of a global descriptor.
+    /// Number of codes of a global descriptor.
     global: u32,
     reserved: u32,
     profile: [u8; 16],
@@ -42,7 +42,7 @@ struct Header {
     checksum: u64,
 }
 
-/// What an index holds, and where; all of it checked.
+/// Validated counts and ranges of an index.
 #[derive(Debug)]
 pub(super) struct Layout {
     pub(super) regions: usize,
@@ -55,14 +55,14 @@ pub(super) struct Layout {
     pub(super) globals: Range<usize>,
 }
 
-/// What is wrong with the bytes of an index.
+/// Why the bytes of an index are invalid.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Fault {
+pub(super) enum IndexFault {
     Version(u32),
     Other(String),
 }
 
-impl Fault {
+impl IndexFault {
     pub(super) fn at(self, path: &Path) -> MapError {
         let path = path.to_owned();
         match self {
@@ -73,15 +73,15 @@ impl Fault {
 }
 
 impl Layout {
-    pub(super) fn of(bytes: &[u8]) -> Result<Self, Fault> {
-        let wrong = |reason: &str| Fault::Other(reason.to_owned());
+    pub(super) fn of(bytes: &[u8]) -> Result<Self, IndexFault> {
+        let wrong = |reason: &str| IndexFault::Other(reason.to_owned());
         if !bytes.starts_with(&MAGIC) {
             return Err(wrong("not an index of regions"));
         }
         let (header, body) =
             Header::read_from_prefix(bytes).map_err(|_| wrong("an index that was cut short"))?;
         if header.version != INDEX_VERSION {
-            return Err(Fault::Version(header.version));
+            return Err(IndexFault::Version(header.version));
         }
         let mut end = size_of::<Header>();
         let mut part = |count: u64, size: usize| {
@@ -99,13 +99,16 @@ impl Layout {
             return Err(wrong("counts beyond all memory"));
         };
         if end != bytes.len() {
-            return Err(Fault::Other(format!("an index of {} bytes that should have {end}", bytes.len())));
+            return Err(IndexFault::Other(format!(
+                "an index of {} bytes that should have {end}",
+                bytes.len()
+            )));
         }
         if checksum(&header, body) != header.checksum {
             return Err(wrong("the checksum is wrong: the index is damaged"));
         }
         if header.reserved != 0 {
-            return Err(wrong("bytes in use that are reserved"));
+            return Err(wrong("reserved bytes are used"));
         }
         let layout = Self {
             regions: header.regions as usize,
@@ -117,11 +120,12 @@ impl Layout {
             others,
             globals,
         };
-        layout.check(bytes).map_err(Fault::Other)?;
+        layout.check(bytes).map_err(IndexFault::Other)?;
         Ok(layout)
     }
 
-    /// Every image in the core of one region and beside others in rising order, every region with a core.
+    /// Checks that every image has a valid core region and ascending overlap regions, and that every region has a
+    /// core.
     fn check(&self, bytes: &[u8]) -> Result<(), String> {
         let ends: &[u64] = records(bytes, &self.ends)?;
         let [cores, others]: [&[u32]; 2] = [records(bytes, &self.cores)?, records(bytes, &self.others)?];

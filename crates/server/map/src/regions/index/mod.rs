@@ -1,7 +1,7 @@
-//! The index: the global descriptor of every image of the whole map, and which regions hold it.
+//! The index: the global descriptor of every image of the whole map, and the regions that hold it.
 //!
-//! For machines that only say which regions a query should be asked in. They rank images exactly as the whole map's
-//! retrieval does; the regions that hold what it would retrieve are the regions to ask.
+//! For machines that only select regions for a query. They rank images exactly as retrieval in the whole map does,
+//! and select the regions that hold the retrieved images.
 
 mod layout;
 
@@ -18,34 +18,34 @@ pub use self::layout::INDEX_VERSION;
 use self::layout::Layout;
 use crate::MapError;
 
-/// An index in a file, opened.
+/// An opened index file.
 ///
-/// Opening it reads and checks all of it once; accessors neither fail nor panic on what it holds.
+/// It is validated once when it is opened; accessors neither fail nor panic.
 #[derive(Debug)]
 pub struct Index {
     path: PathBuf,
     bytes: MappedFile,
     layout: Layout,
-    /// Made when it is first asked for.
+    /// Built on first use.
     signs: OnceLock<GlobalIndex>,
 }
 
-/// A region, and what of the images that retrieval would give it holds.
+/// A region, and how many of the retrieved images it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ranked {
     /// Its number in the manifest.
     pub region: usize,
-    /// How many of the images it holds, in its core or beside it.
+    /// Number of retrieved images in its core or overlap.
     pub held: usize,
     /// Similarity of the best of them, -1 to 1.
     pub similarity: f32,
 }
 
 impl Index {
-    /// Opens an index. With [`MapMemory::Mapped`] the file must not be written into while it is open.
+    /// Opens an index. With [`MapMemory::Mapped`] the file must not be overwritten while it is open.
     ///
     /// # Errors
-    /// [`MapError::Io`], [`MapError::IndexVersion`], or [`MapError::Index`] naming what is wrong with it.
+    /// [`MapError::Io`], [`MapError::IndexVersion`], or [`MapError::Index`] with the reason.
     pub fn open(path: &Path, memory: MapMemory) -> Result<Self, MapError> {
         let bytes = match memory {
             MapMemory::Copied => MappedFile::copied(path),
@@ -56,8 +56,7 @@ impl Index {
         Ok(Self { path: path.to_owned(), bytes, layout, signs: OnceLock::new() })
     }
 
-    /// The bytes of the index of a map whose images are held by these regions: of each, the images of its core and those
-    /// beside it.
+    /// Encodes the index of a map with these regions.
     pub(crate) fn encode(map: &MapFile, regions: &[crate::Region]) -> Vec<u8> {
         layout::encode(map, regions)
     }
@@ -67,12 +66,12 @@ impl Index {
         &self.path
     }
 
-    /// Number of bytes of the file.
+    /// Length of the file, bytes.
     pub fn byte_count(&self) -> usize {
         self.bytes.len()
     }
 
-    /// The profile that queries must be sealed for.
+    /// Id of the profile for which queries must be sealed.
     pub const fn profile(&self) -> ProfileId {
         self.layout.profile
     }
@@ -92,12 +91,12 @@ impl Index {
         self.layout.global
     }
 
-    /// The region whose core has this image, which must be below [`Self::image_count`].
+    /// The region whose core has this image; the index must be below [`Self::image_count`].
     pub fn core_of(&self, image: usize) -> usize {
         self.numbers(&self.layout.cores)[image] as usize
     }
 
-    /// The other regions that hold this image, in rising order.
+    /// The regions whose overlap has this image, in ascending order.
     pub fn beside(&self, image: usize) -> impl ExactSizeIterator<Item = usize> {
         let ends = self.ends();
         let start = image.checked_sub(1).map_or(0, |before| ends[before] as usize);
@@ -109,9 +108,10 @@ impl Index {
         &self.globals()[image * self.layout.global..(image + 1) * self.layout.global]
     }
 
-    /// The `count` images most similar to a query, best first, as the whole map retrieves them; equal ones in its order.
+    /// The `count` images most similar to a query, best first, as the whole map retrieves them; ties in map order.
     ///
-    /// The query must have been sealed for [`Self::profile`]; of another length, all images are equally unlike it.
+    /// The query must be sealed for [`Self::profile`]; a descriptor of another length is equally dissimilar to all
+    /// images.
     pub fn retrieve(&self, query: &GlobalDescriptor, count: usize) -> Vec<(usize, f32)> {
         let codes = |image| (image, self.global(image));
         match self.signs() {
@@ -123,8 +123,8 @@ impl Index {
         }
     }
 
-    /// The regions that hold any of the `count` images most similar to a query: first those that hold most of them, among
-    /// equals those with the better image, then by number.
+    /// The regions that hold any of the `count` images most similar to a query: those with most of them first, then
+    /// those with the most similar image, then by number.
     pub fn rank(&self, query: &GlobalDescriptor, count: usize) -> Vec<Ranked> {
         let mut ranked: Vec<Ranked> = Vec::new();
         for (image, similarity) in self.retrieve(query, count) {
@@ -141,7 +141,7 @@ impl Index {
         ranked
     }
 
-    /// As the whole map's: [`MapFile::global_index`].
+    /// As in the whole map: [`MapFile::global_index`].
     fn signs(&self) -> Option<&GlobalIndex> {
         let make = || GlobalIndex::new(self.globals(), self.layout.global);
         (self.layout.images >= GlobalIndex::WORTHWHILE).then(|| self.signs.get_or_init(make))

@@ -1,5 +1,5 @@
-//! Manifests and indexes, damaged in every way: refused, or something that holds together. The properties are the fuzzer's;
-//! and the known answers of both.
+//! Damaged manifests and indexes: refused or consistent. The properties are shared with the fuzzer. Also the known
+//! answers of both.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
 #[path = "../../../../../../fuzz/src/damage.rs"]
@@ -18,7 +18,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/regions").join(name)
 }
 
-/// A map of two rooms, cut, whose manifest and index are the known answers.
+/// The manifest and index of a map of two rooms are the known answers.
 #[test]
 fn known_answers() {
     let map = veiloc_map::MapFile::of_model(&veiloc_testing::rooms(2, 8)).expect("a map");
@@ -43,7 +43,7 @@ fn known_answers() {
 }
 
 #[test]
-fn an_index_of_another_version_says_what_to_do() {
+fn other_index_version_has_a_remedy() {
     let mut bytes = fs::read(data("index/two-rooms.index")).expect("known");
     bytes[8..12].copy_from_slice(&2_u32.to_le_bytes());
     let folder = tempfile::tempdir().expect("a folder");
@@ -55,11 +55,11 @@ fn an_index_of_another_version_says_what_to_do() {
 }
 
 #[test]
-fn damaged_manifests_are_refused_or_hold_together() {
+fn damaged_manifests_are_refused_or_consistent() {
     damage::hold_on_files(&data("manifest"), "json", 3000, properties::manifest);
 }
 
 #[test]
-fn damaged_indexes_are_refused_or_hold_together() {
+fn damaged_indexes_are_refused_or_consistent() {
     damage::hold_on_files(&data("index"), "index", 1000, properties::index);
 }

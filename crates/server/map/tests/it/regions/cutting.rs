@@ -1,4 +1,4 @@
-//! A map is cut: every image in one core, regions of bounded size, rooms kept apart, equal maps to equal bytes.
+//! Cutting a map: every image in one core, regions of bounded size, rooms separated, deterministic output.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -27,7 +27,7 @@ fn write(map: &MapFile, name: &str, options: &SplitOptions, folder: &Path) -> Ma
     writer.finish(&regions, entries).expect("a manifest")
 }
 
-/// Each image in one core, and no region larger than it may be.
+/// Each image in one core, and no region above the limit.
 fn holds(map: &MapFile, regions: &[Region], images: usize) {
     let mut cores: Vec<u32> = regions
         .iter()
@@ -54,7 +54,7 @@ proptest! {
 }
 
 #[test]
-fn rooms_that_look_alike_do_not_mix() {
+fn similar_rooms_are_separated() {
     let map = file(&rooms(3, 16));
     let regions = cut(&map, &options(20, 0.2)).expect("regions");
     assert_eq!(regions.len(), 3);
@@ -65,7 +65,7 @@ fn rooms_that_look_alike_do_not_mix() {
 }
 
 #[test]
-fn what_lies_beside_a_core_are_its_neighbours() {
+fn overlap_has_the_neighbours_of_the_core() {
     let map = file(&rooms(1, 40));
     let regions = cut(&map, &options(20, 0.3)).expect("regions");
     holds(&map, &regions, 20);
@@ -73,7 +73,7 @@ fn what_lies_beside_a_core_are_its_neighbours() {
     for region in &regions {
         let core: Vec<u32> = region.of_images.iter().filter(|i| i.is_core).map(|i| i.whole).collect();
         let (first, last) = (core[0], core[core.len() - 1]);
-        assert_eq!((last - first) as usize, core.len() - 1, "a core is a piece of the row: {core:?}");
+        assert_eq!((last - first) as usize, core.len() - 1, "a core is contiguous: {core:?}");
         let beside: Vec<u32> = region.of_images.iter().filter(|i| !i.is_core).map(|i| i.whole).collect();
         assert!(!beside.is_empty());
         // Images share points with five on each side.
@@ -85,14 +85,14 @@ fn what_lies_beside_a_core_are_its_neighbours() {
 }
 
 #[test]
-fn a_map_that_is_small_enough_is_one_region() {
+fn small_map_is_one_region() {
     let map = file(&rooms(1, 20));
     let regions = cut(&map, &options(20, 0.3)).expect("regions");
     assert_eq!((regions.len(), regions[0].core_count()), (1, 20));
 }
 
 #[test]
-fn what_cannot_be_cut_is_refused() {
+fn invalid_cuts_are_refused() {
     let map = file(&rooms(1, 8));
     for wrong in [options(0, 0.3), options(5, -0.1), options(5, 0.91), options(5, f64::NAN)] {
         assert!(matches!(cut(&map, &wrong), Err(MapError::Cut { .. })), "{wrong:?}");
@@ -106,7 +106,7 @@ fn what_cannot_be_cut_is_refused() {
 }
 
 #[test]
-fn a_folder_holds_what_its_manifest_names_and_nothing_else() {
+fn folder_has_exactly_the_named_objects() {
     let map = file(&rooms(2, 15));
     let folder = tempfile::tempdir().expect("a folder");
     let first = write(&map, "rooms", &options(10, 0.3), folder.path());
@@ -123,7 +123,7 @@ fn a_folder_holds_what_its_manifest_names_and_nothing_else() {
     for object in first.objects() {
         verify_file(&open.path_of(&object.sha256), &object).expect("its content");
     }
-    // Cut again otherwise: nothing of the first is left but what both name, and what is not an object stays.
+    // Cut again with other options: only shared objects remain, and foreign files stay.
     fs::write(folder.path().join(OBJECTS_FOLDER).join("notes"), "mine").expect("a file");
     let second = write(&map, "rooms", &options(12, 0.0), folder.path());
     assert_ne!(first.id(), second.id());
@@ -144,7 +144,7 @@ fn equal_maps_have_equal_bytes() {
 }
 
 #[test]
-fn regions_and_index_say_the_same() {
+fn regions_and_index_agree() {
     let map = file(&rooms(2, 15));
     let folder = tempfile::tempdir().expect("a folder");
     let regions = cut(&map, &options(10, 0.3)).expect("regions");
@@ -171,7 +171,7 @@ fn regions_and_index_say_the_same() {
 }
 
 #[test]
-fn ranking_is_by_what_the_whole_map_would_retrieve() {
+fn ranking_follows_retrieval_in_the_whole_map() {
     let map = file(&rooms(1, 30));
     let folder = tempfile::tempdir().expect("a folder");
     write(&map, "rooms", &options(10, 0.3), folder.path());
@@ -203,7 +203,7 @@ fn ranking_is_by_what_the_whole_map_would_retrieve() {
 }
 
 #[test]
-fn what_does_not_belong_together_is_refused() {
+fn mismatched_objects_are_refused() {
     let map = file(&rooms(2, 15));
     let folder = tempfile::tempdir().expect("a folder");
     let manifest = write(&map, "rooms", &options(10, 0.3), folder.path());
@@ -211,7 +211,7 @@ fn what_does_not_belong_together_is_refused() {
     let path = |number: usize| open.path_of(&manifest.regions[number].sha256);
     let good = fs::read(path(0)).expect("bytes");
     let refused = |number| open.open_region(number, MapMemory::Copied).expect_err("another file");
-    // A region in the place of another, a map that is none, and no map at all.
+    // Another region, a map that is no region, and a file that is no map.
     fs::copy(path(1), path(0)).expect("a copy");
     assert!(matches!(verify_file(&path(0), &manifest.regions[0].object()), Err(MapError::Object { .. })));
     if manifest.regions[0].images != manifest.regions[1].images

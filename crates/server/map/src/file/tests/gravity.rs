@@ -1,7 +1,8 @@
-//! The section of gravity's direction: known answer, forged numbers, and all choices of optional sections.
+//! Tests of the section of the gravity direction: known answer, forged numbers, and combinations of optional
+//! sections.
 
 use super::{forged, known_answer, open_bytes, sample, section};
-use crate::file::layout::{Entry, Section};
+use crate::file::layout::{Section, SectionEntry};
 use crate::file::write::to_bytes;
 use crate::{Down, MapError, MapFile, MapModel, SelfTest};
 
@@ -19,13 +20,13 @@ fn known_answer_of_down() {
     let map = MapFile::open(&path).unwrap();
     assert_eq!(map.down(), Some(down()));
     assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
-    // Without it, the file is the one that it always was.
+    // Without it, the file is unchanged.
     let without = MapModel { down: None, ..map.to_model() };
     assert_eq!(std::fs::read(known_answer("map")).unwrap(), to_bytes(&without));
 }
 
 #[test]
-fn both_optional_sections_are_there_or_not() {
+fn optional_sections_are_independent() {
     let test = SelfTest { images: 0, scale: 1.0, assumed_noise_px: 1.0, schemes: Vec::new() };
     for (self_test, down) in
         [(None, None), (Some(test.clone()), None), (None, Some(down())), (Some(test), Some(down()))]
@@ -46,17 +47,17 @@ fn a_forged_direction_is_refused() {
     }
 }
 
-/// Cut or longer by a number, with lengths and checksums that fit.
+/// Shorter or longer by a number, with valid lengths and checksums.
 #[test]
-fn another_length_is_refused() {
+fn wrong_length_is_refused() {
     let bytes = to_bytes(&MapModel { down: Some(down()), ..sample(8, 2, 5, 3) });
     let (at, entry) = section(&bytes, Section::Down);
     for length in [0_u64, 16, 32] {
         let mut bytes = bytes.clone();
         bytes.resize((entry.offset + length) as usize, 0);
         let start = entry.offset as usize;
-        let other = Entry { length, checksum: xxhash_rust::xxh3::xxh3_64(&bytes[start..]), ..entry };
-        bytes[at..at + size_of::<Entry>()].copy_from_slice(zerocopy::IntoBytes::as_bytes(&other));
+        let other = SectionEntry { length, checksum: xxhash_rust::xxh3::xxh3_64(&bytes[start..]), ..entry };
+        bytes[at..at + size_of::<SectionEntry>()].copy_from_slice(zerocopy::IntoBytes::as_bytes(&other));
         let whole = (bytes.len() as u64).to_le_bytes();
         bytes[16..24].copy_from_slice(&whole);
         super::seal_header(&mut bytes);

@@ -1,48 +1,48 @@
-//! Which way is down in a map, where somebody knows.
+//! The direction of gravity in a map, if known.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The direction in which things fall, in the axes of the map: a unit vector.
+/// The direction of gravity in the axes of the map: a unit vector.
 ///
-/// A map does not know it by itself: structure from motion leaves the axes open. Who builds the map says it, and queries that
-/// tell which way is down in the camera can then be held upright.
+/// Structure from motion leaves the axes of a map open, so the builder of the map provides the direction. Queries
+/// with a direction of gravity in the camera can then be aligned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Down([f64; 3]);
 
-/// A vector or a text that names no direction.
+/// The vector or text is not a direction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
-    "{given} is no direction; write X,Y,Z in the axes of the map, three finite numbers not all 0, or an axis such as y or -z"
+    "{given} is not a direction; write X,Y,Z in the axes of the map, three finite numbers not all 0, or an axis such as y or -z"
 )]
 pub struct DownError {
-    /// What was given, as text.
+    /// The given value as text.
     pub given: String,
 }
 
-/// How far from 1 the length of what was read may be.
+/// Tolerance of the length of a stored unit vector.
 const MOST_OFF: f64 = 1e-6;
 
 impl Down {
-    /// Of any length but zero.
+    /// From a vector of any length except zero.
     ///
     /// # Errors
-    /// [`DownError`] for a vector without direction: zero, or not finite.
+    /// [`DownError`]: the vector is zero or not finite.
     pub fn new(direction: [f64; 3]) -> Result<Self, DownError> {
         let largest = direction.iter().fold(0.0_f64, |most, c| most.max(c.abs()));
         if !direction.iter().all(|c| c.is_finite()) || largest == 0.0 {
             let [x, y, z] = direction;
             return Err(DownError { given: format!("{x},{y},{z}") });
         }
-        // Scaled first, so that no square overflows and none of tiny numbers vanishes. Zero is written without a sign.
+        // Scale first, so that no square overflows or underflows. Adding 0 removes the sign of zero.
         let scaled = direction.map(|c| c / largest);
         let norm = scaled.iter().map(|c| c * c).sum::<f64>().sqrt();
         Ok(Self(scaled.map(|c| c / norm + 0.0)))
     }
 
-    /// A vector that was kept: of unit length up to rounding, and left as it is, so that a map that is opened and written
+    /// A stored vector: of unit length up to rounding, and used unchanged, so that a map that is opened and written
     /// again has the same bytes.
-    pub(crate) fn kept(vector: [f64; 3]) -> Result<Self, String> {
+    pub(crate) fn from_stored(vector: [f64; 3]) -> Result<Self, String> {
         let off = (vector.iter().map(|c| c * c).sum::<f64>().sqrt() - 1.0).abs();
         if off <= MOST_OFF { Ok(Self(vector)) } else { Err("not a unit vector".to_owned()) }
     }
@@ -73,7 +73,7 @@ impl FromStr for Down {
     }
 }
 
-/// To four digits, for people.
+/// Four digits, for messages.
 impl fmt::Display for Down {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.0;
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_length_is_a_direction_and_axes_have_names() {
+    fn directions_and_axis_names_are_parsed() {
         for scale in [1e-300, 1.0, 9.81, 1e300] {
             let [x, y, z] = Down::new([0.0, -3.0 * scale, 4.0 * scale]).expect("a direction").in_world();
             assert!(x == 0.0 && (y + 0.6).abs() < 1e-12 && (z - 0.8).abs() < 1e-12, "{scale}");
@@ -102,13 +102,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_direction_is_refused() {
+    fn invalid_directions_are_refused() {
         for text in ["", "-", "w", "xy", "1,2", "1,2,3,4", "0,0,0", "-0,0,0", "NaN,0,1", "inf,0,0", "a,b,c"] {
             let error = text.parse::<Down>().expect_err(text);
             assert!(error.to_string().contains("X,Y,Z"), "{error}");
         }
         for vector in [[0.0; 3], [1.0, 1.0, 0.0], [f64::NAN, 1.0, 0.0], [f64::INFINITY, 0.0, 0.0]] {
-            assert!(Down::kept(vector).is_err(), "{vector:?}");
+            assert!(Down::from_stored(vector).is_err(), "{vector:?}");
         }
     }
 }
