@@ -1,4 +1,4 @@
-//! What an estimate is worth in this map: its covariance calibrated by the map's self-test, and its state.
+//! Calibrates an estimate for a map: its covariance by the self-test of the map, and its state.
 
 use veiloc_map::{Calibration, MapFile};
 use veiloc_pose::{Confidence, PoseError, State};
@@ -6,31 +6,31 @@ use veiloc_protocol::Scheme;
 
 use crate::error::LocalizeError;
 
-/// The estimator's own covariances, both in the chart of the pose.
-pub(crate) struct Own<'a> {
+/// An estimate as returned by the estimator; both covariances are in the chart of the pose.
+pub(crate) struct RawEstimate<'a> {
     pub(crate) covariance: &'a [[f64; 6]; 6],
     pub(crate) by_matches: &'a [[f64; 6]; 6],
     pub(crate) confidence: Confidence,
 }
 
-/// The same as it is answered.
-pub(crate) struct Verdict {
+/// The calibrated estimate.
+pub(crate) struct CalibratedEstimate {
     pub(crate) covariance: [[f64; 6]; 6],
     pub(crate) confidence: Confidence,
     pub(crate) state: State,
 }
 
-impl Own<'_> {
-    /// Of an estimate from so many correspondences under a scheme.
+impl RawEstimate<'_> {
+    /// Calibrates an estimate from this number of correspondences under a scheme.
     ///
     /// # Errors
-    /// [`LocalizeError::NoPose`] for one that explains them no better than chance does.
-    pub(crate) fn in_map(
+    /// [`LocalizeError::NoPose`]: the pose explains the correspondences no better than chance.
+    pub(crate) fn calibrate(
         &self,
         map: &MapFile,
         scheme: Scheme,
         correspondences: usize,
-    ) -> Result<Verdict, LocalizeError> {
+    ) -> Result<CalibratedEstimate, LocalizeError> {
         let calibration = map
             .self_test()
             .and_then(|test| test.of_scheme(scheme))
@@ -42,6 +42,6 @@ impl Own<'_> {
             let source = PoseError::Chance { log_evidence: confidence.log_evidence };
             return Err(LocalizeError::NoPose { source, correspondences });
         }
-        Ok(Verdict { covariance, confidence, state })
+        Ok(CalibratedEstimate { covariance, confidence, state })
     }
 }

@@ -1,29 +1,29 @@
-//! From what the query tells about a row to what the estimator wants to know about a match.
+//! Converts the observations of a query to the correspondences of the estimator.
 
 use veiloc_geometry::PixelLine;
 use veiloc_pose::Correspondences;
 use veiloc_protocol::Observations;
 
-/// What a query tells about its matches, as the robust estimator takes it.
+/// The observations of the matches, in the form of the robust estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MatchedObservations {
     /// `[N]`, in the order of the matches.
     pub correspondences: Correspondences,
-    /// The row of the query each correspondence belongs to, `[N]`.
+    /// Row of the query of each correspondence, `[N]`.
     pub keypoints: Vec<usize>,
-    /// The match each correspondence came from, `[N]`, rising.
+    /// Match of each correspondence, `[N]`, ascending.
     pub match_of: Vec<usize>,
 }
 
-/// One correspondence a match; two for coordinate permutation, whose line is either horizontal or vertical.
+/// One correspondence per match; two for coordinate permutation, whose line is either horizontal or vertical.
 ///
-/// Of those two at most one is right: they share their row, which is how the estimator knows. It takes the other for what
-/// it is to it, an outlier.
+/// At most one of the two is right. They have the same row, by which the estimator recognizes the pair; the other one
+/// is an outlier.
 ///
-/// `rows[i]` is the row of the query that match `i` belongs to; a row may have several matches.
+/// `rows[i]` is the row of match `i`; a row may have several matches.
 ///
 /// # Panics
-/// When a row is not in the query.
+/// If a row is not in the query.
 pub fn observe_matches(observations: &Observations, rows: &[usize]) -> MatchedObservations {
     let once = || (0..rows.len()).collect::<Vec<_>>();
     let (correspondences, match_of): (_, Vec<usize>) = match observations {

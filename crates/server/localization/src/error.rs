@@ -5,43 +5,43 @@ use veiloc_protocol::QueryError;
 
 /// Why there is no pose.
 ///
-/// None of the messages holds anything of the query's content (leak L8).
+/// No message contains any content of the query (leak L8).
 #[derive(Debug, thiserror::Error)]
 pub enum LocalizeError {
-    /// The query was sealed for another map, or for an older state of this one's profile.
+    /// The query was sealed for another map, or with an outdated profile.
     #[error(
-        "{source}; export this map's profile again with `veiloc map profile`, move on, and seal an image from there with it"
+        "{source}; export the profile of this map again with `veiloc map profile`, move on, and seal a new image with it"
     )]
     WrongProfile {
-        /// Which profile was found, and which expected.
+        /// The profile of the query, and the expected one.
         source: QueryError,
     },
-    /// The map holds no image or no point.
+    /// The map has no image or no point.
     #[error("the map is empty; add posed images with `veiloc map add`")]
     EmptyMap,
     /// A query of a session cannot be used.
     #[error("frame {frame}: {source}")]
     Frame {
-        /// Which, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
-        /// What is wrong with it.
+        /// The reason.
         source: Box<LocalizeError>,
     },
-    /// It was given up before its end: [`veiloc_pose::PoseOptions::stop`].
+    /// Localization was cancelled: [`veiloc_pose::PoseOptions::stop`].
     #[error("localization was stopped before its end")]
     Stopped,
     /// The robust estimator found no pose.
     #[error("not localized: {source}")]
     NoPose {
-        /// What the estimator said.
+        /// The error of the estimator.
         source: PoseError,
-        /// How many correspondences it had.
+        /// Number of correspondences.
         correspondences: usize,
     },
 }
 
 impl LocalizeError {
-    /// What the estimator said, told of so many correspondences.
+    /// Converts an error of the estimator; `correspondences`: their number.
     pub(crate) fn of_pose(source: PoseError, correspondences: usize) -> Self {
         match source {
             PoseError::Stopped => Self::Stopped,

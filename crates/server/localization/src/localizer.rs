@@ -1,4 +1,4 @@
-//! The whole road from sealed query to pose, with the time each stage took.
+//! The pipeline from a sealed query to a pose, with the duration of each stage.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -14,26 +14,26 @@ use veiloc_pose::{
 };
 use veiloc_protocol::{CoarseGravity, SealedQuery};
 
+use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PointMatch, match_points_until};
 use crate::retrieval::{Retrieved, retrieve};
-use crate::verdict::{Own, Verdict};
 
-/// How to localize.
+/// Options of localization.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LocalizeOptions {
-    /// Map images to match with. 10 is hloc's habit for scenes of this size; more costs time, fewer recall.
+    /// Number of retrieved images. 10 as in hloc for scenes of this size; more cost time, fewer cost recall.
     pub retrieve: usize,
     /// Descriptor matching: mutual check on, no ratio test, as in the paper.
     pub matching: MatchOptions,
-    /// Whether a match is weighed by its descriptor ratio, the votes of the retrieved images and the track length of its
-    /// point, in drawing samples and in the likelihood. Off, all matches count alike, as in the paper.
+    /// Whether matches have a prior from their descriptor ratio, the votes of retrieved images and the track length
+    /// of the point, for sampling and in the likelihood. If off, all matches are equal, as in the paper.
     pub use_prior: bool,
     /// Robust estimation.
     pub pose: PoseOptions,
-    /// Where the camera is, roughly, if somebody knows.
+    /// Prior of the camera position, if known.
     pub position: Option<PositionPrior>,
     /// Seed of the sampler: equal queries and seeds give equal poses.
     pub seed: u64,
@@ -52,111 +52,111 @@ impl Default for LocalizeOptions {
     }
 }
 
-/// Milliseconds each stage took.
+/// Duration of each stage, milliseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StageTimes {
-    /// Global descriptor against all images of the map.
+    /// Retrieval by global descriptors.
     pub retrieve_ms: f64,
-    /// Descriptors against those of the retrieved images.
+    /// Matching with the retrieved images.
     pub match_ms: f64,
     /// Robust estimation with refinement.
     pub pose_ms: f64,
 }
 
-/// What became of the direction of gravity that a query may tell.
+/// Use of the gravity direction of a query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum GravityUse {
-    /// The query tells none.
+    /// The query has no gravity direction.
     NotTold,
-    /// It took part.
+    /// It was used.
     Used,
-    /// The query tells it, and the map does not know which way is down: it took no part.
+    /// The query has one, but the map has none: it was not used.
     MapDoesNotKnow,
 }
 
-/// Where the query was taken.
+/// Result of localization.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Localization {
-    /// The pose in the map.
+    /// The pose.
     pub cam_from_world: CameraFromWorld,
-    /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by the
-    /// map's self-test, or by [`veiloc_map::Calibration::unmeasured`] where it had none.
+    /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by
+    /// the self-test of the map, or by [`veiloc_map::Calibration::unmeasured`] without one.
     pub covariance: [[f64; 6]; 6],
-    /// The estimator's own covariance, in the same chart: what the noise of keypoints and map points alone comes to.
+    /// The covariance of the estimator in the same chart: from the noise of keypoints and map points only.
     pub own_covariance: [[f64; 6]; 6],
-    /// Whether to trust the pose, and why not. Its standard deviations are those of [`Self::covariance`].
+    /// Whether to trust the pose, with the doubts. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
-    /// What became of the direction of gravity that the query may tell.
+    /// Use of the gravity direction.
     pub gravity: GravityUse,
-    /// Whether the pose is trusted or doubted; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
+    /// Trusted or doubtful; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
     pub state: State,
-    /// Standard deviation that the agreeing rows show, pixels: across the line, for points along each axis.
+    /// Standard deviation of inlier residuals, pixels: across the line; for points along each axis.
     pub noise_px: f64,
-    /// Estimated focal length over the one that the query names; 1 when it was not estimated.
+    /// Estimated over given focal length; 1 if it was not estimated.
     pub focal_scale: f64,
-    /// Rows of the query that agree with the pose: those with a pair that does.
+    /// Inlier rows of the query: those with an inlier pair.
     pub inliers: usize,
-    /// Rows of the query that were matched, to one map point or several.
+    /// Matched rows of the query, to one or more map points.
     pub matches: usize,
-    /// Pairs of a row and a map point that agree with the pose.
+    /// Inlier pairs of a row and a map point.
     pub inlier_pairs: usize,
-    /// Pairs of a row and a map point: what the pose was estimated from.
+    /// Pairs of a row and a map point, from which the pose was estimated.
     pub pairs: usize,
-    /// The pairs themselves, `[pairs]`, sorted by row.
+    /// The pairs, `[pairs]`, sorted by row.
     pub matched: Vec<MatchedPair>,
-    /// Hypotheses drawn.
+    /// Number of hypotheses.
     pub hypotheses: usize,
-    /// The images that were matched, best first.
+    /// The retrieved images, best first.
     pub retrieved: Vec<Retrieved>,
-    /// Time of each stage.
+    /// Duration of each stage.
     pub times: StageTimes,
 }
 
-/// A row of the query and a map point proposed for it.
+/// A proposed pair of a row of the query and a map point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MatchedPair {
     /// Row of the query.
     pub row: usize,
     /// The map point.
     pub point: PointId,
-    /// Whether it agrees with the pose.
+    /// Whether it is an inlier.
     pub agrees: bool,
 }
 
-/// A query matched with a map: what its pose is estimated from.
+/// A matched query: the input of pose estimation.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct MatchedQuery {
-    /// What the robust estimator is given, `[N]` correspondences; a keypoint of it is a row of the query.
+    /// Input of the robust estimator, `[N]` correspondences; its keypoints are rows of the query.
     pub problem: PoseProblem,
-    /// The match each correspondence came from, `[N]`, rising.
+    /// Match of each correspondence, `[N]`, ascending.
     pub match_of: Vec<usize>,
-    /// Row of the query of each match, a pair of a row and a map point.
+    /// Row of the query of each match.
     pub rows: Vec<usize>,
-    /// The images that were matched, best first.
+    /// The retrieved images, best first.
     pub retrieved: Vec<Retrieved>,
-    /// Milliseconds of the retrieval.
+    /// Duration of the retrieval, milliseconds.
     pub retrieve_ms: f64,
-    /// Milliseconds of the matching.
+    /// Duration of the matching, milliseconds.
     pub match_ms: f64,
 }
 
-/// What a query was matched with: the first half of localizing.
+/// Result of retrieval and matching.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Matched {
-    /// The images that were matched, best first.
+    /// The retrieved images, best first.
     pub retrieved: Vec<Retrieved>,
-    /// Rows of the query and the points proposed for them, sorted by both.
+    /// Proposed pairs of rows and points, sorted by both.
     pub matches: Vec<PointMatch>,
-    /// Milliseconds of the retrieval.
+    /// Duration of the retrieval, milliseconds.
     pub retrieve_ms: f64,
-    /// Milliseconds of the matching.
+    /// Duration of the matching, milliseconds.
     pub match_ms: f64,
 }
 
-/// Retrieves and matches in a map of which an image may be left out.
+/// Retrieves and matches in a map, from which an image may be left out.
 ///
 /// # Errors
 /// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
@@ -181,7 +181,7 @@ pub fn match_in(
     Ok(Matched { retrieved, matches, retrieve_ms, match_ms })
 }
 
-/// Retrieves and matches, as [`localize`] does before it estimates the pose.
+/// Retrieves and matches, as [`localize`] does before pose estimation.
 ///
 /// # Errors
 /// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
@@ -193,7 +193,7 @@ pub fn match_query(
     Ok(problem_of(query, map.into(), match_in(query, map.into(), options)?, options))
 }
 
-/// What the pose of a query with these matches is estimated from.
+/// The input of pose estimation for these matches.
 fn problem_of(
     query: &SealedQuery,
     map: MapView<'_>,
@@ -223,21 +223,21 @@ fn problem_of(
     MatchedQuery { problem, match_of: observed.match_of, rows, retrieved, retrieve_ms, match_ms }
 }
 
-/// Which way is down in the camera and in the map, where the query says the one and the map knows the other.
+/// The gravity direction in the camera and in the map, if the query has the first and the map the second.
 fn gravity_of(query: &SealedQuery, map: MapView<'_>) -> Option<Gravity> {
-    let (told, down) = (query.gravity()?, map.file().down()?);
-    // What the sensor errs by, and what the rounding adds to it.
-    let sd_deg = told.sd_deg().hypot(CoarseGravity::ROUNDING_SD_DEG);
-    Some(Gravity { in_camera: told.in_camera().into(), in_world: down.in_world().into(), sd_deg })
+    let (measured, down) = (query.gravity()?, map.file().down()?);
+    // Error of the sensor, plus that of the rounding.
+    let sd_deg = measured.sd_deg().hypot(CoarseGravity::ROUNDING_SD_DEG);
+    Some(Gravity { in_camera: measured.in_camera().into(), in_world: down.in_world().into(), sd_deg })
 }
 
-/// Estimates where a sealed query was taken.
+/// Localizes a sealed query.
 ///
-/// Whoever gives up on it sets `options.pose.stop`: then it ends soon, and without a pose.
+/// A caller cancels it by `options.pose.stop`: then it ends soon without a pose.
 ///
 /// # Errors
-/// [`LocalizeError`]: the query was sealed for another map, the map is empty, no pose is supported by the matches, or it was
-/// stopped.
+/// [`LocalizeError`]: the query was sealed for another map, the map is empty, the matches support no pose, or it was
+/// cancelled.
 pub fn localize(
     query: &SealedQuery,
     map: &MapFile,
@@ -246,13 +246,13 @@ pub fn localize(
     localize_matched(query, map.into(), match_in(query, map.into(), options)?, options)
 }
 
-/// Estimates the pose of a query that was matched with this map.
+/// Estimates the pose of a query from its matches.
 ///
 /// # Errors
-/// [`LocalizeError::NoPose`]: no pose is supported by the matches.
+/// [`LocalizeError::NoPose`]: the matches support no pose.
 ///
 /// # Panics
-/// When a match is of a row that the query does not have.
+/// If a match has a row that is not in the query.
 pub fn localize_matched(
     query: &SealedQuery,
     map: MapView<'_>,
@@ -266,13 +266,13 @@ pub fn localize_matched(
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::of_pose(source, problem.points.len()))?;
-    let own = Own {
+    let own = RawEstimate {
         covariance: &estimate.covariance,
         by_matches: &estimate.covariance_by_matches,
         confidence: estimate.confidence,
     };
-    let Verdict { covariance, confidence, state } =
-        own.in_map(map.file(), query.scheme(), problem.points.len())?;
+    let CalibratedEstimate { covariance, confidence, state } =
+        own.calibrate(map.file(), query.scheme(), problem.points.len())?;
     let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
     let agreeing: BTreeSet<usize> = agreeing.collect();
     let pairs = rows.iter().zip(points).enumerate();
@@ -294,7 +294,7 @@ pub fn localize_matched(
         inliers: estimate.inlier_keypoints,
         pairs: rows.len(),
         matched: matched.collect(),
-        matches: distinct(rows.iter().copied()),
+        matches: count_distinct(rows.iter().copied()),
         inlier_pairs: agreeing.len(),
         hypotheses: estimate.hypotheses,
         retrieved,
@@ -306,12 +306,12 @@ fn ms(from: Instant, to: Instant) -> f64 {
     to.duration_since(from).as_secs_f64() * 1e3
 }
 
-/// How many different numbers there are.
-pub(crate) fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
+/// Number of distinct values.
+pub(crate) fn count_distinct(numbers: impl Iterator<Item = usize>) -> usize {
     numbers.collect::<BTreeSet<_>>().len()
 }
 
-/// Probability that a match is right, before geometry is asked.
+/// Prior probability that a match is right, before geometry.
 fn prior_of(m: &PointMatch, map: MapView<'_>, prior: &MatchPrior) -> f64 {
     let track_length = u32::try_from(map.seen_by(m.point)).ok();
     match_probability(prior, &Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })

@@ -1,4 +1,4 @@
-//! Query descriptors to map points, through the retrieved images.
+//! Matches query descriptors with map points through the retrieved images.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use veiloc_pose::{SeenFrom, Stop};
 
 use crate::retrieval::Retrieved;
 
-/// A query descriptor paired with a map point, and what speaks for the pair.
+/// A match of a query descriptor and a map point, with its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointMatch {
     /// Row of the query.
@@ -17,24 +17,24 @@ pub struct PointMatch {
     pub point: PointId,
     /// Smallest ratio of nearest to second-nearest descriptor distance among the images that propose the pair.
     pub ratio: f32,
-    /// How many retrieved images propose the pair.
+    /// Number of retrieved images that propose the pair.
     pub votes: u32,
-    /// The image that has this ratio, index in the map.
+    /// Index of the map image with this ratio.
     pub image: usize,
 }
 
 impl PointMatch {
-    /// From where the image that proposes the pair most clearly saw the point.
+    /// Viewpoint of the image that proposes the pair with the smallest ratio.
     pub fn seen_from(&self, map: &MapFile) -> SeenFrom {
         let image = map.image(self.image);
         SeenFrom { center: image.cam_from_world().center(), focal_px: image.camera().pinhole().focal[0] }
     }
 }
 
-/// Matches the query with every retrieved image on its own, as hloc does, and joins the pairs that agree.
+/// Matches the query with each retrieved image separately, as hloc does, and merges equal pairs.
 ///
-/// An image's keypoints that have no map point take part in the nearest-neighbour search, so that they draw away the
-/// descriptors that belong to them; their matches are then dropped. The result is sorted by query row, then point.
+/// Keypoints without a map point take part in the nearest-neighbour search, so that their descriptors do not match
+/// other points; their matches are dropped. The result is sorted by query row, then point.
 pub fn match_points(
     query: DescriptorView<'_>,
     map: MapView<'_>,
@@ -44,7 +44,7 @@ pub fn match_points(
     match_points_until(query, map, retrieved, options, &Stop::default())
 }
 
-/// [`match_points`] of as many images as there is time for until `stop` is set.
+/// [`match_points`] with as many images as possible until `stop` is set.
 pub(crate) fn match_points_until(
     query: DescriptorView<'_>,
     map: MapView<'_>,

@@ -1,4 +1,4 @@
-//! Image retrieval: which map images look like the query, by their global descriptors.
+//! Image retrieval by global descriptors.
 
 use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
 use veiloc_map::MapView;
@@ -12,17 +12,17 @@ pub struct Retrieved {
     pub similarity: f32,
 }
 
-/// The `count` map images most similar to the query, best first; equal ones in the map's order.
+/// The `count` map images most similar to the query, best first; ties in map order.
 ///
-/// In a map of thousands only those are compared that its index names: of the best ten it names practically all
-/// (`docs/results/scale.md`).
+/// In a map of thousands of images only candidates of the index are compared: they include practically all of the
+/// best ten (`docs/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
     let found = match map.file().global_index() {
         None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),
         Some(index) => {
             let named = index.candidates(query, GlobalIndex::candidates_for(count));
-            let taking_part = named.into_iter().filter(|image| !map.is_left_out(*image));
-            query.most_similar(taking_part.map(|image| (image, map.file().image(image).global())), count)
+            let remaining = named.into_iter().filter(|image| !map.is_left_out(*image));
+            query.most_similar(remaining.map(|image| (image, map.file().image(image).global())), count)
         }
     };
     found.into_iter().map(|(image, similarity)| Retrieved { image, similarity }).collect()

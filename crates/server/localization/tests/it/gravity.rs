@@ -1,5 +1,5 @@
-//! Gravity that a query tells: used where the map knows which way is down, left aside where it does not, and never a reason
-//! to trust.
+//! The gravity direction of a query is used if the map has one, ignored otherwise, and never a reason to trust a
+//! pose.
 
 use super::common;
 
@@ -18,7 +18,7 @@ use veiloc_testing::pose_in_place;
 
 const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 
-/// Down in the place: its cameras are held upright, more or less.
+/// The gravity direction of the scene: its cameras are roughly upright.
 const DOWN: [f64; 3] = [0.1, 0.9, -0.2];
 
 fn map(down: Option<Down>) -> MapFile {
@@ -29,8 +29,8 @@ fn down() -> Down {
     Down::new(DOWN).expect("a direction")
 }
 
-/// What the camera feels, turned by so many degrees.
-fn felt(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity {
+/// The measured gravity direction, rotated by an error in degrees.
+fn measured(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity {
     let exact = truth.rotation() * Vector3::from(DOWN);
     let axis = Unit::new_normalize(exact.cross(&Vector3::new(0.4, 0.1, 0.9)));
     let turned = Rotation3::from_axis_angle(&axis, degrees.to_radians()) * exact;
@@ -50,16 +50,16 @@ fn found(query: &SealedQuery, map: &MapFile) -> Option<Localization> {
 }
 
 #[test]
-fn what_became_of_it_is_said() {
+fn use_of_gravity_is_reported() {
     let truth = pose_in_place(0.13, 0.2);
-    let told = Some(felt(&truth, 0.0, 1.0));
-    for (told, down, used) in [
+    let gravity = Some(measured(&truth, 0.0, 1.0));
+    for (gravity, down, used) in [
         (None, None, GravityUse::NotTold),
         (None, Some(down()), GravityUse::NotTold),
-        (told, None, GravityUse::MapDoesNotKnow),
-        (told, Some(down()), GravityUse::Used),
+        (gravity, None, GravityUse::MapDoesNotKnow),
+        (gravity, Some(down()), GravityUse::Used),
     ] {
-        let query = sealed("dcl", common::place(1).features(&truth), told);
+        let query = sealed("dcl", common::place(1).features(&truth), gravity);
         let found = found(&query, &map(down)).expect("localized");
         assert_eq!(found.gravity, used);
         assert_eq!(found.state, State::Trusted);
@@ -67,26 +67,27 @@ fn what_became_of_it_is_said() {
     }
 }
 
-/// A map that does not know which way is down answers a query with gravity as one without.
+/// Without a gravity direction, a map gives the same answer with and without gravity in the query.
 #[test]
-fn without_down_in_the_map_nothing_changes() {
+fn gravity_is_ignored_without_gravity_in_the_map() {
     let truth = pose_in_place(0.13, 0.2);
     let map = map(None);
-    let pose_of = |told| {
-        found(&sealed("dcl", common::place(1).features(&truth), told), &map)
+    let pose_of = |gravity| {
+        found(&sealed("dcl", common::place(1).features(&truth), gravity), &map)
             .expect("localized")
             .cam_from_world
     };
-    assert_eq!(pose_of(None), pose_of(Some(felt(&truth, 30.0, 0.5))));
+    assert_eq!(pose_of(None), pose_of(Some(measured(&truth, 30.0, 0.5))));
 }
 
-/// Few, and moved by some pixels: what a dark or half-hidden image leaves.
+/// Few keypoints, shifted by some pixels, as in a dark or occluded image.
 fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
     let all = common::place(1).features(truth);
-    let kept: Vec<usize> = (0..all.keypoints.len()).filter(|i| (i * 7 + seed).is_multiple_of(19)).collect();
+    let selected: Vec<usize> =
+        (0..all.keypoints.len()).filter(|i| (i * 7 + seed).is_multiple_of(19)).collect();
     let mut few = Features {
-        keypoints: kept.iter().map(|i| all.keypoints[*i]).collect(),
-        descriptors: all.descriptors.select(kept.iter().copied()),
+        keypoints: selected.iter().map(|i| all.keypoints[*i]).collect(),
+        descriptors: all.descriptors.select(selected.iter().copied()),
         global: None,
     };
     for (i, keypoint) in few.keypoints.iter_mut().enumerate() {
@@ -98,26 +99,26 @@ fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
 }
 
 #[test]
-fn little_is_seen_and_gravity_holds_the_camera_upright() {
+fn gravity_improves_poor_images() {
     let map = map(Some(down()));
     for scheme in ["random-lines", "dcl"] {
         let (mut with, mut without) = (0.0, 0.0);
         for seed in 0..12 {
             let truth = pose_in_place(0.02 * seed as f64, 0.1);
-            let tilt = |told| {
-                let found = found(&sealed(scheme, poor(&truth, seed), told), &map).expect("localized");
+            let tilt = |gravity| {
+                let found = found(&sealed(scheme, poor(&truth, seed), gravity), &map).expect("localized");
                 let down = Vector3::from(DOWN);
                 (found.cam_from_world.rotation() * down).angle(&(truth.rotation() * down)).to_degrees()
             };
             without += tilt(None);
-            with += tilt(Some(felt(&truth, 0.0, 0.5)));
+            with += tilt(Some(measured(&truth, 0.0, 0.5)));
         }
         assert!(with < 0.85 * without, "{scheme}: {with} after {without}");
     }
 }
 
 #[test]
-fn a_wrong_direction_makes_no_wrong_pose_trusted() {
+fn wrong_gravity_makes_no_wrong_pose_trusted() {
     let map = map(Some(down()));
     let mut trusted = 0;
     for scheme in SCHEMES {
@@ -126,13 +127,13 @@ fn a_wrong_direction_makes_no_wrong_pose_trusted() {
             let without = found(&sealed(scheme, poor(&truth, seed), None), &map);
             for degrees in [5.0, 30.0, 120.0] {
                 for sd_deg in [0.5, 2.0] {
-                    let query = sealed(scheme, poor(&truth, seed), Some(felt(&truth, degrees, sd_deg)));
+                    let query = sealed(scheme, poor(&truth, seed), Some(measured(&truth, degrees, sd_deg)));
                     let Some(with) = found(&query, &map).filter(|f| f.state == State::Trusted) else {
                         continue;
                     };
                     let what = format!("{scheme} {seed}: {degrees}° ± {sd_deg}°");
                     let without = without.as_ref().filter(|f| f.state == State::Trusted);
-                    let without = without.unwrap_or_else(|| panic!("{what}: trusted by what was said"));
+                    let without = without.unwrap_or_else(|| panic!("{what}: trusted only with gravity"));
                     let off = with.cam_from_world.translation_error(&truth);
                     let own = without.cam_from_world.translation_error(&truth);
                     assert!(off < own + 3.0 * without.confidence.center_sd, "{what}: {off} after {own}");
@@ -141,5 +142,5 @@ fn a_wrong_direction_makes_no_wrong_pose_trusted() {
             }
         }
     }
-    assert!(trusted > 12, "{trusted} poses trusted: the rest says nothing");
+    assert!(trusted > 12, "only {trusted} poses are trusted");
 }

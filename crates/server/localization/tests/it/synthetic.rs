@@ -1,4 +1,4 @@
-//! The whole server side on a place of random points: every scheme, rows and pairs, and what is refused.
+//! The server side on a scene of random points: every scheme, counts of rows and pairs, and refusals.
 
 use super::common;
 
@@ -13,11 +13,11 @@ use veiloc_protocol::{SealedFrame, SealedQuery};
 use veiloc_testing::pose_in_place;
 
 #[test]
-fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
+fn sessions_are_localized_and_invalid_ones_refused() {
     let place = common::place(1);
     let map = open(&place.map(8));
     let truth = pose_in_place(0.13, 0.2);
-    // The first frame is the rig's; the device turned and moved between the others.
+    // The first frame is the rig; the device turned and moved between the others.
     let sealed = |scheme: &str, k: u64| {
         let cam = pose_in_place(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
         let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
@@ -38,10 +38,10 @@ fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
         assert!(found.frames[0].cam_from_world.translation_error(&truth) < 0.02, "{scheme}");
         assert_eq!((found.frames.len(), found.frames_that_agree()), (4, 4));
         assert!(found.frames.iter().all(|f| f.inliers > 100 && f.inliers <= f.matches), "{scheme}");
-        let alone = localize_rig(&frames[..1], &map, &LocalizeOptions::default()).expect("localized");
+        let single_frame = localize_rig(&frames[..1], &map, &LocalizeOptions::default()).expect("localized");
         let of_query = localize(&frames[0].query, &map, &LocalizeOptions::default()).expect("localized");
-        assert!(alone.frames[0].cam_from_world.translation_error(&of_query.cam_from_world) < 1e-4);
-        assert!(found.confidence.center_sd < 1.1 * alone.confidence.center_sd, "{scheme}");
+        assert!(single_frame.frames[0].cam_from_world.translation_error(&of_query.cam_from_world) < 1e-4);
+        assert!(found.confidence.center_sd < 1.1 * single_frame.confidence.center_sd, "{scheme}");
     }
     let none = localize_rig(&[], &map, &LocalizeOptions::default()).expect_err("no frame");
     assert!(none.to_string().contains("rig without frames"), "{none}");
@@ -52,7 +52,7 @@ fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
 }
 
 #[test]
-fn every_scheme_finds_the_camera() {
+fn every_scheme_localizes() {
     let place = common::place(1);
     let map = open(&place.map(8));
     let truth = pose_in_place(0.13, 0.2);
@@ -79,8 +79,9 @@ fn every_scheme_finds_the_camera() {
 }
 
 #[test]
-fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
-    // Every map point twice, each seen by half of the images, as unfinished tracks leave them: a row has two pairs.
+fn rows_with_several_points_are_counted_once() {
+    // Every map point twice, each observed by half of the images, as unfinished tracks leave them: a row has two
+    // pairs.
     let place = common::place(1);
     let whole = place.map(8);
     let mut halves = whole.clone();
@@ -112,14 +113,14 @@ fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
         assert!(twice.inliers <= twice.matches && twice.inliers > 100, "{scheme}: {}", twice.inliers);
         assert!(twice.pairs > once.pairs * 3 / 2, "{scheme}: {} pairs", twice.pairs);
         assert!(twice.inlier_pairs > twice.inliers * 3 / 2, "{scheme}: {} agree", twice.inlier_pairs);
-        // The same rows see the same places: what they prove does not double.
+        // The same rows observe the same positions, so the evidence must not double.
         let (once, twice) = (once.confidence.log_evidence, twice.confidence.log_evidence);
         assert!(twice < 1.3 * once, "{scheme}: {twice} in place of {once}");
     }
 }
 
 #[test]
-fn a_query_for_another_map_is_refused() {
+fn query_for_another_map_is_refused() {
     let (place, other) = (common::place(1), common::place(2));
     let map = open(&place.map(8));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
@@ -137,8 +138,8 @@ fn a_query_for_another_map_is_refused() {
 }
 
 #[test]
-fn a_place_never_mapped_is_not_found() {
-    // The same vocabulary, but points of another place: matches exist, a pose must not.
+fn out_of_map_query_is_not_localized() {
+    // The same vocabulary, but points of another scene: matches exist, a pose must not.
     let place = common::place(1);
     let map = open(&place.map(8));
     let mut negative = common::place(2);
@@ -152,7 +153,7 @@ fn a_place_never_mapped_is_not_found() {
 }
 
 #[test]
-fn an_empty_map_says_so() {
+fn empty_map_is_reported() {
     let place = common::place(1);
     let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);

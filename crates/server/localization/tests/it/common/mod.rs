@@ -1,21 +1,21 @@
-//! A place of random points, its map, and how a device seals for it.
+//! A scene of random points, its map, and seal options.
 
 use veiloc_map::{MapFile, MapModel};
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Scheme;
 use veiloc_testing::RandomPlace;
 
-/// Fifteen hundred points, and a camera with distortion.
+/// A scene of 1500 points, and a camera with distortion.
 pub(crate) fn place(seed: u64) -> RandomPlace {
     RandomPlace::new(seed, 1500, 16, "OPENCV,640,480,520,521,322,238,-0.05,0.01,0.0005,-0.0003")
 }
 
-/// Opened as a file is.
+/// Opens a model like a file.
 pub(crate) fn open(model: &MapModel) -> MapFile {
     MapFile::of_model(model).expect("a map")
 }
 
-/// How a device seals that was told this scheme.
+/// Seal options for a scheme.
 pub(crate) fn options(scheme: &str) -> SealOptions {
     match scheme.parse::<Scheme>().expect("a scheme") {
         Scheme::Points => SealOptions::unprotected_points(),
