@@ -47,7 +47,7 @@ impl Groups {
 }
 
 async fn is_held(bus: Bus, subject: Subject, object: ObjectId) -> bool {
-    let ping = Request { name: NO_REQUEST, object, within: PING_TIMEOUT, wanted: Task::Ping };
+    let ping = Request { name: NO_REQUEST, object, within: PING_TIMEOUT, task: Task::Ping };
     let reply = bus.request(&subject, ping.encode(), PING_TIMEOUT).await;
     reply.is_ok_and(|bytes| {
         matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { outcome: Outcome::Here, .. }))

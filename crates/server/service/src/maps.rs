@@ -52,7 +52,7 @@ pub(crate) struct MapReadOptions {
 /// Where the map is.
 pub(crate) enum Backend {
     /// In this process.
-    Here(Box<MapFile>),
+    Local(Box<MapFile>),
     /// In a remote backend, with its description.
     Remote { backend: Arc<dyn RemoteBackend>, description: Arc<MapDescription> },
 }

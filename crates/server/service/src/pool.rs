@@ -89,7 +89,7 @@ struct QueueState {
 }
 
 impl Shared {
-    fn waiting(&self) -> MutexGuard<'_, QueueState> {
+    fn queue_state(&self) -> MutexGuard<'_, QueueState> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -103,15 +103,15 @@ impl Shared {
 
     /// Waits for the next job; `None` when the pool is closed and empty.
     fn next(&self) -> Option<(u64, Job)> {
-        let mut waiting = self.state();
+        let mut state = self.queue_state();
         loop {
-            if let Some(next) = waiting.jobs.pop() {
+            if let Some(next) = state.jobs.pop() {
                 return Some(next);
             }
-            if waiting.closed {
+            if state.closed {
                 return None;
             }
-            waiting = self.changed.wait(waiting).unwrap_or_else(PoisonError::into_inner);
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -179,29 +179,29 @@ impl Pool {
     ) -> Result<oneshot::Receiver<T>, Rejected> {
         let (reply, result) = oneshot::channel();
         let work = Box::new(Task { reply, work });
-        let mut waiting = self.shared.state();
-        if waiting.closed {
+        let mut state = self.shared.queue_state();
+        if state.closed {
             return Err(Rejected::Closed);
         }
-        if let Err(refused) = self.check_room(&waiting, spec) {
+        if let Err(refused) = self.check_room(&state, spec) {
             // Free the slots of abandoned jobs. This scans the whole queue, so it is done only when needed.
-            let before = waiting.jobs.len();
-            waiting.jobs.retain(|job| job.work.is_awaited());
-            if waiting.jobs.len() == before {
+            let before = state.jobs.len();
+            state.jobs.retain(|job| job.work.is_awaited());
+            if state.jobs.len() == before {
                 return Err(refused);
             }
-            self.check_room(&waiting, spec)?;
+            self.check_room(&state, spec)?;
         }
-        waiting.jobs.push(spec.client, spec.cost(), Job { work, accepted: self.shared.clock.now() });
-        drop(waiting);
+        state.jobs.push(spec.client, spec.cost(), Job { work, accepted: self.shared.clock.now() });
+        drop(state);
         self.shared.changed.notify_one();
         Ok(result)
     }
 
     /// Checks that the queue has room and that the job would finish in time.
-    fn check_room(&self, waiting: &QueueState, spec: JobSpec) -> Result<(), Rejected> {
-        let ahead = self.estimated_time(waiting.jobs.ahead(spec.client, spec.cost()));
-        if !waiting.jobs.has_room(spec.client) {
+    fn check_room(&self, state: &QueueState, spec: JobSpec) -> Result<(), Rejected> {
+        let ahead = self.estimated_time(state.jobs.ahead(spec.client, spec.cost()));
+        if !state.jobs.has_room(spec.client) {
             return Err(Rejected::Full { retry_after: seconds(ahead) });
         }
         match ahead.checked_sub(spec.limit) {
@@ -221,7 +221,7 @@ impl Pool {
 
     /// Number of queued jobs.
     pub fn queued(&self) -> usize {
-        self.shared.state().jobs.len()
+        self.shared.queue_state().jobs.len()
     }
 
     /// Number of running jobs.
@@ -231,7 +231,7 @@ impl Pool {
 
     /// Rejects further jobs; accepted jobs are finished.
     pub fn close(&self) {
-        self.shared.state().closed = true;
+        self.shared.queue_state().closed = true;
         self.shared.changed.notify_all();
     }
 
