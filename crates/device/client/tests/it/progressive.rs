@@ -90,7 +90,7 @@ fn progressive_query_stops_at_a_trusted_pose() {
                 request.head
                     == requests[0]
                         .head
-                        .write_atomic(&content_length(&requests[0].body), &content_length(&request.body))
+                        .replace(&content_length(&requests[0].body), &content_length(&request.body))
             );
         }
     }

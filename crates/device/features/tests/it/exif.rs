@@ -87,7 +87,10 @@ fn unusable_exif_is_rejected_with_a_reason() {
     let camera_from = |fields: &[Field]| focal((400, 300), fields);
     refused(camera_from(&[]), "does not give");
     refused(camera_from(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not give");
-    refused(camera_from(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not give");
+    refused(
+        camera_from(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]),
+        "does not give",
+    );
     let unit =
         |unit| [Rational(FOCAL_LENGTH, 4, 1), Rational(PLANE_X_RESOLUTION, 4000, 1), Short(PLANE_UNIT, unit)];
     refused(camera_from(&unit(9)), "does not give");

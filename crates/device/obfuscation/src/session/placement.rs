@@ -3,7 +3,7 @@
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{Anchor, Intrinsics};
-use veiloc_protocol::{CanonicalCamera, MIN_PER_SIDE, LayoutTurn, Scheme};
+use veiloc_protocol::{CanonicalCamera, LayoutTurn, MIN_PER_SIDE, Scheme};
 
 use super::align::{estimate_rotation, refine_rotation};
 use super::memory::LandmarkMatches;

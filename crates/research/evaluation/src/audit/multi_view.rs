@@ -47,7 +47,7 @@ pub(super) fn multi_view_answers(
     if others.is_empty() {
         return Ok(None);
     }
-    let options = FramesOptions::with_depths(pose.depths).beside(pose.known.clone());
+    let options = FramesOptions::with_depths(pose.depths).with_known_points(pose.known.clone());
     let count = frames.saturating_sub(1);
     let chosen = match choice {
         FrameChoice::Turn => select_frames(&first, &others, count, &options)?,

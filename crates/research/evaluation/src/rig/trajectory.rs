@@ -45,7 +45,7 @@ pub(super) fn odometry(truth: &[CameraFromWorld], sd: [f64; 2], rng: &mut ChaCha
         let turn = Rotation3::from_scaled_axis(Vector3::from_fn(|_, _| sd[0].to_radians() * normal(rng)));
         let shift = Vector3::from_fn(|_, _| sd[1] * normal(rng));
         let older_from_newer = older.compose(&newer.inverse());
-        let measured = older_from_newer.rotation();
+        let step_rotation = older_from_newer.rotation();
         let known = &steps[k].cam_from_rig;
         // The measured step, followed by the later steps.
         let rotation = turn * step_rotation * known.rotation();

@@ -108,9 +108,7 @@ fn refusals_name_the_field_and_allowed_values() {
     for (what, bytes) in with_a_wrong_number().into_iter().skip(1) {
         let detail = server.localize(&bytes, "").json()["detail"].as_str().expect("a detail").to_owned();
         assert!(
-            detail.contains("must be")
-                || detail.contains("the length of")
-                || detail.contains("out of range"),
+            detail.contains("must be") || detail.contains("the length of") || detail.contains("out of range"),
             "{what}: {detail}"
         );
     }

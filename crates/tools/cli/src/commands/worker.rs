@@ -126,7 +126,7 @@ fn run_worker(args: &Args, logger: &Logger) -> Outcome {
             worker.held(),
             required_value(args.map.as_ref())
         ));
-        let listening = tokio::spawn(signals.obey(handle));
+        let listening = tokio::spawn(signals.handle_signals(handle));
         let finished = worker.run().await;
         listening.abort();
         end.send_replace(true);

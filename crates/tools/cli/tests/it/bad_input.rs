@@ -464,7 +464,10 @@ fn problems() {
     scene.write("bad/gzip.jsonl.gz", [0x1f, 0x8b, 8, 0, 1, 2, 3]);
     scene.write("bad/good.jsonl", good);
     cases.extend([
-        refused("eval pose bad/nothing.jsonl", &["bad/nothing.jsonl", "one JSON object per line is expected"]),
+        refused(
+            "eval pose bad/nothing.jsonl",
+            &["bad/nothing.jsonl", "one JSON object per line is expected"],
+        ),
         refused("eval pose bad/gzip.jsonl.gz", &["bad/gzip.jsonl.gz", "copy it again"]),
         refused("eval pose bad/absent.jsonl", &["bad/absent.jsonl", "check the path"]),
         refused("eval pose images", &["images", "a file is expected"]),

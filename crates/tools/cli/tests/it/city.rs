@@ -54,6 +54,6 @@ fn index_matches_exhaustive_search() {
     }
     assert_eq!(of(8, "index")["kept"], 1.0, "of so few all are compared: {found}");
     assert_eq!((&of(8, "all")["real"], &of(8, "all")["of_map"]), (&8.into(), &1.0.into()), "{found}");
-    let refused = place.run("eval search --map place.vmap --images images --sizes 0");
+    let refused = scene.run("eval search --map place.vmap --images images --sizes 0");
     assert!(refused.code == Some(1) && refused.stderr.contains("no images to search"), "{refused}");
 }

@@ -39,14 +39,14 @@ fn runs_are_compared_and_invalid_files_refused() {
     // Another seed and no prior: no common row, and no query with the same seed.
     let other = scene.run("eval compare plain.json other.json");
     assert!(other.code == Some(1) && other.stderr.contains("no rows to compare"), "{other}");
-    let other = place.run("eval compare plain.json other.json --row dcl --against dcl");
+    let other = scene.run("eval compare plain.json other.json --row dcl --against dcl");
     assert!(other.code == Some(1) && other.stderr.contains("no query in common"), "{other}");
-    let cut = place.read("plain.json");
-    place.write("cut.json", &cut[..cut.len() / 2]);
+    let cut = scene.read("plain.json");
+    scene.write("cut.json", &cut[..cut.len() / 2]);
     let mut layouts: Value = serde_json::from_slice(&cut).expect("a document");
     layouts["command"] = "eval layouts".into();
-    place.write("layouts.json", layouts.to_string());
-    for (file, says) in [
+    scene.write("layouts.json", layouts.to_string());
+    for (file, expected_words) in [
         ("cut.json", "not a document of an evaluation"),
         ("layouts.json", "eval layouts"),
         ("gone.json", "gone.json"),

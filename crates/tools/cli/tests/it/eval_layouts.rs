@@ -19,9 +19,9 @@ fn layouts_are_compared_on_rendered_scene() {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
-    let plot = String::from_utf8(place.read("l.svg")).expect("text");
+    let plot = String::from_utf8(scene.read("l.svg")).expect("text");
     assert!(plot.contains("pose error relative to points"));
-    let document: serde_json::Value = serde_json::from_slice(&place.read("l.json")).expect("a document");
+    let document: serde_json::Value = serde_json::from_slice(&scene.read("l.json")).expect("a document");
     let rows = document["rows"].as_array().expect("a list");
     assert_eq!(rows.len(), 2);
     assert_eq!((&rows[0]["layout"], &rows[1]["layout"]), (&"dcl:paper".into(), &other.into()));

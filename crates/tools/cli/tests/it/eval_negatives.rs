@@ -69,11 +69,11 @@ fn out_of_map_images_are_counted() {
 
 /// With images of the scene itself the command shows false positives.
 #[test]
-fn images_of_the_place_itself_are_trusted_and_named() {
-    let place = ready();
-    let run = place.run(&format!("{ASK} --images images --camera {CAMERA} --json own.json")).succeeded();
+fn images_of_the_scene_are_trusted_and_named() {
+    let scene = ready();
+    let run = scene.run(&format!("{ASK} --images images --camera {CAMERA} --json own.json")).succeeded();
     assert!(run.stdout.contains("Trusted (each is wrong):\n  "), "{run}");
-    let own = document(&place.read("own.json"));
+    let own = document(&scene.read("own.json"));
     for row in rows(&own) {
         assert!(row["trusted"].as_u64() >= Some(12), "{row}");
         assert!(row["log_evidence"]["50"].as_f64() > Some(100.0), "{row}");

@@ -140,7 +140,11 @@ fn invalid_arguments_are_refused() {
         (&format!("{given} --query-list queries.txt --stress light"), 2, &["light", "half-hidden"]),
         (&format!("{given} --query-list queries.txt --wrong-beyond 0.25"), 2, &["TRANSLATION/DEGREES"]),
         (&format!("{given} --query-list queries.txt --oracle-radius 0"), 2, &["above 0"]),
-        (&format!("{given} --query-list both.txt --max-keypoints 256"), 1, &["map-00.png", "must not be in the map"]),
+        (
+            &format!("{given} --query-list both.txt --max-keypoints 256"),
+            1,
+            &["map-00.png", "must not be in the map"],
+        ),
         (&format!("{given} --query-list queries.txt --gravity 17"), 1, &["gravity", "16"]),
         (&format!("{given} --query-list queries.txt --gravity=-1"), 2, &["above 0"]),
         (&format!("{given} --query-list no-such.txt"), 1, &["no-such.txt"]),

@@ -86,7 +86,8 @@ fn with_steps(node: &[u8], kernels: &BTreeSet<String>) -> Option<Vec<u8>> {
     let has_attribute = |what: &str| {
         all.iter().any(|f| f.number == ATTRIBUTE && f.payload.is_some_and(|a| text(a, 1) == Some(what)))
     };
-    let omitted: Vec<&str> = ["strides", "dilations"].into_iter().filter(|what| !has_attribute(what)).collect();
+    let omitted: Vec<&str> =
+        ["strides", "dilations"].into_iter().filter(|what| !has_attribute(what)).collect();
     if omitted.is_empty() {
         return None;
     }

@@ -1,7 +1,7 @@
 //! The web page shows attacks of this table: with their names and descriptions, and the same number of neighbours.
 
 use veiloc_evaluation::audit::{Attack, AttackEvaluation};
-use veiloc_web::shown::{ATTACKS, NEIGHBOURS};
+use veiloc_web::inspection::{ATTACKS, NEIGHBOURS};
 
 #[test]
 fn web_page_uses_names_of_audit_attacks() {
