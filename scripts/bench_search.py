@@ -6,7 +6,7 @@
     scripts/bench_search.py --map redkitchen.vmap --images redkitchen/images --query-list redkitchen/query.txt \
         --others training-photos --sizes 10000,100000,1000000 --csv search_index.csv
 
-`veiloc eval search --save` writes its descriptors and queries; usearch runs the same queries on one thread, in two ways: over the
+`veiloc eval retrieval --save` writes its descriptors and queries; usearch runs the same queries on one thread, in two ways: over the
 descriptors (`i8`, cosine), and over their binary codes (`b1`, Hamming) with exact re-ranking of as many candidates as in veiloc's
 index. `recall@10` is the share of the true 10 nearest (cosine over all descriptors) that is found.
 """

@@ -28,8 +28,8 @@ scene() {
             --query-list "$folder/query.txt" --schemes points,random-lines,coordinate-permutation,dcl \
             --thresholds "$thresholds" --work "$out/work-$name" --keep-map "$out/$name-$times.vmap" "${small[@]}" --json "$out/$name-$times.json" > /dev/null 2>&1
         [[ " ${NEGATIVES:-$*} " = *" $times "* ]] || continue
-        echo "\$ veiloc eval negatives --map $name-$times.vmap --half design …"
-        "$veiloc" eval negatives --map "$out/$name-$times.vmap" --images "$VEILOC_DATA/training-photos" --half "${HALF:-design}" \
+        echo "\$ veiloc eval negatives --map $name-$times.vmap --split design …"
+        "$veiloc" eval negatives --map "$out/$name-$times.vmap" --images "$VEILOC_DATA/training-photos" --split "${HALF:-design}" \
             --schemes points,random-lines,coordinate-permutation,dcl --json "$out/$name-$times-negatives.json" > /dev/null 2>&1
     done
 }

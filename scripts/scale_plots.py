@@ -3,7 +3,7 @@
 
     scripts/scale_plots.py --compress compress.txt --search search.json     # into docs/images
 
-compress.txt is the output of scripts/compress.sh, search.json that of `veiloc eval search --json`. Standard library only.
+compress.txt is the output of scripts/compress.sh, search.json that of `veiloc eval retrieval --json`. Standard library only.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def searched(document):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--compress", type=Path, help="output of scripts/compress.sh")
-    parser.add_argument("--search", type=Path, help="output of `veiloc eval search --json`")
+    parser.add_argument("--search", type=Path, help="output of `veiloc eval retrieval --json`")
     args = parser.parse_args()
     if args.compress:
         (IMAGES / "compress.svg").write_text(compressed(args.compress.read_text()))

@@ -56,7 +56,7 @@ for part in $parts; do
         rendered > /dev/null
         cp "$out/demo/place.vmap" "$out/rendered.vmap"
         for name in redkitchen herzjesu lund-door rendered; do
-            veiloc eval negatives --map "$out/$name.vmap" --images "$VEILOC_DATA/training-photos" --half final \
+            veiloc eval negatives --map "$out/$name.vmap" --images "$VEILOC_DATA/training-photos" --split final \
                 --schemes points,random-lines,dcl
         done
         echo

@@ -7,7 +7,7 @@
 //! descriptors.
 //!
 //! Global descriptors are random, in scenes of ten images whose descriptors agree by a third to a half, as those of
-//! rooms and facades do. `veiloc eval search` measures the index on real descriptors.
+//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors.
 #![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 use std::{hint::black_box, time::Instant};

@@ -148,7 +148,7 @@ class SecuredCluster(Cluster):
         admin = free_port()
         settings = self.settings(f"worker-{MAP}", "worker.example.toml", {
             "127.0.0.1:9100": f"127.0.0.1:{admin}", "/var/cache/veiloc": self.work / f"cache-{i}"})
-        command = [self.program.veiloc, "worker", "--config", settings, "--workers", 1, "--old-life", 1, "--watch", 1]
+        command = [self.program.veiloc, "worker", "--config", settings, "--workers", 1, "--drain-after", 1, "--watch", 1]
         part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200)
         part.admin = admin
         return part

@@ -105,7 +105,7 @@ class Cluster:
         admin = free_port()
         command = [self.program.veiloc, "worker", "--nats", self.servers, "--store", self.store, "--cache",
                    self.work / f"cache-{i}", "--map", MAP, "--workers", self.threads, "--queue", self.queue,
-                   "--admin-listen", f"127.0.0.1:{admin}", "--old-life", 3, "--watch", 1]
+                   "--admin-listen", f"127.0.0.1:{admin}", "--drain-after", 3, "--watch", 1]
         part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200)
         part.admin = admin
         return part

@@ -28,8 +28,6 @@ pub mod stress;
 
 pub use error::EvalError;
 pub use make_problems::{MadeProblem, ProblemSource, make_problems, masks_of};
-#[doc(hidden)]
-pub use pipeline as road;
 pub use rig::{RigEvaluation, evaluate_rig, sequence_of};
 pub use scene::{
     DrawnQuery, DrawnScheme, Negatives, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,

@@ -1,4 +1,4 @@
-//! `veiloc eval search`: cost and recall of image retrieval as maps grow.
+//! `veiloc eval retrieval`: cost and recall of image retrieval as maps grow.
 //!
 //! A map of a million images is not available, and retrieval uses only an image's global descriptor. So the images of
 //! a real map are extended by other images, and by as many synthetic descriptors as needed, composed block by block

@@ -70,7 +70,7 @@ pub(crate) struct Args {
     watch: f64,
     /// Seconds for which regions of an older manifest stay loaded after all regions of the new one are reachable.
     #[arg(long, default_value_t = 10.0, value_parser = not_negative, value_name = "SECONDS")]
-    old_life: f64,
+    drain_after: f64,
     /// Seconds that accepted queries may still take after the worker is stopped.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     grace: f64,
@@ -164,7 +164,7 @@ fn options(args: &Args) -> WorkerOptions {
     options.localize = args.matching.options(&args.pose);
     options.memory = MapMemory::from(args.map_memory);
     options.watch = seconds(args.watch);
-    options.grace = seconds(args.old_life);
+    options.grace = seconds(args.drain_after);
     options.finish = seconds(args.grace);
     options
 }

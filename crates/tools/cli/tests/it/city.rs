@@ -1,4 +1,4 @@
-//! `veiloc synth city` and `eval search`: rooms in one world, and retrieval among synthetic descriptors.
+//! `veiloc synth city` and `eval retrieval`: rooms in one world, and retrieval among synthetic descriptors.
 
 use super::common;
 
@@ -38,7 +38,7 @@ fn index_matches_exhaustive_search() {
     let scene = scene();
     let found = scene
         .run(
-            "eval search --map place.vmap --images images --query-list queries.txt --sizes 8,5000 --retrieve 5 --json",
+            "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,5000 --retrieve 5 --json",
         )
         .succeeded()
         .json();
@@ -54,6 +54,6 @@ fn index_matches_exhaustive_search() {
     }
     assert_eq!(of(8, "index")["kept"], 1.0, "of so few all are compared: {found}");
     assert_eq!((&of(8, "all")["real"], &of(8, "all")["of_map"]), (&8.into(), &1.0.into()), "{found}");
-    let refused = scene.run("eval search --map place.vmap --images images --sizes 0");
+    let refused = scene.run("eval retrieval --map place.vmap --images images --sizes 0");
     assert!(refused.code == Some(1) && refused.stderr.contains("no images to search"), "{refused}");
 }

@@ -44,8 +44,8 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
     ),
     (
-        "eval search",
-        "eval search --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
+        "eval retrieval",
+        "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
     ),
     (
         "eval crb",
@@ -54,12 +54,12 @@ const COMMANDS: &[(&str, &str)] = &[
     (
         "eval layouts",
         "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
-         --layouts dcl:horizontal --stress none --attacked 1 --json",
+         --layouts dcl:horizontal --stress none --max-attacked 1 --json",
     ),
     (
         "eval adversaries",
         "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
-         --train k.jsonl --schemes dcl --attacked 1 --quick --json",
+         --train k.jsonl --schemes dcl --max-attacked 1 --quick --json",
     ),
     ("token list", "token list --tokens tokens --json"),
     (

@@ -12,7 +12,7 @@ fn adversaries_on_rendered_scene_and_keypoint_files() {
     let run = scene
         .run(&format!(
             "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
-             --keypoints elsewhere.jsonl --train elsewhere.jsonl --attacked 1 --quick --json a.json"
+             --keypoints elsewhere.jsonl --train elsewhere.jsonl --max-attacked 1 --quick --json a.json"
         ))
         .succeeded();
     for word in ["outsider-statistic", "pose-server-images", "several-seals", "for want of what they know"] {
@@ -62,7 +62,7 @@ fn contradictory_arguments_are_refused() {
         ("--posed p", 2, "--images"),
         ("--keypoints k.jsonl --masks m", 2, "--posed"),
         ("--keypoints k.jsonl --adversaries nobody", 2, "outsider-statistic"),
-        ("--keypoints k.jsonl --attacked 0", 2, "--attacked"),
+        ("--keypoints k.jsonl --max-attacked 0", 2, "--max-attacked"),
     ] {
         let run = scene.run(&format!("eval adversaries {arguments}"));
         assert_eq!(run.code, Some(code), "{run}");

@@ -54,14 +54,19 @@ fn without_times(document: &Value) -> Value {
 }
 
 #[test]
-fn every_layout_is_written_and_evaluated() {
+fn seven_scenes_layout_is_written_and_evaluated() {
     let scene = folder();
     export(&scene, "7scenes");
     for poses in ["sfm", "depth"] {
         assert_eq!(localized_rows(&evaluated(&scene, "7scenes", &format!("--poses {poses}"))), 2);
     }
+}
+
+#[test]
+fn cambridge_layout_is_written_evaluated_and_attacked() {
+    let scene = folder();
     export(&scene, "cambridge");
-    let attacking = "--attack 1 --attack-neighbours 100 --attack-json attacks.json";
+    let attacking = "--attack 1 --attack-neighbours 100 --attack-json attacks.json --max-keypoints 512 --query-keypoints 512";
     assert_eq!(localized_rows(&evaluated(&scene, "cambridge", attacking)), 2);
     let attacks: Value = serde_json::from_slice(&scene.read("attacks.json")).expect("a document");
     assert_eq!((&attacks["command"], &attacks["k"]), (&"eval adversaries".into(), &100.into()));
@@ -72,6 +77,11 @@ fn every_layout_is_written_and_evaluated() {
         "{adversaries:?}"
     );
     assert!(rows.iter().all(|row| row["scheme"] == "dcl" && row["data"] == "room"), "{attacks}");
+}
+
+#[test]
+fn aachen_layout_is_written_and_evaluated_and_poses_are_submitted() {
+    let scene = folder();
     export(&scene, "aachen");
     let with_truth = "--truth aachen/queries/poses.txt --submission results.txt --work work";
     assert_eq!(localized_rows(&evaluated(&scene, "aachen", with_truth)), 4, "day and night of each scheme");

@@ -11,7 +11,7 @@ fn layouts_are_compared_on_rendered_scene() {
     let run = scene
         .run(&format!(
             "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {} \
-             --layouts dcl:paper,{other} --stress none --attacked 1 --plot l.svg --json l.json",
+             --layouts dcl:paper,{other} --stress none --max-attacked 1 --plot l.svg --json l.json",
             EXTRACTION.join(" ")
         ))
         .succeeded();
@@ -61,7 +61,7 @@ fn contradictory_arguments_are_refused() {
     for (arguments, code, expected_words) in [
         ("--layouts points", 2, "points has no layout"),
         ("--layouts dcl:axis=1", 2, "--layouts"),
-        ("--attacked 0", 2, "--attacked"),
+        ("--max-attacked 0", 2, "--max-attacked"),
         ("", 1, "q.txt"),
     ] {
         let run = scene.run(&format!(

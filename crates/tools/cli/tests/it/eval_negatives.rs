@@ -89,7 +89,7 @@ fn images_of_the_scene_are_trusted_and_named() {
 fn split_depends_on_file_names_only() {
     let scene = ready();
     let of = |half: &str| {
-        scene.run(&format!("{ASK} --images other/images --half {half} --json -")).succeeded().json()
+        scene.run(&format!("{ASK} --images other/images --split {half} --json -")).succeeded().json()
     };
     let (design, last, all) = (of("design"), of("final"), of("all"));
     // The split depends on the hash of the names only.
@@ -107,7 +107,7 @@ fn split_depends_on_file_names_only() {
     }
     scene.write("one.txt", "negative-1.png\n");
     let empty = if expected.contains("negative-1.png") { "final" } else { "design" };
-    let run = scene.run(&format!("{ASK} --images other/images --list one.txt --half {empty}"));
+    let run = scene.run(&format!("{ASK} --images other/images --list one.txt --split {empty}"));
     assert!(run.code == Some(1) && run.stderr.contains("half"), "{run}");
 }
 
@@ -133,7 +133,7 @@ fn bad_images_are_named_without_stopping_others() {
         (&format!("--images other/images --camera {small}"), 1, &["400x300", "300x400"]),
         ("--images no/such/folder", 1, &["no/such/folder"]),
         ("--images other/images --list no-such.txt", 1, &["no-such.txt"]),
-        ("--images other/images --half last", 2, &["design", "final"]),
+        ("--images other/images --split last", 2, &["design", "final"]),
         ("", 2, &["--images"]),
     ];
     for (arguments, code, expected_words) in cases {

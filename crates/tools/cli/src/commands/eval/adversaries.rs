@@ -54,7 +54,7 @@ pub(crate) struct Args {
     positions: Vec<PathBuf>,
     /// Attack only N images of each scene or file, evenly spaced. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    attacked: Option<u32>,
+    max_attacked: Option<u32>,
     /// Leave out attacks that take seconds per image (layouts of the neighbour graph).
     #[arg(long)]
     quick: bool,
@@ -112,7 +112,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.train.clone_from(&args.train);
     evaluation.network.clone_from(&args.model);
     evaluation.positions.clone_from(&args.positions);
-    evaluation.attacked = args.attacked.map(|n| n as usize);
+    evaluation.attacked = args.max_attacked.map(|n| n as usize);
     evaluation.thorough = !args.quick;
     evaluation.k = args.k as usize;
     evaluation.seed = args.seed;

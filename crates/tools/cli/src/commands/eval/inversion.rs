@@ -38,7 +38,7 @@ pub(crate) struct Args {
     list: Option<PathBuf>,
     /// Use only N of the images, evenly spaced. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    most: Option<u32>,
+    limit: Option<u32>,
     /// Description (.toml) of the image inversion network, as exported by research/train.
     #[arg(long, value_name = "FILE")]
     network: PathBuf,
@@ -122,7 +122,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         Some(list) => listed(&args.images, list)?,
         None => items::expand_readable(&args.images, &IMAGES)?.into_iter().map(|item| item.path).collect(),
     };
-    let most = args.most.map_or(all.len(), |most| (most as usize).min(all.len()));
+    let most = args.limit.map_or(all.len(), |most| (most as usize).min(all.len()));
     let evaluation = InversionEvaluation {
         images: (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
         schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },

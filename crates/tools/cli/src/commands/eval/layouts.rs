@@ -47,7 +47,7 @@ pub(crate) struct Args {
     positions: Vec<PathBuf>,
     /// Attack only N queries, evenly spaced; poses and the prior-only baseline use all queries.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    attacked: u32,
+    max_attacked: u32,
     /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
@@ -102,7 +102,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.train.clone_from(&args.train);
     evaluation.network.clone_from(&args.network);
     evaluation.positions.clone_from(&args.positions);
-    evaluation.attacked = Some(args.attacked as usize);
+    evaluation.attacked = Some(args.max_attacked as usize);
     evaluation.k = args.k as usize;
     evaluation.seeds = args.seeds;
     let document = evaluate_layouts(&evaluation, &Stages::new(ui))?;

@@ -13,9 +13,9 @@ mod pose;
 mod posed_scene;
 mod problems;
 mod report;
+mod retrieval;
 mod rig;
 mod scene;
-mod search;
 mod sessions;
 mod split;
 mod stress;
@@ -44,7 +44,7 @@ pub(crate) enum Command {
     /// Query a map with out-of-map images, and count those with a trusted pose.
     Negatives(Box<negatives::Args>),
     /// Measure cost and recall of image retrieval as maps grow.
-    Search(search::Args),
+    Retrieval(retrieval::Args),
     /// Localize several consecutive images together, with simulated odometry, and report the gain over single images.
     Rig(Box<rig::Args>),
     /// Attack several frames of one scene together, and report what a session leaks for each kind of anchors.
@@ -80,7 +80,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Tables(args) => tables::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
-        Command::Search(args) => search::run(args, ui),
+        Command::Retrieval(args) => retrieval::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),

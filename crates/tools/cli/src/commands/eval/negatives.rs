@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// figures only. Bit 32 of the 64-bit FNV-1a hash of the file name without folders is 0 in `design` and 1 in
     /// `final`.
     #[arg(long, value_enum, default_value_t = Split::All)]
-    half: Split,
+    split: Split,
     /// The camera of all images, as in `veiloc seal`. Default: the camera in the list, then EXIF, and otherwise an
     /// assumed camera that the query marks as unknown: no distortion, a focal length of 1.2 times the longer side.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
@@ -123,7 +123,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         version: 1,
         command: "eval negatives",
         map: args.map.display().to_string(),
-        half: args.half,
+        half: args.split,
         seed: args.pose.run.seed,
         images: items.len(),
         failed: faults.len(),
@@ -170,11 +170,11 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     };
     let all = given.len();
     let selected: Vec<_> =
-        given.into_iter().filter(|(item, _)| item.path.is_dir() || args.half.holds(&item.path)).collect();
+        given.into_iter().filter(|(item, _)| item.path.is_dir() || args.split.holds(&item.path)).collect();
     if selected.is_empty() {
         return Err(Failure::with_help(
             format!("none of the {all} images belongs to this half"),
-            "give more images, or leave out --half",
+            "give more images, or leave out --split",
         ));
     }
     Ok(selected)

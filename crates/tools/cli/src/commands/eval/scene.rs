@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_evaluation::road::Sending;
+use veiloc_evaluation::pipeline::Sending;
 use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::SplitOptions;

@@ -39,7 +39,7 @@ pub(crate) struct Args {
     drift_deg: Vec<f64>,
     /// Attack only N images, evenly spaced. Default: all that have enough frames.
     #[arg(long, value_name = "N")]
-    attacked: Option<NonZeroUsize>,
+    max_attacked: Option<NonZeroUsize>,
     /// Share of an image's keypoints in the region the size of a person.
     #[arg(long, default_value_t = 0.1, value_name = "SHARE")]
     private: f64,
@@ -69,7 +69,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         frames: args.frames.iter().map(|n| n.get()).collect(),
         gyro_deg: args.gyro_deg.clone(),
         drift_deg: args.drift_deg.clone(),
-        attacked: args.attacked.map(NonZeroUsize::get),
+        attacked: args.max_attacked.map(NonZeroUsize::get),
         private: args.private,
         reach: args.reach,
         sensor_noise: args.sensor_noise,

@@ -1,4 +1,4 @@
-//! `veiloc eval search`: image retrieval as maps grow.
+//! `veiloc eval retrieval`: image retrieval as maps grow.
 
 use std::path::PathBuf;
 
@@ -53,7 +53,7 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-/// The document of `veiloc eval search --json`.
+/// The document of `veiloc eval retrieval --json`.
 #[derive(Serialize)]
 struct RetrievalDocument {
     version: u32,
@@ -96,7 +96,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let text = table(&rows);
     let document = RetrievalDocument {
         version: 1,
-        command: "eval search",
+        command: "eval retrieval",
         map: args.map.display().to_string(),
         seed: args.seed,
         queries: evaluation.queries.len(),
