@@ -1,9 +1,9 @@
-"""Reads a sealed query with nothing but docs/reference/wire-format.md and Python's standard library, and prints what it tells.
+"""Reads a sealed query with nothing but docs/wire-format.md and Python's standard library, and prints its content.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
 Written from the document, not from the Rust code: the known answers of crates/core/protocol/tests/it/known_answers.rs come from
-here, so the test holds the two against each other.
+here, so the test compares the two.
 """
 
 import hashlib
@@ -97,7 +97,7 @@ def anchors(message):
 
 
 def rows(message):
-    """What each row tells, as the document words it."""
+    """The obfuscated position of each row, as the document defines it."""
     bits, scheme = message["angle_bits"], message["scheme"]
     frames = anchors(message) if scheme == 4 else []
     width, height = 32 * message["camera_width"], 32 * message["camera_height"]
