@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--csv", help="also write the table to this file")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        command = [args.veiloc, "eval", "search", "--map", args.map, "--images", args.images, "--sizes", args.sizes,
+        command = [args.veiloc, "eval", "retrieval", "--map", args.map, "--images", args.images, "--sizes", args.sizes,
                    "--save", folder, "--json"]
         command += ["--query-list", args.query_list] if args.query_list else []
         command += ["--others", args.others] if args.others else []
