@@ -1,8 +1,8 @@
 //! The geometry-recovery attack in closed form (paper Eq. 3, Proposition 1; Chelani et al., 2024).
 //!
-//! The recovered position is where the keypoint's own line comes nearest to the lines of its neighbours. On `x(t) = o
-//! + t v` the signed distance to neighbour line `l_j` is linear, `d_j(t) = α_j t + β_j` with `α_j = n_jᵀ v = ±sin
-//! θ_ij`, so
+//! The recovered position is where the keypoint's own line comes nearest to the lines of its neighbours.
+//! On `x(t) = o + t v` the signed distance to neighbour line `l_j` is linear:
+//! `d_j(t) = α_j t + β_j` with `α_j = n_jᵀ v = ±sin θ_ij`. So
 //!
 //! ```text
 //! f(t) = Σ_j (α_j t + β_j)²        t* = −Σ α_j β_j / Σ α_j²  =  Σ w_ij t_ij / Σ w_ij,   w_ij = sin² θ_ij

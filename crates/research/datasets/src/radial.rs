@@ -1,9 +1,9 @@
 //! Conversion of VisualSFM's distortion model to COLMAP's.
 //!
-//! VisualSFM undistorts measured positions: with `m` in units of the focal length, relative to the centre, `u = m (1
-//! + r |m|²)`. COLMAP distorts projections: `m = u (1 + k₁ |u|² + k₂ |u|⁴)`. Neither is the inverse of the other; `k₁
-//! ≈ −r` alone has errors of several pixels in the corners of a wide image. Here both coefficients are fitted over
-//! the image; the remaining error is at most a fifth of a pixel, in the corners.
+//! VisualSFM undistorts measured positions: with `m` in units of the focal length, relative to the centre,
+//! `u = m (1 + r |m|²)`. COLMAP distorts projections: `m = u (1 + k₁ |u|² + k₂ |u|⁴)`. Neither is the inverse of the
+//! other; `k₁ ≈ −r` alone has errors of several pixels in the corners of a wide image. Here both coefficients are fitted
+//! over the image; the remaining error is at most a fifth of a pixel, in the corners.
 
 use veiloc_geometry::nalgebra::{Matrix2, Vector2};
 use veiloc_geometry::{Intrinsics, IntrinsicsError};

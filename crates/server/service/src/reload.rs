@@ -42,7 +42,7 @@ impl App {
                 match result {
                     Ok(()) => tracing::info!("certificate replaced"),
                     Err(error) => {
-                        tracing::error!(%error, "certificate refused; the previous one stays in force")
+                        tracing::error!(%error, "certificate refused; the previous one stays in force");
                     }
                 }
             }

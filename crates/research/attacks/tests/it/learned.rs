@@ -354,7 +354,7 @@ fn outputs_equal_pytorch() {
         let description = folder.join(format!("{name}.toml"));
         match name.as_str() {
             "inversion" => {
-                assert!(!InversionNetwork::open(&description).expect("a network").has_visibility())
+                assert!(!InversionNetwork::open(&description).expect("a network").has_visibility());
             }
             "invsfm" => assert!(InversionNetwork::open(&description).expect("a network").has_visibility()),
             "positions" => assert_eq!(

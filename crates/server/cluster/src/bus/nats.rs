@@ -66,7 +66,7 @@ impl NatsOptions {
                         tracing::warn!("the connection to NATS is lost; trying other servers");
                     }
                     Event::SlowConsumer(_) => {
-                        tracing::warn!("NATS: slow consumer, messages arrive faster than they are read")
+                        tracing::warn!("NATS: slow consumer, messages arrive faster than they are read");
                     }
                     // Server messages may contain subjects, but nothing of a payload.
                     other => tracing::warn!("NATS: {other}"),

@@ -93,7 +93,7 @@ pub(super) async fn serve(
 }
 
 /// Properties of a request before its body is read.
-struct Request {
+struct CheckedRequest {
     caller: Arc<Caller>,
     loaded: Arc<LoadedMap>,
     format: AnswerFormat,
@@ -107,7 +107,7 @@ fn check_head(
     context: &RequestContext,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
-) -> Result<Request, Problem> {
+) -> Result<CheckedRequest, Problem> {
     let caller = authenticate(app, connection, context, headers)?;
     let loaded = resolve_map(app, &caller, name)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
@@ -120,17 +120,17 @@ fn check_head(
     let request_options = RequestOptions::read(headers)?;
     let format = AnswerFormat::negotiate(headers);
     context.set_map(loaded.name.as_str().into());
-    Ok(Request { caller, loaded, format, request_options })
+    Ok(CheckedRequest { caller, loaded, format, request_options })
 }
 
 async fn answer(
     app: &Arc<App>,
     context: &Arc<RequestContext>,
-    request: Request,
+    request: CheckedRequest,
     kind: BodyKind,
     body: &mut Body,
 ) -> Result<Response, Problem> {
-    let Request { caller, loaded, format, request_options } = request;
+    let CheckedRequest { caller, loaded, format, request_options } = request;
     let (started, begun) = (Instant::now(), context.elapsed());
     let bytes = body::read(body, loaded.longest(kind), app.options.timeouts.body).await?;
     let read = Stage { name: "read", within: None, begun, took: started.elapsed() };

@@ -231,7 +231,7 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
         for address in &listening.addresses {
             match address {
                 ListenAddress::Tcp(address) => {
-                    logger.info(format!("serving {names} on {scheme}://{address}"))
+                    logger.info(format!("serving {names} on {scheme}://{address}"));
                 }
                 // Clients behind a proxy of this machine are under the proxy's control.
                 ListenAddress::Unix(_) => logger.info(format!("serving {names} on {address}")),

@@ -89,7 +89,7 @@ impl Ui {
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
             Failure::Refused { report } | Failure::Output { report } => {
-                print_line(format_args!("{report:?}"))
+                print_line(format_args!("{report:?}"));
             }
             Failure::Bug { location } => print_line(format_args!(
                 "veiloc panicked at {location}\nThis is a bug in veiloc; please report it with the command \

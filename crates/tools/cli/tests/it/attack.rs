@@ -196,7 +196,7 @@ fn neighbour_network_is_used_or_error_has_remedy() {
     let run = attack(&format!("--model {}", model("embedding.toml"))).succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
     for (name, expected_words) in [
-        (model("neighbours.toml"), "descriptors of dimension 12 are expected, these have 128"),
+        (model("neighbours.toml"), "descriptors have dimension 128, but dimension 12 is required"),
         (model("inversion.toml"), "of kind \"inversion\""),
         ("network-all.jsonl".to_owned(), "network-all.jsonl"),
         ("none.onnx".to_owned(), "none.toml"),

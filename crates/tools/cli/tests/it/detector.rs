@@ -57,7 +57,7 @@ fn unusable_detector_sends_nothing() {
     let with = |classes: &str, file: &str| seal(&format!("--hide {classes} --detector {file}"));
     let good = detector("two-boxes");
     for (command, expected_words) in [
-        (with("dog", &good), &["no class dog", "it knows: person, car"][..]),
+        (with("dog", &good), &["no class dog", "its classes: person, car"][..]),
         (with("Person", &good), &["no class Person", "person, car"]),
         (with("person", "gone.onnx"), &["gone.onnx", "cannot read the detector"]),
         (with("person", "cut.onnx"), &["cut.onnx", "this detector cannot be used"]),

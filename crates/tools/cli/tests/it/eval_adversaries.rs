@@ -15,7 +15,7 @@ fn adversaries_on_rendered_scene_and_keypoint_files() {
              --keypoints elsewhere.jsonl --train elsewhere.jsonl --max-attacked 1 --quick --json a.json"
         ))
         .succeeded();
-    for word in ["outsider-statistic", "pose-server-images", "several-seals", "for want of what they know"] {
+    for word in ["outsider-statistic", "pose-server-images", "several-seals", "their resources are missing"] {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
