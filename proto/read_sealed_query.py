@@ -1,4 +1,4 @@
-"""Reads a sealed query with nothing but docs/wire-format.md and Python's standard library, and prints its content.
+"""Reads a sealed query with nothing but docs/reference/wire-format.md and Python's standard library, and prints its content.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 

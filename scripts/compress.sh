@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints the tables of docs/scale.md: recall, median errors and trust against bytes per image, on both real scenes, and the
+# Prints the tables of docs/results/scale.md: recall, median errors and trust against bytes per image, on both real scenes, and the
 # results of out-of-map images in the compressed maps. Needs VEILOC_DATA.
 #
 #     VEILOC_DATA=../shared/data scripts/compress.sh [TIMES…] > compress.txt

@@ -3,7 +3,7 @@
 
 The same evaluation as `veiloc eval scene --schemes points`, by independent programs on the same split: pycolmap SIFT, triangulation
 with the given poses, VLAD retrieval of the top images, mutual nearest neighbours without ratio test, and PoseLib's LO-RANSAC on points.
-Prints the reference figures in docs/results.md.
+Prints the reference figures in docs/results/poses.md.
 
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_scene.py --posed $VEILOC_DATA/redkitchen/posed \

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints every table of docs/pose-engine.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
+# Prints every table of research/notes/pose-engine.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
 #
 #     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] > pose_engine.txt
 #

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Plots tables of docs/scale.md on log axes: compressed maps, and retrieval.
+"""Plots tables of docs/results/scale.md on log axes: compressed maps, and retrieval.
 
     scripts/scale_plots.py --compress compress.txt --search search.json     # into docs/images
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints the load table of docs/service.md: dcl with 1024 keypoints on RedKitchen's map, one worker per core, queue of 32.
+# Prints the load table of docs/results/service.md: dcl with 1024 keypoints on RedKitchen's map, one worker per core, queue of 32.
 #
 #     VEILOC_DATA=../shared/data scripts/service_load.sh
 set -euo pipefail

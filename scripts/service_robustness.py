@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints the tables of docs/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
+"""Prints the tables of docs/results/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
 
     cargo build --release
     VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60]

@@ -1,4 +1,4 @@
-"""Publishes and fetches regions with a local S3 (moto) behind a proxy that injects faults; see docs/regions.md.
+"""Publishes and fetches regions with a local S3 (moto) behind a proxy that injects faults; see docs/reference/map-format.md.
 
     pip install "moto[server,s3]" boto3
     cargo build -p veiloc-cli --features clouds

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints every table of docs/trust.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
+# Prints every table of docs/results/trust.md, with the command above each. Needs VEILOC_DATA. Arguments select parts.
 #
 #     VEILOC_DATA=../shared/data scripts/trust.sh [negatives] [stress] [focal] [coverage] [frames] [gravity] > trust.txt
 #

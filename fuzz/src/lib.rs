@@ -56,7 +56,7 @@ pub fn map_file(bytes: &[u8]) {
     assert_eq!(MapFile::open(&again).expect("a written map opens").to_model(), model);
 }
 
-/// Corrects the checksums: a header of 64 bytes, then its number of entries of 32 bytes (`docs/map-format.md`).
+/// Corrects the checksums: a header of 64 bytes, then its number of entries of 32 bytes (`docs/reference/map-format.md`).
 fn with_checksums(bytes: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     let sections = bytes.get(12..16).and_then(|n| n.try_into().ok()).map_or(0, u32::from_le_bytes);

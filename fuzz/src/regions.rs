@@ -47,5 +47,5 @@ pub fn index(bytes: &[u8]) {
     assert_eq!(ranked.is_empty(), index.image_count() == 0);
 }
 
-/// Position of the checksum in an index (`docs/regions.md`).
+/// Position of the checksum in an index (`docs/reference/map-format.md`).
 const CHECKSUM: std::ops::Range<usize> = 56..64;

@@ -4,7 +4,7 @@
     VEILOC_DATA=../shared/data scripts/service/many_tokens.py [--requests 5000]
 
 One loopback connection, requests one after the other. The token is the last one of the file. The two services take turns, so
-that other load on the machine affects both. Prints the rows of docs/service.md.
+that other load on the machine affects both. Prints the rows of docs/results/service.md.
 """
 
 import hashlib

@@ -191,7 +191,7 @@ export interface Step {
   outcome: "trusted" | "doubtful" | "not-found";
 }
 
-/** The answer; `docs/service.md` describes each field. */
+/** The answer; `docs/reference/http.md` describes each field. */
 export interface Answer {
   version: 1;
   map: string;

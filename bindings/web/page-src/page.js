@@ -38,7 +38,7 @@ function showStatus(text, state = "", detail = "") {
 /**
  * Explains why a third image of a scene is not sealed: without the camera's orientation its anchors cannot be aligned with those of
  * the session. The page does not offer to seal it without a session, because the lines of two such images reveal the keypoints that
- * both show (docs/privacy.md, rule L10).
+ * both show (docs/reference/privacy-rules.md, rule L10).
  */
 function showTooManyStarts() {
   const why = el("oriented").checked

@@ -2,7 +2,7 @@
 //!
 //! [`seal_image`] extracts and seals, [`Client`] sends the query; several images of one scene are sealed in one
 //! [`SessionFile`] or [`Session`]. Callers with their own features start at [`seal`]; callers with their own HTTP
-//! client send [`SealedQuery::encode`] and read [`Answer::decode`]. `docs/privacy.md` describes what an app must not
+//! client send [`SealedQuery::encode`] and read [`Answer::decode`]. `docs/reference/privacy-rules.md` describes what an app must not
 //! do, and the remaining leakage.
 
 pub use veiloc_client::{

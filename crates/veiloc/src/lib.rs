@@ -53,7 +53,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! How to add your own features, attacks, data sets and more: `docs/extending.md`.
+//! How to add your own features, attacks, data sets and more: `docs/guide/extending.md`.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "audit")]

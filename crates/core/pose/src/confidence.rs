@@ -15,7 +15,7 @@
 //! with the pose's covariance `C` and the volume `V` of the region. If wrong matches were as random as the model
 //! assumes, a pose of evidence `B` would occur by chance at most once in `B` queries in any scene: the evidence
 //! accounts for the number of poses that were tried. Real wrong matches are not random (repeated structures agree with
-//! each other), so [`Confidence::is_trusted`] requires more; `docs/trust.md` reports measured false positives.
+//! each other), so [`Confidence::is_trusted`] requires more; `docs/results/trust.md` reports measured false positives.
 
 use std::fmt;
 
@@ -28,7 +28,7 @@ use crate::likelihood::{Correspondences, Matches, Symmetric6};
 use crate::ransac::half_planes::direction;
 
 /// Minimum log evidence of a trusted pose from lines: once in three million by chance. Of 1,550 out-of-map images none
-/// reached more than 1; right poses began at 17 (`docs/trust.md`).
+/// reached more than 1; right poses began at 17 (`docs/results/trust.md`).
 const MIN_LOG_EVIDENCE: f64 = 15.0;
 
 /// Minimum log evidence of a trusted pose from points. Points hold so much information that scenes with a common object

@@ -16,7 +16,7 @@
 //! the scene projected onto an anchor; the likelihood does not.
 //!
 //! An estimate has a covariance that matches its real errors and a [`Confidence`] that says whether to trust it.
-//! Recall, errors and times: `docs/pose-engine.md`.
+//! Recall, errors and times: `research/notes/pose-engine.md`.
 //!
 //! # Example
 //! A camera at the origin, and sixty keypoints of which the query contains one line each:

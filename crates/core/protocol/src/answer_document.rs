@@ -1,4 +1,4 @@
-//! An answer as JSON, the form for people and other programs, with the fields that `docs/service.md` lists.
+//! An answer as JSON, the form for people and other programs, with the fields that `docs/reference/http.md` lists.
 
 use serde::Serialize;
 

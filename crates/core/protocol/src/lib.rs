@@ -14,7 +14,7 @@
 //! - [`CanonicalCamera`]: the camera of all positions, which identifies no individual lens.
 //!
 //! Each message has one version; another version is rejected with the remedy ([`QueryError::Version`]).
-//! `docs/wire-format.md` and `proto/veiloc/` describe the bytes, `docs/privacy.md` the reasons.
+//! `docs/reference/wire-format.md` and `proto/veiloc/` describe the bytes, `docs/reference/privacy-rules.md` the reasons.
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};

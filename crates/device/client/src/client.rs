@@ -91,7 +91,7 @@ impl Client {
 
     /// The pose of a device that took several images and measured its motion between them: the answer's pose is that of
     /// the rig to which the frames belong. The queries are sent as they were sealed, and every retry sends the same
-    /// bytes (rule L7). `docs/privacy.md` says what a session reveals beyond its queries.
+    /// bytes (rule L7). `docs/reference/privacy-rules.md` says what a session reveals beyond its queries.
     ///
     /// Frames that cannot determine a pose alone are allowed beside one that can.
     ///

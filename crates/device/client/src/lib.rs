@@ -14,7 +14,7 @@
 //! - [`ClientOptions`] and [`RetryPolicy`]: limits, and a [`Notice`] for each event during a call.
 //!
 //! # What the client never does
-//! It never seals an image twice (rule L7 of `docs/privacy.md`): when the service is busy or the network fails, it
+//! It never seals an image twice (rule L7 of `docs/reference/privacy-rules.md`): when the service is busy or the network fails, it
 //! sends the same bytes again. It uses plain HTTP only to this machine, unless [`ClientOptions::insecure_http`]
 //! declares the network safe. It does not trust responses: it checks lengths, types and formats, and removes control
 //! characters from texts ([`printable`]).

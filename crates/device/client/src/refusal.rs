@@ -9,7 +9,7 @@ use serde_json::Value;
 pub struct Refusal {
     /// The HTTP status.
     pub status: u16,
-    /// The problem type, as listed in `docs/service.md`; empty when the service gave none.
+    /// The problem type, as listed in `docs/reference/http.md`; empty when the service gave none.
     pub name: String,
     /// The short text of the problem type; empty when the service gave none.
     pub title: String,

@@ -10,7 +10,7 @@ pub struct LocalizeRequest {
     /// that do not know the option.
     pub trusted_only: bool,
     /// Approximate position of the camera. It reveals that position to the service even when no pose is found
-    /// (`docs/privacy.md`).
+    /// (`docs/reference/privacy-rules.md`).
     pub near: Option<PositionHint>,
 }
 

@@ -27,7 +27,7 @@ pub trait Extractor: Send + Sync {
     /// Radius of a descriptor's window, as a multiple of the keypoint's scale.
     ///
     /// A descriptor whose window crosses the image's border shows the border, and so reveals the position of its
-    /// keypoint: a device drops it ([`Features::whole`], rule L11 of docs/privacy.md). 0 keeps all features, and is
+    /// keypoint: a device drops it ([`Features::whole`], rule L11 of docs/reference/privacy-rules.md). 0 keeps all features, and is
     /// correct only for descriptors that do not show the border.
     fn reach(&self) -> f64;
 

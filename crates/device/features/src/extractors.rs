@@ -32,7 +32,7 @@ impl Default for Extractors {
 
 impl Extractors {
     /// Default features of new maps, and of images without a map: compact descriptors have a quarter of RootSIFT's
-    /// bytes at the same recall and accuracy (`docs/features.md`).
+    /// bytes at the same recall and accuracy (`docs/results/features.md`).
     pub const DEFAULT: &'static str = "compact";
 
     /// The built-in ones as a device uses them for sealing ([`Sift::for_sealing`], [`Compact::for_sealing`]).

@@ -9,7 +9,7 @@ use crate::{FeatureError, Image};
 /// Computes global descriptors of images.
 ///
 /// A device sends none unless its owner consents to exactly this model: such a vector reveals more than the rows of a
-/// query (rule L14 of docs/privacy.md).
+/// query (rule L14 of docs/reference/privacy-rules.md).
 pub trait GlobalExtractor: Send + Sync {
     /// Its model: name and number of codes.
     fn model(&self) -> NamedGlobal;

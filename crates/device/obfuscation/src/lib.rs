@@ -1,7 +1,7 @@
 //! Obfuscation schemes and sealing: the only code that turns keypoints into lines.
 //!
 //! No other crate sees both a keypoint's position and the line that is sent for it. It runs on the device. [`seal`] is
-//! the entry point; `docs/privacy.md` lists each privacy rule with its test.
+//! the entry point; `docs/reference/privacy-rules.md` lists each privacy rule with its test.
 //!
 //! [`SealOptions`] decide how positions are hidden; they belong to the device. A [`Profile`](veiloc_protocol::Profile)
 //! says what to extract, and is followed only within [`DeviceLimits`].
@@ -31,7 +31,7 @@
 //!
 //! # Cargo features
 //! - `ground-truth` (off): obfuscation that also returns the ground truth, for attacks and evaluation. No device needs
-//!   it, and a program for devices must not enable it; `docs/privacy.md` explains how to check this.
+//!   it, and a program for devices must not enable it; `docs/reference/privacy-rules.md` explains how to check this.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ground-truth")]

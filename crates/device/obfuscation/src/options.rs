@@ -79,7 +79,7 @@ impl SealOptions {
     /// These options with at most this many keypoints, the strongest usable ones: what is not sent cannot leak.
     ///
     /// A number between two size classes is rounded down to the smaller one; below the smallest class, decoys fill the
-    /// query up (L5). `docs/audit.md` reports what fewer keypoints cost and gain. This choice of the device replaces
+    /// query up (L5). `docs/results/privacy.md` reports what fewer keypoints cost and gain. This choice of the device replaces
     /// [`DeviceLimits::max_keypoints`]; the profile's limit still applies.
     #[must_use]
     pub const fn with_max_keypoints(mut self, most: usize) -> Self {
@@ -103,7 +103,7 @@ impl SealOptions {
     }
 
     /// These options with the gravity direction measured while the image was taken. It helps where few keypoints match.
-    /// It reveals the tilt of the device, rounded to about a degree (`docs/privacy.md`).
+    /// It reveals the tilt of the device, rounded to about a degree (`docs/reference/privacy-rules.md`).
     #[must_use]
     pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
         self.hints.gravity = gravity;
@@ -123,7 +123,7 @@ impl SealOptions {
     /// exactly this model.
     ///
     /// It reveals more than the rows do: the lighting, and parts of the image without keypoints (decision 0024,
-    /// `docs/privacy.md`, rule L14). No profile and no server can give this consent, and for a map that requests none,
+    /// `docs/reference/privacy-rules.md`, rule L14). No profile and no server can give this consent, and for a map that requests none,
     /// none is computed.
     #[must_use]
     pub fn with_image_global(mut self, extractor: SharedGlobal) -> Self {
@@ -198,7 +198,7 @@ impl SealOptions {
     }
 }
 
-/// How far a device follows a profile, which comes from another party. `docs/privacy.md` has the table.
+/// How far a device follows a profile, which comes from another party. `docs/reference/privacy-rules.md` has the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceLimits {
     /// Most keypoints that are extracted and sent, whatever the profile requests. Default 2048, the default request of

@@ -15,7 +15,7 @@
 //! (rule L7): two seals of one image would reveal more than one, two copies of one seal do not. This crate depends
 //! neither on `veiloc-features` nor on `veiloc-obfuscation`: like the service, it cannot name a keypoint of a query.
 //!
-//! `docs/cluster.md` is for operators, decision 0029 explains the design.
+//! `docs/guide/cluster.md` is for operators, decision 0029 explains the design.
 #![forbid(unsafe_code)]
 
 pub mod bus;

@@ -1,7 +1,7 @@
 //! Messages between gateway and workers: small frames around bytes that a device or the service wrote.
 //!
 //! Both ends are machines of the operator. Lengths, names and numbers are checked nevertheless, and an invalid frame
-//! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
+//! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/guide/cluster.md` lists the fields.
 
 use crate::ClusterError;
 use bytes::Bytes;

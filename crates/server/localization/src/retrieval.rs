@@ -15,7 +15,7 @@ pub struct Retrieved {
 /// The `count` map images most similar to the query, best first; ties in map order.
 ///
 /// In a map of thousands of images only candidates of the index are compared: they include practically all of the
-/// best ten (`docs/scale.md`).
+/// best ten (`docs/results/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
     let found = match map.file().global_index() {
         None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),

@@ -18,7 +18,7 @@
 //! # Validation
 //! A [`MapModel`] may be modified freely; [`MapModel::validate`] checks its consistency, and [`write()`] calls it. A
 //! [`MapFile`] is validated when it is opened (checksums, indices, names, poses), so its accessors neither fail nor
-//! panic. `docs/map-format.md` specifies the format.
+//! panic. `docs/reference/map-format.md` specifies the format.
 //!
 //! # Changing a map
 //! ```

@@ -4,7 +4,7 @@
 //! - [`Server`]: bound to its addresses with all maps open; [`Server::run`] serves until it is stopped.
 //! - [`run_until_signal`]: the same for a program that only runs the service.
 //!
-//! This crate is for programs that embed the service; `veiloc serve` is the ready program, and `docs/service.md`
+//! This crate is for programs that embed the service; `veiloc serve` is the ready program, and `docs/reference/http.md`
 //! describes addresses, answers and refusals. The client side is `veiloc-client`.
 //!
 //! ```
@@ -42,7 +42,7 @@
 //!
 //! # What is never logged
 //! **Invariant, tested in `tests/it/privacy.rs`:** no log line, metric or error contains any content of a query (rule
-//! L8 of `docs/privacy.md`). `routes/record.rs` writes the log lines of requests from names that the operator chose,
+//! L8 of `docs/reference/privacy-rules.md`). `routes/record.rs` writes the log lines of requests from names that the operator chose,
 //! the request id of the server, status and durations. For a panic only the location is logged (`panics.rs`); for
 //! threads of the service, the panic message is discarded. In a program that embeds the service, a panic in a thread
 //! of rayon, which localization uses for a part of its work, also reaches the panic hook of that program. This crate

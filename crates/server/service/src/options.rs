@@ -108,7 +108,7 @@ pub struct ServerOptions {
     pub insecure_http: bool,
     /// Origins whose pages may send requests from a browser (CORS). None by default.
     pub cors: Vec<Origin>,
-    /// The file of tokens, see `docs/service.md`. Without it any client on this machine may query.
+    /// The file of tokens, see `docs/reference/http.md`. Without it any client on this machine may query.
     pub tokens: Option<PathBuf>,
     /// How long the last valid tokens stay in force when the file of tokens is missing, empty or invalid; after that
     /// every query is refused.

@@ -205,7 +205,7 @@ pub(crate) fn set_instance(response: &mut Response, id: RequestId) {
     *response.body_mut() = Body::from(document.body());
 }
 
-/// Refusals of queries: status and name, as in the table of docs/service.md.
+/// Refusals of queries: status and name, as in the table of docs/reference/http.md.
 const QUERY_PROBLEMS: [(u16, &str); 23] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),

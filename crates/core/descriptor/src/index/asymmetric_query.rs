@@ -1,6 +1,6 @@
 //! The query in three bits per code: only signs are stored of images, but more can be kept of the query.
 //!
-//! Three bits per code leave about half of the error of signs (docs/scale.md), for three times the work per word.
+//! Three bits per code leave about half of the error of signs (docs/results/scale.md), for three times the work per word.
 
 use veiloc_simd::{dot_i8, hamming_of_three_bits};
 

@@ -7,7 +7,7 @@
 //!
 //! A query that is similar to some lists and dissimilar to the rest is compared with few images; a query about equally
 //! similar to all lists with eight times as many. Apart from that only the number of lists grows with the number of
-//! images, as its square root. `docs/scale.md` has costs and recall, compared with a graph (HNSW) and exhaustive
+//! images, as its square root. `docs/results/scale.md` has costs and recall, compared with a graph (HNSW) and exhaustive
 //! search.
 
 mod asymmetric_query;

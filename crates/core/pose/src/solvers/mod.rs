@@ -11,7 +11,7 @@
 //!
 //! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has,
 //! and `u` for upright: the vertical is known ([`GravityAlignment`]).
-//! Runtimes: `cargo bench -p veiloc-benches --bench solvers`; a comparison with PoseLib: `docs/solvers.md`.
+//! Runtimes: `cargo bench -p veiloc-benches --bench solvers`; a comparison with PoseLib: `docs/results/poses.md`.
 //! Every solver is deterministic, allocates nothing, never panics, and returns no poses for a degenerate or non-finite
 //! sample: that is not an error, RANSAC draws again.
 //!

@@ -1,4 +1,4 @@
-//! An answer as JSON: the fields of `docs/service.md`, and values that JSON cannot express.
+//! An answer as JSON: the fields of `docs/reference/http.md`, and values that JSON cannot express.
 
 use super::common;
 

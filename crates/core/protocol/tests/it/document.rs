@@ -1,4 +1,4 @@
-//! `docs/wire-format.md` states the length of messages; these tests check it.
+//! `docs/reference/wire-format.md` states the length of messages; these tests check it.
 
 use super::common;
 
@@ -21,7 +21,7 @@ fn length(scheme: Scheme, class: SizeClass) -> usize {
 
 #[test]
 fn lengths_are_as_documented() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
     let document = std::fs::read_to_string(path).expect("the document exists");
     for scheme in Scheme::ALL {
         let cells: Vec<String> =
@@ -55,7 +55,7 @@ fn documented_length_sum_is_exact() {
 }
 
 fn document() -> String {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
     std::fs::read_to_string(path).expect("the document exists")
 }
 

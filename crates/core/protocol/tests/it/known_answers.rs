@@ -1,7 +1,7 @@
 //! The wire format, pinned: these files must be decoded, and encoded again to the same bytes.
 //!
 //! `cargo run -p veiloc-protocol --example known_answers` made the files. The hashes and the meaning of the rows come
-//! from `proto/read_sealed_query.py`, a reader written from `docs/wire-format.md` alone.
+//! from `proto/read_sealed_query.py`, a reader written from `docs/reference/wire-format.md` alone.
 
 use std::fs;
 use std::path::PathBuf;

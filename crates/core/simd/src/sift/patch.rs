@@ -322,7 +322,7 @@ fn root_sift(histogram: &[f32; DESCRIPTOR]) -> [u8; DESCRIPTOR] {
 mod tests {
     use super::*;
 
-    /// The examples of docs/wire-format.md, for authors of other extractors.
+    /// The examples of docs/reference/wire-format.md, for authors of other extractors.
     #[test]
     fn bytes_agree_with_the_documentation() {
         assert_eq!(root_sift(&[7.0; DESCRIPTOR]), [45; DESCRIPTOR]);
@@ -340,7 +340,7 @@ mod tests {
         let byte = |g: f64| (512.0 * (g / (20.0 + clipped)).sqrt()).round().min(255.0) as u8;
         assert_eq!((root_sift(&strong)[0], root_sift(&strong)[20]), (byte(1.0), byte(clipped)));
         assert!(byte(1.0) > 70 && byte(clipped) == 255);
-        let document = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+        let document = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
         let document = std::fs::read_to_string(document).expect("the document exists");
         assert!(document.contains("128 equal numbers become 128 bytes of 45, and a single one becomes 255"));
     }

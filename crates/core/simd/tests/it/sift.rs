@@ -304,7 +304,7 @@ fn ramp(from: f32, orientation: f32) -> [u8; DESCRIPTOR] {
     Patches::new(Backend::best()).describe(view, [48.0, 48.0], 3.0, orientation, memory)
 }
 
-/// The cell and direction of each byte, as in docs/wire-format.md.
+/// The cell and direction of each byte, as in docs/reference/wire-format.md.
 #[test]
 fn byte_order_agrees_with_the_documentation() {
     for eighth in 0..8 {

@@ -1,6 +1,6 @@
 //! Compact descriptors: RootSIFT projected to 64 numbers of 4 bits.
 //!
-//! A quarter of the bytes, with nearest neighbours that are right at least as often (`docs/features.md`). The
+//! A quarter of the bytes, with nearest neighbours that are right at least as often (`docs/results/features.md`). The
 //! projection keeps the directions in which descriptors of different points differ most relative to the differences
 //! within one point (linear discriminant analysis). `scripts/train_compact.py` trained it on warped out-of-map images.
 //! [`Projection`] does the same for any other kind, such as those of networks.

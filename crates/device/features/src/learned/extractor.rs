@@ -15,7 +15,7 @@ use crate::learned::{Description, Engine, Network, Tensor};
 ///
 /// Positions are those of the network, in the image's own pixels. A keypoint's scale is one pixel of the network's
 /// input; it has no orientation. Descriptors are unit vectors in signed bytes, or projections of them. Only the order
-/// of the network's scores is used, and it is removed when a query is sealed (rules L3 and L4 of docs/privacy.md).
+/// of the network's scores is used, and it is removed when a query is sealed (rules L3 and L4 of docs/reference/privacy-rules.md).
 pub struct Learned {
     description: Description,
     kind: DescriptorKind,

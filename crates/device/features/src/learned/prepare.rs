@@ -42,7 +42,7 @@ impl Placement {
 /// `[1, C, H, W]`, and the position of the image in it. `fixed`: width and height when the network has a fixed size.
 ///
 /// The mirror image hides the image's own border: convolutions pad with zeros, and their effect would distinguish
-/// descriptors near the border from others (rule L11 of docs/privacy.md).
+/// descriptors near the border from others (rule L11 of docs/reference/privacy-rules.md).
 pub(crate) fn prepare(image: &GrayImage, input: &Input, fixed: Option<[usize; 2]>) -> (Tensor, Placement) {
     let own = [image.width() as usize, image.height() as usize];
     let margin = input.margin;

@@ -8,7 +8,7 @@ pub(super) const SCALES: usize = 3;
 pub(super) const LEVELS: usize = SCALES + 3;
 /// Blur of the first level of an octave, in pixels of the octave.
 pub(super) const FIRST_SIGMA: f64 = 1.6;
-/// Kernels end at this many standard deviations; 4 are slower and change no value of docs/features.md by more than 0.3
+/// Kernels end at this many standard deviations; 4 are slower and change no value of docs/results/features.md by more than 0.3
 /// %.
 const CUT: f64 = 3.0;
 

@@ -35,7 +35,7 @@ impl Octave {
             padded[..width].copy_from_slice(row);
         }
         // Lowe subtracts 0.5 pixels for the blur of the camera. Full blurring has better repeatability on images (81
-        // against 79 % of keypoints, 448 against 426 correct matches per pair: docs/features.md).
+        // against 79 % of keypoints, 448 against 426 correct matches per pair: docs/results/features.md).
         if options.upsample {
             let source = Source::Doubled(&source, quarter_kernels(0.5 * FIRST_SIGMA));
             Self::of(&source, [0.5, 0.25], 0, options, backend)

@@ -9,7 +9,7 @@ pub struct SiftOptions {
     /// Whether the image is doubled first. Default true: about three times as many keypoints, four times the work.
     pub upsample: bool,
     /// Minimum |difference of Gaussians| of a keypoint, for samples in [0, 1]. Default 0.004; COLMAP's 0.02 / 3 finds
-    /// fewer keypoints indoors and a seventh fewer correct matches there (docs/features.md).
+    /// fewer keypoints indoors and a seventh fewer correct matches there (docs/results/features.md).
     pub peak_threshold: f32,
     /// The largest ratio of principal curvatures; beyond it a keypoint is on an edge. Default 10, Lowe's.
     pub edge_threshold: f32,
@@ -28,7 +28,7 @@ pub enum Border {
     #[default]
     Cut,
     /// From the image continued by its mirror image: used for sealing, where the border must not show (rule L11 of
-    /// docs/privacy.md).
+    /// docs/reference/privacy-rules.md).
     Mirrored,
 }
 

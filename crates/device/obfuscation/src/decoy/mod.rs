@@ -4,7 +4,7 @@
 //! of real rows that are sent: not from other descriptors of the image, and not from anything in a profile, which an
 //! attacker could choose so that decoys stand out ([`blend`]).
 //!
-//! `docs/privacy.md` reports how well decoys hide; `tests/decoys` measures it.
+//! `docs/reference/privacy-rules.md` reports how well decoys hide; `tests/decoys` measures it.
 
 mod blend;
 

@@ -2,7 +2,7 @@
 //! gradients, which reveals that its keypoint is near the border. A device therefore describes the image continued by
 //! its mirror image.
 //!
-//! `research/notes/border.py` trains a stronger classifier; docs/privacy.md reports its results.
+//! `research/notes/border.py` trains a stronger classifier; docs/reference/privacy-rules.md reports its results.
 
 use super::common;
 

@@ -9,7 +9,7 @@
 //!   leak only by comparison with this output.
 //!
 //! The network is trained in PyTorch (`research/train`) on images of scenes that are not evaluated:
-//! `docs/inversion.md`.
+//! `docs/results/privacy.md`.
 
 mod contact_sheet;
 mod document;

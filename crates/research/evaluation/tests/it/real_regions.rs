@@ -1,5 +1,5 @@
 //! Regions of a real map: queries are localized in them as in the whole map. Needs `VEILOC_DATA`.
-#![expect(clippy::print_stdout, reason = "its figures are those of docs/scale.md")]
+#![expect(clippy::print_stdout, reason = "its figures are those of docs/results/scale.md")]
 
 use std::path::Path;
 
@@ -40,7 +40,7 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
 
 /// Every query in the regions that a gateway would choose: all are localized, as many are trusted as in the whole
 /// map, none wrongly, and with nearly the same errors (a region of 20 holds fewer of the ten most relevant images;
-/// docs/scale.md).
+/// docs/results/scale.md).
 #[real_data_test]
 fn queries_are_localized_in_regions_as_in_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");

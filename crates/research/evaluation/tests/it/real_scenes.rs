@@ -17,7 +17,7 @@ fn names(list: &Path) -> Vec<String> {
 }
 
 fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
-    // Every n-th image keeps the test short; the full figures are in docs/results.md.
+    // Every n-th image keeps the test short; the full figures are in docs/results/poses.md.
     let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
     SceneEvaluation {
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),

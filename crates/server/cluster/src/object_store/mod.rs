@@ -13,7 +13,7 @@
 //! - [`Pointer`]: names the current manifest of a map.
 //!
 //! Storage is not trusted: names of objects are SHA-256 values, no more bytes are read than expected, and a file gets
-//! its name only after verification. So faulty or hostile storage can only withhold objects. `docs/regions.md`
+//! its name only after verification. So faulty or hostile storage can only withhold objects. `docs/reference/map-format.md`
 //! specifies the layout.
 //!
 //! # Example

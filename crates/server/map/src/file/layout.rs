@@ -1,4 +1,4 @@
-//! The records of the map file. `docs/map-format.md` is the specification; the known-answer tests check that both
+//! The records of the map file. `docs/reference/map-format.md` is the specification; the known-answer tests check that both
 //! agree.
 //!
 //! ```text

@@ -1,7 +1,7 @@
 //! The section of a packed map: the large arrays of a map, each with as few bits as it needs.
 //!
 //! A map that is not changed any more needs no exact keypoints, and derived data (tracks follow from the points of
-//! the keypoints) need not be stored. `docs/map-format.md` specifies each field.
+//! the keypoints) need not be stored. `docs/reference/map-format.md` specifies each field.
 
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::Intrinsics;

@@ -22,7 +22,7 @@ pub const MOST_OBJECT_BYTES: u64 = 1 << 40;
 
 /// The parts of a cut map: its regions, the index of its images and its profile, each an object named by its SHA-256.
 ///
-/// A JSON document (`docs/regions.md`). Equal maps cut with equal options have equal manifests; the SHA-256 of the
+/// A JSON document (`docs/reference/map-format.md`). Equal maps cut with equal options have equal manifests; the SHA-256 of the
 /// bytes is the id of the manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

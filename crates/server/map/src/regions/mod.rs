@@ -14,7 +14,7 @@
 //!
 //! A region is an ordinary map file ([`crate::Region`]) with the profile of the whole map, so a query sealed for the
 //! whole map fits every region. It has the summary of each point in the whole map, so a match has the same likelihood
-//! as in the whole map. `docs/regions.md` specifies the manifest and the index.
+//! as in the whole map. `docs/reference/map-format.md` specifies the manifest and the index.
 //!
 //! # From a folder to a pose
 //! ```no_run

@@ -18,7 +18,7 @@ use crate::telemetry::RequestContext;
 
 /// The pose of the rig of a session.
 ///
-/// The body holds up to 32 sealed queries with their relative poses (docs/service.md). The answer is like that of a
+/// The body holds up to 32 sealed queries with their relative poses (docs/reference/http.md). The answer is like that of a
 /// single query, with the pose of the rig. After 408, 429, 503 or 504 the client may send the same bytes again.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize-rig", security(("token" = [])),
     params(

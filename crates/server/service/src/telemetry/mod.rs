@@ -8,7 +8,7 @@
 //! - `Traces`, with the cargo feature `opentelemetry`: spans of each request for a collector.
 //!
 //! Nothing here receives any content of a query: labels, fields and names are names that the operator chose, routes,
-//! statuses, names of problems, durations and counts (rule L8 of `docs/privacy.md`).
+//! statuses, names of problems, durations and counts (rule L8 of `docs/reference/privacy-rules.md`).
 //!
 //! ```
 //! use veiloc_service::telemetry::{MetricsOptions, Metrics, RequestIds};

@@ -155,7 +155,7 @@ fn every_alert_has_a_runbook_section_and_a_test() {
     }
 }
 
-/// All refusals in the table of `docs/service.md` have a counter from the start.
+/// All refusals in the table of `docs/reference/http.md` have a counter from the start.
 #[test]
 fn documented_refusals_have_counters_from_the_start() {
     let files = Files::new();

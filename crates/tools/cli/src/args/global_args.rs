@@ -54,7 +54,7 @@ impl MapGlobalArgs {
 pub(crate) struct ConsentArgs {
     /// Consent to send the global descriptor of this model if the map requests it: a name (`veiloc models`), or a .toml
     /// file that describes the model. It is computed from the whole image and reveals more than the local descriptors
-    /// do (docs/privacy.md, rule L14). Default: no consent; maps that request such a descriptor are refused.
+    /// do (docs/reference/privacy-rules.md, rule L14). Default: no consent; maps that request such a descriptor are refused.
     #[arg(long, value_name = "MODEL|FILE")]
     image_global: Option<String>,
 }
@@ -77,7 +77,7 @@ impl ConsentArgs {
             None => {
                 options.image_global(profile).map_err(|refused| {
                     let help = format!(
-                        "to send it, read docs/privacy.md, rule L14, and give --image-global {requested}; or \
+                        "to send it, read docs/reference/privacy-rules.md, rule L14, and give --image-global {requested}; or \
                          query a map without it"
                     );
                     Failure::with_help(refused, help)

@@ -7,7 +7,7 @@ use veiloc_protocol::Enough;
 pub(crate) struct ProgressiveArgs {
     /// Send the query in steps: first 256 random rows, then twice as many, and so on, until the pose is trusted. Rows
     /// that are not sent reveal nothing. Each step repeats the rows of the steps before it, and the server and a
-    /// network observer learn the number of steps (docs/privacy.md). Default: all rows at once.
+    /// network observer learn the number of steps (docs/reference/privacy-rules.md). Default: all rows at once.
     #[arg(long)]
     progressive: bool,
     /// Continue until the standard deviation of the position in its least certain direction is at most this value, map

@@ -15,11 +15,11 @@ pub(crate) struct DeviceArgs {
     /// Obfuscation scheme: dcl, random-lines, coordinate-permutation, or points, which sends keypoint positions in the
     /// clear. The device decides, not the map or the service. dcl uses the paper's two halves (dcl:horizontal and
     /// dcl:angle=DEGREES change the border between them); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y assigns
-    /// stripes to anchors of your choice, with higher accuracy and other leaks (docs/layouts.md).
+    /// stripes to anchors of your choice, with higher accuracy and other leaks (research/notes/layouts.md).
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
     /// Send at most N keypoints, the strongest, rounded down to a size class (256, 512, 1024, 2048, 4096); keypoints
-    /// that are not sent leak nothing, and the pose gets slightly less accurate (docs/audit.md). Default: as many as
+    /// that are not sent leak nothing, and the pose gets slightly less accurate (docs/results/privacy.md). Default: as many as
     /// the profile requests, at most 2048.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     max_keypoints: Option<u32>,

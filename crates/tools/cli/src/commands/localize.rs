@@ -52,7 +52,7 @@ pub(crate) struct Args {
     #[arg(required_unless_present_any = ["rig", "list"], value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
-    /// its standard deviations (docs/json.md). Gives one pose of the device.
+    /// its standard deviations (docs/reference/json.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad", "report_file"])]
     rig: Option<PathBuf>,
     #[command(flatten)]

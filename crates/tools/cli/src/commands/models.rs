@@ -14,7 +14,7 @@ use crate::ui::Ui;
 ///
 /// Files are searched in the folders of the environment variable VEILOC_MODELS, and in each in the sub-folder with the
 /// model's name. Nothing is downloaded. Other ONNX networks of the same form can be used with a .toml file that
-/// describes them (docs/features.md).
+/// describes them (docs/results/features.md).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Print one JSON document to stdout.

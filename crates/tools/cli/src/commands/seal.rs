@@ -25,7 +25,7 @@ use crate::ui::Ui;
 /// A sealed query contains descriptors and lines, never keypoints; a server gets nothing else. From the image file only
 /// the pixels are read and, if no camera is given, the focal length in its EXIF data: no time and no location. All
 /// randomness comes from the operating system's generator, so sealing one image twice gives two different queries;
-/// never send both (see docs/privacy.md, rule L7). Seal two images of one scene in one session (--session).
+/// never send both (see docs/reference/privacy-rules.md, rule L7). Seal two images of one scene in one session (--session).
 ///
 /// Images are independent: an image that cannot be sealed does not stop the others.
 #[derive(clap::Args)]

@@ -32,7 +32,7 @@ use crate::ui::Ui;
 /// Stops on SIGINT or SIGTERM after answering the accepted requests; a second signal stops it at once. Map, token and
 /// certificate files may be replaced (by renaming another file over them) while it runs; SIGHUP makes it read them at
 /// once. The log goes to stderr and never contains data of a query. Endpoints, responses and the token file are
-/// described in docs/service.md.
+/// described in docs/reference/http.md.
 ///
 /// Every option may also be set in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the
 /// environment as VEILOC_DRAIN_DELAY. The environment overrides the file, and the command line overrides both. An

@@ -13,7 +13,7 @@ use crate::exit::Failure;
 #[derive(clap::Args)]
 pub(crate) struct SessionArgs {
     /// Session file of the image; created if it does not exist. Lines of two images of one scene intersect at the
-    /// common points, unless the images belong to one session, whose anchors are fixed in the world (docs/privacy.md,
+    /// common points, unless the images belong to one session, whose anchors are fixed in the world (docs/reference/privacy-rules.md,
     /// rule L10). The file contains keypoint positions and must stay on this device; delete it to end the session.
     #[arg(long, value_name = "FILE")]
     session: Option<PathBuf>,

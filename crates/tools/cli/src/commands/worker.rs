@@ -24,7 +24,7 @@ use crate::ui::Ui;
 ///
 /// Fetches its regions, verifies and opens them, and joins the group of each region on the bus; then follows newly
 /// published versions. Stops on SIGINT or SIGTERM: leaves its groups and finishes the accepted queries; a second signal
-/// stops it at once. The log goes to stderr and never contains data of a query. docs/cluster.md describes a cluster.
+/// stops it at once. The log goes to stderr and never contains data of a query. docs/guide/cluster.md describes a cluster.
 ///
 /// Every option may also be set in a file (--config) or in the environment, as for `veiloc serve`.
 #[derive(clap::Args)]

@@ -1,4 +1,4 @@
-//! Output of every command: the fields of its document are those of `docs/json.md`, and a failed write is never a
+//! Output of every command: the fields of its document are those of `docs/reference/json.md`, and a failed write is never a
 //! success.
 
 use super::common;
@@ -10,7 +10,7 @@ use common::documented::{Fields, mistakes, tables};
 use common::{CAMERA, EXTRACTION, TestScene, scene};
 use serde_json::{Value, json};
 
-/// Every command that prints a document, by its section of `docs/json.md`. Several commands of a section together cover
+/// Every command that prints a document, by its section of `docs/reference/json.md`. Several commands of a section together cover
 /// all fields. `{seal}` stands for the arguments that seal an image.
 const COMMANDS: &[(&str, &str)] = &[
     ("seal", "seal images/query-0.png no-such.png {seal} -o documents/ --json"),
@@ -171,8 +171,8 @@ fn documentation_check_detects_extra_and_missing_fields() {
         change(&mut document);
         mistakes(attack, &[document])
     };
-    assert_eq!(with(&|d| d["attacks"][0]["secret"] = json!(1)), ["attacks[].secret is not in docs/json.md"]);
-    assert_eq!(with(&|d| d["k"] = json!(null)), ["k is null, and docs/json.md does not say when"]);
+    assert_eq!(with(&|d| d["attacks"][0]["secret"] = json!(1)), ["attacks[].secret is not in docs/reference/json.md"]);
+    assert_eq!(with(&|d| d["k"] = json!(null)), ["k is null, and docs/reference/json.md does not say when"]);
     let gone = |d: &mut Value| _ = d.as_object_mut().expect("an object").remove("seed");
     assert_eq!(with(&gone), ["seed never came"]);
 }

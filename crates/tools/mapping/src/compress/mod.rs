@@ -31,7 +31,7 @@ use crate::progress::Progress;
 pub struct CompressOptions {
     /// Maximum size of the file in bytes.
     pub bytes: u64,
-    /// Maximum number of descriptors per point. Default 3 (`docs/scale.md` has the table).
+    /// Maximum number of descriptors per point. Default 3 (`docs/results/scale.md` has the table).
     pub descriptors_per_point: usize,
 }
 

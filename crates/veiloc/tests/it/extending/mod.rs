@@ -1,4 +1,4 @@
-//! The walk-throughs of `docs/extending.md`: one small extension of each kind, added from outside the crates.
+//! The walk-throughs of `docs/guide/extending.md`: one small extension of each kind, added from outside the crates.
 
 #[path = "../../../examples/rendered/mod.rs"]
 mod rendered;

@@ -16,7 +16,7 @@ const LENGTH: f64 = 32.0;
 /// A learned global descriptor: a description and its networks.
 ///
 /// Its codes are a unit vector times 32 √numbers in bytes. It is computed from the gray image at the networks' size,
-/// including its border. Rule L14 of docs/privacy.md limits what is sent of it.
+/// including its border. Rule L14 of docs/reference/privacy-rules.md limits what is sent of it.
 pub struct LearnedGlobal {
     description: GlobalDescription,
     model: NamedGlobal,

@@ -1,4 +1,4 @@
-//! The rules of docs/privacy.md with learned features: only descriptors of a network's output are sent. Each test also
+//! The rules of docs/reference/privacy-rules.md with learned features: only descriptors of a network's output are sent. Each test also
 //! builds the leak and shows that its own measure detects it.
 
 use super::common;

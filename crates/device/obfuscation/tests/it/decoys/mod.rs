@@ -1,5 +1,5 @@
 //! How well decoys hide among real keypoints, measured on real descriptors (`VEILOC_DATA`): the numbers in
-//! `docs/privacy.md`. `cargo test -p veiloc-obfuscation --test it decoys -- --nocapture` prints them.
+//! `docs/reference/privacy-rules.md`. `cargo test -p veiloc-obfuscation --test it decoys -- --nocapture` prints them.
 
 mod measures;
 mod networks;

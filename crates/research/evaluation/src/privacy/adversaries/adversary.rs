@@ -87,7 +87,7 @@ impl Adversary {
     /// Its attacks, by their names in [`crate::audit::ATTACKS`].
     pub const fn attacks(self) -> &'static [&'static str] {
         match self {
-            // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/audit.md`):
+            // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/results/privacy.md`):
             // it is never the best attack and takes longest; see `thorough`.
             Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
             Self::OutsiderNetwork => &["trained-positions"],

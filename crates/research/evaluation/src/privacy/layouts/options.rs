@@ -32,7 +32,7 @@ pub struct LayoutsEvaluation {
 
 impl LayoutsEvaluation {
     /// Default layouts: the paper's, a diagonal with two corners, stripes, and the result of the search in
-    /// `docs/layouts.md`.
+    /// `research/notes/layouts.md`.
     pub const DEFAULT: [&str; 6] = [
         "dcl:paper",
         "dcl:axis=143.13:sectors=2:anchors=0.667/-0.5+0.667/0.5",

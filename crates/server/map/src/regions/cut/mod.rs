@@ -29,7 +29,7 @@ pub struct SplitOptions {
     /// machine holds many and loads a new one within seconds.
     pub images: usize,
     /// Share of the images reserved for the overlap, from 0 to 0.9; smaller cores leave more. Default 0.3: more costs
-    /// bytes without benefit (docs/scale.md).
+    /// bytes without benefit (docs/results/scale.md).
     pub overlap: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The layout of an index file. `docs/regions.md` is the specification.
+//! The layout of an index file. `docs/reference/map-format.md` is the specification.
 //!
 //! ```text
 //! header     64 bytes

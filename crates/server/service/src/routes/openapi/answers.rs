@@ -7,7 +7,7 @@ use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder};
 
-/// Statuses and descriptions; the names of problems are in docs/service.md.
+/// Statuses and descriptions; the names of problems are in docs/reference/http.md.
 const REFUSALS: [(u16, &str); 14] = [
     (400, "Not a sealed query of a known version, an option that is none, or a body that broke off"),
     (401, "No valid token"),

@@ -25,7 +25,7 @@ use crate::ui::Ui;
 ///
 /// The query contains descriptors and lines, never pixels or keypoints. The image is sealed once; if the service is
 /// busy or the network fails, the same bytes are sent again. Send an image once, and do not seal it again in another
-/// way (see docs/privacy.md, rule L7).
+/// way (see docs/reference/privacy-rules.md, rule L7).
 ///
 /// With `--progressive` only as many rows are sent as a trusted pose needs.
 ///
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(required_unless_present = "rig")]
     image: Option<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
-    /// its standard deviations (docs/json.md). Gives one pose of the device.
+    /// its standard deviations (docs/reference/json.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE",
         conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! The tables of `docs/json.md`, and the check of a document against them.
+//! The tables of `docs/reference/json.md`, and the check of a document against them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -19,8 +19,8 @@ pub struct Field {
 
 /// Every table of the page, by command.
 pub fn tables() -> BTreeMap<String, Fields> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/json.md");
-    let text = fs::read_to_string(&path).expect("docs/json.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/reference/json.md");
+    let text = fs::read_to_string(&path).expect("docs/reference/json.md");
     let mut tables: BTreeMap<String, Fields> = BTreeMap::new();
     let mut own_names: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     let mut command = None;
@@ -113,9 +113,9 @@ fn walk(
                 return;
             }
             match fields.get(path) {
-                None => _ = wrong.insert(format!("{path} is not in docs/json.md")),
+                None => _ = wrong.insert(format!("{path} is not in docs/reference/json.md")),
                 Some(field) if value.is_null() && !field.nullable => {
-                    wrong.insert(format!("{path} is null, and docs/json.md does not say when"));
+                    wrong.insert(format!("{path} is null, and docs/reference/json.md does not say when"));
                 }
                 Some(_) => {}
             }

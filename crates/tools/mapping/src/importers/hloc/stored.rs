@@ -125,7 +125,7 @@ impl Stored for StoredFeatures {
 
 /// A unit vector times 32 square roots of its dimension, as for network kinds (decision 0022).
 const NORM: f64 = 32.0;
-/// Radius in pixels around a keypoint that a SuperPoint descriptor covers (docs/privacy.md, rule L11).
+/// Radius in pixels around a keypoint that a SuperPoint descriptor covers (docs/reference/privacy-rules.md, rule L11).
 const RECEPTIVE_RADIUS: f64 = 32.0;
 /// hloc's `resize_max` in most of its settings.
 const DEFAULT_MAX_SIDE: f64 = 1024.0;
