@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Writes docs/reference/flags.md: the help of every command, as the program prints it. Standard library only.
 
-    cargo build --release --features full
-    scripts/flags_page.py target/release/veiloc            write the page
-    scripts/flags_page.py target/release/veiloc --check    fail when the page is not what the program says
+    cargo build --workspace
+    scripts/flags_page.py target/debug/veiloc            write the page
+    scripts/flags_page.py target/debug/veiloc --check    fail when the page is not what the program says
 """
 
 import argparse
@@ -17,6 +17,7 @@ HEAD = """# Commands and flags
 
 The help of every command, as `veiloc COMMAND --help` prints it.
 `scripts/flags_page.py` writes this page; do not edit it.
+The cargo feature `opentelemetry` adds `--otlp URL` to `veiloc serve`.
 """
 
 
@@ -41,7 +42,7 @@ def sections(program: str, command: list[str]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("veiloc", help="the program, built with --features full")
+    parser.add_argument("veiloc", help="the program, built with the whole workspace")
     parser.add_argument("--check", action="store_true", help="compare instead of writing")
     arguments = parser.parse_args()
     page = HEAD + "".join(sections(arguments.veiloc, []))

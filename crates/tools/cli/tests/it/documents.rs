@@ -171,7 +171,10 @@ fn documentation_check_detects_extra_and_missing_fields() {
         change(&mut document);
         mistakes(attack, &[document])
     };
-    assert_eq!(with(&|d| d["attacks"][0]["secret"] = json!(1)), ["attacks[].secret is not in docs/reference/json.md"]);
+    assert_eq!(
+        with(&|d| d["attacks"][0]["secret"] = json!(1)),
+        ["attacks[].secret is not in docs/reference/json.md"]
+    );
     assert_eq!(with(&|d| d["k"] = json!(null)), ["k is null, and docs/reference/json.md does not say when"]);
     let gone = |d: &mut Value| _ = d.as_object_mut().expect("an object").remove("seed");
     assert_eq!(with(&gone), ["seed never came"]);

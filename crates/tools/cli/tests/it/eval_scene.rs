@@ -34,7 +34,7 @@ fn negatives_are_counted_and_not_trusted() {
         (
             "--negatives-posed posed --negatives-images images --negatives-list queries.txt",
             1,
-            &["negatives", "another place"],
+            &["negatives", "another scene"],
         ),
         (
             "--negatives-posed other/posed --negatives-images other/images --negatives-list map.txt",

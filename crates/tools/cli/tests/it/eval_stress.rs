@@ -21,7 +21,7 @@ fn every_stress_has_rows_and_none_is_first() {
     let scene = scene();
     let run = scene.run(&format!("eval stress {SCENE_ARGS} --optimum --json stress.json")).succeeded();
     assert!(
-        run.stdout.contains("optimum ≤0.05/5 %") && run.stderr.contains("one in 3 of them, 4 images"),
+        run.stdout.contains("optimum ≤0.05/5 %") && run.stderr.contains("one image in 3, 4 images"),
         "{run}"
     );
     let result = document(&scene.read("stress.json"));

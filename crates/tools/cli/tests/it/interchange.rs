@@ -127,5 +127,5 @@ fn exported_pairs_reproduce_the_map() {
     assert!(one.code != Some(2), "{one}");
     scene.write("foreign.txt", "a.png b.png\n");
     let none = scene.run(&build(&format!("{few} --pairs foreign.txt -o none.vmap")));
-    assert!(none.code == Some(1) && none.stderr.contains("none of the 1 pairs"), "{none}");
+    assert!(none.code == Some(1) && none.stderr.contains("none of the 1 given pairs"), "{none}");
 }

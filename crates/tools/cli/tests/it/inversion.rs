@@ -75,7 +75,7 @@ fn unusable_networks_are_named() {
     draw(folder, "image-1.png", 31);
     for (words, file, expected_words) in [
         ("--network image-1.png", "image-1.png", "research/train"),
-        ("--network data/learned/positions.toml", "positions.toml", "one of \"inversion\" is needed"),
+        ("--network data/learned/positions.toml", "positions.toml", "kind \"inversion\" is required"),
         ("--network gone.onnx", "gone.toml", "cannot be read"),
         ("--network data/learned/nan.toml", "nan.onnx", "not finite"),
         ("--network data/learned/plain.toml --features compact", "plain.toml", "--features sift"),

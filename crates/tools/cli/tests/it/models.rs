@@ -43,10 +43,10 @@ fn a_described_network_maps_seals_and_localizes() {
     let out_of_map = "eval negatives --map corners.vmap --images images --schemes dcl";
     let negatives = scene.run(&format!("{out_of_map} {features} --json")).succeeded().json();
     assert!(negatives["rows"][0]["negatives"].as_u64() > Some(0), "{negatives}");
-    refused(scene, out_of_map, &["no features of the name \"corners\""]);
+    refused(scene, out_of_map, &["unknown feature type \"corners\""]);
 
     // `corners` without a description; another kind than the map's; compact rows for a map of corners.
-    refused(scene, &format!("{seal} -o none.vquery"), &["no features of the name \"corners\"", "xfeat"]);
+    refused(scene, &format!("{seal} -o none.vquery"), &["unknown feature type \"corners\"", "xfeat"]);
     refused(scene, &format!("{seal} --features sift -o none.vquery"), &["do not match", "corners", "sift"]);
     let of_compact =
         format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o none.vquery");

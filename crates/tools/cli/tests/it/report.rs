@@ -54,7 +54,7 @@ fn scene_report_leaves_document_unchanged() {
     let text = page(scene, "scene.html");
     assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 3);
     assert_eq!(text.matches("data:image/jpeg").count(), 3);
-    assert!(text.contains("contains 3 images of queries"));
+    assert!(text.contains("contains 3 complete query images"));
     // Rows of points and of half-lines, some of them inliers; one line belongs to the legend.
     assert_eq!(text.matches("class=\"line inlier\" d=\"M").count(), 3 + 1);
     assert_eq!(text.matches("class=\"dot inlier\" d=\"M").count(), 3);

@@ -103,7 +103,7 @@ fn third_session_start_at_one_position_is_refused() {
     scene.run(&seal("wider.png", words, "starts-1.vquery")).succeeded();
     let run = scene.run(&seal("widest.png", words, "starts-2.vquery"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("2 images of this place") && run.stderr.contains("orientation"), "{run}");
+    assert!(run.stderr.contains("2 images of this scene") && run.stderr.contains("orientation"), "{run}");
     assert!(!scene.path("starts-2.vquery").exists());
 }
 
@@ -114,7 +114,7 @@ fn anchors_are_fixed_to_requested_frame() {
     let words = format!("--session level.session --anchors gravity {}", orientation_of(scene, image));
     let run = scene.run(&seal(image, &words, "level.vquery"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("which way is down"), "{run}");
+    assert!(run.stderr.contains("no gravity direction"), "{run}");
     let down: [f64; 3] = (scene.pose_of(image).rotation() * Vector3::new(0.0, 0.0, -1.0)).into();
     let layout = "dcl:axis=90:sectors=16:anchors=@90+@0";
     let words = format!("{words} --scheme {layout} --gravity={},{},{}", down[0], down[1], down[2]);
@@ -141,7 +141,7 @@ fn invalid_sessions_and_orientations_are_refused() {
     wrong("--session new.session --orientation 1,0,0", 2, &["quaternion"]);
     wrong("--session new.session --anchors moon", 2, &["gravity"]);
     scene.write("other.session", "something else");
-    wrong("--session other.session", 1, &["no session of veiloc", "begin another"]);
+    wrong("--session other.session", 1, &["not a session of veiloc", "begin another"]);
     scene.write("newer.session", [b"VSESSION".as_slice(), &9_u32.to_le_bytes(), &[0; 64]].concat());
     wrong("--session newer.session", 1, &["version 9"]);
     wrong("--session no/such/folder/a.session", 1, &["folder"]);
