@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import veiloc
-from conftest import every
+from conftest import evenly_spaced
 from veiloc.hloc import localize_sfm
 
 h5py = pytest.importorskip("h5py")
@@ -20,8 +20,8 @@ def pipeline(redkitchen, tmp_path_factory):
     cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     root = tmp_path_factory.mktemp("hloc")
     posed = veiloc.ColmapModel.open(redkitchen / "posed")
-    mapped = every((redkitchen / "map.txt").read_text().split(), 24)
-    queries = every((redkitchen / "query.txt").read_text().split(), 6)
+    mapped = evenly_spaced((redkitchen / "map.txt").read_text().split(), 24)
+    queries = evenly_spaced((redkitchen / "query.txt").read_text().split(), 6)
     sift, seen = cv2.SIFT_create(1500), {}
     with h5py.File(root / "features.h5", "w") as file:
         for name in mapped + queries:
