@@ -495,7 +495,7 @@ def main():
     wait_for(lambda: all(worker.log.read_text().count("no longer published were left") for worker in cluster.workers),
              "the end of the old manifest")
     works("workers leave an old manifest", all(holds(worker) == objects for worker in cluster.workers))
-    cluster.publish(town.map)
+    cluster.publish(scene.map)
     wait_for(lambda: all(worker.log.read_text().count("no longer published were left") > 1 for worker in cluster.workers),
              "the end of the smaller manifest")
     cluster.nats[0].kill()
