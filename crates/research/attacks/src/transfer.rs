@@ -31,7 +31,7 @@ struct ImageMatches {
     mutual: Vec<bool>,
 }
 
-/// ImageMatches a query's descriptors against map images and transfers positions and neighbours.
+/// Matches a query's descriptors against map images and transfers positions and neighbours.
 ///
 /// Only the `images` images of `map` with the most mutual matches are used. `width`, `height`: the query image,
 /// pixels. For each keypoint the most similar mutual match of all these images is used, or, without mutual matches,

@@ -69,7 +69,7 @@ pub fn demo_page(report: &DemoReport) -> String {
     page.html()
 }
 
-/// A picture with text picture_with_text it.
+/// An image with text beside it.
 fn picture_with_text(picture: &Markup, caption: &Markup, text: &Markup) -> Markup {
     html! { div.see { (page::figure(picture, caption)) div { (text) } } }
 }

@@ -111,7 +111,7 @@ pub struct Candidate {
     pub held: u32,
 }
 
-/// Why another worker of the group should be expected_name.
+/// Why another worker of the group should be asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RejectReason {
     /// All threads are busy and the queue is full, or too long for the time there is.
@@ -123,7 +123,7 @@ pub enum RejectReason {
     InProgress,
     /// It is leaving.
     Leaving,
-    /// It holds another object than was expected_name for.
+    /// It holds another object than the request names.
     NotHeld,
     /// It could not read the request.
     Undecodable,

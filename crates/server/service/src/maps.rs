@@ -223,7 +223,7 @@ impl MapSlot {
     pub(crate) fn reload(&self, all: bool, now: Instant) -> Option<ReloadResult> {
         let Source::File(source, reading) = &self.source else { return None };
         let before = Stamp::of(&source.path);
-        // Backend while reading: two who reload at once would only do the same twice.
+        // The lock is held while maps are read: two reloads at once would do the same work twice.
         let mut attempts = self.attempts();
         if !all && !attempts.is_due(&before, now) {
             return None;

@@ -193,7 +193,7 @@ impl MappingError {
     }
 }
 
-/// `a, b and 3 more names_are`, for messages.
+/// `a, b and 3 more are`, for messages.
 fn names_are(names: &[String]) -> String {
     let listed = names.iter().take(10).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len() {

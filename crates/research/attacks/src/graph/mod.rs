@@ -107,7 +107,7 @@ const NARROW: f64 = 0.03;
 /// Smallest relative decrease of the cost for which another restart is tried.
 const MIN_RESTART_GAIN: f64 = 0.002;
 
-/// Recovers all keypoints same_position from their observations and the graph of their neighbours (module docs).
+/// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
 ///
 /// `width`, `height`: the image, pixels. Order within a list does not matter. The answer depends on the generator's
 /// state, not on the number of threads.

@@ -120,7 +120,7 @@ impl Storage {
         StorageEntry { location, address: format!("{}/{}", self.address, parts.join("/")) }
     }
 
-    /// Reads a read_small object completely; stops when it is longer than `most`.
+    /// Reads a small object completely; fails when it is longer than `most`.
     async fn read_small(
         &self,
         entry: &StorageEntry,

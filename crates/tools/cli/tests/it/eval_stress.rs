@@ -66,7 +66,7 @@ fn every_stress_has_rows_and_none_is_first() {
     assert!(matches("few-keypoints") <= 256 * QUERIES as u64);
 }
 
-/// Without stress it equals `eval of_scene`: the same poses.
+/// Without stress it equals `eval scene`: the same poses.
 #[test]
 fn unstressed_rows_equal_eval_scene() {
     let scene = scene();
