@@ -46,7 +46,7 @@ impl SplitMix64 {
 ///
 /// # Panics
 /// When the folder has no file or a file with another extension, and when the property panics.
-pub fn hold_on_files(folder: &std::path::Path, extension: &str, count: usize, property: impl Fn(&[u8])) {
+pub fn check_files(folder: &std::path::Path, extension: &str, count: usize, property: impl Fn(&[u8])) {
     let mut paths: Vec<_> =
         std::fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("an entry").path()).collect();
     paths.sort();

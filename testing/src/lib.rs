@@ -1,4 +1,4 @@
-//! Shared test helpers: a scene of random points ([`RandomPlace`]), a map of rooms ([`rooms`]), hand-made EXIF
+//! Shared test helpers: a scene of random points ([`RandomScene`]), a map of rooms ([`rooms`]), hand-made EXIF
 //! ([`exif`]), and fixtures on disk ([`fixture`]).
 //!
 //! Fixtures are expensive data: created once, stored on disk beside the builds, and shared by all processes.
@@ -9,7 +9,7 @@
 #![forbid(unsafe_code)]
 
 pub mod exif;
-mod random_place;
+mod random_scene;
 mod rooms;
 
 use std::fs::{self, File};
@@ -18,7 +18,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-pub use random_place::{RandomPlace, pose_in_place};
+pub use random_scene::{RandomScene, pose_in_scene};
 pub use rooms::rooms;
 
 /// How long fixtures with an earlier key are kept: another test program may still use them.

@@ -137,9 +137,9 @@ impl Answer {
             noise_px: Some(found.noise_px),
             focal_scale: Some(found.focal_scale),
             gravity: match found.gravity {
-                GravityUse::NotTold => None,
+                GravityUse::NotProvided => None,
                 GravityUse::Used => Some("used"),
-                GravityUse::MapDoesNotKnow => Some("unused"),
+                GravityUse::UnknownInMap => Some("unused"),
             },
             retrieved: found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect(),
             ms: times(found.times.retrieve_ms, found.times.match_ms, found.times.pose_ms),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::Trial;
 use veiloc_mapping::{BuildOptions, Input, Share, Stage, prepare as prepare_share};
 
@@ -66,7 +66,7 @@ pub(crate) fn prepare(
         if let Some(names) = &names {
             input = input.with_names(names);
         }
-        let cache = Keeping::in_folder(&work, &options).map_err(BindingError::map)?;
+        let cache = FolderCache::in_folder(&work, &options).map_err(BindingError::map)?;
         let done = prepare_share(&input, &cache, &options, stage, share, progress)?;
         cache.finish().map_err(BindingError::map)?;
         Ok((done.done, done.of_all))

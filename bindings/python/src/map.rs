@@ -11,8 +11,10 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
-use veiloc_mapping::build_cache::Keeping;
-use veiloc_mapping::calibration::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
+use veiloc_mapping::build_cache::FolderCache;
+use veiloc_mapping::calibration::{
+    SelfTestOptions, Trial, chosen, is_testable, self_test, summarize_trials, trials,
+};
 use veiloc_mapping::{BuildOptions, Doubt, Input, Words};
 use veiloc_protocol::SealedQuery;
 
@@ -107,10 +109,10 @@ impl Map {
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
-            let cache = work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose();
+            let cache = work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose();
             let cache = cache.map_err(BindingError::map)?;
             if let Some(cache) = &cache {
-                input = input.with_kept(cache);
+                input = input.with_cache(cache);
             }
             let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
@@ -321,7 +323,7 @@ impl Map {
                     wanted.len()
                 )));
             }
-            model.self_test = Some(test_of(&model, &tried, &options));
+            model.self_test = Some(summarize_trials(&model, &tried, &options));
             Self::of_model(&model, self.warnings.clone())
         })
     }

@@ -69,5 +69,5 @@ fn write(path: &Path, image: &RgbImage) -> Result<()> {
     let mut bytes = Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png).map_err(BindingError::other)?;
     let refused = |why| BindingError::other(format_args!("{}: {why}", path.display()));
-    veiloc_map::atomic_file::write_whole(path, bytes.get_ref()).map_err(refused)
+    veiloc_map::atomic_file::write_atomic(path, bytes.get_ref()).map_err(refused)
 }

@@ -23,7 +23,7 @@ pub use camera_model::{CameraModel, IntrinsicsError};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
 pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};
-pub use pencils::{Anchor, AnchorPlace, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
+pub use pencils::{Anchor, AnchorPosition, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
 
 /// The linear algebra library of the types of this crate, so that callers use the same version.

@@ -48,23 +48,23 @@ impl fmt::Debug for SealedFrame {
 /// What a device sends to be localized by several images at once.
 #[derive(Debug, Clone)]
 pub struct RigMessage {
-    /// 1 to [`Self::MOST_FRAMES`].
+    /// 1 to [`Self::MAX_FRAMES`].
     pub frames: Vec<SealedFrame>,
 }
 
 impl RigMessage {
     /// Maximum number of frames.
-    pub const MOST_FRAMES: usize = 32;
+    pub const MAX_FRAMES: usize = 32;
 
     /// Bytes of a frame beside its sealed query.
     const FRAME_BYTES: usize = 9 * 8 + 4;
 
     /// Length of the longest message whose sealed queries have at most `query` bytes each.
     pub const fn longest(query: usize) -> usize {
-        MAGIC.len() + 1 + Self::MOST_FRAMES * (Self::FRAME_BYTES + query)
+        MAGIC.len() + 1 + Self::MAX_FRAMES * (Self::FRAME_BYTES + query)
     }
 
-    /// Encodes the message. With more than [`Self::MOST_FRAMES`] frames, [`Self::decode`] rejects it.
+    /// Encodes the message. With more than [`Self::MAX_FRAMES`] frames, [`Self::decode`] rejects it.
     pub fn encode(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         bytes.push(u8::try_from(self.frames.len()).unwrap_or(u8::MAX));
@@ -98,7 +98,7 @@ impl RigMessage {
             None => malformed("another file type".to_owned()),
         })?;
         let count = take(&mut rest, 1).map_or(0, |byte| byte[0]);
-        if !(1..=Self::MOST_FRAMES).contains(&usize::from(count)) {
+        if !(1..=Self::MAX_FRAMES).contains(&usize::from(count)) {
             return Err(QueryError::Field { field: "frames", value: count.into(), allowed: "1 to 32" });
         }
         let mut frames = Vec::with_capacity(count.into());

@@ -4,7 +4,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use veiloc_geometry::{Anchor, AnchorPlace, Layout, Sectors};
+use veiloc_geometry::{Anchor, AnchorPosition, Layout, Sectors};
 
 use crate::QueryError;
 
@@ -71,13 +71,13 @@ impl SectorLayout {
             let code = (radians.to_degrees().rem_euclid(180.0) * 100.0).round();
             code as u16 % HALF_TURN
         };
-        let anchor = |anchor: &AnchorPlace| match *anchor {
-            AnchorPlace::At(at) => {
+        let anchor = |anchor: &AnchorPosition| match *anchor {
+            AnchorPosition::At(at) => {
                 let [x, y] = at.map(|x| (x * HEIGHT).round());
                 let fits = |x: f64| x.abs() <= f64::from(FARTHEST);
                 (fits(x) && fits(y)).then_some(AnchorCode::At(x as i16, y as i16))
             }
-            AnchorPlace::Toward(angle) => Some(AnchorCode::Toward(degrees(angle))),
+            AnchorPosition::Toward(angle) => Some(AnchorCode::Toward(degrees(angle))),
         };
         let sectors = |s: &Sectors| {
             let count = u8::try_from(s.count).ok().filter(|c| *c <= MAX_SECTORS)?;
@@ -103,15 +103,15 @@ impl SectorLayout {
     pub fn layout(&self) -> Layout {
         let radians = |code: u16| f64::from(code) * (std::f64::consts::PI / f64::from(HALF_TURN));
         let anchor = |anchor: &AnchorCode| match *anchor {
-            AnchorCode::At(x, y) => AnchorPlace::At([f64::from(x) / HEIGHT, f64::from(y) / HEIGHT]),
-            AnchorCode::Toward(angle) => AnchorPlace::Toward(radians(angle)),
+            AnchorCode::At(x, y) => AnchorPosition::At([f64::from(x) / HEIGHT, f64::from(y) / HEIGHT]),
+            AnchorCode::Toward(angle) => AnchorPosition::Toward(radians(angle)),
         };
         let sectors = |s: &SectorCode| Sectors {
             axis: radians(s.axis),
             count: s.count.into(),
             shift: f64::from(s.shift) / f64::from(SECTOR),
         };
-        let anchors: Vec<AnchorPlace> = self.anchors[..self.anchors()].iter().map(anchor).collect();
+        let anchors: Vec<AnchorPosition> = self.anchors[..self.anchors()].iter().map(anchor).collect();
         Layout::new(&anchors, sectors(&self.sectors), self.across.as_ref().map(sectors))
             .expect("the constructors reject layouts that do not close")
     }
@@ -226,12 +226,12 @@ impl FromStr for SectorLayout {
                 "anchors" => {
                     let anchor = |text: &str| {
                         if let Some(angle) = text.strip_prefix('@') {
-                            return Ok(AnchorPlace::Toward(number(angle)?.to_radians()));
+                            return Ok(AnchorPosition::Toward(number(angle)?.to_radians()));
                         }
                         let (x, y) = text.split_once('/').ok_or_else(refuse)?;
-                        Ok(AnchorPlace::At([number(x)?, number(y)?]))
+                        Ok(AnchorPosition::At([number(x)?, number(y)?]))
                     };
-                    let positions: Result<Vec<AnchorPlace>, QueryError> =
+                    let positions: Result<Vec<AnchorPosition>, QueryError> =
                         value.split('+').map(anchor).collect();
                     anchors.replace(positions?).is_some()
                 }

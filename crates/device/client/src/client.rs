@@ -105,7 +105,7 @@ impl Client {
         request: &LocalizeRequest,
     ) -> Result<Answer, ClientError> {
         let url = self.transport.address().of_map(map, "localize-rig")?;
-        if !(1..=RigMessage::MOST_FRAMES).contains(&rig.frames.len()) {
+        if !(1..=RigMessage::MAX_FRAMES).contains(&rig.frames.len()) {
             return Err(ClientError::Frames { frames: rig.frames.len() });
         }
         let sides: Vec<_> = rig.frames.iter().map(|frame| frame.query.check_sides()).collect();

@@ -45,7 +45,7 @@ pub enum ClientError {
     #[error(transparent)]
     Lopsided(#[from] Lopsided),
     /// A session without images, or with more than a service accepts. Nothing was sent.
-    #[error("a session of {frames} images; it must have 1 to {}", RigMessage::MOST_FRAMES)]
+    #[error("a session of {frames} images; it must have 1 to {}", RigMessage::MAX_FRAMES)]
     Frames {
         /// Number of images.
         frames: usize,

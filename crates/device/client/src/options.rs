@@ -35,7 +35,7 @@ pub enum Notice {
         pause: Duration,
     },
     /// A profile could not be stored on disk; it is fetched again next time.
-    NotKept {
+    CacheWriteFailed {
         /// The file.
         file: PathBuf,
         /// The message of the system.

@@ -29,7 +29,7 @@ impl ProfileCache {
 pub(crate) fn store(file: &Path, bytes: &[u8], options: &ClientOptions) {
     let folder = file.parent().unwrap_or(Path::new("."));
     if let Err(reason) = std::fs::create_dir_all(folder).and_then(|()| write_atomic(file, bytes)) {
-        options.notify(&Notice::NotKept { file: file.to_owned(), reason: reason.to_string() });
+        options.notify(&Notice::CacheWriteFailed { file: file.to_owned(), reason: reason.to_string() });
     }
 }
 

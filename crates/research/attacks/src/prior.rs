@@ -178,7 +178,7 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::{AnchorPlace, Layout, Pencils, Sectors, Span};
+    use veiloc_geometry::{AnchorPosition, Layout, Pencils, Sectors, Span};
 
     /// The mean of uniform keypoints whose observation is close to the given one, by Monte Carlo.
     #[test]
@@ -217,8 +217,11 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let sectors = Sectors { axis: 1.17, count: 24, shift: 0.3 };
         let mut several = 0;
-        for place in [AnchorPlace::At([0.2, -0.3]), AnchorPlace::At([1.5, 0.4]), AnchorPlace::Toward(0.4)] {
-            let layout = Layout::new(&[place, AnchorPlace::Toward(1.6)], sectors, None).expect("it closes");
+        for place in
+            [AnchorPosition::At([0.2, -0.3]), AnchorPosition::At([1.5, 0.4]), AnchorPosition::Toward(0.4)]
+        {
+            let layout =
+                Layout::new(&[place, AnchorPosition::Toward(1.6)], sectors, None).expect("it closes");
             let pencils = Pencils::of_image([640, 480], &layout);
             let near = 0.003;
             for seen in [Pixel::new(200.0, 150.0), Pixel::new(330.0, 300.0), Pixel::new(500.0, 90.0)] {

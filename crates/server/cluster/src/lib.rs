@@ -5,7 +5,7 @@
 //!                             └── region groups ── the sealed query, as it came ── pose
 //!                 bus: NATS, or one process        source: where maps are published
 //! ```
-//! - [`Gateway`]: computes poses by querying workers; `veiloc_service` uses it as [`veiloc_service::MapElsewhere`]
+//! - [`Gateway`]: computes poses by querying workers; `veiloc_service` uses it as [`veiloc_service::RemoteMap`]
 //!   and handles HTTP.
 //! - [`Worker`]: holds a verified [`Share`] of the regions of a map, and answers requests for them.
 //! - [`ManifestSource`]: where both read what is published.

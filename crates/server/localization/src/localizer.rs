@@ -67,11 +67,11 @@ pub struct StageTimes {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum GravityUse {
     /// The query has no gravity direction.
-    NotTold,
+    NotProvided,
     /// It was used.
     Used,
     /// The query has one, but the map has none: it was not used.
-    MapDoesNotKnow,
+    UnknownInMap,
 }
 
 /// Result of localization.
@@ -284,9 +284,9 @@ pub fn localize_matched(
         own_covariance: estimate.covariance,
         confidence,
         gravity: match query.gravity() {
-            None => GravityUse::NotTold,
+            None => GravityUse::NotProvided,
             Some(_) if problem.gravity.is_some() => GravityUse::Used,
-            Some(_) => GravityUse::MapDoesNotKnow,
+            Some(_) => GravityUse::UnknownInMap,
         },
         state,
         noise_px: estimate.noise_px,

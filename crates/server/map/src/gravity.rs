@@ -15,7 +15,7 @@ pub struct Down([f64; 3]);
 #[error(
     "{given} is not a direction; write X,Y,Z in the axes of the map, three finite numbers not all 0, or an axis such as y or -z"
 )]
-pub struct DownError {
+pub struct GravityDirectionError {
     /// The given value as text.
     pub given: String,
 }
@@ -27,12 +27,12 @@ impl Down {
     /// From a vector of any length except zero.
     ///
     /// # Errors
-    /// [`DownError`]: the vector is zero or not finite.
-    pub fn new(direction: [f64; 3]) -> Result<Self, DownError> {
+    /// [`GravityDirectionError`]: the vector is zero or not finite.
+    pub fn new(direction: [f64; 3]) -> Result<Self, GravityDirectionError> {
         let largest = direction.iter().fold(0.0_f64, |most, c| most.max(c.abs()));
         if !direction.iter().all(|c| c.is_finite()) || largest == 0.0 {
             let [x, y, z] = direction;
-            return Err(DownError { given: format!("{x},{y},{z}") });
+            return Err(GravityDirectionError { given: format!("{x},{y},{z}") });
         }
         // Scale first, so that no square overflows or underflows. Adding 0 removes the sign of zero.
         let scaled = direction.map(|c| c / largest);
@@ -55,9 +55,9 @@ impl Down {
 
 /// `X,Y,Z` of any length, or an axis: `x`, `-x`, `y`, `-y`, `z`, `-z`.
 impl FromStr for Down {
-    type Err = DownError;
+    type Err = GravityDirectionError;
 
-    fn from_str(text: &str) -> Result<Self, DownError> {
+    fn from_str(text: &str) -> Result<Self, GravityDirectionError> {
         let text = text.trim();
         let (sign, axis) = text.strip_prefix('-').map_or((1.0, text), |axis| (-1.0, axis));
         if let Some(k) = ["x", "y", "z"].iter().position(|name| *name == axis) {
@@ -68,7 +68,7 @@ impl FromStr for Down {
         let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
         match numbers.as_deref() {
             Ok(&[x, y, z]) => Self::new([x, y, z]),
-            _ => Err(DownError { given: format!("{text:?}") }),
+            _ => Err(GravityDirectionError { given: format!("{text:?}") }),
         }
     }
 }

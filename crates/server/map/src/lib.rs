@@ -63,10 +63,10 @@ mod settings;
 pub use compressed::{Compressed, Remembered};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{
-    Evidence, FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, PointWithout, Without,
+    Evidence, FORMAT_VERSION, ImageView, LeaveOneOutPoint, MapFile, MapLock, MapMemory, MapView, Without,
     byte_count, write,
 };
-pub use gravity::{Down, DownError};
+pub use gravity::{Down, GravityDirectionError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use name::is_map_name;
 pub use ply::write_ply;

@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::atomic_file::write_whole;
+use crate::atomic_file::write_atomic;
 
 use crate::error::MapError;
 use crate::model::MapModel;
@@ -17,7 +17,7 @@ use crate::model::MapModel;
 /// [`MapError::Model`]: the map is inconsistent; [`MapError::Io`].
 pub fn write_ply(map: &MapModel, path: &Path) -> Result<(), MapError> {
     map.validate()?;
-    write_whole(path, &encode(map)).map_err(MapError::io(path))
+    write_atomic(path, &encode(map)).map_err(MapError::io(path))
 }
 
 fn encode(map: &MapModel) -> Vec<u8> {

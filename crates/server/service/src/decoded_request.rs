@@ -23,7 +23,7 @@ pub enum BodyKind {
 pub enum DecodedRequest {
     /// One sealed query.
     Query(Box<SealedQuery>),
-    /// The sealed queries of a session, 1 to [`RigMessage::MOST_FRAMES`].
+    /// The sealed queries of a session, 1 to [`RigMessage::MAX_FRAMES`].
     Rig(Vec<SealedFrame>),
 }
 

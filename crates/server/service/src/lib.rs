@@ -80,7 +80,7 @@ pub mod web_page;
 
 /// For programs that localize without HTTP, such as the workers of a cluster: thread pool, panic handling, probes and
 /// signals of the service.
-pub mod labour {
+pub mod worker_api {
     pub use crate::admin::{HealthProbe, probes};
     pub use crate::panics::{mark_service_thread, own_process, with_request};
     pub use crate::pool::{JobSpec, Pool, Rejected};
@@ -95,7 +95,7 @@ pub use error::ServerError;
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
 pub use origin::{BadOrigin, Origin};
 pub use problem::ProblemDocument;
-pub use remote::{AnswerFuture, MapDescription, MapElsewhere, RemoteBackend, RemoteRequest};
+pub use remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
 pub use routes::openapi_json;
 pub use serve::{Listening, Server, ServerHandle, Stopped};
 pub use signals::{run_prepared, run_until_signal};

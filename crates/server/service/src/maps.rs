@@ -15,7 +15,7 @@ use crate::decoded_request::BodyKind;
 use crate::error::ServerError;
 use crate::options::MapSource;
 use crate::problem::Problem;
-use crate::remote::{MapDescription, MapElsewhere, RemoteBackend};
+use crate::remote::{MapDescription, RemoteBackend, RemoteMap};
 
 /// Maximum rows of a query, and bytes for its other fields.
 const QUERY_ROWS: usize = 4096;
@@ -68,9 +68,9 @@ impl LoadedMap {
         Ok(Self { shown, ..loaded })
     }
 
-    fn remote(source: &MapElsewhere, description: Arc<MapDescription>) -> Self {
+    fn remote(source: &RemoteMap, description: Arc<MapDescription>) -> Self {
         let counts = [description.images, description.points];
-        let backend = Backend::Remote { backend: source.held_by.clone(), description: description.clone() };
+        let backend = Backend::Remote { backend: source.backend.clone(), description: description.clone() };
         Self::new(&source.name, &description.profile, counts, backend)
     }
 
@@ -156,7 +156,7 @@ pub(crate) struct MapSlot {
 /// Source of a map.
 enum Source {
     File(MapSource, MapReadOptions),
-    Remote(MapElsewhere),
+    Remote(RemoteMap),
 }
 
 /// Result of an attempt to read a map.
@@ -195,8 +195,8 @@ impl MapSlot {
     }
 
     /// The remote map as its backend describes it now.
-    fn current_remote(&self, source: &MapElsewhere, known: Option<Arc<LoadedMap>>) -> Option<Arc<LoadedMap>> {
-        let now = source.held_by.describe()?;
+    fn current_remote(&self, source: &RemoteMap, known: Option<Arc<LoadedMap>>) -> Option<Arc<LoadedMap>> {
+        let now = source.backend.describe()?;
         let same = |loaded: &Arc<LoadedMap>| match &loaded.backend {
             Backend::Remote { description, .. } => Arc::ptr_eq(description, &now),
             Backend::Local(_) => false,
@@ -277,12 +277,12 @@ impl Maps {
     /// Creates the table; no file is opened yet.
     pub(crate) fn new(
         sources: &[MapSource],
-        elsewhere: &[MapElsewhere],
+        remote: &[RemoteMap],
         folder: Option<PathBuf>,
         reading: MapReadOptions,
     ) -> Self {
         let files = sources.iter().map(|source| Source::File(source.clone(), reading));
-        let all = files.chain(elsewhere.iter().cloned().map(Source::Remote));
+        let all = files.chain(remote.iter().cloned().map(Source::Remote));
         let slots = all.map(|source| Arc::new(MapSlot::new(source, false))).collect();
         Self { slots: RwLock::new(slots), folder, reading, ignored: Mutex::default() }
     }

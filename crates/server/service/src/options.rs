@@ -15,7 +15,7 @@ use veiloc_map::is_map_name;
 use crate::clock::Clock;
 use crate::error::ServerError;
 use crate::origin::Origin;
-use crate::remote::MapElsewhere;
+use crate::remote::RemoteMap;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
 /// A map file and the name under which it is served.
@@ -96,7 +96,7 @@ pub struct ServerOptions {
     /// Map files to serve. At least one, unless there is a maps folder or a remote map.
     pub maps: Vec<MapSource>,
     /// Maps of remote backends. [`Self::workers`] then bounds the number of remote queries in flight.
-    pub elsewhere: Vec<MapElsewhere>,
+    pub remote_maps: Vec<RemoteMap>,
     /// A folder whose files `NAME.vmap` are also served, each as `NAME`. Added and removed files are followed.
     pub maps_folder: Option<PathBuf>,
     /// How map files are loaded. By default they are copied into memory, so that later changes of the files have no
@@ -160,7 +160,7 @@ impl ServerOptions {
             listen: vec![ListenAddress::Tcp(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))],
             socket_mode: 0o660,
             maps,
-            elsewhere: Vec::new(),
+            remote_maps: Vec::new(),
             maps_folder: None,
             map_memory: MapMemory::default(),
             tls: None,
@@ -192,7 +192,7 @@ impl ServerOptions {
     /// Checks the options.
     pub(crate) fn check(&self) -> Result<(), ServerError> {
         let local = self.maps.iter().map(|map| &map.name);
-        let names: Vec<&String> = local.chain(self.elsewhere.iter().map(|map| &map.name)).collect();
+        let names: Vec<&String> = local.chain(self.remote_maps.iter().map(|map| &map.name)).collect();
         if names.is_empty() && self.maps_folder.is_none() {
             return Err(ServerError::NoMap);
         }

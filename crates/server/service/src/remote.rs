@@ -68,15 +68,15 @@ pub trait RemoteBackend: Send + Sync {
 
 /// A map of a remote backend, and the name under which it is served.
 #[derive(Clone)]
-pub struct MapElsewhere {
+pub struct RemoteMap {
     /// As [`crate::MapSource::name`].
     pub name: String,
     /// The backend.
-    pub held_by: Arc<dyn RemoteBackend>,
+    pub backend: Arc<dyn RemoteBackend>,
 }
 
-impl fmt::Debug for MapElsewhere {
+impl fmt::Debug for RemoteMap {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("MapElsewhere").field("name", &self.name).finish_non_exhaustive()
+        f.debug_struct("RemoteMap").field("name", &self.name).finish_non_exhaustive()
     }
 }

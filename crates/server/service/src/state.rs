@@ -81,7 +81,7 @@ impl App {
             log_throttle: LogThrottle::default(),
             maps: Maps::new(
                 &options.maps,
-                &options.elsewhere,
+                &options.remote_maps,
                 options.maps_folder.clone(),
                 MapReadOptions {
                     memory: options.map_memory,
@@ -111,7 +111,7 @@ impl App {
                 broken.push(ServerError::Map { name: slot.name().to_owned(), source });
             }
         }
-        let may_come = self.maps.has_folder() || !self.options.elsewhere.is_empty();
+        let may_come = self.maps.has_folder() || !self.options.remote_maps.is_empty();
         if !may_come && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
             // `check` guarantees at least one map.
             return Err(broken.into_iter().next().unwrap_or(ServerError::NoMap));

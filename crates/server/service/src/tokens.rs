@@ -73,8 +73,8 @@ impl Caller {
     }
 
     /// Whether the token may use a map of this name; the map need not exist.
-    pub(crate) fn may_ask_for(&self, map: &str) -> bool {
-        self.entry.as_ref().is_none_or(|entry| entry.may_ask_for(map))
+    pub(crate) fn allows_map(&self, map: &str) -> bool {
+        self.entry.as_ref().is_none_or(|entry| entry.allows_map(map))
     }
 
     /// Takes one request from the rate limit.
@@ -232,12 +232,12 @@ mod tests {
         let end: Moment = "2027-01-31".parse().expect("a moment");
         let before = Moment::of_unix(end.unix() - 1);
         let caller = callers.identify_at(&headers("Bearer secret"), before).expect("still known");
-        assert!(caller.may_ask_for("lobby") && !caller.may_ask_for("garage") && !caller.is_operator());
+        assert!(caller.allows_map("lobby") && !caller.allows_map("garage") && !caller.is_operator());
         let expired = callers.identify_at(&headers("Bearer secret"), end);
         assert!(matches!(expired, Err(Problem::Unauthenticated)));
         let unrestricted =
             Callers::unrestricted(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("any client");
-        assert!(unrestricted.may_ask_for("garage") && unrestricted.is_operator());
+        assert!(unrestricted.allows_map("garage") && unrestricted.is_operator());
     }
 
     #[test]

@@ -76,7 +76,7 @@ impl<'a> Input<'a> {
     /// Sets the cache of features and matches, for repeated, resumed or distributed builds
     /// ([`prepare`](crate::prepare)).
     #[must_use]
-    pub const fn with_kept(self, cache: &'a dyn Cache) -> Self {
+    pub const fn with_cache(self, cache: &'a dyn Cache) -> Self {
         Self { cache: Some(cache), ..self }
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use veiloc_geometry::Point3;
-use veiloc_map::{BuildSettings, Evidence, MapModel, Observation, PointId, PointWithout, Without};
+use veiloc_map::{BuildSettings, Evidence, LeaveOneOutPoint, MapModel, Observation, PointId, Without};
 
 use crate::options::for_images;
 use crate::scene::Scene;
@@ -35,7 +35,7 @@ impl<'a> LeaveOut<'a> {
         Without { image, points: seen.into_iter().map(|id| (id, self.point_without(id, image))).collect() }
     }
 
-    fn point_without(&self, id: PointId, image: usize) -> Option<PointWithout> {
+    fn point_without(&self, id: PointId, image: usize) -> Option<LeaveOneOutPoint> {
         let mut point = self.scene.points[id.index()].clone();
         point.track.retain(|node| node.0 as usize != image);
         let (nodes, sights) = self.scene.sights(&point.track);
@@ -47,6 +47,9 @@ impl<'a> LeaveOut<'a> {
         let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));
         let track: Vec<Observation> =
             agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();
-        Some(PointWithout { position: Point3::from_vector(found.position), evidence: Evidence::Track(track) })
+        Some(LeaveOneOutPoint {
+            position: Point3::from_vector(found.position),
+            evidence: Evidence::Track(track),
+        })
     }
 }

@@ -73,7 +73,7 @@ pub fn prepare(
     progress: &dyn Progress,
 ) -> Result<Prepared, MappingError> {
     options.settings.check()?;
-    let input = &input.with_kept(cache);
+    let input = &input.with_cache(cache);
     let extractors = input.extractors().unwrap_or(&options.extractors);
     let extractor_pair =
         ExtractorPair { extractor: extractors.named(&options.features)?, global: options.global.as_ref() };

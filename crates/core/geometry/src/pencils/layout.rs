@@ -38,7 +38,7 @@ impl Anchor {
 
 /// Position of an anchor in the image plane of the layout frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum AnchorPlace {
+pub enum AnchorPosition {
     /// Offset from the image's centre, in image heights: `[right, down]`.
     At([f64; 2]),
     /// At infinity, in the direction of this angle (radians, from right towards down): its lines are parallel.
@@ -71,7 +71,7 @@ impl Sectors {
 /// n`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
-    anchors: [AnchorPlace; Anchor::MOST],
+    anchors: [AnchorPosition; Anchor::MOST],
     count: usize,
     sectors: Sectors,
     across: Option<Sectors>,
@@ -82,11 +82,11 @@ impl Layout {
     ///
     /// `None` when a number is not finite, or when the count of a family is 0 or not a multiple of the number of
     /// anchors.
-    pub fn new(anchors: &[AnchorPlace], sectors: Sectors, across: Option<Sectors>) -> Option<Self> {
+    pub fn new(anchors: &[AnchorPosition], sectors: Sectors, across: Option<Sectors>) -> Option<Self> {
         let count = anchors.len();
-        let finite = |place: &AnchorPlace| match place {
-            AnchorPlace::At(at) => at.iter().all(|x| x.is_finite()),
-            AnchorPlace::Toward(angle) => angle.is_finite(),
+        let finite = |place: &AnchorPosition| match place {
+            AnchorPosition::At(at) => at.iter().all(|x| x.is_finite()),
+            AnchorPosition::Toward(angle) => angle.is_finite(),
         };
         let closes = |s: &Sectors| {
             s.axis.is_finite()
@@ -98,7 +98,7 @@ impl Layout {
             && anchors.iter().all(finite)
             && closes(&sectors)
             && across.as_ref().is_none_or(closes);
-        let mut all = [anchors.first().copied().unwrap_or(AnchorPlace::Toward(0.0)); Anchor::MOST];
+        let mut all = [anchors.first().copied().unwrap_or(AnchorPosition::Toward(0.0)); Anchor::MOST];
         fits.then(|| {
             all[..count].copy_from_slice(anchors);
             Self { anchors: all, count, sectors, across }
@@ -113,13 +113,13 @@ impl Layout {
     /// `None` unless `s` is positive and both numbers are finite.
     pub fn halves(angle: f64, s: f64) -> Option<Self> {
         let [sin, cos] = exact_sin_cos(angle);
-        let at = |sign: f64| AnchorPlace::At([sign * 0.5 * s * cos, sign * 0.5 * s * sin]);
+        let at = |sign: f64| AnchorPosition::At([sign * 0.5 * s * cos, sign * 0.5 * s * sin]);
         let sectors = Sectors { axis: angle, count: 2, shift: 0.0 };
         (s > 0.0).then(|| Self::new(&[at(-1.0), at(1.0)], sectors, None)).flatten()
     }
 
     /// The anchors' positions.
-    pub fn anchors(&self) -> &[AnchorPlace] {
+    pub fn anchors(&self) -> &[AnchorPosition] {
         &self.anchors[..self.count]
     }
 
@@ -136,11 +136,11 @@ impl Layout {
     /// Directions of the anchors in the layout frame for a camera of this focal length (pixels) and image height.
     pub(super) fn direction(&self, anchor: Anchor, focal: f64, height: f64) -> Vector3<f64> {
         match self.anchors[anchor.index()] {
-            AnchorPlace::At(at) => {
+            AnchorPosition::At(at) => {
                 let at = Vector2::from(at) * (height / focal);
                 Vector3::new(at.x, at.y, 1.0).normalize()
             }
-            AnchorPlace::Toward(angle) => {
+            AnchorPosition::Toward(angle) => {
                 let [sin, cos] = exact_sin_cos(angle);
                 Vector3::new(cos, sin, 0.0)
             }
@@ -161,7 +161,8 @@ mod tests {
 
     #[test]
     fn invalid_layouts_are_rejected() {
-        let anchors = [AnchorPlace::At([0.0, -0.5]), AnchorPlace::Toward(0.3), AnchorPlace::Toward(1.0)];
+        let anchors =
+            [AnchorPosition::At([0.0, -0.5]), AnchorPosition::Toward(0.3), AnchorPosition::Toward(1.0)];
         let sectors = |count| Sectors { axis: 1.0, count, shift: 0.25 };
         assert!(Layout::new(&anchors, sectors(6), Some(sectors(3))).is_some());
         assert!(Layout::new(&anchors[..1], sectors(6), None).is_none());
@@ -173,8 +174,8 @@ mod tests {
         for shift in [-0.1, 1.0, f64::NAN] {
             assert!(Layout::new(&anchors, Sectors { shift, ..sectors(6) }, None).is_none());
         }
-        assert!(Layout::new(&[AnchorPlace::At([f64::NAN, 0.0]); 2], sectors(2), None).is_none());
-        assert!(Layout::new(&[AnchorPlace::Toward(f64::INFINITY); 2], sectors(2), None).is_none());
+        assert!(Layout::new(&[AnchorPosition::At([f64::NAN, 0.0]); 2], sectors(2), None).is_none());
+        assert!(Layout::new(&[AnchorPosition::Toward(f64::INFINITY); 2], sectors(2), None).is_none());
         for (angle, s) in [(f64::NAN, 1.0), (0.0, 0.0), (0.0, -1.0), (0.0, f64::INFINITY)] {
             assert!(Layout::halves(angle, s).is_none());
         }
@@ -183,6 +184,6 @@ mod tests {
     #[test]
     fn anchors_of_the_paper_are_on_the_edges() {
         let layout = Layout::halves(FRAC_PI_2, 1.0).expect("finite");
-        assert_eq!(layout.anchors(), [AnchorPlace::At([0.0, -0.5]), AnchorPlace::At([0.0, 0.5])]);
+        assert_eq!(layout.anchors(), [AnchorPosition::At([0.0, -0.5]), AnchorPosition::At([0.0, 0.5])]);
     }
 }

@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
-pub use layout::{Anchor, AnchorPlace, Layout, Sectors};
+pub use layout::{Anchor, AnchorPosition, Layout, Sectors};
 
 use crate::intrinsics::Pinhole;
 use crate::line::PixelLine;

@@ -8,23 +8,23 @@ use super::*;
 
 const SIZE: [u32; 2] = [640, 480];
 
-fn stripes(anchors: &[AnchorPlace]) -> Layout {
+fn stripes(anchors: &[AnchorPosition]) -> Layout {
     let count = (24 / anchors.len() * anchors.len()) as u16;
     Layout::new(anchors, Sectors { axis: 1.17, count, shift: 0.3 }, None).expect("closes")
 }
 
 /// Layouts of all kinds: the paper's, stripes, anchors outside and at infinity, three anchors, a checkerboard.
 fn layouts() -> Vec<Layout> {
-    let at = |x, y| AnchorPlace::At([x, y]);
+    let at = |x, y| AnchorPosition::At([x, y]);
     let board = Sectors { axis: 0.0, count: 16, shift: 0.5 };
     vec![
         Layout::halves(FRAC_PI_2, 1.0).expect("finite"),
         Layout::halves(0.4, 3.0).expect("finite"),
         stripes(&[at(-0.12, -0.49), at(1.5, 0.0)]),
-        stripes(&[AnchorPlace::Toward(FRAC_PI_2), AnchorPlace::Toward(0.0)]),
-        stripes(&[at(0.0, 0.0), at(0.7, 0.7), AnchorPlace::Toward(2.0)]),
+        stripes(&[AnchorPosition::Toward(FRAC_PI_2), AnchorPosition::Toward(0.0)]),
+        stripes(&[at(0.0, 0.0), at(0.7, 0.7), AnchorPosition::Toward(2.0)]),
         Layout::new(
-            &[AnchorPlace::Toward(FRAC_PI_2), AnchorPlace::Toward(0.0)],
+            &[AnchorPosition::Toward(FRAC_PI_2), AnchorPosition::Toward(0.0)],
             Sectors { axis: FRAC_PI_2, ..board },
             Some(board),
         )

@@ -295,13 +295,13 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::nalgebra::Rotation3;
-    use veiloc_geometry::{AnchorPlace, Layout, Pinhole, Pixel, Point3, Rigid3};
+    use veiloc_geometry::{AnchorPosition, Layout, Pinhole, Pixel, Point3, Rigid3};
 
     fn problem(rng: &mut ChaCha8Rng, kind: usize, n: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
         // The paper's layout, and a checkerboard with an anchor far away.
         let board = |axis, shift| veiloc_geometry::Sectors { axis, count: 30, shift };
-        let at = [AnchorPlace::At([0.2, -0.4]), AnchorPlace::Toward(0.3)];
+        let at = [AnchorPosition::At([0.2, -0.4]), AnchorPosition::Toward(0.3)];
         let layout = if rng.random_bool(0.5) {
             Layout::halves(1.2, 1.0)
         } else {

@@ -312,7 +312,7 @@ mod tests {
     use crate::likelihood::PoseProblem;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::{AnchorPlace, Layout, Pencils, Pinhole, Pixel, Sectors};
+    use veiloc_geometry::{AnchorPosition, Layout, Pencils, Pinhole, Pixel, Sectors};
 
     const CAMERA: Pinhole =
         Pinhole { width: 640, height: 480, focal: [525.0, 520.0], principal: [318.0, 242.0] };
@@ -326,14 +326,14 @@ mod tests {
             }
         }
         let sectors = Sectors { axis: 1.17, count: 24, shift: 0.3 };
-        let at = |x, y| AnchorPlace::At([x, y]);
-        let striped = |anchors: &[AnchorPlace]| Layout::new(anchors, sectors, None);
+        let at = |x, y| AnchorPosition::At([x, y]);
+        let striped = |anchors: &[AnchorPosition]| Layout::new(anchors, sectors, None);
         all.push((striped(&[at(-0.12, -0.49), at(1.5, 0.0)]), [0.0; 3]));
         all.push((
-            striped(&[AnchorPlace::Toward(std::f64::consts::FRAC_PI_2), AnchorPlace::Toward(0.0)]),
+            striped(&[AnchorPosition::Toward(std::f64::consts::FRAC_PI_2), AnchorPosition::Toward(0.0)]),
             [0.0; 3],
         ));
-        all.push((striped(&[at(0.1, 0.0), at(0.7, 0.7), AnchorPlace::Toward(2.0)]), [0.0; 3]));
+        all.push((striped(&[at(0.1, 0.0), at(0.7, 0.7), AnchorPosition::Toward(2.0)]), [0.0; 3]));
         all.push((striped(&[at(-0.12, -0.49), at(0.3, 0.4)]), [0.4, 2.8, 0.2]));
         all.into_iter()
             .map(|(layout, [x, y, z])| {

@@ -312,12 +312,7 @@ impl RigFocalObjective<'_> {
             system
         };
         let systems: Vec<FocalSystem> = self.frames.iter().zip(&poses.cams).map(system).collect();
-        let deviations: Vec<Deviation> = self
-            .constraints
-            .iter()
-            .zip(&poses.cams)
-            .map(|(constraint, cam)| constraint.deviation(&poses.rig, cam))
-            .collect();
+        let deviations = poses.deviations(self.constraints);
         let loss =
             systems.iter().map(|s| s.loss).sum::<f64>() + deviations.iter().map(|p| p.loss).sum::<f64>();
         Linearized { systems, deviations, loss }

@@ -69,6 +69,12 @@ impl Poses {
         }
         self
     }
+
+    /// The deviation of each frame from its odometry, `[F]`.
+    pub(super) fn deviations(&self, constraints: &[OdometryConstraint]) -> Vec<Deviation> {
+        let deviation = |(constraint, cam): (&OdometryConstraint, _)| constraint.deviation(&self.rig, cam);
+        constraints.iter().zip(&self.cams).map(deviation).collect()
+    }
 }
 
 /// A step of all poses.
@@ -93,11 +99,7 @@ pub(super) fn descend(
 ) -> Poses {
     let linearize = |poses: &Poses| {
         let systems: Vec<System> = poses.cams.iter().enumerate().map(|(i, cam)| objective(i, cam)).collect();
-        let deviations: Vec<Deviation> = constraints
-            .iter()
-            .zip(&poses.cams)
-            .map(|(constraint, cam)| constraint.deviation(&poses.rig, cam))
-            .collect();
+        let deviations = poses.deviations(constraints);
         let loss =
             systems.iter().map(|s| s.loss).sum::<f64>() + deviations.iter().map(|p| p.loss).sum::<f64>();
         Linearized { systems, deviations, loss }

@@ -32,7 +32,7 @@ impl Session {
         let mut out = Writer(Vec::new());
         out.bytes(MAGIC);
         out.word(VERSION);
-        let SessionOptions { anchors, band_deg, most_correction_deg, step, memory, most_starts } =
+        let SessionOptions { anchors, band_deg, most_correction_deg, step, memory, max_starts } =
             self.options;
         out.byte(match anchors {
             SessionAnchors::Image => 0,
@@ -41,7 +41,7 @@ impl Session {
         });
         out.numbers(&[band_deg, most_correction_deg, step]);
         out.byte(memory.into());
-        out.word(most_starts.unwrap_or(ANY));
+        out.word(max_starts.unwrap_or(ANY));
         out.bytes(&self.key);
         out.word(self.frames);
         out.word(self.starts);
@@ -115,7 +115,7 @@ impl Session {
             most_correction_deg,
             step,
             memory,
-            most_starts: (most != ANY).then_some(most),
+            max_starts: (most != ANY).then_some(most),
         };
         let mut key = [0; 32];
         key.copy_from_slice(reader.bytes(32)?);

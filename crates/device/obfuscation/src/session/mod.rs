@@ -20,7 +20,7 @@
 //!
 //! A frame without orientation still belongs to the session when nearly all recognized keypoints agree that the camera
 //! rested or turned on the spot. Otherwise it shares nothing with earlier frames and starts anew; the number of starts
-//! per scene is limited ([`SessionOptions::most_starts`]).
+//! per scene is limited ([`SessionOptions::max_starts`]).
 
 mod align;
 mod bytes;

@@ -68,7 +68,7 @@ pub struct SessionOptions {
     /// How often the layout may be placed for one scene; `None`, for evaluations, means any number. Scenes are
     /// recognized by the stored landmarks; without memory the whole session counts as one scene. Default 2: an image
     /// and one retry.
-    pub most_starts: Option<u32>,
+    pub max_starts: Option<u32>,
 }
 
 impl Default for SessionOptions {
@@ -79,7 +79,7 @@ impl Default for SessionOptions {
             most_correction_deg: 1.5,
             step: 0.002,
             memory: true,
-            most_starts: Some(2),
+            max_starts: Some(2),
         }
     }
 }
@@ -101,7 +101,7 @@ impl SessionOptions {
 
     /// These options with another limit for the correction of orientations, degrees.
     #[must_use]
-    pub const fn with_most_correction_deg(mut self, most: f64) -> Self {
+    pub const fn with_max_correction_deg(mut self, most: f64) -> Self {
         self.most_correction_deg = most;
         self
     }
@@ -122,8 +122,8 @@ impl SessionOptions {
 
     /// These options with another number of starts.
     #[must_use]
-    pub const fn with_most_starts(mut self, most: Option<u32>) -> Self {
-        self.most_starts = most;
+    pub const fn with_max_starts(mut self, most: Option<u32>) -> Self {
+        self.max_starts = most;
         self
     }
 }

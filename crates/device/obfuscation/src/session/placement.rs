@@ -69,7 +69,7 @@ pub(super) fn place_layout(
     // When the camera turned away, keypoints that were sent before are dropped, so that their lines do not add up. A
     // retry after a step, without orientation, needs all keypoints to find its pose; the limit on starts exists for
     // this case.
-    if let Some(most) = session.options.most_starts.filter(|most| before >= *most && !turned_away) {
+    if let Some(most) = session.options.max_starts.filter(|most| before >= *most && !turned_away) {
         return Err(SealError::TooManyStarts { starts: before, most });
     }
     let starts = session.starts.saturating_add(1);

@@ -99,7 +99,7 @@ fn anchors_are_fixed_in_the_world() {
         }
     }
     // The same measure detects anchors that turn with the camera.
-    let options = SessionOptions::default().with_anchors(SessionAnchors::Image).with_most_starts(None);
+    let options = SessionOptions::default().with_anchors(SessionAnchors::Image).with_max_starts(None);
     let frames = sealed("dcl", options, &turns(), 1);
     let direction = |k: usize| turns()[k].inverse() * lines(&frames[k].query).0.frame(Anchor::FIRST)[0];
     assert!(direction(0).dot(&direction(1)) < 0.995);

@@ -43,7 +43,7 @@ fn stored_session_continues() {
             }
         }
     }
-    let mut any = after(2, SessionOptions::default().with_most_starts(None).with_memory(false), "dcl");
+    let mut any = after(2, SessionOptions::default().with_max_starts(None).with_memory(false), "dcl");
     let mut again = Session::from_bytes(&any.to_bytes()).expect("a session");
     assert_eq!(next(&mut again, "dcl"), next(&mut any, "dcl"));
 }

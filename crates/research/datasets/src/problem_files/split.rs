@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Whether an image belongs to the half for design: bit 32 (counted from the lowest, 0) of the 64-bit FNV-1a hash of
 /// its name is 0.
-pub fn is_for_design(file: &Path) -> bool {
+pub fn is_in_design_split(file: &Path) -> bool {
     (fnv_1a(file.file_name().unwrap_or_default().as_encoded_bytes()) >> 32).is_multiple_of(2)
 }
 
@@ -34,14 +34,14 @@ mod tests {
         for (name, hash, design) in known {
             assert_eq!(fnv_1a(name.as_bytes()), hash);
             for folder in ["", "elsewhere/deep"] {
-                assert_eq!(is_for_design(&Path::new(folder).join(name)), design, "{folder} {name}");
+                assert_eq!(is_in_design_split(&Path::new(folder).join(name)), design, "{folder} {name}");
             }
         }
     }
 
     #[test]
     fn split_has_equal_halves() {
-        let design = (0..2000).filter(|i| is_for_design(Path::new(&format!("{i:06}.jpg")))).count();
+        let design = (0..2000).filter(|i| is_in_design_split(Path::new(&format!("{i:06}.jpg")))).count();
         assert!((900..1100).contains(&design), "{design} of 2000");
     }
 }

@@ -11,7 +11,7 @@ use crate::error::DatasetError;
 /// Creates the folder and writes the file atomically.
 pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), DatasetError> {
     make_folder_of(path)?;
-    veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(DatasetError::io(path))
+    veiloc_map::atomic_file::write_atomic(path, text.as_bytes()).map_err(DatasetError::io(path))
 }
 
 /// Creates the folder of a file.

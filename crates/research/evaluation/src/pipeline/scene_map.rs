@@ -103,7 +103,7 @@ impl SceneMap {
     /// [`EvalError::Io`] when it cannot be written.
     pub(crate) fn copied_to(self, keep: Option<&Path>) -> Result<Self, EvalError> {
         if let Some(path) = keep {
-            let copy = || veiloc_map::atomic_file::write_whole(path, &std::fs::read(self.file.path())?);
+            let copy = || veiloc_map::atomic_file::write_atomic(path, &std::fs::read(self.file.path())?);
             copy().map_err(|source| EvalError::Io { path: path.to_owned(), source })?;
         }
         Ok(self)

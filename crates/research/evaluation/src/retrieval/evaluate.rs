@@ -16,7 +16,7 @@ use crate::retrieval::synthetic_descriptors::extend_with_synthetic;
 
 /// Inputs and options.
 #[derive(Clone)]
-pub struct SearchEvaluation {
+pub struct RetrievalEvaluation {
     /// The query images.
     pub queries: Vec<PathBuf>,
     /// Images of other scenes, added to the images of the map.
@@ -34,7 +34,7 @@ pub struct SearchEvaluation {
 
 /// Results of one search method on one database size.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SearchRow {
+pub struct RetrievalRow {
     /// Number of images in the database.
     pub images: usize,
     /// Number of images with real, not synthetic, global descriptors.
@@ -59,12 +59,12 @@ pub struct SearchRow {
 /// # Errors
 /// [`EvalError`]: an image cannot be read, the options select nothing, or the global descriptors of the map are not
 /// computed from local features.
-pub fn evaluate_search(
+pub fn evaluate_retrieval(
     map: &MapFile,
     extractor: &dyn Extractor,
-    evaluation: &SearchEvaluation,
+    evaluation: &RetrievalEvaluation,
     progress: &dyn Progress,
-) -> Result<Vec<SearchRow>, EvalError> {
+) -> Result<Vec<RetrievalRow>, EvalError> {
     let Some(vocabulary) = map.profile().vocabulary() else {
         return Err(EvalError::Options(
             "the map's global descriptors are computed from whole images; give a map with global descriptors of local features".to_owned(),
@@ -156,7 +156,7 @@ struct Database<'a> {
 }
 
 impl Database<'_> {
-    fn rows(&self, queries: &[GlobalDescriptor], count: usize) -> [SearchRow; 2] {
+    fn rows(&self, queries: &[GlobalDescriptor], count: usize) -> [RetrievalRow; 2] {
         let images = self.all.len() / self.codes;
         let row = |search,
                    build_seconds,
@@ -171,7 +171,7 @@ impl Database<'_> {
                     all.fold((0, 0), |(good, count), (q, i)| (good + usize::from(holds(q, i)), count + 1));
                 f64::from(good as u32) / f64::from((count as u32).max(1))
             };
-            SearchRow {
+            RetrievalRow {
                 images,
                 real: self.real.min(images),
                 search,

@@ -4,12 +4,12 @@
 //! a real map are extended by other images, and by as many synthetic descriptors as needed, composed block by block
 //! from all of them.
 //!
-//! [`evaluate_search`] computes the rows, [`table`] prints them.
+//! [`evaluate_retrieval`] computes the rows, [`table`] prints them.
 #![forbid(unsafe_code)]
 
 mod evaluate;
 mod synthetic_descriptors;
 mod table;
 
-pub use evaluate::{SearchEvaluation, SearchRow, evaluate_search};
+pub use evaluate::{RetrievalEvaluation, RetrievalRow, evaluate_retrieval};
 pub use table::table;

@@ -2,10 +2,10 @@
 
 use crate::results::text_table::{TextTable, percent};
 
-use crate::retrieval::evaluate::SearchRow;
+use crate::retrieval::evaluate::RetrievalRow;
 
 /// One line per row.
-pub fn table(rows: &[SearchRow]) -> String {
+pub fn table(rows: &[RetrievalRow]) -> String {
     let head = ["images", "search", "build s", "MB", "search ms", "recall", "of the map"];
     let mut table = TextTable::new(head, 2);
     for row in rows {

@@ -14,7 +14,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use veiloc_features::Progress;
 use veiloc_mapping::Input;
-use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::build_cache::FolderCache;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{Negatives, SceneEvaluation};
@@ -106,9 +106,9 @@ fn scene_map(
         return there?.copied_to(keep);
     }
     let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
-    let keeping = work.map(|work| work.keeping(&evaluation.build)).transpose()?;
-    if let Some(keeping) = &keeping {
-        input = input.with_kept(keeping);
+    let cache = work.map(|work| work.cache(&evaluation.build)).transpose()?;
+    if let Some(cache) = &cache {
+        input = input.with_cache(cache);
     }
     let path = stored.as_ref().map(|stored| stored.path()).or(keep);
     let map = SceneMap::build(
@@ -121,7 +121,7 @@ fn scene_map(
     )?;
     match &stored {
         Some(stored) => {
-            keeping.as_ref().map_or(Ok(()), Keeping::finish)?;
+            cache.as_ref().map_or(Ok(()), FolderCache::finish)?;
             stored.store(&map.summary)?;
             map.copied_to(keep)
         }

@@ -69,7 +69,7 @@ pub struct SceneEvaluation {
 impl SceneEvaluation {
     /// The default scheme on a scene: images in `images`, split into map and queries; all other options have their
     /// defaults, without thresholds.
-    pub fn of_place(
+    pub fn of_scene(
         posed: PosedImages,
         images: PathBuf,
         map_list: Vec<String>,

@@ -28,7 +28,7 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
         thresholds: ["0.02/2", "0.05/5"].map(|t| t.parse().expect("a threshold")).to_vec(),
         work: Some(work.to_owned()),
         jobs: 2,
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
             folder.join("images"),
             names(&folder.join("map.txt")),
@@ -74,7 +74,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     let queries = names(&place.join("query.txt"));
     let evaluation = SceneEvaluation {
         keep_map: Some(path.clone()),
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             posed.clone(),
             place.join("images"),
             names(&place.join("map.txt")),

@@ -22,7 +22,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
     SceneEvaluation {
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
             folder.join("images"),
             thin("map.txt"),

@@ -91,7 +91,7 @@ impl Cache {
             return Ok(manifest);
         }
         let manifest = storage.manifest(map, id).await?;
-        veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
+        veiloc_map::atomic_file::write_atomic(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
         Ok(manifest)
     }
 
@@ -101,7 +101,7 @@ impl Cache {
     /// [`ClusterError::Io`].
     pub fn remember(&self, map: &str, id: ObjectId) -> Result<(), ClusterError> {
         let path = self.pointer(map);
-        veiloc_map::atomic_file::write_whole(&path, &Pointer::new(map, id).encode())
+        veiloc_map::atomic_file::write_atomic(&path, &Pointer::new(map, id).encode())
             .map_err(ClusterError::io(&path))
     }
 

@@ -54,6 +54,6 @@ pub async fn fetch_folder(
         watch(result.fetched_bytes + result.there_bytes, total);
     }
     let path = folder.join(MANIFEST_FILE);
-    veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
+    veiloc_map::atomic_file::write_atomic(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
     Ok(result)
 }

@@ -13,8 +13,8 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{Index, ObjectId};
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
-use veiloc_service::labour::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
+use veiloc_service::worker_api::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure, LocalizeOutput};
 
 use super::content::Content;

@@ -20,8 +20,8 @@ use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};
-use veiloc_service::labour::{Controllable, HealthProbe};
 use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
+use veiloc_service::worker_api::{Controllable, HealthProbe};
 
 use self::content::Content;
 use self::executor::Executor;

@@ -18,9 +18,9 @@ use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
 use veiloc_cluster::message::{Outcome, RejectReason, Reply, Request, Task};
 use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
-use veiloc_service::labour::HealthProbe as _;
+use veiloc_service::worker_api::HealthProbe as _;
 use veiloc_service::{
-    BodyKind, DecodedRequest, LocalizeFailure, MapElsewhere, NoPose, RemoteBackend as _, RemoteRequest,
+    BodyKind, DecodedRequest, LocalizeFailure, NoPose, RemoteBackend as _, RemoteMap, RemoteRequest,
     ServerOptions,
 };
 
@@ -143,8 +143,8 @@ async fn http_answers_equal_those_of_a_local_map() {
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
     let mut options = ServerOptions::new(Vec::new());
     options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
-    let held_by = Arc::new(machines.gateway.clone());
-    options.elsewhere = vec![MapElsewhere { name: MAP.to_owned(), held_by }];
+    let backend = Arc::new(machines.gateway.clone());
+    options.remote_maps = vec![RemoteMap { name: MAP.to_owned(), backend }];
     let (query, other) = (town.query(&truth()), common::service::TestScene::new(5).sealed(&truth()));
     let featureless = town.scene.sealed_without_features();
     // The server blocks its own thread, not those of the cluster.

@@ -14,7 +14,7 @@ use veiloc_map::{Down, MapFile, MapModel};
 use veiloc_obfuscation::seal;
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, SealedQuery};
-use veiloc_testing::pose_in_place;
+use veiloc_testing::pose_in_scene;
 
 const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 
@@ -51,12 +51,12 @@ fn found(query: &SealedQuery, map: &MapFile) -> Option<Localization> {
 
 #[test]
 fn use_of_gravity_is_reported() {
-    let truth = pose_in_place(0.13, 0.2);
+    let truth = pose_in_scene(0.13, 0.2);
     let gravity = Some(measured(&truth, 0.0, 1.0));
     for (gravity, down, used) in [
-        (None, None, GravityUse::NotTold),
-        (None, Some(down()), GravityUse::NotTold),
-        (gravity, None, GravityUse::MapDoesNotKnow),
+        (None, None, GravityUse::NotProvided),
+        (None, Some(down()), GravityUse::NotProvided),
+        (gravity, None, GravityUse::UnknownInMap),
         (gravity, Some(down()), GravityUse::Used),
     ] {
         let query = sealed("dcl", common::place(1).features(&truth), gravity);
@@ -70,7 +70,7 @@ fn use_of_gravity_is_reported() {
 /// Without a gravity direction, a map gives the same answer with and without gravity in the query.
 #[test]
 fn gravity_is_ignored_without_gravity_in_the_map() {
-    let truth = pose_in_place(0.13, 0.2);
+    let truth = pose_in_scene(0.13, 0.2);
     let map = map(None);
     let pose_of = |gravity| {
         found(&sealed("dcl", common::place(1).features(&truth), gravity), &map)
@@ -104,7 +104,7 @@ fn gravity_improves_poor_images() {
     for scheme in ["random-lines", "dcl"] {
         let (mut with, mut without) = (0.0, 0.0);
         for seed in 0..12 {
-            let truth = pose_in_place(0.02 * seed as f64, 0.1);
+            let truth = pose_in_scene(0.02 * seed as f64, 0.1);
             let tilt = |gravity| {
                 let found = found(&sealed(scheme, poor(&truth, seed), gravity), &map).expect("localized");
                 let down = Vector3::from(DOWN);
@@ -123,7 +123,7 @@ fn wrong_gravity_makes_no_wrong_pose_trusted() {
     let mut trusted = 0;
     for scheme in SCHEMES {
         for seed in 0..4 {
-            let truth = pose_in_place(0.02 * seed as f64, 0.1);
+            let truth = pose_in_scene(0.02 * seed as f64, 0.1);
             let without = found(&sealed(scheme, poor(&truth, seed), None), &map);
             for degrees in [5.0, 30.0, 120.0] {
                 for sd_deg in [0.5, 2.0] {

@@ -10,16 +10,16 @@ use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{SealedFrame, SealedQuery};
-use veiloc_testing::pose_in_place;
+use veiloc_testing::pose_in_scene;
 
 #[test]
 fn sessions_are_localized_and_invalid_ones_refused() {
     let place = common::place(1);
     let map = open(&place.map(8));
-    let truth = pose_in_place(0.13, 0.2);
+    let truth = pose_in_scene(0.13, 0.2);
     // The first frame is the rig; the device turned and moved between the others.
     let sealed = |scheme: &str, k: u64| {
-        let cam = pose_in_place(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
+        let cam = pose_in_scene(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
         let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
         let query = seal(place.features(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
         SealedFrame {
@@ -55,7 +55,7 @@ fn sessions_are_localized_and_invalid_ones_refused() {
 fn every_scheme_localizes() {
     let place = common::place(1);
     let map = open(&place.map(8));
-    let truth = pose_in_place(0.13, 0.2);
+    let truth = pose_in_scene(0.13, 0.2);
     for (scheme, bound) in [
         ("points", 0.01),
         ("random-lines", 0.02),
@@ -99,7 +99,7 @@ fn rows_with_several_points_are_counted_once() {
         let options = options(scheme);
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         let sealed = seal(
-            place.features(&pose_in_place(0.13, 0.2)),
+            place.features(&pose_in_scene(0.13, 0.2)),
             &place.camera,
             &place.profile,
             &options,
@@ -125,7 +125,7 @@ fn query_for_another_map_is_refused() {
     let map = open(&place.map(8));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let sealed = seal(
-        other.features(&pose_in_place(0.0, 0.0)),
+        other.features(&pose_in_scene(0.0, 0.0)),
         &other.camera,
         &other.profile,
         &SealOptions::default(),
@@ -146,7 +146,7 @@ fn out_of_map_query_is_not_localized() {
     negative.profile = place.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let options = SealOptions::unprotected_points();
-    let query = negative.features(&pose_in_place(0.0, 0.0));
+    let query = negative.features(&pose_in_scene(0.0, 0.0));
     let sealed = seal(query, &negative.camera, &place.profile, &options, &mut rng).expect("sealed");
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
@@ -158,7 +158,7 @@ fn empty_map_is_reported() {
     let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let sealed = seal(
-        place.features(&pose_in_place(0.0, 0.0)),
+        place.features(&pose_in_scene(0.0, 0.0)),
         &place.camera,
         &place.profile,
         &SealOptions::default(),

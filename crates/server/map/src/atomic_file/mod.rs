@@ -1,5 +1,5 @@
 //! Atomic replacement of files: one writer at a time ([`TargetLock`]), and after a crash the file is completely old
-//! or completely new ([`replace_file`]; [`write_whole`] if the old content need not be read first).
+//! or completely new ([`replace_file`]; [`write_atomic`] if the old content need not be read first).
 //!
 //! ```
 //! use veiloc_map::atomic_file::{Permissions, TargetLock, replace_file};
@@ -17,4 +17,4 @@ mod lock;
 mod replace;
 
 pub use lock::TargetLock;
-pub use replace::{Permissions, replace_file, write_whole};
+pub use replace::{Permissions, replace_file, write_atomic};

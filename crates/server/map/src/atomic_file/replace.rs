@@ -60,7 +60,7 @@ pub fn replace_file(
 ///
 /// # Errors
 /// The error of the system; then the old file stays.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let lock = TargetLock::acquire(path)?;
     replace_file(&lock, Permissions::Preserve, |out| out.write_all(bytes))
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::atomic_file::write_whole;
+use crate::atomic_file::write_atomic;
 
 use crate::error::MapError;
 
@@ -12,7 +12,7 @@ pub(super) fn write_files<const N: usize>(dir: &Path, files: [(&str, Vec<u8>); N
     fs::create_dir_all(dir).map_err(MapError::io(dir))?;
     for (name, content) in files {
         let path = dir.join(name);
-        write_whole(&path, &content).map_err(MapError::io(&path))?;
+        write_atomic(&path, &content).map_err(MapError::io(&path))?;
     }
     Ok(())
 }

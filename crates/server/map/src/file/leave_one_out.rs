@@ -16,12 +16,12 @@ pub struct Without {
     pub image: usize,
     /// The points that the image observes, as they are without it; `None` for a removed point. All other points are
     /// unchanged.
-    pub points: BTreeMap<PointId, Option<PointWithout>>,
+    pub points: BTreeMap<PointId, Option<LeaveOneOutPoint>>,
 }
 
 /// A point without the observation of the image that was left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PointWithout {
+pub struct LeaveOneOutPoint {
     /// Position, map units.
     pub position: Point3<World>,
     /// The remaining evidence for the position.
@@ -117,7 +117,7 @@ impl<'a> MapView<'a> {
     }
 
     /// The changed state of a point that the left-out image observes.
-    fn changed(&self, id: PointId) -> Option<&'a Option<PointWithout>> {
+    fn changed(&self, id: PointId) -> Option<&'a Option<LeaveOneOutPoint>> {
         self.without.and_then(|w| w.points.get(&id))
     }
 }

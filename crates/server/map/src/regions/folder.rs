@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use crate::atomic_file::{Permissions, TargetLock, replace_file, write_whole};
+use crate::atomic_file::{Permissions, TargetLock, replace_file, write_atomic};
 use crate::is_map_name;
 use crate::{MapFile, MapMemory, Region};
 use veiloc_geometry::Point3;
@@ -95,7 +95,7 @@ impl<'a> FolderWriter<'a> {
     fn object(&self, bytes: &[u8]) -> Result<ObjectRef, MapError> {
         let object = ObjectRef::of(bytes);
         let path = path_in(&self.folder, &object.sha256);
-        write_whole(&path, bytes).map_err(MapError::io(&path))?;
+        write_atomic(&path, bytes).map_err(MapError::io(&path))?;
         Ok(object)
     }
 

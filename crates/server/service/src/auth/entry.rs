@@ -65,7 +65,7 @@ impl Entry {
     }
 
     /// Whether the token may use a map of this name; the map need not exist.
-    pub fn may_ask_for(&self, map: &str) -> bool {
+    pub fn allows_map(&self, map: &str) -> bool {
         self.maps.as_ref().is_none_or(|maps| maps.contains(map))
     }
 

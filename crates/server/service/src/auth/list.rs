@@ -98,7 +98,7 @@ mod tests {
         assert_eq!((ops.name(), ops.operator), ("ops", true));
         for entry in [phone, ops] {
             assert!(
-                entry.may_ask_for("anything") && !entry.has_expired(crate::auth::Moment::of_unix(i64::MAX))
+                entry.allows_map("anything") && !entry.has_expired(crate::auth::Moment::of_unix(i64::MAX))
             );
         }
         assert_eq!(list.find(&TokenKey::of_token(b"secret")).map(Entry::name), Some("phone"));
@@ -111,7 +111,7 @@ mod tests {
         let list = read(&format!("phone {SECRET} expires=2027-01-31 maps=b,a,b")).expect("a file");
         let phone = &list.entries()[0];
         assert_eq!(phone.maps().expect("some").collect::<Vec<_>>(), ["a", "b"]);
-        assert!(phone.may_ask_for("a") && !phone.may_ask_for("c") && !phone.may_ask_for(""));
+        assert!(phone.allows_map("a") && !phone.allows_map("c") && !phone.allows_map(""));
         let end: crate::auth::Moment = "2027-01-31T00:00:00Z".parse().expect("a moment");
         assert!(phone.has_expired(end) && !phone.has_expired(crate::auth::Moment::of_unix(end.unix() - 1)));
         assert_eq!(phone.to_string(), format!("phone {SECRET} maps=a,b expires=2027-01-31T00:00:00Z"));

@@ -28,7 +28,7 @@
 //! entry.expires = Some("2027-01-31".parse()?);
 //! let list = TokenList::parse(entry.to_string().as_bytes())?;
 //! let found = list.find(&secret.key()).expect("its token");
-//! assert!(found.may_ask_for("lobby") && !found.may_ask_for("garage"));
+//! assert!(found.allows_map("lobby") && !found.allows_map("garage"));
 //! assert!(found.has_expired("2027-01-31T00:00:00Z".parse::<Moment>()?));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -52,4 +52,4 @@ pub use list::TokenList;
 pub use names::is_token_name;
 pub use secret::Secret;
 pub use store::TokenFile;
-pub use timestamp::{BadMoment, Moment};
+pub use timestamp::{InvalidTimestamp, Moment};

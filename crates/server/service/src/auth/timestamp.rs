@@ -13,7 +13,7 @@ pub struct Moment(i64);
 /// The text is not a valid time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected a day (2027-01-31) or a second in UTC (2027-01-31T00:00:00Z)")]
-pub struct BadMoment;
+pub struct InvalidTimestamp;
 
 impl Moment {
     /// From seconds since the beginning of 1970.
@@ -47,7 +47,7 @@ impl Moment {
     }
 
     /// This many days later; `None` beyond the year 9999, which has no written form.
-    pub fn days_later(self, days: u32) -> Option<Self> {
+    pub fn plus_days(self, days: u32) -> Option<Self> {
         let later = self.calendar()?.checked_add(Duration::days(days.into()))?;
         Some(Self(later.unix_timestamp()))
     }
@@ -69,16 +69,16 @@ impl fmt::Display for Moment {
 }
 
 impl FromStr for Moment {
-    type Err = BadMoment;
+    type Err = InvalidTimestamp;
 
-    fn from_str(text: &str) -> Result<Self, BadMoment> {
+    fn from_str(text: &str) -> Result<Self, InvalidTimestamp> {
         let (date, time) = match text.split_once('T') {
-            Some((date, time)) => (date, time.strip_suffix('Z').ok_or(BadMoment)?),
+            Some((date, time)) => (date, time.strip_suffix('Z').ok_or(InvalidTimestamp)?),
             None => (text, "00:00:00"),
         };
-        let date = numbers(date, '-', [4, 2, 2]).ok_or(BadMoment)?;
-        let time = numbers(time, ':', [2, 2, 2]).ok_or(BadMoment)?;
-        Self::of_calendar(date, time).ok_or(BadMoment)
+        let date = numbers(date, '-', [4, 2, 2]).ok_or(InvalidTimestamp)?;
+        let time = numbers(time, ':', [2, 2, 2]).ok_or(InvalidTimestamp)?;
+        Self::of_calendar(date, time).ok_or(InvalidTimestamp)
     }
 }
 
@@ -118,7 +118,7 @@ mod tests {
         let leap: Moment = "2016-12-31T23:59:60Z".parse().expect("a moment");
         assert_eq!(leap.to_string(), "2017-01-01T00:00:00Z");
         let last: Moment = "9999-12-31".parse().expect("a moment");
-        assert!(last.days_later(0).is_some() && last.days_later(1).is_none());
+        assert!(last.plus_days(0).is_some() && last.plus_days(1).is_none());
     }
 
     #[test]
@@ -141,7 +141,7 @@ mod tests {
             "2027-01-31-",
             "never",
         ] {
-            assert_eq!(bad.parse::<Moment>(), Err(BadMoment), "{bad}");
+            assert_eq!(bad.parse::<Moment>(), Err(InvalidTimestamp), "{bad}");
         }
     }
 }

@@ -54,5 +54,5 @@ pub(super) fn resolve_map(
     name: Result<Path<String>, PathRejection>,
 ) -> Result<Arc<LoadedMap>, Problem> {
     let name = name.map_err(|_| Problem::UnknownMap)?;
-    if caller.may_ask_for(&name) { app.maps.served(&name) } else { Err(Problem::UnknownMap) }
+    if caller.allows_map(&name) { app.maps.served(&name) } else { Err(Problem::UnknownMap) }
 }

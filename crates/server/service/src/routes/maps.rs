@@ -50,7 +50,7 @@ pub(super) async fn list(
 ) -> Result<Response, Problem> {
     let caller = authenticate(&app, &connection, &context, &headers)?;
     let slots = app.maps.slots();
-    let own = slots.iter().filter(|slot| caller.may_ask_for(slot.name()));
+    let own = slots.iter().filter(|slot| caller.allows_map(slot.name()));
     let maps = own.filter_map(|slot| slot.current()).map(|loaded| MapEntry {
         name: loaded.name.clone(),
         images: loaded.images,

@@ -15,7 +15,7 @@ use crate::args::feature_args::MapFeatureArgs;
 use crate::args::global_args::MapGlobalArgs;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
-use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{read_pairs, write_pairs};
 use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
 
@@ -270,9 +270,9 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         Some(pairs) => posed_input.input().with_pairs(pairs),
         None => posed_input.input(),
     };
-    let cache = args.work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose()?;
+    let cache = args.work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose()?;
     let input = match &cache {
-        Some(cache) => input.with_kept(cache),
+        Some(cache) => input.with_cache(cache),
         None => input,
     };
     let (mut model, mut report) =

@@ -58,7 +58,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     let file: RigFile =
         serde_json::from_slice(&bytes).map_err(|e| refused(format!("not a rig file: {e}"), form))?;
     let count = file.frames.len();
-    if !(1..=RigMessage::MOST_FRAMES).contains(&count) {
+    if !(1..=RigMessage::MAX_FRAMES).contains(&count) {
         let help = "a session has 1 to 32 frames; localize a longer one in parts";
         return Err(refused(format!("{count} frames"), help));
     }

@@ -10,7 +10,7 @@ use std::time::Duration;
 #[cfg(feature = "cluster")]
 use veiloc_cluster::{Gateway, GatewayOptions};
 #[cfg(feature = "cluster")]
-use veiloc_service::MapElsewhere;
+use veiloc_service::RemoteMap;
 #[cfg(feature = "cluster")]
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
@@ -283,7 +283,7 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
         gateway.regions = args.cluster_regions.get();
         gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
         let gateway = Gateway::start(bus.clone(), source.clone(), gateway, counts.clone()).await?;
-        options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway) });
+        options.remote_maps.push(RemoteMap { name: name.clone(), backend: Arc::new(gateway) });
     }
     options.gateway = Some(counts);
     if args.workers.is_none() {

@@ -83,7 +83,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     let now = Moment::of(SystemTime::now());
     let expires = match args.days {
-        Some(days) => Some(now.days_later(days).ok_or_else(|| expiry_too_far(days))?),
+        Some(days) => Some(now.plus_days(days).ok_or_else(|| expiry_too_far(days))?),
         None => args.expires,
     };
     if let Some(end) = expires.filter(|end| *end <= now) {

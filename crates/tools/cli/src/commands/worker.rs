@@ -9,8 +9,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 use veiloc_cluster::{ClusterError, Share, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
-use veiloc_service::labour::{Signals, own_process, probes};
 use veiloc_service::telemetry::WorkerCounts;
+use veiloc_service::worker_api::{Signals, own_process, probes};
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::commands::cluster_args::{ClusterArgs, map_name};

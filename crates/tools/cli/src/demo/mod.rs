@@ -60,7 +60,7 @@ pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result
             Threshold { translation: 0.02, rotation_deg: 1.0 },
         ],
         seed: options.seed,
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             read_posed(&scene.posed)?,
             scene.images.clone(),
             scene.map_list.clone(),

@@ -22,7 +22,7 @@ fn token_is_printed_once_and_stored_as_hash() {
     assert!(!text(&folder).contains(token), "the file has only the hash");
     let file = list(&folder);
     let entry = file.find(&TokenKey::of_token(token.as_bytes())).expect("its line");
-    assert!(entry.may_ask_for("garage") && !entry.may_ask_for("attic") && !entry.operator);
+    assert!(entry.allows_map("garage") && !entry.allows_map("attic") && !entry.operator);
     folder.run("token new ops --operator --days 30 --tokens tokens").succeeded();
 
     let shown = folder.run("token list --tokens tokens").succeeded();

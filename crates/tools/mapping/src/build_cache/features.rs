@@ -8,7 +8,7 @@ use crate::MappingError;
 use crate::{ExtractedFeatures, FeatureRequest};
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
-use veiloc_map::atomic_file::write_whole;
+use veiloc_map::atomic_file::write_atomic;
 
 use crate::build_cache::key::Key;
 
@@ -49,7 +49,7 @@ impl FeatureFolder {
         found: &ExtractedFeatures,
     ) -> Result<(), MappingError> {
         let Some(path) = self.file_of(request) else { return Ok(()) };
-        write_whole(&path, &encode(found)).map_err(MappingError::io(&path))
+        write_atomic(&path, &encode(found)).map_err(MappingError::io(&path))
     }
 }
 

@@ -11,13 +11,13 @@
 //!
 //! ```no_run
 //! use std::path::Path;
-//! use veiloc_mapping::build_cache::Keeping;
+//! use veiloc_mapping::build_cache::FolderCache;
 //! use veiloc_map::colmap::read_posed;
 //! use veiloc_mapping::{BuildOptions, Input, build};
 //!
 //! let (posed, options) = (read_posed(Path::new("hall/sparse"))?, BuildOptions::default());
-//! let cache = Keeping::in_folder(Path::new("hall.work"), &options)?;
-//! let (map, _) = build(&Input::new(&posed, Path::new("hall/images")).with_kept(&cache), &options, &())?;
+//! let cache = FolderCache::in_folder(Path::new("hall.work"), &options)?;
+//! let (map, _) = build(&Input::new(&posed, Path::new("hall/images")).with_cache(&cache), &options, &())?;
 //! cache.finish()?;
 //! veiloc_map::write(&map, Path::new("hall.vmap"))?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -42,14 +42,14 @@ use matches::MatchFiles;
 
 /// Cache of map builds in a folder.
 #[derive(Debug)]
-pub struct Keeping {
+pub struct FolderCache {
     features: FeatureFolder,
     matches: MatchFiles,
     /// The first write error.
     first_error: Mutex<Option<MappingError>>,
 }
 
-impl Keeping {
+impl FolderCache {
     /// Opens or creates the cache folder for builds with these options.
     ///
     /// # Errors
@@ -81,7 +81,7 @@ impl Keeping {
     }
 }
 
-impl Cache for Keeping {
+impl Cache for FolderCache {
     fn features(&self, request: &FeatureRequest<'_>) -> Option<ExtractedFeatures> {
         self.features.get(request)
     }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::MappingError;
 use crate::{CompressOptions, Compression, LeaveOut, Progress, compress};
 use veiloc_map::{
-    Evidence, MapFile, MapModel, MapView, PointId, PointWithout, Remembered, SelfTest, Without,
+    Evidence, LeaveOneOutPoint, MapFile, MapModel, MapView, PointId, Remembered, SelfTest, Without,
 };
 
 use crate::calibration::run::{SelfTestOptions, self_test, test_in};
@@ -31,9 +31,9 @@ pub fn self_test_compressed(
     let without = |image: usize| {
         let in_whole = leave_out.without(image);
         let view = MapView::without(&whole_file, &in_whole);
-        let moved = |(id, point): (&PointId, &Option<PointWithout>)| {
+        let moved = |(id, point): (&PointId, &Option<LeaveOneOutPoint>)| {
             let remembered = || Remembered::new(view.seen_by(*id) as u32, &view.point_covariance(*id));
-            let point = point.as_ref().map(|point| PointWithout {
+            let point = point.as_ref().map(|point| LeaveOneOutPoint {
                 position: point.position,
                 evidence: Evidence::Remembered(remembered()),
             });

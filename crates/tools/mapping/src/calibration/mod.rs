@@ -38,6 +38,6 @@ mod trial;
 
 pub use compressed::{self_test_compressed, smallest_within};
 pub use fit::fit;
-pub use run::{SelfTestOptions, chosen, is_testable, self_test, test_of, trials};
+pub use run::{SelfTestOptions, chosen, is_testable, self_test, summarize_trials, trials};
 pub use trial::Trial;
 pub use veiloc_map::{Calibration, SelfTest};

@@ -66,7 +66,7 @@ pub(crate) fn test_in(
 ) -> Result<SelfTest, MappingError> {
     let chosen = chosen(model, options);
     let trials = run_trials(model, file, without, &chosen, options, progress)?;
-    Ok(test_of(model, &trials, options))
+    Ok(summarize_trials(model, &trials, options))
 }
 
 /// Returns the indices of the images that a self-test localizes: up to [`SelfTestOptions::images`], evenly spaced.
@@ -91,7 +91,11 @@ pub fn trials(
 }
 
 /// Summarizes the trials of all [`chosen`] images, in their order: the result of a distributed [`self_test`].
-pub fn test_of(model: &MapModel, trials: &[Vec<Option<Trial>>], options: &SelfTestOptions) -> SelfTest {
+pub fn summarize_trials(
+    model: &MapModel,
+    trials: &[Vec<Option<Trial>>],
+    options: &SelfTestOptions,
+) -> SelfTest {
     let scale = scale(model);
     let of_scheme = |(index, scheme): (usize, &Scheme)| {
         let of_images: Vec<Option<Trial>> =

@@ -50,7 +50,7 @@ fn user_defined_data_set_is_mapped_and_evaluated() {
         &SceneEvaluation {
             schemes: vec!["dcl".parse().expect("a scheme")],
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
-            ..SceneEvaluation::of_place(
+            ..SceneEvaluation::of_scene(
                 posed,
                 scene.folder.clone(),
                 scene.posed.names(),

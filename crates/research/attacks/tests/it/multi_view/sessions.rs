@@ -23,7 +23,7 @@ const DETECTOR_PX: f64 = 0.3;
 
 /// Without the protection of world-fixed anchors, and with it.
 fn image_fixed() -> SessionOptions {
-    SessionOptions::default().with_anchors(SessionAnchors::Image).with_most_starts(None)
+    SessionOptions::default().with_anchors(SessionAnchors::Image).with_max_starts(None)
 }
 fn without_memory() -> SessionOptions {
     SessionOptions::default().with_step(0.0).with_memory(false)

@@ -50,7 +50,7 @@ pub(super) fn sealed_in_session(
     let first = frames.first().map_or("", |f| &f.name);
     let text = scheme.to_string();
     let mut key = ChaCha20Rng::seed_from_u64(seed_for(seed, &[first, &text, "session"]));
-    let options = evaluation.session.with_anchors(anchors).with_most_starts(None);
+    let options = evaluation.session.with_anchors(anchors).with_max_starts(None);
     let mut session = Session::new(options, &mut key);
     let mut drift = Rotation3::identity();
     let down = Vector3::from(gravity_source.down().in_world());

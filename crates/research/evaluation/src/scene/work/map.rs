@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::results::MapSummary;
-use veiloc_map::atomic_file::write_whole;
+use veiloc_map::atomic_file::write_atomic;
 use veiloc_mapping::build_cache::Key;
 
 use super::key::EvaluationKey as _;
@@ -65,6 +65,6 @@ impl StoredMap {
     /// Written last, so that a description without a complete map never exists.
     pub(in crate::scene) fn store(&self, facts: &MapSummary) -> Result<(), EvalError> {
         let bytes = serde_json::to_vec(facts).map_err(|e| io(&self.facts)(e.into()))?;
-        write_whole(&self.facts, &bytes).map_err(io(&self.facts))
+        write_atomic(&self.facts, &bytes).map_err(io(&self.facts))
     }
 }

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_map::atomic_file::TargetLock;
 use veiloc_mapping::BuildOptions;
-use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::build_cache::FolderCache;
 
 use crate::error::EvalError;
 
@@ -45,8 +45,8 @@ impl Work {
     }
 
     /// Cache of features and matches of map images.
-    pub(super) fn keeping(&self, build: &BuildOptions) -> Result<Keeping, EvalError> {
-        Ok(Keeping::in_folder(&self.folder, build)?)
+    pub(super) fn cache(&self, build: &BuildOptions) -> Result<FolderCache, EvalError> {
+        Ok(FolderCache::in_folder(&self.folder, build)?)
     }
 }
 

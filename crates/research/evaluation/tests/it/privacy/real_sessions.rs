@@ -18,7 +18,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
     let place = SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
             folder.join("images"),
             names(&folder.join("map.txt"), 2),

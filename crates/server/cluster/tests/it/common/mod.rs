@@ -17,10 +17,10 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::Answer;
-use veiloc_service::labour::Controllable as _;
 use veiloc_service::telemetry::{
     GatewayCounts, GaugeValues, Metrics, MetricsOptions, RequestIds, WorkerCounts,
 };
+use veiloc_service::worker_api::Controllable as _;
 use veiloc_service::{BodyKind, DecodedRequest, LocalizeFailure, RemoteBackend as _, RemoteRequest};
 
 use service::{TestScene, pose};

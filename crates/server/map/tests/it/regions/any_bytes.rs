@@ -56,10 +56,10 @@ fn other_index_version_has_a_remedy() {
 
 #[test]
 fn damaged_manifests_are_refused_or_consistent() {
-    damage::hold_on_files(&data("manifest"), "json", 3000, properties::manifest);
+    damage::check_files(&data("manifest"), "json", 3000, properties::manifest);
 }
 
 #[test]
 fn damaged_indexes_are_refused_or_consistent() {
-    damage::hold_on_files(&data("index"), "index", 1000, properties::index);
+    damage::check_files(&data("index"), "index", 1000, properties::index);
 }

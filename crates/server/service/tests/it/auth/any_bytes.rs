@@ -11,5 +11,5 @@ use std::path::Path;
 #[test]
 fn damaged_token_files_are_refused_or_parsed_consistently() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/auth");
-    damage::hold_on_files(&folder, "tokens", 3000, properties::tokens);
+    damage::check_files(&folder, "tokens", 3000, properties::tokens);
 }

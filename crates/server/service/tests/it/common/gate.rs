@@ -6,9 +6,7 @@ use std::sync::Arc;
 use tokio::sync::Semaphore;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
-use veiloc_service::{
-    AnswerFuture, MapDescription, MapElsewhere, RemoteBackend, RemoteRequest, ServerOptions,
-};
+use veiloc_service::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest, ServerOptions};
 
 use super::{Files, eventually};
 
@@ -26,7 +24,7 @@ impl Gate {
         let description = Arc::new(MapDescription { profile, images, points });
         let gate = Arc::new(Self { map, description, permits: Semaphore::new(0) });
         options.maps.clear();
-        options.elsewhere = vec![MapElsewhere { name: "place".to_owned(), held_by: gate.clone() }];
+        options.remote_maps = vec![RemoteMap { name: "place".to_owned(), backend: gate.clone() }];
         gate
     }
 

@@ -23,7 +23,7 @@ use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_service::{Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped, Timeouts};
 
-use veiloc_testing::RandomPlace;
+use veiloc_testing::RandomScene;
 
 use http::{Request, Response};
 
@@ -33,25 +33,25 @@ pub const PHONE: &str = "phone-token";
 pub const OPERATOR: &str = "operator-token";
 
 /// A scene of 900 random points, and the queries of a device in it.
-pub struct TestScene(RandomPlace);
+pub struct TestScene(RandomScene);
 
 impl Deref for TestScene {
-    type Target = RandomPlace;
+    type Target = RandomScene;
 
-    fn deref(&self) -> &RandomPlace {
+    fn deref(&self) -> &RandomScene {
         &self.0
     }
 }
 
 impl DerefMut for TestScene {
-    fn deref_mut(&mut self) -> &mut RandomPlace {
+    fn deref_mut(&mut self) -> &mut RandomScene {
         &mut self.0
     }
 }
 
 impl TestScene {
     pub fn new(seed: u64) -> Self {
-        Self(RandomPlace::new(seed, 900, 8, "SIMPLE_RADIAL,640,480,520,322,238,-0.04"))
+        Self(RandomScene::new(seed, 900, 8, "SIMPLE_RADIAL,640,480,520,322,238,-0.04"))
     }
 
     /// A sealed query from this pose, encoded.
@@ -109,7 +109,7 @@ pub fn seal_features(
 }
 
 /// A camera within the mapped part of the scene.
-pub use veiloc_testing::pose_in_place as pose;
+pub use veiloc_testing::pose_in_scene as pose;
 
 /// A pose that differs from all map images.
 pub fn truth() -> CameraFromWorld {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_evaluation::retrieval::{SearchEvaluation, SearchRow, evaluate_search, table};
+use veiloc_evaluation::retrieval::{RetrievalEvaluation, RetrievalRow, evaluate_retrieval, table};
 use veiloc_map::MapFile;
 
 use crate::exit::{Exit, Outcome};
@@ -62,7 +62,7 @@ struct RetrievalDocument {
     seed: u64,
     queries: usize,
     others: usize,
-    rows: Vec<SearchRow>,
+    rows: Vec<RetrievalRow>,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -84,7 +84,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let extractors = args.features.extractors(map.profile())?;
     let extractor = extractors.of_kind(map.profile().descriptor_kind())?;
-    let evaluation = SearchEvaluation {
+    let evaluation = RetrievalEvaluation {
         queries,
         others,
         sizes: args.sizes.clone(),
@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         seed: args.seed,
         save: args.save.clone(),
     };
-    let rows = evaluate_search(&map, extractor, &evaluation, &Stages::new(ui))?;
+    let rows = evaluate_retrieval(&map, extractor, &evaluation, &Stages::new(ui))?;
     let text = table(&rows);
     let document = RetrievalDocument {
         version: 1,

@@ -95,7 +95,7 @@ impl SceneArgs {
             thresholds: self.report.thresholds.clone(),
             localize: self.matching.options(&self.pose),
             seed: self.pose.run.seed,
-            ..SceneEvaluation::of_place(
+            ..SceneEvaluation::of_scene(
                 read_posed(&self.posed_scene.posed)?,
                 self.posed_scene.images.clone(),
                 lists::read_list(&self.posed_scene.map_list)?,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::Serialize;
-use veiloc_datasets::problem_files::is_for_design;
+use veiloc_datasets::problem_files::is_in_design_split;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
@@ -18,6 +18,6 @@ pub(super) enum Split {
 
 impl Split {
     pub(super) fn holds(self, file: &Path) -> bool {
-        self == Self::All || is_for_design(file) == (self == Self::Design)
+        self == Self::All || is_in_design_split(file) == (self == Self::Design)
     }
 }

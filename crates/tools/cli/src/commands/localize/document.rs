@@ -166,9 +166,9 @@ pub(super) fn localized_query(file: String, found: &Localization) -> QueryDocume
         noise_px: Some(found.noise_px),
         focal_scale: Some(found.focal_scale),
         gravity: match found.gravity {
-            GravityUse::NotTold => None,
+            GravityUse::NotProvided => None,
             GravityUse::Used => Some("used"),
-            GravityUse::MapDoesNotKnow => Some(UNUSED_GRAVITY),
+            GravityUse::UnknownInMap => Some(UNUSED_GRAVITY),
         },
         trusted: found.confidence.is_trusted(),
         doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),

@@ -70,7 +70,7 @@ fn print_notice(ui: &Ui, notice: &Notice) {
         Notice::Again { reason, pause } => {
             ui.info(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
         }
-        Notice::NotKept { file, reason } => {
+        Notice::CacheWriteFailed { file, reason } => {
             ui.info(format!("{}: the profile could not be cached: {reason}", file.display()));
         }
     }

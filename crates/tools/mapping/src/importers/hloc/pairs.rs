@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use veiloc_map::atomic_file::write_whole;
+use veiloc_map::atomic_file::write_atomic;
 
 use crate::MappingError;
 
@@ -53,7 +53,7 @@ pub fn write_pairs<'a>(
         }
         text.extend([first, " ", second, "\n"]);
     }
-    write_whole(path, text.as_bytes()).map_err(|source| MappingError::Io { path: path.to_owned(), source })
+    write_atomic(path, text.as_bytes()).map_err(|source| MappingError::Io { path: path.to_owned(), source })
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::path::Path;
 use hdf5_pure::{
     AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FinishedGroup, FloatingPointLayout, GroupBuilder,
 };
-use veiloc_map::atomic_file::write_whole;
+use veiloc_map::atomic_file::write_atomic;
 
 use crate::MappingError;
 use crate::importers::hloc::binary16;
@@ -67,7 +67,7 @@ impl GroupTree {
             name: path.display().to_string(),
             reason: e.to_string(),
         })?;
-        write_whole(path, &bytes).map_err(|source| MappingError::Io { path: path.to_owned(), source })
+        write_atomic(path, &bytes).map_err(|source| MappingError::Io { path: path.to_owned(), source })
     }
 
     fn finish(self, mut group: GroupBuilder) -> FinishedGroup {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use veiloc_descriptor::DescriptorKind;
 use veiloc_features::{Compact, Extractor, Extractors, FeatureError, Features, Image};
 use veiloc_map::{MapModel, PosedImage, PosedImages};
-use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::{BuildOptions, Input, Share, Stage, build, prepare};
 use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
@@ -67,15 +67,15 @@ fn distributed_build_equals_single_process_build() {
 
     let work = tempfile::tempdir().expect("a folder");
     let share = |stage, part, of| {
-        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let cache = FolderCache::in_folder(work.path(), &options).expect("a folder");
         let share = Share::new(part, of).expect("a share");
         let done = prepare(&input, &cache, &options, stage, share, &()).expect("prepared");
         cache.finish().expect("kept");
         done
     };
     let built = || -> MapModel {
-        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
-        let (map, _) = build(&input.with_kept(&cache), &options, &()).expect("built");
+        let cache = FolderCache::in_folder(work.path(), &options).expect("a folder");
+        let (map, _) = build(&input.with_cache(&cache), &options, &()).expect("built");
         cache.finish().expect("kept");
         map
     };
@@ -107,9 +107,9 @@ fn added_image_reuses_cached_features() {
     let work = tempfile::tempdir().expect("a folder");
     let (options, extracted) = counting();
     for (count, fresh) in [(7, 7), (8, 1), (8, 0)] {
-        let cache = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let cache = FolderCache::in_folder(work.path(), &options).expect("a folder");
         let input = Input::new(&posed, images.path()).with_names(&names[..count]);
-        let (map, _) = build(&input.with_kept(&cache), &options, &()).expect("built");
+        let (map, _) = build(&input.with_cache(&cache), &options, &()).expect("built");
         assert_eq!((map.images.len(), extracted.swap(0, Ordering::Relaxed)), (count, fresh));
     }
 }

@@ -60,13 +60,13 @@ impl AttackArgs {
         evaluation.attacked = Some(attacked as usize);
         evaluation.k = self.attack_neighbours as usize;
         evaluation.seed = scene.seed;
-        let mut of_place = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
-        for row in &mut of_place.rows {
+        let mut of_scene = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
+        for row in &mut of_scene.rows {
             name.clone_into(&mut row.data);
         }
         match found {
-            Some(all) => all.rows.append(&mut of_place.rows),
-            None => *found = Some(of_place),
+            Some(all) => all.rows.append(&mut of_scene.rows),
+            None => *found = Some(of_scene),
         }
         Ok(())
     }

@@ -156,7 +156,7 @@ fn scene_evaluation(
         seed: args.pose.run.seed,
         work: args.work.as_ref().map(|folder| folder.join(&scene.name)),
         jobs: args.jobs(),
-        ..SceneEvaluation::of_place(
+        ..SceneEvaluation::of_scene(
             posed,
             scene.images.clone(),
             scene.mapped.names(),

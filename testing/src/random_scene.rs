@@ -12,7 +12,7 @@ use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_protocol::Profile;
 
 /// Points with descriptors, in a box 6 wide, 4 high and 4 to 9 in front of the cameras, and the camera.
-pub struct RandomPlace {
+pub struct RandomScene {
     /// The camera of all images.
     pub camera: Intrinsics,
     /// The profile of its maps: VLAD.
@@ -21,7 +21,7 @@ pub struct RandomPlace {
     descriptors: Vec<[u8; 128]>,
 }
 
-impl RandomPlace {
+impl RandomScene {
     /// A scene with this many points and visual words, and this camera (in the text format of [`Intrinsics`]).
     ///
     /// # Panics
@@ -71,7 +71,7 @@ impl RandomPlace {
         model.cameras.push(self.camera);
         let mut tracks = vec![Vec::new(); self.points.len()];
         for i in 0..images {
-            let pose = pose_in_place(f64::from(i) * 0.1 - 0.05 * f64::from(images), f64::from(i % 3) * 0.3);
+            let pose = pose_in_scene(f64::from(i) * 0.1 - 0.05 * f64::from(images), f64::from(i % 3) * 0.3);
             let seen = self.project(&pose);
             let descriptors = self.observed(&seen, &mut rng);
             for (keypoint, (point, _)) in seen.iter().enumerate() {
@@ -117,6 +117,6 @@ impl RandomPlace {
 }
 
 /// A camera looking along `z`, rotated (radians) and moved to the side.
-pub fn pose_in_place(yaw: f64, shift: f64) -> CameraFromWorld {
+pub fn pose_in_scene(yaw: f64, shift: f64) -> CameraFromWorld {
     Rigid3::new(Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)), Vector3::new(shift, 0.1, 0.4))
 }
