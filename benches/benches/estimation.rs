@@ -59,7 +59,7 @@ fn problem(scheme: &str, upright: bool) -> PoseProblem {
         },
     };
     let down = truth.rotation() * Vector3::y();
-    let gravity = upright.then(|| Gravity::felt(down, Vector3::y()));
+    let gravity = upright.then(|| Gravity::from_accelerometer(down, Vector3::y()));
     let mut problem = PoseProblem::new(CAMERA, observations, (0..2400).collect(), points);
     problem.gravity = gravity;
     problem

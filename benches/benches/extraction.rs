@@ -11,7 +11,7 @@ use divan::Bencher;
 use veiloc_features::{GrayImage, SiftOptions, extract_sift};
 use veiloc_simd::Backend;
 use veiloc_simd::sift::{
-    HalfKernel, LANES, PatchMemory, Patches, View, blur_along, blur_down, differences, peaks,
+    BlurredImage, HalfKernel, LANES, PatchMemory, Patches, blur_along, blur_down, differences, peaks,
 };
 
 /// A level of the first octave of an image of 640 x 480.
@@ -111,7 +111,7 @@ fn search(backend: Backend) -> Vec<u32> {
 fn describe(backend: Backend) -> Vec<u32> {
     let patches = Patches::new(backend);
     let mut memory = PatchMemory::new();
-    let view = View::new(&LEVEL, STRIDE, WIDTH, HEIGHT).expect("a whole level");
+    let view = BlurredImage::new(&LEVEL, STRIDE, WIDTH, HEIGHT).expect("a whole level");
     let mut bits = Vec::new();
     for k in 0..KEYPOINTS {
         let middle = [30.0 + (k * 619 % 1220) as f32, 30.0 + (k * 397 % 900) as f32];

@@ -3,7 +3,7 @@
 
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{Index, Manifest, ObjectId};
+use veiloc_map::regions::{Manifest, ObjectId, RegionIndex};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// A manifest: each content has one encoding, and so one id; no name contains a path.
@@ -30,7 +30,7 @@ pub fn index(bytes: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("index");
     std::fs::write(&path, bytes).expect("space is left");
-    let Ok(index) = Index::open(&path, MapMemory::Copied) else { return };
+    let Ok(index) = RegionIndex::open(&path, MapMemory::Copied) else { return };
     let regions = 0..index.region_count();
     let mut has_core = vec![false; index.region_count()];
     for image in 0..index.image_count() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use veiloc_fuzz::damage::SplitMix64;
-use veiloc_map::regions::{Index, Manifest};
+use veiloc_map::regions::{RegionIndex, Manifest};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::{Answer, Profile, SealedQuery};
 use veiloc_service::auth::TokenList;
@@ -130,7 +130,7 @@ fn index() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("index");
         fs::write(&path, bytes).expect("room");
-        Index::open(&path, MapMemory::Copied).is_ok()
+        RegionIndex::open(&path, MapMemory::Copied).is_ok()
     };
     run("index", &files("crates/server/map/tests/data/regions/index", ".index"), opens, veiloc_fuzz::index);
 }

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
 use veiloc_evaluation::audit::{
-    ATTACKS, Attack, AttackEvaluation, AttackObserver, AuditOptions, ImageGroup, Stage, attack_groups,
-    run_audit,
+    ATTACKS, Attack, AttackEvaluation, AttackObserver, AttackProgress, AuditOptions, ImageGroup,
+    attack_groups, run_audit,
 };
 use veiloc_features::{Extractors, Progress};
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -21,9 +21,9 @@ pub(crate) fn attack_names() -> Vec<&'static str> {
     ATTACKS.map(|attack| attack.name).to_vec()
 }
 
-struct StageObserver<'a>(Stage<'a>);
+struct ProgressObserver<'a>(AttackProgress<'a>);
 
-impl AttackObserver for StageObserver<'_> {
+impl AttackObserver for ProgressObserver<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
         self.0.advance(total);
     }
@@ -101,7 +101,7 @@ pub(crate) fn attack<'py>(
     let text = ProgressCallback::new(py, progress)?.run(py, |progress| -> Result<_> {
         let images = keypoints(&images, features, max_keypoints, max_image_side, progress)?;
         let group = ImageGroup { name: "images".to_owned(), images };
-        let mut observer = StageObserver(Stage::new(progress, "Attacking"));
+        let mut observer = ProgressObserver(AttackProgress::new(progress, "Attacking"));
         let found = attack_groups(&evaluation, vec![group], &mut observer).map_err(BindingError::other)?;
         progress.finish();
         Ok(serde_json::to_string(&found))

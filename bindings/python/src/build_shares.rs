@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use veiloc_mapping::build_cache::FolderCache;
-use veiloc_mapping::calibration::Trial;
-use veiloc_mapping::{BuildOptions, Input, Share, Stage, prepare as prepare_share};
+use veiloc_mapping::calibration::SelfTestTrial;
+use veiloc_mapping::{BuildOptions, BuildStage, Input, StageShare, prepare as prepare_share};
 
 use crate::blocking::ProgressCallback;
 use crate::errors::{BindingError, Result};
@@ -46,9 +46,9 @@ pub(crate) fn prepare(
 ) -> Result<(usize, usize)> {
     let posed = posed_of(posed)?;
     let stage = match stage {
-        "features" => Stage::Features,
-        "first-pairs" => Stage::FirstPairs,
-        "pairs" => Stage::Pairs,
+        "features" => BuildStage::Features,
+        "first-pairs" => BuildStage::FirstPairs,
+        "pairs" => BuildStage::Pairs,
         other => {
             return Err(BindingError::input(format_args!(
                 "stage: unknown stage {other:?}; the stages are features, first-pairs, pairs"
@@ -56,7 +56,7 @@ pub(crate) fn prepare(
         }
     };
     let (part, of) = share;
-    let share = Share::new(part, of).ok_or_else(|| {
+    let share = StageShare::new(part, of).ok_or_else(|| {
         BindingError::input(format_args!("share: ({part}, {of}) is not a share; give (i, n) with 0 <= i < n"))
     })?;
     let mut options = BuildOptions::default();
@@ -80,12 +80,12 @@ pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], bool, f64);
 /// One image: its index in the map, and a pose or None for each scheme.
 pub(crate) type ImageParts = (usize, Vec<Option<TrialParts>>);
 
-pub(crate) fn parts_of(image: usize, trials: Vec<Option<Trial>>) -> ImageParts {
-    let parts = |trial: Trial| (trial.step, trial.covariance, trial.trusted, trial.noise_px);
+pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> ImageParts {
+    let parts = |trial: SelfTestTrial| (trial.step, trial.covariance, trial.trusted, trial.noise_px);
     (image, trials.into_iter().map(|trial| trial.map(parts)).collect())
 }
 
-pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<Trial>> {
-    let trial = |(step, covariance, trusted, noise_px)| Trial { step, covariance, trusted, noise_px };
+pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTrial>> {
+    let trial = |(step, covariance, trusted, noise_px)| SelfTestTrial { step, covariance, trusted, noise_px };
     parts.into_iter().map(|parts| parts.map(trial)).collect()
 }

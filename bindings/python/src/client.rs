@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use veiloc_client::{ClientOptions, Enough, LocalizeRequest, ProgressiveAnswer, RigMessage};
+use veiloc_client::{ClientOptions, LocalizeRequest, ProgressiveAnswer, RigMessage, StopCriterion};
 use veiloc_protocol::{PositionHint, SealedQuery};
 
 use crate::answer::Answer;
@@ -134,14 +134,15 @@ impl Client {
         near: Option<&Bound<'py, PyAny>>,
     ) -> Result<(Answer, Vec<Bound<'py, PyDict>>)> {
         let (query, request) = (SealedQuery::decode(query)?, request(trusted_only, near)?);
-        let enough = match position_sd {
-            None => Enough::default(),
-            Some(sd) => Enough::accurate_to(sd)
+        let criterion = match position_sd {
+            None => StopCriterion::default(),
+            Some(sd) => StopCriterion::accurate_to(sd)
                 .ok_or_else(|| BindingError::input(format_args!("position_sd: {sd} must be above 0")))?,
         };
         let (client, profile) = (Arc::clone(&self.client), profile.0.clone());
-        let found: ProgressiveAnswer =
-            abandonable(py, move || client.localize_progressive(&map, &query, &profile, enough, &request))??;
+        let found: ProgressiveAnswer = abandonable(py, move || {
+            client.localize_progressive(&map, &query, &profile, criterion, &request)
+        })??;
         let step = |step: &veiloc_client::Step| -> PyResult<Bound<'py, PyDict>> {
             let dict = PyDict::new(py);
             dict.set_item("rows", step.rows)?;

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pinhole, PixelLine, Point3};
 use veiloc_pose::{
-    Correspondences, FocalKnowledge, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
+    Correspondences, FocalPrior, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
     estimate_pose,
 };
 use veiloc_protocol::{LayoutTurn, Scheme};
@@ -272,9 +272,9 @@ fn estimate<'py>(
     problem.position = known.position.map(position_of).transpose()?;
     problem.focal =
         match known.focal.parse::<veiloc_protocol::FocalKnowledge>().map_err(BindingError::input)? {
-            veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
-            veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
-            veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+            veiloc_protocol::FocalKnowledge::Calibrated => FocalPrior::Calibrated,
+            veiloc_protocol::FocalKnowledge::Exif => FocalPrior::Exif,
+            veiloc_protocol::FocalKnowledge::Unknown => FocalPrior::Unknown,
         };
     let stop = options.stop.clone();
     let found = interruptible_on_worker(py, &stop, move || {

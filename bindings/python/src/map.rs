@@ -13,9 +13,9 @@ use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::{
-    SelfTestOptions, Trial, chosen, is_testable, self_test, summarize_trials, trials,
+    SelfTestOptions, SelfTestTrial, chosen, is_testable, self_test, summarize_trials, trials,
 };
-use veiloc_mapping::{BuildOptions, Doubt, Input, Words};
+use veiloc_mapping::{BuildOptions, Input, MapWarning, VocabularyUpdate};
 use veiloc_protocol::SealedQuery;
 
 use crate::answer::Answer;
@@ -49,7 +49,7 @@ impl Map {
     /// The map of a model that was built or changed, with a self-test if one is requested.
     fn finished(
         mut model: MapModel,
-        doubts: &[Doubt],
+        warnings: &[MapWarning],
         with_test: bool,
         progress: &ProgressCallback,
     ) -> Result<Self> {
@@ -57,7 +57,7 @@ impl Map {
             model.self_test =
                 Some(self_test(&model, &SelfTestOptions::default(), progress).map_err(BindingError::map)?);
         }
-        Self::of_model(&model, doubts.iter().map(ToString::to_string).collect())
+        Self::of_model(&model, warnings.iter().map(ToString::to_string).collect())
     }
 
     fn of_model(model: &MapModel, warnings: Vec<String>) -> Result<Self> {
@@ -117,7 +117,7 @@ impl Map {
             let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
-            Self::finished(model, &report.doubts, self_test, progress)
+            Self::finished(model, &report.warnings, self_test, progress)
         })?
     }
 
@@ -151,7 +151,7 @@ impl Map {
             let input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
-            Self::finished(model, &report.doubts, self_test, progress)
+            Self::finished(model, &report.warnings, self_test, progress)
         })?
     }
 
@@ -201,7 +201,7 @@ impl Map {
             }
             let mut model = self.file.to_model();
             let report = veiloc_mapping::add(&mut model, &input, progress)?;
-            Self::finished(model, &report.doubts, self_test, progress)
+            Self::finished(model, &report.warnings, self_test, progress)
         })?
     }
 
@@ -223,7 +223,7 @@ impl Map {
         self_test: bool,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
-        let words = if retrain { Words::Retrain } else { Words::Keep };
+        let words = if retrain { VocabularyUpdate::Retrain } else { VocabularyUpdate::Keep };
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut model = self.file.to_model();
             veiloc_mapping::remove(&mut model, &names, words, progress)?;
@@ -314,7 +314,7 @@ impl Map {
         py.detach(|| {
             let mut model = self.file.to_model();
             let wanted = chosen(&model, &options);
-            let (tested, tried): (Vec<usize>, Vec<Vec<Option<Trial>>>) =
+            let (tested, tried): (Vec<usize>, Vec<Vec<Option<SelfTestTrial>>>) =
                 parts.into_iter().map(|(image, parts)| (image, trials_of(parts))).unzip();
             if tested != wanted || tried.iter().any(|trials| trials.len() != options.schemes.len()) {
                 return Err(BindingError::input(format_args!(

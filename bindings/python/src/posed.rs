@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use veiloc_map::colmap::read_posed;
-use veiloc_map::{Down, PosedImage, PosedImages};
+use veiloc_map::{GravityDirection, PosedImage, PosedImages};
 use veiloc_mapping::OnBadImage;
 
 use crate::arrays;
@@ -31,10 +31,10 @@ pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
     Ok(PosedImages::new(images?, Vec::new())?)
 }
 
-pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<Down> {
+pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<GravityDirection> {
     match down.extract::<String>() {
-        Ok(text) => text.parse::<Down>().map_err(BindingError::input),
-        Err(_) => Down::new(arrays::vector::<3>("down", down)?).map_err(BindingError::input),
+        Ok(text) => text.parse::<GravityDirection>().map_err(BindingError::input),
+        Err(_) => GravityDirection::new(arrays::vector::<3>("down", down)?).map_err(BindingError::input),
     }
 }
 

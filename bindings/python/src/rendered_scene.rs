@@ -7,7 +7,7 @@ use image::{ImageFormat, RgbImage};
 use pyo3::prelude::*;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_pose::Stop;
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::blocking::interruptible;
 use crate::errors::{BindingError, Result};
@@ -50,7 +50,7 @@ pub(crate) fn render_place(
     }
     let camera: Intrinsics = CAMERA.parse()?;
     interruptible(py, &Stop::default(), || {
-        let scene = Place::generate(seed);
+        let scene = RenderedRoom::generate(seed);
         let path = scene.camera_path(&PathOptions::with_counts(most_mapped, most_queries));
         let views = |kind: &str, first: u64, poses: &[CameraFromWorld]| -> Result<Views> {
             let one = |(seed, pose): (u64, &CameraFromWorld)| {

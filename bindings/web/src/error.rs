@@ -3,7 +3,7 @@
 use veiloc_attacks::AttackError;
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::{SealError, SessionAnchorsError};
-use veiloc_protocol::{Lopsided, QueryError};
+use veiloc_protocol::{QueryError, UnbalancedAnchors};
 
 /// Why a call failed.
 #[derive(Debug, thiserror::Error)]
@@ -46,7 +46,7 @@ pub enum WebError {
     Seal(#[from] SealError),
     /// The query cannot determine a pose.
     #[error(transparent)]
-    Lopsided(#[from] Lopsided),
+    UnbalancedAnchors(#[from] UnbalancedAnchors),
     /// The query does not belong to the profile.
     #[error(transparent)]
     Query(#[from] QueryError),
@@ -74,7 +74,7 @@ impl WebError {
             Self::Seal(SealError::TooManyStarts { .. }) => "too-many-starts",
             Self::Seal(SealError::TurnedAway { .. }) => "turned-away",
             Self::Seal(_) => "seal",
-            Self::Lopsided(_) => "lopsided",
+            Self::UnbalancedAnchors(_) => "lopsided",
             Self::Query(_) => "query",
             Self::Attack(_) => "attack",
         }

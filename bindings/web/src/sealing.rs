@@ -169,7 +169,7 @@ fn orientation(request: &Seal) -> Result<Orientation, WebError> {
 /// The keypoint of each row. The query holds the descriptors unchanged, so they identify the row's keypoint; the
 /// feature `ground-truth`, which device programs are built without, is not needed.
 fn keypoints_of_rows(query: &SealedQuery, known: Features, camera: &Intrinsics) -> Vec<Option<Pixel>> {
-    let descriptors = known.descriptors.settled();
+    let descriptors = known.descriptors.as_decoded();
     let mut pixel_of: BTreeMap<&[u8], Pixel> = BTreeMap::new();
     let pinhole = query.camera();
     for (i, keypoint) in known.keypoints.iter().enumerate() {

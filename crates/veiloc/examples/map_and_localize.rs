@@ -38,8 +38,8 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
 /// The operator: posed images to a map file.
 fn build_map(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
     let (mut model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
-    for doubt in &report.doubts {
-        println!("warning: {doubt}");
+    for warning in &report.warnings {
+        println!("warning: {warning}");
     }
     println!("{} images, {} points", model.images.len(), model.points.len());
     // The map localizes its own images, which calibrates the covariances of its answers.

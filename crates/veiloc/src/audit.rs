@@ -8,6 +8,7 @@
 pub use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_image, keypoints_of_images};
 pub use veiloc_evaluation::EvalError;
 pub use veiloc_evaluation::audit::{
-    ATTACKS, Answers, Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, Attempt,
-    ImageGroup, Needs, NeighbourSource, attack_groups, attacks_table, evaluate_attacks,
+    ATTACKS, Attack, AttackDocument, AttackEvaluation, AttackInput, AttackObserver, AttackRequirements,
+    AttackSummary, ImageGroup, NeighbourSource, RecoveredPositions, attack_groups, attacks_table,
+    evaluate_attacks,
 };

@@ -36,7 +36,7 @@
 //! let posed = |(name, cam_from_world)| PosedImage { name, camera, cam_from_world, seen: Vec::new() };
 //! let posed = PosedImages::new(mapped.into_iter().map(posed).collect(), Vec::new())?;
 //! let (mut model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
-//! assert!(report.doubts.is_empty());
+//! assert!(report.warnings.is_empty());
 //! model.down = Some(Down::new([0.0, 0.0, -1.0])?); // as far as that is known: for devices that feel gravity
 //! write_map(&model, &folder.path().join("place.vmap"))?;
 //!

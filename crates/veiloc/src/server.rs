@@ -11,10 +11,11 @@ pub use veiloc_features::{Extractor, Extractors, Progress};
 pub use veiloc_localization::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
 pub use veiloc_map::colmap::{read_model, read_posed};
 pub use veiloc_map::{
-    Down, GravityDirectionError, MapError, MapFile, MapModel, PosedImage, PosedImages, write as write_map,
+    GravityDirection, GravityDirectionError, MapError, MapFile, MapModel, PosedImage, PosedImages,
+    write as write_map,
 };
 pub use veiloc_mapping::calibration::{SelfTest, SelfTestOptions, self_test};
 pub use veiloc_mapping::{
-    BuildOptions, BuildReport, Input, MappingError, OnBadImage, Words, add, build, import, remove,
+    BuildOptions, BuildReport, Input, MappingError, OnBadImage, VocabularyUpdate, add, build, import, remove,
 };
 pub use veiloc_protocol::{Profile, SealedQuery};

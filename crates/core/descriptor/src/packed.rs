@@ -17,7 +17,7 @@ impl Descriptors {
 
     /// The descriptors as a reader of the message has them.
     #[must_use]
-    pub fn settled(self) -> Self {
+    pub fn as_decoded(self) -> Self {
         match self.kind().encoding() {
             Encoding::Unsigned | Encoding::Signed => self,
             Encoding::Coarse => Self::from_packed(self.kind(), &self.packed()).expect("whole rows"),
@@ -58,7 +58,7 @@ mod tests {
         assert_eq!(Descriptors::from_packed(kind, &rows.packed()), Ok(rows.clone()));
         let between =
             Descriptors::new(kind, (0..64).map(|i| coarse(i % 16) + i % 7).collect()).expect("a row");
-        assert_eq!(between.settled(), rows);
+        assert_eq!(between.as_decoded(), rows);
         let short = Descriptors::from_packed(kind, &[0; 33]);
         assert_eq!(short, Err(DescriptorError::Length { bytes: 33, dim: 32 }));
         let odd = DescriptorKind::new("own", 5, Encoding::Coarse, 100);

@@ -60,7 +60,7 @@ pub struct Confidence {
     /// Natural logarithm of the Bayes factor of "some pose in this map explains the matches" against "all are wrong".
     pub log_evidence: f64,
     /// Required log evidence of a trusted pose: 15, and 60 from points.
-    pub least_log_evidence: f64,
+    pub min_log_evidence: f64,
     /// Log likelihood by which the pose beats the best other one; infinite when no other was found.
     pub margin: f64,
     /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the
@@ -210,7 +210,7 @@ impl Confidence {
     /// All reasons not to trust the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
-        if !(self.log_evidence >= self.least_log_evidence) {
+        if !(self.log_evidence >= self.min_log_evidence) {
             doubts.push(Doubt::WeakEvidence { log_evidence: self.log_evidence });
         }
         if !(self.margin >= MIN_MARGIN) {
@@ -246,7 +246,7 @@ pub(crate) fn assess(
     margin: f64,
 ) -> Confidence {
     let confidence = Confidence {
-        least_log_evidence: least_log_evidence(matches),
+        min_log_evidence: min_log_evidence(matches),
         log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
         center_sd: 0.0,
@@ -263,7 +263,7 @@ pub(crate) fn assess(
 }
 
 /// Minimum log evidence of a trusted pose from such observations.
-pub(crate) const fn least_log_evidence(matches: &Matches<'_>) -> f64 {
+pub(crate) const fn min_log_evidence(matches: &Matches<'_>) -> f64 {
     match matches.observations {
         Correspondences::Points { .. } => MIN_LOG_EVIDENCE_POINTS,
         Correspondences::Lines { .. } | Correspondences::Anchored { .. } => MIN_LOG_EVIDENCE,
@@ -324,7 +324,7 @@ fn richest(matches: &Matches<'_>, inliers: &[usize]) -> (Anchor, [usize; 2]) {
     let keypoints = |of_anchor: &dyn Fn(Anchor) -> bool| {
         matches.keypoints_among(inliers.iter().copied().filter(|&i| of_anchor(matches.anchor[i])))
     };
-    let richest = Anchor::first(Anchor::MOST)
+    let richest = Anchor::first(Anchor::MAX_COUNT)
         .rev()
         .max_by_key(|anchor| keypoints(&|a| a == *anchor))
         .unwrap_or(Anchor::FIRST);

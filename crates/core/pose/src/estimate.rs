@@ -7,7 +7,7 @@ use crate::confidence::{assess, free_direction};
 use crate::error::PoseError;
 use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
-    Correspondences, FocalKnowledge, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale,
+    Correspondences, FocalPrior, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale,
     free_along, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
@@ -156,13 +156,13 @@ fn conclude<'a>(
     matches: &Matches<'a>,
     start: Option<PoseWithFocal>,
     hypotheses: usize,
-    focal: FocalKnowledge,
+    focal: FocalPrior,
     options: &PoseOptions,
 ) -> Result<PoseEstimate, PoseError> {
     let no_consensus =
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
     let Some(start) = start else { return Err(no_consensus(0)) };
-    let seen = matches.as_seen_from(&start.pose);
+    let seen = matches.visible_from(&start.pose);
     let FocalRefinement { search, polished, factor, verdict } =
         FocalRefinement::new(search, &seen, &start, focal, options.estimate_noise);
     let focal_sd = (verdict == FocalVerdict::Wrong && search.is_likelihood()).then(|| focal.sd());
@@ -197,7 +197,7 @@ fn conclude<'a>(
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
         confidence = confidence.with_covariances(&covariance, &by_matches);
-        confidence.other_focal = verdict.doubted();
+        confidence.other_focal = verdict.suspected_focal_scale();
     }
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);

@@ -6,9 +6,7 @@
 
 use crate::confidence::{Confidence, Doubt};
 use crate::error::PoseError;
-use crate::likelihood::{
-    Correspondences, FocalKnowledge, FocalObjective, FocalVerdict, Matches, PoseWithFocal,
-};
+use crate::likelihood::{Correspondences, FocalObjective, FocalPrior, FocalVerdict, Matches, PoseWithFocal};
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::Estimator;
 use crate::ransac::search::{Polished, Search};
@@ -38,8 +36,8 @@ pub(crate) trait WithConfidence {
     /// The confidence of the estimate.
     fn confidence(&self) -> &Confidence;
 
-    /// Required gain of another focal length before a calibrated one is called wrong, [`FocalVerdict::least_gain`].
-    fn least_gain(&self) -> f64;
+    /// Required gain of another focal length before a calibrated one is called wrong, [`FocalVerdict::min_gain`].
+    fn min_gain(&self) -> f64;
 }
 
 /// An estimate of one image, with its observations.
@@ -53,15 +51,15 @@ impl WithConfidence for ImageEstimate<'_> {
         &self.estimate.confidence
     }
 
-    fn least_gain(&self) -> f64 {
-        FocalVerdict::least_gain(self.observations, self.estimate.inlier_count)
+    fn min_gain(&self) -> f64 {
+        FocalVerdict::min_gain(self.observations, self.estimate.inlier_count)
     }
 }
 
 /// The best of a search with the given focal length and, if that leaves a doubt, of searches with others. `search_at`
 /// gets the factor on the given focal length.
 pub(crate) fn over_focal_lengths<T: WithConfidence>(
-    focal: FocalKnowledge,
+    focal: FocalPrior,
     mut search_at: impl FnMut(f64) -> Result<T, PoseError>,
 ) -> Result<T, PoseError> {
     let mut best = search_at(1.0);
@@ -81,28 +79,25 @@ pub(crate) fn over_focal_lengths<T: WithConfidence>(
 /// Other focal lengths to search with, relative to the given one, when the estimate has a doubt or little evidence: for
 /// a default value, the full range in which a phone's default can be wrong; for a calibrated one, only when a pose was
 /// found that a wrong focal length may have spoilt.
-fn other_focal_lengths<T: WithConfidence>(
-    focal: FocalKnowledge,
-    found: &Result<T, PoseError>,
-) -> &'static [f64] {
+fn other_focal_lengths<T: WithConfidence>(focal: FocalPrior, found: &Result<T, PoseError>) -> &'static [f64] {
     if is_clear(found) {
         return &[];
     }
     match focal {
-        FocalKnowledge::Calibrated if log_evidence_of(found) < 0.0 => &[],
-        FocalKnowledge::Calibrated | FocalKnowledge::Exif => &[0.87, 1.15, 0.75, 1.33],
-        FocalKnowledge::Unknown => &[0.8, 1.25, 0.65, 1.55],
+        FocalPrior::Calibrated if log_evidence_of(found) < 0.0 => &[],
+        FocalPrior::Calibrated | FocalPrior::Exif => &[0.87, 1.15, 0.75, 1.33],
+        FocalPrior::Unknown => &[0.8, 1.25, 0.65, 1.55],
     }
 }
 
 /// Additional evidence that a pose with another focal length must have: a calibrated focal length is replaced only for
 /// much more evidence.
-fn min_surplus<T: WithConfidence>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> f64 {
+fn min_surplus<T: WithConfidence>(focal: FocalPrior, found: &Result<T, PoseError>) -> f64 {
     match focal {
-        FocalKnowledge::Calibrated => {
-            JUMP_HANDICAP + found.as_ref().map_or(FocalVerdict::least_gain_of([]), WithConfidence::least_gain)
+        FocalPrior::Calibrated => {
+            JUMP_HANDICAP + found.as_ref().map_or(FocalVerdict::min_gain_of([]), WithConfidence::min_gain)
         }
-        FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
+        FocalPrior::Exif | FocalPrior::Unknown => 0.0,
     }
 }
 
@@ -138,7 +133,7 @@ impl<'a> FocalRefinement<'a> {
         mut search: Search<'a>,
         seen: &Matches<'a>,
         start: &PoseWithFocal,
-        focal: FocalKnowledge,
+        focal: FocalPrior,
         estimate_noise: bool,
     ) -> Self {
         search.fix_visible(seen.with_focal(start.factor));
@@ -147,7 +142,7 @@ impl<'a> FocalRefinement<'a> {
         if !refinement.search.is_likelihood() {
             return refinement;
         }
-        let is_open = focal != FocalKnowledge::Calibrated || start.factor != 1.0;
+        let is_open = focal != FocalPrior::Calibrated || start.factor != 1.0;
         refinement.verdict = if is_open {
             FocalVerdict::Wrong
         } else {
@@ -168,11 +163,11 @@ impl<'a> FocalRefinement<'a> {
             let Some((there, gain)) = refinement.best_jump(seen, cost) else { break };
             if refinement.verdict == FocalVerdict::Wrong {
                 // It is open: the likelihood decides.
-                if gain <= FocalVerdict::least_gain(refinement.search.matches().observations, 0) {
+                if gain <= FocalVerdict::min_gain(refinement.search.matches().observations, 0) {
                     break;
                 }
             } else {
-                match FocalVerdict::of(gain, &there, refinement.least_gain()) {
+                match FocalVerdict::of(gain, &there, refinement.min_gain()) {
                     FocalVerdict::Wrong => refinement.verdict = FocalVerdict::Wrong,
                     suspicious @ FocalVerdict::Suspicious(_) => {
                         if refinement.verdict == FocalVerdict::Fine {
@@ -188,7 +183,7 @@ impl<'a> FocalRefinement<'a> {
         refinement
     }
 
-    fn objective<'s>(&self, seen: &'s Matches<'a>, focal: FocalKnowledge) -> FocalObjective<'s> {
+    fn objective<'s>(&self, seen: &'s Matches<'a>, focal: FocalPrior) -> FocalObjective<'s> {
         FocalObjective {
             matches: seen,
             priors: self.search.priors().clone(),
@@ -215,9 +210,9 @@ impl<'a> FocalRefinement<'a> {
     }
 
     /// Required gain of another focal length before a calibrated one is called wrong.
-    fn least_gain(&self) -> f64 {
+    fn min_gain(&self) -> f64 {
         let agreeing =
             self.search.agreeing(&self.polished.pose, &self.search.likelihoods(&self.polished)).len();
-        FocalVerdict::least_gain(self.search.matches().observations, agreeing)
+        FocalVerdict::min_gain(self.search.matches().observations, agreeing)
     }
 }

@@ -63,7 +63,9 @@ mod rig;
 pub mod solvers;
 
 pub use crate::likelihood::prior;
-pub use crate::likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
+pub use crate::likelihood::{
+    Correspondences, FocalPrior, Gravity, MatchViewpoint, PoseProblem, PositionPrior,
+};
 pub use confidence::{Confidence, Doubt, State};
 pub use cramer_rao::fisher_information;
 pub use error::PoseError;

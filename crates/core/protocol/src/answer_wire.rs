@@ -20,7 +20,7 @@ const FORMAT: Format = Format {
 /// Bytes around the padding: its key and a length of two bytes.
 const PADDING_HEAD: usize = 3;
 /// Minimum number of padding bytes, so that its length always takes two bytes.
-const LEAST_PADDING: usize = 128;
+const MIN_PADDING: usize = 128;
 
 /// How far from 1 the length of a quaternion may be.
 const UNIT_TOLERANCE: f64 = 1e-6;
@@ -79,7 +79,7 @@ impl Answer {
     pub fn encode(&self) -> Vec<u8> {
         let mut message = self.message();
         let without = message.encoded_len() + PADDING_HEAD;
-        let whole = (without + LEAST_PADDING).next_multiple_of(Self::PADDED_BYTES);
+        let whole = (without + MIN_PADDING).next_multiple_of(Self::PADDED_BYTES);
         message.padding = Some(vec![0; whole - without]);
         message.encode_to_vec()
     }

@@ -14,7 +14,7 @@ pub const MIN_PER_SIDE: usize = 32;
     "only {few} of {all} keypoints lie on one side of the dividing line, {MIN_PER_SIDE} are needed on each: the pose \
      would be loosely held or undetermined; move or turn the camera so that both sides show texture"
 )]
-pub struct Lopsided {
+pub struct UnbalancedAnchors {
     /// Rows on the side with fewer rows.
     pub few: usize,
     /// All rows.
@@ -38,13 +38,13 @@ impl SealedQuery {
     /// reveals nothing, so another image may be taken and sealed.
     ///
     /// # Errors
-    /// [`Lopsided`] with the counts.
-    pub fn check_sides(&self) -> Result<(), Lopsided> {
+    /// [`UnbalancedAnchors`] with the counts.
+    pub fn check_sides(&self) -> Result<(), UnbalancedAnchors> {
         match self.sides() {
             Some(rows) => {
                 // Lines of one anchor leave one direction free, which lines of any other anchor determine.
                 let few = self.len() - rows.into_iter().max().unwrap_or(0);
-                if few < MIN_PER_SIDE { Err(Lopsided { few, all: self.len() }) } else { Ok(()) }
+                if few < MIN_PER_SIDE { Err(UnbalancedAnchors { few, all: self.len() }) } else { Ok(()) }
             }
             None => Ok(()),
         }

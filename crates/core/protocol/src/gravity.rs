@@ -20,7 +20,7 @@ const CELLS: u32 = 256;
 /// Number of encodable standard deviations: `0.5° · 2^k`.
 const CLASSES: u32 = 6;
 /// The smallest of them, degrees.
-const LEAST_SD_DEG: f64 = 0.5;
+const MIN_SD_DEG: f64 = 0.5;
 
 /// The gravity direction in the camera's axes (`x` right, `y` down, `z` forward), rounded to about a degree, and its
 /// standard deviation, in classes that double.
@@ -96,7 +96,7 @@ impl CoarseGravity {
 }
 
 fn sd_of(class: u32) -> f64 {
-    LEAST_SD_DEG * f64::from(1_u32 << class)
+    MIN_SD_DEG * f64::from(1_u32 << class)
 }
 
 /// Maps the lower half of the octahedron around the upper one, and back: its own inverse.

@@ -82,7 +82,7 @@ impl SealedQuery {
         }
         turn.check(scheme)?;
         // The global descriptor is computed from exactly what is sent.
-        let descriptors = descriptors.settled();
+        let descriptors = descriptors.as_decoded();
         rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
         let given = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));

@@ -18,7 +18,7 @@ use crate::QueryError;
 /// a second family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SectorLayout {
-    anchors: [AnchorCode; Anchor::MOST],
+    anchors: [AnchorCode; Anchor::MAX_COUNT],
     count: u8,
     sectors: SectorCode,
     across: Option<SectorCode>,
@@ -48,7 +48,7 @@ const HALF_TURN: u16 = 18_000;
 const HEIGHT: f64 = 1_000.0;
 const SECTOR: u8 = 100;
 /// The largest distance of an anchor, in either direction.
-const FARTHEST: i16 = 20_000;
+const MAX_ANCHOR_DISTANCE: i16 = 20_000;
 /// Stands for the first number of an anchor at infinity.
 const AT_INFINITY: i16 = i16::MIN;
 /// Most sectors in the whole circle: three degrees each.
@@ -58,7 +58,7 @@ const FIELD: &str = "layout";
 
 impl SectorLayout {
     /// Bytes of a layout on the wire.
-    pub(crate) const BYTES: usize = 2 + 4 * Anchor::MOST + 2 * 4;
+    pub(crate) const BYTES: usize = 2 + 4 * Anchor::MAX_COUNT + 2 * 4;
 
     /// Rounds a layout to what the wire can express.
     ///
@@ -74,7 +74,7 @@ impl SectorLayout {
         let anchor = |anchor: &AnchorPosition| match *anchor {
             AnchorPosition::At(at) => {
                 let [x, y] = at.map(|x| (x * HEIGHT).round());
-                let fits = |x: f64| x.abs() <= f64::from(FARTHEST);
+                let fits = |x: f64| x.abs() <= f64::from(MAX_ANCHOR_DISTANCE);
                 (fits(x) && fits(y)).then_some(AnchorCode::At(x as i16, y as i16))
             }
             AnchorPosition::Toward(angle) => Some(AnchorCode::Toward(degrees(angle))),
@@ -84,7 +84,7 @@ impl SectorLayout {
             let shift = (s.shift * f64::from(SECTOR)).round() as u8 % SECTOR;
             Some(SectorCode { axis: degrees(s.axis), count, shift })
         };
-        let mut anchors = [AnchorCode::At(0, 0); Anchor::MOST];
+        let mut anchors = [AnchorCode::At(0, 0); Anchor::MAX_COUNT];
         for (to, from) in anchors.iter_mut().zip(layout.anchors()) {
             *to = anchor(from).ok_or_else(refuse)?;
         }
@@ -149,10 +149,10 @@ impl SectorLayout {
         })?;
         let word = |at: usize| [bytes[at], bytes[at + 1]];
         let [count, has_across] = [bytes[0], bytes[1]];
-        let mut anchors = [AnchorCode::At(0, 0); Anchor::MOST];
+        let mut anchors = [AnchorCode::At(0, 0); Anchor::MAX_COUNT];
         for (k, anchor) in anchors.iter_mut().enumerate().take(usize::from(count)) {
             let (x, y) = (i16::from_le_bytes(word(2 + 4 * k)), i16::from_le_bytes(word(4 + 4 * k)));
-            let within = |x: i16| x.unsigned_abs() <= FARTHEST.unsigned_abs();
+            let within = |x: i16| x.unsigned_abs() <= MAX_ANCHOR_DISTANCE.unsigned_abs();
             *anchor = if x == AT_INFINITY {
                 AnchorCode::Toward(u16::try_from(y).ok().filter(|a| *a < HALF_TURN).ok_or_else(refuse)?)
             } else if within(x) && within(y) {
@@ -169,10 +169,10 @@ impl SectorLayout {
                 code.axis < HALF_TURN && code.shift < SECTOR && (1..=MAX_SECTORS).contains(&code.count);
             (fits && closes).then_some(code).ok_or_else(refuse)
         };
-        if !(2..=Anchor::MOST).contains(&usize::from(count)) || has_across > 1 {
+        if !(2..=Anchor::MAX_COUNT).contains(&usize::from(count)) || has_across > 1 {
             return Err(refuse());
         }
-        let first = 2 + 4 * Anchor::MOST;
+        let first = 2 + 4 * Anchor::MAX_COUNT;
         let across = (has_across == 1).then(|| sectors(first + 4)).transpose()?;
         Ok(Self { anchors, count, sectors: sectors(first)?, across })
     }

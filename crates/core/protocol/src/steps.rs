@@ -8,11 +8,11 @@ use crate::{Profile, QueryError, SealedQuery, SizeClass};
 
 /// When a progressive query ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Enough {
+pub struct StopCriterion {
     accuracy: Option<f64>,
 }
 
-impl Enough {
+impl StopCriterion {
     /// With the first trusted pose, regardless of its accuracy.
     pub const TRUSTED: Self = Self { accuracy: None };
 
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn untrusted_or_inexact_poses_do_not_stop_the_query() {
-        let close = Enough::accurate_to(0.02).expect("a deviation");
+        let close = StopCriterion::accurate_to(0.02).expect("a deviation");
         for (trusted, sd, first, exact) in [
             (true, 0.01, true, true),
             (true, 0.02, true, true),
@@ -71,11 +71,11 @@ mod tests {
             (true, f64::NAN, true, false),
             (false, 0.01, false, false),
         ] {
-            assert_eq!(Enough::TRUSTED.is_met(trusted, sd), first, "{trusted} {sd}");
+            assert_eq!(StopCriterion::TRUSTED.is_met(trusted, sd), first, "{trusted} {sd}");
             assert_eq!(close.is_met(trusted, sd), exact, "{trusted} {sd}");
         }
         for none in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(Enough::accurate_to(none), None);
+            assert_eq!(StopCriterion::accurate_to(none), None);
         }
     }
 }

@@ -96,7 +96,7 @@ impl Client {
     /// Frames that cannot determine a pose alone are allowed beside one that can.
     ///
     /// # Errors
-    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::Lopsided`] when no query could determine a pose
+    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::UnbalancedAnchors`] when no query could determine a pose
     /// alone; otherwise as [`Self::localize`].
     pub fn localize_rig(
         &self,
@@ -109,8 +109,8 @@ impl Client {
             return Err(ClientError::Frames { frames: rig.frames.len() });
         }
         let sides: Vec<_> = rig.frames.iter().map(|frame| frame.query.check_sides()).collect();
-        if let (Some(Err(lopsided)), false) = (sides.first(), sides.iter().any(Result::is_ok)) {
-            return Err((*lopsided).into());
+        if let (Some(Err(unbalanced)), false) = (sides.first(), sides.iter().any(Result::is_ok)) {
+            return Err((*unbalanced).into());
         }
         self.post_query(&url, SESSION, &rig.encode(), request)
     }

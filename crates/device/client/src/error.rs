@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_obfuscation::SealError;
-use veiloc_protocol::{Lopsided, QueryError, RigMessage};
+use veiloc_protocol::{QueryError, RigMessage, UnbalancedAnchors};
 
 use crate::Refusal;
 
@@ -43,7 +43,7 @@ pub enum ClientError {
     },
     /// Too few rows on one side of the dividing line. The query was not sent, so another image may be taken.
     #[error(transparent)]
-    Lopsided(#[from] Lopsided),
+    UnbalancedAnchors(#[from] UnbalancedAnchors),
     /// A session without images, or with more than a service accepts. Nothing was sent.
     #[error("a session of {frames} images; it must have 1 to {}", RigMessage::MAX_FRAMES)]
     Frames {

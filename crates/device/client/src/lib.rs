@@ -95,6 +95,6 @@ pub use veiloc_obfuscation::{
     KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionOptions,
 };
 pub use veiloc_protocol::{
-    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, Enough, FocalKnowledge,
-    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedQuery,
+    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
+    Profile, RigMessage, Scheme, SealedFrame, SealedQuery, StopCriterion,
 };

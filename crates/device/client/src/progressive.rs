@@ -1,6 +1,6 @@
 //! Progressive queries: a few rows first, more only until the service trusts the pose (decision 0020).
 
-use veiloc_protocol::{Answer, Enough, Profile, SealedQuery};
+use veiloc_protocol::{Answer, Profile, SealedQuery, StopCriterion};
 
 use crate::{Client, ClientError, LocalizeRequest};
 
@@ -62,7 +62,7 @@ impl ProgressiveAnswer {
 
 impl Client {
     /// The pose of a sealed query, sending only as many rows as needed: the first 256 rows, then twice as many, and so
-    /// on, until a pose is `enough` or all rows are sent. Rows are in random order, and a step sends a prefix of the
+    /// on, until a pose is `criterion` or all rows are sent. Rows are in random order, and a step sends a prefix of the
     /// one sealed query, including the rows of earlier steps: the service needs no state, and all steps together reveal
     /// what the whole query would reveal (rule L7). After an error the call may be repeated with the same query.
     ///
@@ -79,7 +79,7 @@ impl Client {
         map: &str,
         query: &SealedQuery,
         profile: &Profile,
-        enough: Enough,
+        criterion: StopCriterion,
         request: &LocalizeRequest,
     ) -> Result<ProgressiveAnswer, ClientError> {
         // A query that cannot determine a pose as a whole is not sent at all.
@@ -104,7 +104,7 @@ impl Client {
             steps.push(Step { rows: part.len(), bytes: part.encode().len(), outcome });
             let is_enough = result.as_ref().is_ok_and(|answer| {
                 let sd = answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd());
-                enough.is_met(answer.trusted, sd)
+                criterion.is_met(answer.trusted, sd)
             });
             last = Some(result);
             if is_enough {

@@ -15,7 +15,7 @@ use crate::atomic_file::write_atomic;
 use crate::{ClientError, SealedImage};
 
 /// Maximum size of a session file, bytes: the maximum number of landmarks with the longest descriptors.
-const MOST_BYTES: u64 = 8 << 20;
+const MAX_BYTES: u64 = 8 << 20;
 
 /// A session and its file.
 ///
@@ -125,8 +125,8 @@ impl SessionFile {
 
 fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MOST_BYTES {
+    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
         return Err(io::Error::new(io::ErrorKind::InvalidData, "longer than any session"));
     }
     Ok(bytes)

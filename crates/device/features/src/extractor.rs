@@ -38,13 +38,13 @@ pub trait Extractor: Send + Sync {
     }
 
     /// The source of precomputed features; `None`, the default, for extractors that compute them from the image.
-    fn stored(&self) -> Option<&dyn Stored> {
+    fn stored(&self) -> Option<&dyn FeatureStore> {
         None
     }
 }
 
 /// Precomputed features, stored by image name.
-pub trait Stored: Send + Sync {
+pub trait FeatureStore: Send + Sync {
     /// All features of the image in this file, of `size` pixels: strongest first, in pixels of the file.
     ///
     /// # Errors
@@ -70,7 +70,7 @@ impl<T: Extractor + ?Sized> Extractor for Arc<T> {
         (**self).sight()
     }
 
-    fn stored(&self) -> Option<&dyn Stored> {
+    fn stored(&self) -> Option<&dyn FeatureStore> {
         (**self).stored()
     }
 }
@@ -95,13 +95,13 @@ impl Extractor for Sift {
 
     fn reach(&self) -> f64 {
         match self.options.border {
-            Border::Cut => crate::sift::REACH,
+            Border::Cut => crate::sift::PATCH_RADIUS,
             Border::Mirrored => 0.0,
         }
     }
 
     fn sight(&self) -> f64 {
-        crate::sift::REACH
+        crate::sift::PATCH_RADIUS
     }
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct AngleGrid {
     /// Width of a cell, radians; the full circle is a whole number of cells.
     step: f64,
     /// Offset of the first cell about each anchor, in cells.
-    shift: [f64; Anchor::MOST],
+    shift: [f64; Anchor::MAX_COUNT],
 }
 
 impl AngleGrid {

@@ -126,7 +126,7 @@ impl Density {
         let position = |o: &Observation| {
             mean(&KnownSegment::of(o, width, height), |segment| {
                 let (expected, weight) = self.expected(segment, width, height);
-                // A coin decides which of two lines was sent; the keypoint decides which stretch of one line.
+                // A coin decides which of two lines was sent; the keypoint decides which span of one line.
                 let share = if segment.anchor.is_some() { weight } else { segment.share };
                 (segment.at(expected), share.max(f64::MIN_POSITIVE))
             })

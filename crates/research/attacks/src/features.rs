@@ -8,12 +8,12 @@ use crate::error::AttackError;
 
 /// Descriptors of one image, as they are sent with the lines.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Descriptors {
+pub struct DecodedDescriptors {
     /// `[dimension, N]`: one unit column per keypoint; a zero column stays zero.
     columns: DMatrix<f32>,
 }
 
-impl Descriptors {
+impl DecodedDescriptors {
     /// Descriptors of a sealed query, a map image or an extractor, decoded from their bytes.
     pub fn of(rows: DescriptorView<'_>) -> Self {
         let values = (0..rows.len()).flat_map(|row| rows.values(row).map(f32::from));
@@ -90,7 +90,7 @@ impl Descriptors {
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownImage {
     keypoints: Vec<Pixel>,
-    descriptors: Descriptors,
+    descriptors: DecodedDescriptors,
     size: [u32; 2],
 }
 
@@ -101,7 +101,7 @@ impl KnownImage {
     /// [`AttackError::DescriptorCount`] when the numbers of descriptors and keypoints differ.
     pub fn new(
         keypoints: Vec<Pixel>,
-        descriptors: Descriptors,
+        descriptors: DecodedDescriptors,
         width: u32,
         height: u32,
     ) -> Result<Self, AttackError> {
@@ -115,7 +115,7 @@ impl KnownImage {
     }
 
     /// Its descriptors.
-    pub fn descriptors(&self) -> &Descriptors {
+    pub fn descriptors(&self) -> &DecodedDescriptors {
         &self.descriptors
     }
 
@@ -147,7 +147,7 @@ mod tests {
         let kind = DescriptorKind::new("own", 2, Encoding::Signed, 100).expect("a kind");
         let code = |x: f64| Encoding::Signed.byte(x);
         let bytes = [code(60.0), code(80.0), code(-60.0), code(-80.0), code(80.0), code(-60.0)];
-        let own = Descriptors::of(DescriptorView::new(kind, &bytes).expect("whole rows"));
+        let own = DecodedDescriptors::of(DescriptorView::new(kind, &bytes).expect("whole rows"));
         let cosines = own.cosines(&own);
         assert!((cosines[(0, 1)] + 1.0).abs() < 1e-6, "opposite");
         assert!(cosines[(0, 2)].abs() < 1e-6, "at right angles");

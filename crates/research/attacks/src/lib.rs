@@ -60,7 +60,7 @@ mod transfer;
 
 pub use density::{Density, KeypointHistogram};
 pub use error::AttackError;
-pub use features::{Descriptors, KnownImage};
+pub use features::{DecodedDescriptors, KnownImage};
 pub use geometry_recovery::{
     AnswerRegion, ClosedFormOptions, NeighbourExtent, RecoveredKeypoint, closed_form,
 };
@@ -75,4 +75,4 @@ pub use server_side::{
     GuidedEstimate, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side,
 };
 pub use tracks::mutual_matches;
-pub use transfer::{Transfer, transfer};
+pub use transfer::{TransferredPositions, transfer};

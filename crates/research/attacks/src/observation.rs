@@ -8,7 +8,7 @@ use veiloc_protocol::Observations;
 pub enum Observation {
     /// The keypoint lies on this line: random lines.
     Line(PixelLine),
-    /// The keypoint lies on this line of a pencil, in one of a few stretches: Dual Convergent Lines.
+    /// The keypoint lies on this line of a pencil, in one of a few spans: Dual Convergent Lines.
     Pencil(PencilRow),
     /// The keypoint lies on one of these two lines: coordinate permutation. One coordinate of the sent position `(u,
     /// v)` is that of the keypoint, so the keypoint lies on the vertical or on the horizontal line through it.
@@ -17,47 +17,47 @@ pub enum Observation {
     Known(Pixel),
 }
 
-/// A line of a pencil, and its stretches that can hold the keypoint.
+/// A line of a pencil, and its spans that can hold the keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PencilRow {
     /// Lines of one anchor meet only in it.
     pub anchor: Anchor,
     /// The line; its direction leads away from the anchor.
     pub line: PencilLine,
-    stretches: [Span; PencilRow::MOST],
+    spans: [Span; PencilRow::MAX_SPANS],
     count: usize,
 }
 
 impl PencilRow {
-    /// Maximum number of stretches; with finer sectors, stretches are joined at the smallest gaps.
-    pub const MOST: usize = 8;
+    /// Maximum number of spans; with finer sectors, spans are joined at the smallest gaps.
+    pub const MAX_SPANS: usize = 8;
 
-    /// A line with these stretches, in order.
-    pub fn new(anchor: Anchor, line: PencilLine, mut spans: Vec<Span>) -> Self {
-        while spans.len() > Self::MOST {
-            let gap = |k: &usize| spans[k + 1].near - spans[*k].far;
-            let closest = (0..spans.len() - 1).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
-            spans[closest].far = spans.remove(closest + 1).far;
+    /// A line with these spans, in order.
+    pub fn new(anchor: Anchor, line: PencilLine, mut all: Vec<Span>) -> Self {
+        while all.len() > Self::MAX_SPANS {
+            let gap = |k: &usize| all[k + 1].near - all[*k].far;
+            let closest = (0..all.len() - 1).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            all[closest].far = all.remove(closest + 1).far;
         }
-        let mut stretches = [Span { near: 0.0, far: 0.0 }; Self::MOST];
-        stretches[..spans.len()].copy_from_slice(&spans);
-        Self { anchor, line, stretches, count: spans.len() }
+        let mut spans = [Span { near: 0.0, far: 0.0 }; Self::MAX_SPANS];
+        spans[..all.len()].copy_from_slice(&all);
+        Self { anchor, line, spans, count: all.len() }
     }
 
-    /// The stretches that can hold the keypoint, in order; empty when the line misses the image.
-    pub fn stretches(&self) -> &[Span] {
-        &self.stretches[..self.count]
+    /// The spans that can hold the keypoint, in order; empty when the line misses the image.
+    pub fn spans(&self) -> &[Span] {
+        &self.spans[..self.count]
     }
 
     /// The origin of the line, unless it is too far away.
-    pub fn begins(&self) -> Option<Pixel> {
+    pub fn origin(&self) -> Option<Pixel> {
         (self.line.offset == 0.0).then_some(self.line.origin)
     }
 
-    /// Whether a pixel near the line is in one of its stretches, or at most `margin` pixels outside one.
+    /// Whether a pixel near the line is in one of its spans, or at most `margin` pixels outside one.
     pub fn holds(&self, pixel: Pixel, margin: f64) -> bool {
         let t = self.line.direction.dot(&(pixel.vector() - self.line.origin.vector()));
-        self.stretches().iter().any(|s| s.near - margin <= t && t <= s.far + margin)
+        self.spans().iter().any(|s| s.near - margin <= t && t <= s.far + margin)
     }
 }
 

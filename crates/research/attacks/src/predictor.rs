@@ -15,7 +15,7 @@
 use veiloc_geometry::nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownImage};
+use crate::features::{DecodedDescriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 use crate::ranking::likeliest_pairs;
 
@@ -87,7 +87,7 @@ impl NeighbourPredictor {
     ///
     /// # Errors
     /// [`AttackError::Dimensions`] when the descriptors have another dimension than the training descriptors.
-    pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
+    pub fn predict(&self, descriptors: &DecodedDescriptors, k: usize) -> Result<NeighbourLists, AttackError> {
         let found = descriptors.columns().nrows();
         if found != self.canonical.nrows() {
             return Err(AttackError::Dimensions { expected: self.canonical.nrows(), found });

@@ -7,7 +7,7 @@
 //!   centre.
 //! - **Line of a pencil:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r` from the anchor, so the
 //!   density is proportional to `r`; between the distances `a` and `b` the expected distance is `⅔ (b³ − a³)/(b² −
-//!   a²)`. If the anchor's sectors leave several stretches, the probability of each is proportional to the area of
+//!   a²)`. If the anchor's sectors leave several spans, the probability of each is proportional to the area of
 //!   its part of the wedge.
 //! - **One of two lines:** the mean of both expected positions; both lines have the same probability.
 //! - **Known position:** the position itself.
@@ -38,7 +38,7 @@ pub struct KnownSegment {
 }
 
 impl KnownSegment {
-    /// The candidate segments of an observation: one for a line, two for a permuted position, one per stretch of a
+    /// The candidate segments of an observation: one for a line, two for a permuted position, one per span of a
     /// line of a pencil.
     pub fn of(observation: &Observation, width: u32, height: u32) -> Vec<Self> {
         match observation {
@@ -86,15 +86,14 @@ impl KnownSegment {
             growth: [line.offset, line.slope],
             share: 1.0,
         };
-        if row.stretches().is_empty() {
+        if row.spans().is_empty() {
             return vec![whole];
         }
         let mut all: Vec<Self> =
-            row.stretches().iter().map(|s| Self { near: s.near, far: s.far, ..whole }).collect();
+            row.spans().iter().map(|s| Self { near: s.near, far: s.far, ..whole }).collect();
         let total: f64 = all.iter().map(Self::mass).sum();
         for segment in &mut all {
-            segment.share =
-                if total > 0.0 { segment.mass() / total } else { 1.0 / row.stretches().len() as f64 };
+            segment.share = if total > 0.0 { segment.mass() / total } else { 1.0 / row.spans().len() as f64 };
         }
         all
     }
@@ -211,7 +210,7 @@ mod tests {
     }
 
     /// Stripes with anchors outside the image and at infinity: the mean of random keypoints with nearly the same
-    /// angle; each of them lies in one of the stretches.
+    /// angle; each of them lies in one of the spans.
     #[test]
     fn stripes_prior_equals_monte_carlo_mean() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
@@ -247,15 +246,15 @@ mod tests {
     }
 
     #[test]
-    fn stretches_are_joined_at_smallest_gaps() {
+    fn spans_are_joined_at_smallest_gaps() {
         let line = Pencils::paper(640, 480).along(Anchor::FIRST, 0.3).expect("in sight");
         let ends =
             [[0.0, 1.0], [5.0, 6.0], [6.5, 7.0], [9.0, 10.0], [20.0, 21.0], [30.0, 31.0], [40.0, 41.0]];
         let mut spans: Vec<Span> = ends.iter().map(|[near, far]| Span { near: *near, far: *far }).collect();
         spans.extend([Span { near: 43.0, far: 44.0 }, Span { near: 60.0, far: 61.0 }]);
         let row = PencilRow::new(Anchor::FIRST, line, spans);
-        assert_eq!(row.stretches().len(), PencilRow::MOST);
-        assert_eq!(row.stretches()[1], Span { near: 5.0, far: 7.0 });
+        assert_eq!(row.spans().len(), PencilRow::MAX_SPANS);
+        assert_eq!(row.spans()[1], Span { near: 5.0, far: 7.0 });
         assert!(
             row.holds(line.at(6.2), 0.0) && !row.holds(line.at(8.0), 0.5) && row.holds(line.at(8.0), 1.5)
         );

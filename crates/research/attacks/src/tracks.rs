@@ -1,7 +1,7 @@
 //! Matches between two queries by descriptors alone.
 
 use crate::error::AttackError;
-use crate::features::Descriptors;
+use crate::features::DecodedDescriptors;
 
 /// Mutual nearest neighbours with a ratio test: for each descriptor of `from` its match in `to`, if there is one:
 /// `[N]` of `from`. `ratio`: largest ratio of the distances to the nearest and to the second nearest, 0 to 1.
@@ -9,8 +9,8 @@ use crate::features::Descriptors;
 /// # Errors
 /// [`AttackError::Dimensions`] when the descriptors have different dimensions.
 pub fn mutual_matches(
-    from: &Descriptors,
-    to: &Descriptors,
+    from: &DecodedDescriptors,
+    to: &DecodedDescriptors,
     ratio: f64,
 ) -> Result<Vec<Option<usize>>, AttackError> {
     let (expected, found) = (from.columns().nrows(), to.columns().nrows());
@@ -51,14 +51,14 @@ mod tests {
 
     #[test]
     fn matches_are_mutual_and_pass_ratio_test() {
-        let of = |rows: &[[u8; 3]]| Descriptors::new(rows.as_flattened(), 3).expect("whole");
+        let of = |rows: &[[u8; 3]]| DecodedDescriptors::new(rows.as_flattened(), 3).expect("whole");
         let from = of(&[[255, 0, 0], [0, 255, 0], [250, 20, 0], [0, 0, 255]]);
         let to = of(&[[0, 255, 10], [255, 2, 0], [0, 60, 255], [0, 55, 255]]);
         // The third prefers a descriptor that the first matches better; the fourth has two equally good matches.
         let matches = mutual_matches(&from, &to, 0.9).expect("one dimension");
         assert_eq!(matches, [Some(1), Some(0), None, None]);
         assert_eq!(mutual_matches(&from, &to, 1.0).expect("one dimension")[3], Some(3));
-        let other = Descriptors::new(&[1, 2], 2).expect("whole");
+        let other = DecodedDescriptors::new(&[1, 2], 2).expect("whole");
         assert_eq!(
             mutual_matches(&from, &other, 0.9),
             Err(AttackError::Dimensions { expected: 3, found: 2 })

@@ -2,21 +2,21 @@
 //!
 //! Descriptors are sent without change, so a server can match them. Each match gives the position of a keypoint in a
 //! map image; in a map image from a nearby viewpoint this is nearly its position in the query. The transferred
-//! position, projected on the segment, is an attack by itself ([`Transfer::projected`]), and keypoints near each
-//! other in the map image are predicted neighbours ([`Transfer::neighbours`]) for attacks that need them.
+//! position, projected on the segment, is an attack by itself ([`TransferredPositions::projected`]), and keypoints near each
+//! other in the map image are predicted neighbours ([`TransferredPositions::neighbours`]) for attacks that need them.
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownImage};
+use crate::features::{DecodedDescriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::{KnownSegment, prior_only};
 
 /// What map images reveal about a query.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Transfer {
+pub struct TransferredPositions {
     /// `[N]`: position of the best match of each keypoint, in pixels of the query; `None` without a map.
     pub positions: Vec<Option<Pixel>>,
     /// `[N]`: the keypoints whose mutual matches lie nearest to it in the same map image, nearest first.
@@ -40,12 +40,12 @@ struct ImageMatches {
 /// # Errors
 /// [`AttackError::Dimensions`] when the descriptors of a map image have another dimension.
 pub fn transfer(
-    query: &Descriptors,
+    query: &DecodedDescriptors,
     map: &[KnownImage],
     (width, height): (u32, u32),
     images: usize,
     k: usize,
-) -> Result<Transfer, AttackError> {
+) -> Result<TransferredPositions, AttackError> {
     let expected = query.columns().nrows();
     if let Some(bad) = map.iter().find(|p| p.descriptors().columns().nrows() != expected) {
         return Err(AttackError::Dimensions { expected, found: bad.descriptors().columns().nrows() });
@@ -76,10 +76,10 @@ pub fn transfer(
         })
         .collect();
     let (positions, lists): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-    Ok(Transfer { positions, neighbours: NeighbourLists::from_lists(&lists)? })
+    Ok(TransferredPositions { positions, neighbours: NeighbourLists::from_lists(&lists)? })
 }
 
-impl Transfer {
+impl TransferredPositions {
     /// The transferred positions projected on the segments; the prior-only baseline where there is no match.
     pub fn projected(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
         let prior = prior_only(observations, width, height);
@@ -100,7 +100,7 @@ impl Transfer {
 }
 
 impl ImageMatches {
-    fn of(query: &Descriptors, map: &Descriptors) -> Self {
+    fn of(query: &DecodedDescriptors, map: &DecodedDescriptors) -> Self {
         // [map, query]: one column per query keypoint.
         let similarity = map.cosines(query);
         let mut back = vec![(f32::NEG_INFINITY, 0); map.len()];

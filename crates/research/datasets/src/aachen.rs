@@ -18,22 +18,22 @@ use crate::lines::{Line, read_text};
 use crate::nvm::read_nvm;
 use crate::official::is_whole;
 use crate::radial;
-use crate::scene::{Place, Query};
+use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
-use crate::write::{Lens, Role, View};
+use crate::write::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str = "get it from https://www.visuallocalization.net/datasets/ (Aachen Day-Night)";
 
 /// A version of the data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Version {
+pub enum AachenVersion {
     /// 4328 map images: `3D-models/aachen_cvpr2018_db.nvm`. The paper's.
     V1,
     /// 6697 map images: `3D-models/aachen_v_1_1/`.
     V1_1,
 }
 
-impl FromStr for Version {
+impl FromStr for AachenVersion {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -45,7 +45,7 @@ impl FromStr for Version {
     }
 }
 
-impl Version {
+impl AachenVersion {
     /// The newest version that has a model in the folder; the first version if there is none.
     pub fn in_folder(root: &Path) -> Self {
         if Self::V1_1.model(root).is_dir() { Self::V1_1 } else { Self::V1 }
@@ -76,17 +76,17 @@ pub const CONDITIONS: [&str; 2] = ["day", "night"];
 /// [`DatasetError`] names what is missing and where to get it, or the invalid line.
 pub fn read(
     root: &Path,
-    version: Version,
+    version: AachenVersion,
     conditions: &[String],
     truth: Option<&BTreeMap<String, CameraFromWorld>>,
     missing: MissingImages,
-) -> Result<Place, DatasetError> {
+) -> Result<DatasetScene, DatasetError> {
     let images = root.join("images_upright");
     let mut found = ImageFiles::new(&images, missing);
     let mut remarks = Vec::new();
     let mapped = match version {
-        Version::V1 => by_nvm(&version.model(root), &images, &mut found, &mut remarks)?,
-        Version::V1_1 => by_colmap(&version.model(root), &mut found)?,
+        AachenVersion::V1 => by_nvm(&version.model(root), &images, &mut found, &mut remarks)?,
+        AachenVersion::V1_1 => by_colmap(&version.model(root), &mut found)?,
     };
     let mut queries = Vec::new();
     for condition in conditions {
@@ -94,7 +94,7 @@ pub fn read(
         for (name, camera) in listed_queries(&path)? {
             if let Some(there) = found.find(&name) {
                 let cam_from_world = truth.and_then(|truth| truth.get(&name)).copied();
-                queries.push(Query {
+                queries.push(DatasetQuery {
                     name: there,
                     camera,
                     cam_from_world,
@@ -105,7 +105,7 @@ pub fn read(
     }
     remarks.extend(found.finish(GET)?);
     let whole = is_whole("aachen", version.name(), mapped.images().len(), queries.len());
-    Ok(Place { name: version.name().to_owned(), images, mapped, queries, is_official: whole, remarks })
+    Ok(DatasetScene { name: version.name().to_owned(), images, mapped, queries, is_official: whole, remarks })
 }
 
 fn by_nvm(
@@ -203,9 +203,9 @@ pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, Data
 /// contain.
 pub(crate) fn write(
     root: &Path,
-    version: Version,
-    lens: &Lens,
-    views: &[View],
+    version: AachenVersion,
+    lens: &DatasetCamera,
+    views: &[DatasetView],
     save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     let camera = lens.camera()?;
@@ -214,18 +214,18 @@ pub(crate) fn write(
     let mut poses = String::new();
     for (index, view) in views.iter().enumerate() {
         let name = match view.role {
-            Role::Map => format!("db/{}.png", mapped.len() + 1),
-            Role::Query => format!("query/day/phone/{index}.png"),
-            Role::NightQuery => format!("query/night/phone/{index}.png"),
+            ViewRole::Map => format!("db/{}.png", mapped.len() + 1),
+            ViewRole::Query => format!("query/day/phone/{index}.png"),
+            ViewRole::NightQuery => format!("query/night/phone/{index}.png"),
         };
         let image = root.join("images_upright").join(&name);
         make_folder_of(&image)?;
         save(index, &image)?;
-        if view.role == Role::Map {
+        if view.role == ViewRole::Map {
             mapped.push((name, view.cam_from_world));
             continue;
         }
-        let list = &mut queries[usize::from(view.role == Role::NightQuery)];
+        let list = &mut queries[usize::from(view.role == ViewRole::NightQuery)];
         list.push_str(&listed(&name, &camera));
         poses.push_str(&name);
         numbers(&mut poses, quaternion_and_translation(&view.cam_from_world));
@@ -239,8 +239,8 @@ pub(crate) fn write(
     save_text(&root.join("queries/poses.txt"), &poses)?;
     let model = version.model(root);
     match version {
-        Version::V1 => save_text(&model, &nvm(&mapped, lens)),
-        Version::V1_1 => {
+        AachenVersion::V1 => save_text(&model, &nvm(&mapped, lens)),
+        AachenVersion::V1_1 => {
             let image = |((name, pose), id): (&(String, _), u32)| ColmapImage {
                 id,
                 name: name.clone(),

@@ -13,9 +13,9 @@ use crate::lines::{Line, pose_at, read_text};
 use crate::nvm::{NvmModel, read_nvm};
 use crate::official::is_whole;
 use crate::radial;
-use crate::scene::{Place, Query};
+use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
-use crate::write::{Lens, Role, View};
+use crate::write::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str =
     "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";
@@ -24,7 +24,7 @@ const GET: &str =
 const HEAD: &str = "Visual Landmark Dataset V1\nImageFile, Camera Position [X Y Z W P Q R]\n\n";
 
 /// Scenes that the paper leaves out because of their many geometric outliers, like earlier works.
-pub const LEFT_OUT: [&str; 2] = ["GreatCourt", "Street"];
+pub const EXCLUDED_SCENES: [&str; 2] = ["GreatCourt", "Street"];
 
 /// Sorted names of the scenes in a folder: those that have both lists.
 ///
@@ -52,7 +52,7 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
 
 /// An image of a list.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Listed {
+pub struct ListedImage {
     /// Its name, relative to the scene's folder.
     pub name: String,
     /// Its pose.
@@ -65,7 +65,7 @@ pub struct Listed {
 ///
 /// # Errors
 /// [`DatasetError`] names file and line.
-pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> {
+pub fn read_list(path: &Path, scene: &str) -> Result<Vec<ListedImage>, DatasetError> {
     let text = read_text(path, "the list of its images", GET)?;
     let mut listed = Vec::new();
     for line in Line::all(path, &text) {
@@ -78,7 +78,7 @@ pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> 
         let name = path.rsplit_once(&format!("/{scene}/")).map_or(path.as_str(), |(_, tail)| tail);
         let pose = pose_at(line.numbers(at, "the position")?, line.numbers(at + 3, "the quaternion")?);
         let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
-        listed.push(Listed { name: name.to_owned(), cam_from_world });
+        listed.push(ListedImage { name: name.to_owned(), cam_from_world });
     }
     if listed.is_empty() {
         let reason = format!("has no images; {GET}");
@@ -96,7 +96,7 @@ pub fn read_scene(
     scene: &str,
     camera: Option<&Intrinsics>,
     missing: MissingImages,
-) -> Result<Place, DatasetError> {
+) -> Result<DatasetScene, DatasetError> {
     let folder = root.join(scene);
     let lists = ["dataset_train.txt", "dataset_test.txt"].map(|file| read_list(&folder.join(file), scene));
     let [mapped, queries] = lists;
@@ -108,7 +108,7 @@ pub fn read_scene(
     let by_stem: BTreeMap<&str, usize> =
         model.cameras.iter().enumerate().map(|(at, camera)| (stem(&camera.name), at)).collect();
     let mut found = ImageFiles::new(&folder, missing);
-    let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, DatasetError> {
+    let mut posed = |listed: &ListedImage| -> Result<Option<PosedImage>, DatasetError> {
         let Some(name) = found.find(&listed.name) else { return Ok(None) };
         let (camera, seen) = if let Some(camera) = camera {
             (*camera, Vec::new())
@@ -125,20 +125,20 @@ pub fn read_scene(
         };
         Ok(Some(PosedImage { name, camera, cam_from_world: listed.cam_from_world, seen }))
     };
-    let mut side = |listed: &[Listed]| -> Result<Vec<PosedImage>, DatasetError> {
+    let mut side = |listed: &[ListedImage]| -> Result<Vec<PosedImage>, DatasetError> {
         listed.iter().filter_map(|image| posed(image).transpose()).collect()
     };
     let (mapped, queries) = (side(&mapped)?, side(&queries)?);
     let mut remarks: Vec<String> = found.finish(GET)?.into_iter().collect();
     remarks.extend(model.remark());
     let counts = (mapped.len(), queries.len());
-    Ok(Place {
+    Ok(DatasetScene {
         name: scene.to_owned(),
         images: folder,
         mapped: PosedImages::new(mapped, model.points)?,
         queries: queries
             .into_iter()
-            .map(|image| Query {
+            .map(|image| DatasetQuery {
                 name: image.name,
                 camera: image.camera,
                 cam_from_world: Some(image.cam_from_world),
@@ -171,8 +171,8 @@ fn stem(name: &str) -> &str {
 pub(crate) fn write(
     root: &Path,
     scene: &str,
-    lens: &Lens,
-    views: &[View],
+    lens: &DatasetCamera,
+    views: &[DatasetView],
     save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     let folder = root.join(scene);
@@ -180,7 +180,7 @@ pub(crate) fn write(
     let mut cameras = Vec::new();
     let mut counts = [0; 2];
     for (index, view) in views.iter().enumerate() {
-        let side = usize::from(view.role != Role::Map);
+        let side = usize::from(view.role != ViewRole::Map);
         counts[side] += 1;
         let name = format!("seq{}/frame{:05}.png", side + 1, counts[side]);
         let image = folder.join(&name);

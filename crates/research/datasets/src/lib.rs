@@ -7,7 +7,7 @@
 //!   a data set are in one file.
 //! - [`nvm`]: VisualSFM's models, which two of the data sets contain.
 //!
-//! A reader returns a [`Place`]: images with cameras and poses, split into map images and queries. Errors name what
+//! A reader returns a [`DatasetScene`]: images with cameras and poses, split into map images and queries. Errors name what
 //! is missing and where to get it. Readers use lists and image sizes, never pixels.
 #![forbid(unsafe_code)]
 
@@ -26,4 +26,4 @@ pub mod write;
 
 pub use error::DatasetError;
 pub use files::MissingImages;
-pub use scene::{Place, Query};
+pub use scene::{DatasetQuery, DatasetScene};

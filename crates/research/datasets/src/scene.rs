@@ -7,7 +7,7 @@ use veiloc_map::PosedImages;
 
 /// A scene of a data set.
 #[derive(Debug, Clone)]
-pub struct Place {
+pub struct DatasetScene {
     /// Its name: that of the scene, or of a data set with one scene.
     pub name: String,
     /// Folder of the images; their names are relative to it.
@@ -15,7 +15,7 @@ pub struct Place {
     /// The map images, with cameras and poses.
     pub mapped: PosedImages,
     /// The query images, in the order of their list.
-    pub queries: Vec<Query>,
+    pub queries: Vec<DatasetQuery>,
     /// Whether this is the complete published scene, so that published figures refer to the same images. Determined
     /// by the numbers of images.
     pub is_official: bool,
@@ -25,7 +25,7 @@ pub struct Place {
 
 /// A query image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Query {
+pub struct DatasetQuery {
     /// Its name, relative to the folder of the images.
     pub name: String,
     /// Its camera.

@@ -14,9 +14,9 @@ use crate::error::DatasetError;
 use crate::files::{ImageFiles, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::official::is_whole;
-use crate::scene::{Place, Query};
+use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
-use crate::write::{Lens, Role, View};
+use crate::write::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and \
                    unpack its sequences";
@@ -29,7 +29,7 @@ const FOCAL: f64 = 525.0;
 
 /// Source of the ground-truth poses.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Truth {
+pub enum PoseSource {
     /// Poses of the depth camera, from KinectFusion: `frame-XXXXXX.pose.txt`. The depth camera is mounted beside the
     /// colour camera that took the images, so errors of any method are at least some centimetres.
     Depth,
@@ -39,7 +39,7 @@ pub enum Truth {
     Sfm(PathBuf),
 }
 
-impl Truth {
+impl PoseSource {
     /// The structure-from-motion lists in their usual folders beside the scenes: `pgt_sfm`, and `pgt/sfm/7scenes` as
     /// distributed by the authors.
     pub fn sfm_beside(root: &Path) -> Self {
@@ -80,17 +80,17 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
 pub fn read_scene(
     root: &Path,
     scene: &str,
-    truth: &Truth,
+    truth: &PoseSource,
     missing: MissingImages,
-) -> Result<Place, DatasetError> {
+) -> Result<DatasetScene, DatasetError> {
     let folder = root.join(scene);
     let mut found = ImageFiles::new(&folder, missing);
     let mut sides = Vec::new();
     let splits = [sequences(&folder.join("TrainSplit.txt"))?, sequences(&folder.join("TestSplit.txt"))?];
     for (side, list) in ["train", "test"].into_iter().enumerate() {
         sides.push(match truth {
-            Truth::Depth => by_depth(&folder, &splits[side], &mut found)?,
-            Truth::Sfm(lists) => {
+            PoseSource::Depth => by_depth(&folder, &splits[side], &mut found)?,
+            PoseSource::Sfm(lists) => {
                 let path = lists.join(format!("{scene}_{list}.txt"));
                 by_list(&path, &folder, &splits[1 - side], &mut found)?
             }
@@ -99,13 +99,13 @@ pub fn read_scene(
     let remarks = found.finish(GET)?.into_iter().collect();
     let [mapped, queries] = <[Vec<PosedImage>; 2]>::try_from(sides).expect("two splits");
     let counts = (mapped.len(), queries.len());
-    Ok(Place {
+    Ok(DatasetScene {
         name: scene.to_owned(),
         images: folder,
         mapped: PosedImages::new(mapped, Vec::new())?,
         queries: queries
             .into_iter()
-            .map(|image| Query {
+            .map(|image| DatasetQuery {
                 name: image.name,
                 camera: image.camera,
                 cam_from_world: Some(image.cam_from_world),
@@ -241,15 +241,15 @@ impl Cameras {
 pub(crate) fn write(
     root: &Path,
     scene: &str,
-    lens: &Lens,
-    views: &[View],
+    lens: &DatasetCamera,
+    views: &[DatasetView],
     save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     let folder = root.join(scene);
     let mut lists = [String::new(), String::new()];
     let mut counts = [0; 2];
     for (index, view) in views.iter().enumerate() {
-        let side = usize::from(view.role != Role::Map);
+        let side = usize::from(view.role != ViewRole::Map);
         let frame = format!("seq-{:02}/frame-{:06}", side + 1, counts[side]);
         counts[side] += 1;
         let image = folder.join(format!("{frame}.color.png"));
@@ -272,7 +272,7 @@ pub(crate) fn write(
 }
 
 /// Camera to world, 4 × 4.
-fn matrix(view: &View) -> String {
+fn matrix(view: &DatasetView) -> String {
     let turned = view.cam_from_world.rotation().matrix().transpose();
     let c = view.cam_from_world.center().coords;
     let mut out = String::new();

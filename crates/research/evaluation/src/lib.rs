@@ -1,6 +1,6 @@
 //! Evaluation of localization: scenes with known poses, and negative queries.
 //!
-//! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with [`Negatives`]:
+//! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with [`NegativeQueryImages`]:
 //!   also on queries of another scene).
 //! - [`drawn_queries`]: data for a report's drawings of single queries that no document holds.
 //! - [`stress`]: the same scene with queries that are dark, blurred, occluded or small, with few keypoints, or a
@@ -27,8 +27,8 @@ mod scene;
 pub mod stress;
 
 pub use error::EvalError;
-pub use make_problems::{MadeProblem, ProblemSource, make_problems, masks_of};
+pub use make_problems::{GeneratedProblem, ProblemSource, make_problems, masks_of};
 pub use rig::{RigEvaluation, evaluate_rig, sequence_of};
 pub use scene::{
-    DrawnQuery, DrawnScheme, Negatives, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,
+    DrawnQuery, DrawnScheme, NegativeQueryImages, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,
 };

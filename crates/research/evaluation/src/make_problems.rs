@@ -47,7 +47,7 @@ pub struct ProblemSource<'a> {
 
 /// One query as a problem, and all of its sent keypoints.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MadeProblem {
+pub struct GeneratedProblem {
     /// Its line of `problems.jsonl`.
     pub line: String,
     /// All its keypoints with descriptors, strongest first, matched or not, at exactly the positions of the problem.
@@ -70,7 +70,7 @@ pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, Pat
 pub fn make_problems(
     source: &ProblemSource<'_>,
     progress: &dyn Progress,
-) -> Result<Vec<MadeProblem>, EvalError> {
+) -> Result<Vec<GeneratedProblem>, EvalError> {
     let queries = posed_queries(source.posed, source.images, source.query_list)?;
     let input = Input::new(source.posed, source.images).with_names(source.map_list);
     let map = SceneMap::build(&input, source.build, false, None, None, progress)?;
@@ -91,7 +91,7 @@ fn make_problem(
     map: &MapFile,
     query: &PosedQuery,
     source: &ProblemSource<'_>,
-) -> Result<MadeProblem, EvalError> {
+) -> Result<GeneratedProblem, EvalError> {
     let profile = map.profile();
     let options =
         with_extractors(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
@@ -102,7 +102,7 @@ fn make_problem(
     let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
     let line = line(map, query, source, &sealed)?;
-    Ok(MadeProblem {
+    Ok(GeneratedProblem {
         line: serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?,
         keypoints: keypoints(&query.name, &sealed, &truth, &strengths),
     })
@@ -165,7 +165,7 @@ fn line(
             matches
                 .iter()
                 .map(|m| {
-                    let seen = m.seen_from(map);
+                    let seen = m.viewpoint(map);
                     [seen.center.coords.x, seen.center.coords.y, seen.center.coords.z, seen.focal_px]
                 })
                 .collect(),

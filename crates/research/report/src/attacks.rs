@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
-    Attack, AttackDocument, AttackSummary, Gallery, Neighbours, ShownImage, StrongestAttacks,
+    Attack, AttackDocument, AttackSummary, Neighbours, ShownImage, ShownImages, StrongestAttacks,
 };
 
 use crate::chart::{Axis, Chart, Mark, Series};
@@ -189,7 +189,7 @@ pub(crate) fn needs(document: &AttackDocument) -> Markup {
 }
 
 /// Error curves of all attacks, one chart per scheme; and median error against the share of replaced neighbours.
-pub(crate) fn error_curves(document: &AttackDocument, gallery: &Gallery) -> Markup {
+pub(crate) fn error_curves(document: &AttackDocument, gallery: &ShownImages) -> Markup {
     let least = document.least_replaced_percent();
     let of_scheme = |scheme: &&str| {
         let shown = gallery

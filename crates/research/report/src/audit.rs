@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
-    Attack, Audit, AuditOptions, AuditPart, Gallery, ShownAttack, ShownImage, ShownScheme,
+    Attack, Audit, AuditOptions, AuditPart, ShownAttack, ShownImage, ShownImages, ShownScheme,
 };
 use veiloc_protocol::Scheme;
 
@@ -47,7 +47,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
 }
 
 /// A warning about the file's content, for readers who share the file.
-fn notice(gallery: &Gallery) -> Option<Markup> {
+fn notice(gallery: &ShownImages) -> Option<Markup> {
     let has_photographs = gallery.shown.iter().any(|shown| shown.photograph.is_some());
     let holds = match (gallery.shown.is_empty(), has_photographs) {
         // Figures alone contain no single keypoint.
@@ -61,7 +61,7 @@ fn notice(gallery: &Gallery) -> Option<Markup> {
     })
 }
 
-fn curves_and_table(part: &AuditPart, gallery: &Gallery) -> Markup {
+fn curves_and_table(part: &AuditPart, gallery: &ShownImages) -> Markup {
     html! {
         p {
             "Every curve is one attack: the share of keypoints that it recovers to within an error. An attack whose curve runs along \
@@ -73,7 +73,7 @@ fn curves_and_table(part: &AuditPart, gallery: &Gallery) -> Markup {
     }
 }
 
-fn images_of(part: Option<(&AuditPart, &Gallery)>) -> Markup {
+fn images_of(part: Option<(&AuditPart, &ShownImages)>) -> Markup {
     let Some((part, found)) = part else { return html! {} };
     html! {
         @for (index, shown) in found.shown.iter().enumerate() {
@@ -83,7 +83,7 @@ fn images_of(part: Option<(&AuditPart, &Gallery)>) -> Markup {
 }
 
 /// The paper's Fig. 4 and Fig. 5 on uniform keypoints. `is_main`: its tables are the main tables of the page.
-fn synthetic_scene(part: Option<(&AuditPart, &Gallery)>, is_main: bool) -> Markup {
+fn synthetic_scene(part: Option<(&AuditPart, &ShownImages)>, is_main: bool) -> Markup {
     let Some((part, found)) = part else { return html! {} };
     let Some(shown) = found.shown.first() else { return html! {} };
     let figures = AttackFigures::new(shown, "scene");

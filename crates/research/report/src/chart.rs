@@ -18,9 +18,9 @@ const LINE: f64 = 18.0;
 /// Number of colours; further series reuse them.
 const COLORS: usize = 8;
 /// Maximum number of ticks of an axis.
-const MOST_TICKS: usize = 12;
+const MAX_TICKS: usize = 12;
 /// Maximum number of corners of a curve.
-const MOST_CORNERS: usize = 400;
+const MAX_CORNERS: usize = 400;
 
 /// A chart with two axes.
 pub(crate) struct Chart {
@@ -89,7 +89,7 @@ impl Axis {
         }
         let step = round_step((high - low) / 5.0);
         let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
-        (first..=last).take(MOST_TICKS).map(|k| k as f64 * step).collect()
+        (first..=last).take(MAX_TICKS).map(|k| k as f64 * step).collect()
     }
 }
 
@@ -218,8 +218,8 @@ fn shares_within(values: &[f64], (low, high): (f64, f64)) -> Vec<(f64, f64)> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let share = |n: usize| 100.0 * n as f64 / values.len().max(1) as f64;
-    if sorted.len() > MOST_CORNERS {
-        let bounds = (0..=MOST_CORNERS).map(|k| low * (high / low).powf(k as f64 / MOST_CORNERS as f64));
+    if sorted.len() > MAX_CORNERS {
+        let bounds = (0..=MAX_CORNERS).map(|k| low * (high / low).powf(k as f64 / MAX_CORNERS as f64));
         return bounds.map(|bound| (bound, share(sorted.partition_point(|value| *value <= bound)))).collect();
     }
     let mut corners = vec![(low, 0.0)];

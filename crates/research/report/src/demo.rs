@@ -20,7 +20,7 @@ pub struct DemoReport {
     /// Heading, lead, large numbers, tables, the scene, the queries. The stages show the first drawn query.
     pub run: LocalizationReport,
     /// The image of the same query, with its keypoints.
-    pub seen: Option<SeenQuery>,
+    pub seen: Option<DeviceQuery>,
     /// Keypoints of that query as recovered by attacks.
     pub attacked: Option<ShownImage>,
     /// The attacks on all queries.
@@ -29,7 +29,7 @@ pub struct DemoReport {
 
 /// A query on the device.
 #[derive(Debug, Clone)]
-pub struct SeenQuery {
+pub struct DeviceQuery {
     /// Name of the query.
     pub name: String,
     /// The image that never leaves the device.
@@ -74,7 +74,7 @@ fn picture_with_text(picture: &Markup, caption: &Markup, text: &Markup) -> Marku
     html! { div.see { (page::figure(picture, caption)) div { (text) } } }
 }
 
-fn image(seen: &SeenQuery) -> Option<Markup> {
+fn image(seen: &DeviceQuery) -> Option<Markup> {
     let (w, h) = seen.image.dimensions();
     let address = data_address(&seen.image)?;
     let picture = html! {
@@ -95,7 +95,7 @@ fn image(seen: &SeenQuery) -> Option<Markup> {
     ))
 }
 
-fn keypoints(seen: &SeenQuery) -> Option<Markup> {
+fn keypoints(seen: &DeviceQuery) -> Option<Markup> {
     let (w, h) = seen.image.dimensions();
     if w == 0 || h == 0 {
         return None;

@@ -14,11 +14,11 @@ use crate::numbers::{percent, pixels};
 use crate::page::{figure, legend};
 
 /// Maximum number of lines; more are unreadable.
-const MOST_LINES: usize = 400;
+const MAX_LINES: usize = 400;
 /// Maximum number of keypoints in a figure; more only increase the file.
-const MOST_DOTS: usize = 1600;
+const MAX_DOTS: usize = 1600;
 /// Maximum number of lines from truth to answer.
-const MOST_ERRORS: usize = 300;
+const MAX_ERRORS: usize = 300;
 /// Share of answers outside the drawing above which the view is zoomed out by two, as in the paper's Fig. 5 (d).
 const ZOOM_OUT: f64 = 0.1;
 /// Upper ends of the error classes, pixels; the last class is open.
@@ -61,7 +61,7 @@ pub(crate) fn shared_image(id: &str, (width, height): (u32, u32), address: &str)
 
 /// The sent rows, and a remark for the caption.
 pub(crate) fn sent(sent: &Observations, size: (u32, u32)) -> (Markup, String) {
-    let every = sent.len().div_ceil(MOST_LINES).max(1);
+    let every = sent.len().div_ceil(MAX_LINES).max(1);
     let shown = sent.len().div_ceil(every);
     let remark = |kind: &str| match sent.len() {
         n if shown < n => format!("{shown} of {n} {kind} are drawn."),
@@ -233,7 +233,7 @@ impl<'a> AttackFigures<'a> {
                 (shared_image(&format!("{}-photograph", self.id), self.shown.size, address))
             }
             svg.shared width="0" height="0" aria-hidden="true" {
-                defs { path id={ (self.id) "-truth" } d=(dots(every(&self.shown.truth, MOST_DOTS).copied())) {} }
+                defs { path id={ (self.id) "-truth" } d=(dots(every(&self.shown.truth, MAX_DOTS).copied())) {} }
             }
         }
     }
@@ -275,12 +275,12 @@ impl<'a> AttackFigures<'a> {
         let is_zoomed = outside(Rim::Narrow) as f64 > ZOOM_OUT * attack.answers.len() as f64;
         let rim = if is_zoomed { Rim::Wide } else { Rim::Narrow };
         let rows: Vec<usize> = (0..attack.answers.len().min(self.shown.truth.len())).collect();
-        let errors = every(&rows, MOST_ERRORS).map(|&row| [self.shown.truth[row], attack.answers[row]]);
+        let errors = every(&rows, MAX_ERRORS).map(|&row| [self.shown.truth[row], attack.answers[row]]);
         let layers = html! {
             (self.backdrop("faint"))
             (self.truth("truth"))
             path.error d=(strokes(errors)) {}
-            (by_class(every(&rows, MOST_DOTS).map(|&row| (attack.answers[row], class_of(attack.errors[row])))))
+            (by_class(every(&rows, MAX_DOTS).map(|&row| (attack.answers[row], class_of(attack.errors[row])))))
         };
         let summary = ErrorSummary::of(&attack.errors);
         let mut remark = format!(
@@ -302,7 +302,7 @@ impl<'a> AttackFigures<'a> {
     pub(crate) fn error_map(&self, attack: &ShownAttack, caption: &str) -> Markup {
         let rows: Vec<usize> = (0..attack.errors.len().min(self.shown.truth.len())).collect();
         let layers = by_class(
-            every(&rows, MOST_DOTS).map(|&row| (self.shown.truth[row], class_of(attack.errors[row]))),
+            every(&rows, MAX_DOTS).map(|&row| (self.shown.truth[row], class_of(attack.errors[row]))),
         );
         let under = attack.errors.iter().filter(|error| **error < 30.0).count();
         let remark = format!("{under} of {} keypoints are recovered to within 30 px.", rows.len());
@@ -317,7 +317,7 @@ impl<'a> AttackFigures<'a> {
         let rows: Vec<usize> = (0..scheme.crossings.len().min(self.shown.truth.len())).collect();
         let class =
             |row: usize| SPREADS.iter().position(|limit| scheme.crossings[row] >= *limit).unwrap_or(4);
-        let layers = by_class(every(&rows, MOST_DOTS).map(|&row| (self.shown.truth[row], class(row))));
+        let layers = by_class(every(&rows, MAX_DOTS).map(|&row| (self.shown.truth[row], class(row))));
         let flat = scheme.crossings.iter().filter(|spread| **spread < 1.0).count();
         let remark = format!(
             "Blue: under 1 px, the neighbours cross at the anchor ({flat} keypoints); green, yellow: under 10, under 100 px; \

@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder as _, Rgb, RgbImage};
 use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
 
 /// Longest side of an undistorted image, pixels.
-const LONGEST: u32 = 720;
+const MAX_SIDE: u32 = 720;
 
 /// The image of `from` in the camera `to`, reduced to at most 720 pixels a side; black outside the view of `from`.
 /// Empty for an empty image or camera.
@@ -32,9 +32,9 @@ pub(crate) fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> 
     })
 }
 
-/// A size with the same aspect ratio, at most [`LONGEST`] a side.
+/// A size with the same aspect ratio, at most [`MAX_SIDE`] a side.
 pub(crate) fn reduced(width: u32, height: u32) -> (u32, u32) {
-    let shrink = (f64::from(LONGEST) / f64::from(width.max(height).max(1))).min(1.0);
+    let shrink = (f64::from(MAX_SIDE) / f64::from(width.max(height).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink).round() as u32).max(1);
     (size(width), size(height))
 }
@@ -58,12 +58,12 @@ fn sample(image: &RgbImage, x: f64, y: f64) -> Rgb<u8> {
 }
 
 /// Longest side of an embedded image, pixels.
-const LONGEST_EMBEDDED: u32 = 1000;
+const MAX_EMBEDDED_SIDE: u32 = 1000;
 
 /// A `data:` address of the image as JPEG; `None` for an empty image.
 pub(crate) fn data_address(image: &RgbImage) -> Option<String> {
     let (w, h) = image.dimensions();
-    let shrink = (f64::from(LONGEST_EMBEDDED) / f64::from(w.max(h).max(1))).min(1.0);
+    let shrink = (f64::from(MAX_EMBEDDED_SIDE) / f64::from(w.max(h).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink) as u32).max(1);
     let small;
     let shown = if shrink < 1.0 {

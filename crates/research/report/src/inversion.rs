@@ -3,7 +3,7 @@
 
 use maud::{Markup, html};
 use veiloc_evaluation::inversion::{
-    ContactSheet, InversionDocument, NetworkRow, RebuiltRow, SummaryRow, Tile,
+    ContactSheet, InversionDocument, NetworkRow, ReconstructionRow, SummaryRow, Tile,
 };
 
 use crate::images::lossless_address;
@@ -62,7 +62,7 @@ pub fn inversion_page(
             p { "Means over " (images) ", on the network's grid." }
             (table.html())
             p.note { (network_words(&document.network)) }
-            @if let Some(classes) = &document.classes { p.note { (classes.words()) } }
+            @if let Some(classes) = &document.classes { p.note { (classes.sentence()) } }
         }
     };
     let page = Page {
@@ -90,7 +90,7 @@ fn notice() -> Markup {
     html! {
         b { "This file contains images" } ": reduced originals, and reconstructions from their descriptors. It is for their owner. \
          Nothing was sent over a network to make it; consider the people and places in them before you share it. "
-        code { "--shown 0" } " leaves the images out."
+        code { "--show 0" } " leaves the images out."
     }
 }
 
@@ -187,7 +187,7 @@ fn gallery(document: &InversionDocument, sheet: &ContactSheet, view: &str) -> Ma
     }
 }
 
-fn tile_figure(name: &str, tile: &Tile, row: Option<&RebuiltRow>) -> Markup {
+fn tile_figure(name: &str, tile: &Tile, row: Option<&ReconstructionRow>) -> Markup {
     let drawn = tile.drawn();
     let (width, height) = (drawn.width(), drawn.height());
     let Some(address) = lossless_address([width, height], drawn.data()) else { return html! {} };
@@ -200,7 +200,7 @@ fn tile_figure(name: &str, tile: &Tile, row: Option<&RebuiltRow>) -> Markup {
     figure(&picture, &html! { b { (what) "." } (attack) " " @if let Some(row) = row { (scores(row)) } })
 }
 
-fn scores(row: &RebuiltRow) -> String {
+fn scores(row: &ReconstructionRow) -> String {
     let lpips = row.st_lpips.map_or_else(String::new, |lpips| format!(", ST-LPIPS {lpips:.3}"));
     let class = match (row.top_1, row.top_5) {
         (Some(true), _) => ", class recognised",
@@ -272,7 +272,7 @@ mod tests {
     }
 
     fn evaluated() -> (InversionDocument, [ContactSheet; 2]) {
-        let rebuilt = |scheme: &str, attack| RebuiltRow {
+        let rebuilt = |scheme: &str, attack| ReconstructionRow {
             image: HOSTILE.into(),
             scheme: scheme.into(),
             attack,

@@ -32,7 +32,7 @@ mod top_view;
 mod tests;
 
 pub use audit::audit_page;
-pub use demo::{DemoReport, SeenQuery, demo_page};
+pub use demo::{DemoReport, DeviceQuery, demo_page};
 pub use inversion::inversion_page;
 pub use localization::{
     LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing,

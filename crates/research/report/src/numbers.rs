@@ -25,7 +25,7 @@ impl LengthUnit {
     }
 
     /// The same with its unit, for text outside of tables.
-    pub fn in_words(self, value: f64) -> String {
+    pub fn with_unit(self, value: f64) -> String {
         match self {
             Self::Map if value == 1.0 => "1 map unit".to_owned(),
             Self::Map => format!("{} map units", significant(value)),
@@ -138,7 +138,7 @@ mod tests {
             assert_eq!(significant(value), text);
         }
         assert_eq!(LengthUnit::Map.length(0.042), "0.042");
-        assert_eq!(LengthUnit::Map.in_words(1.2), "1.2 map units");
+        assert_eq!(LengthUnit::Map.with_unit(1.2), "1.2 map units");
         assert_eq!([0.0042, 0.042, 4.2].map(|m| LengthUnit::Metres.length(m)), ["4.2 mm", "4.2 cm", "4.2 m"]);
     }
 

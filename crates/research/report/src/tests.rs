@@ -14,7 +14,7 @@ use veiloc_evaluation::results::SchemeSummary;
 use veiloc_geometry::{CameraFromWorld, Pixel, PixelLine};
 use veiloc_pose::State;
 use veiloc_protocol::{Observations, Scheme};
-use veiloc_synthetic::{PathOptions, Place};
+use veiloc_synthetic::{PathOptions, RenderedRoom};
 
 use super::*;
 
@@ -68,7 +68,7 @@ fn sample() -> DemoReport {
 
 fn made() -> DemoReport {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let path = Place::generate(7).camera_path(&PathOptions::default());
+    let path = RenderedRoom::generate(7).camera_path(&PathOptions::default());
     let (audit, _) = audited(synthetic_image(150, 8), 0, None);
     let part = audit.document.inputs.expect("inputs");
     let shown = audit.inputs.expect("inputs").shown.remove(0);
@@ -137,7 +137,7 @@ fn made() -> DemoReport {
         ..LocalizationReport::default()
     };
     run.add_cards();
-    let seen = SeenQuery { name: name(7), image, keypoints: shown.truth.clone() };
+    let seen = DeviceQuery { name: name(7), image, keypoints: shown.truth.clone() };
     DemoReport { run, seen: Some(seen), attacked: Some(shown), attacks: part.attacks }
 }
 
@@ -386,7 +386,7 @@ fn empty_reports_and_invalid_numbers_give_pages() {
         attack.answers.fill(nan);
         attack.errors.fill(f64::NAN);
     }
-    let seen = SeenQuery { name: String::new(), image: RgbImage::new(0, 0), keypoints: vec![nan] };
+    let seen = DeviceQuery { name: String::new(), image: RgbImage::new(0, 0), keypoints: vec![nan] };
     check(&localization_page(&run));
     check(&demo_page(&DemoReport { run, seen: Some(seen), ..report }));
     let one = KeypointImage { keypoints: vec![Pixel::new(3.0, 4.0)], ..synthetic_image(1, 1) };

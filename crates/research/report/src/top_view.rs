@@ -13,9 +13,9 @@ use crate::page::{figure, legend};
 use crate::space::SpaceRow;
 
 /// Maximum number of drawn map points.
-const MOST_POINTS: usize = 3500;
+const MAX_POINTS: usize = 3500;
 /// Maximum number of drawn map cameras.
-const MOST_CAMERAS: usize = 300;
+const MAX_CAMERAS: usize = 300;
 /// Width of the drawing in SVG units.
 const WIDTH: f64 = 520.0;
 
@@ -124,13 +124,13 @@ impl Plan {
     /// The map's points and the cameras of its images.
     fn ground(&self, view: &TopView<'_>) -> Markup {
         let mut points = String::new();
-        for p in view.points.iter().step_by(view.points.len().div_ceil(MOST_POINTS).max(1)) {
+        for p in view.points.iter().step_by(view.points.len().div_ceil(MAX_POINTS).max(1)) {
             let q = self.project(Vector3::from(*p));
             if self.holds(q) {
                 let _ = write!(points, "M{:.1} {:.1}h0", q.x, q.y);
             }
         }
-        let every = view.cameras.len().div_ceil(MOST_CAMERAS).max(1);
+        let every = view.cameras.len().div_ceil(MAX_CAMERAS).max(1);
         let cameras: String = view.cameras.iter().step_by(every).map(|pose| self.wedge(pose, 7.0)).collect();
         html! { path.points stroke-width="1.6" d=(points) {} path class="camera map" d=(cameras) {} }
     }
@@ -197,7 +197,7 @@ impl Plan {
         let (y, long) = (self.height - 14.0, length * self.scale);
         html! {
             path.axis d=(format!("M14 {:.1}v8m0 -4h{long:.1}m0 -4v8", y - 4.0)) {}
-            text x=(format!("{:.1}", 20.0 + long)) y=(format!("{:.1}", y + 4.0)) { (unit.in_words(length)) }
+            text x=(format!("{:.1}", 20.0 + long)) y=(format!("{:.1}", y + 4.0)) { (unit.with_unit(length)) }
         }
     }
 }

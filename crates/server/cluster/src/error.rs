@@ -7,7 +7,7 @@ use veiloc_map::regions::ObjectRef;
 use veiloc_map::{ManifestError, MapError};
 use veiloc_service::ServerError;
 
-use crate::bus::{BadWord, Subject};
+use crate::bus::{InvalidSubjectWord, Subject};
 use crate::object_store::refusal::hint_of;
 
 /// Why a worker or a gateway could not start, a request got no reply, or a map was not published or fetched.
@@ -61,7 +61,7 @@ pub enum ClusterError {
 
     /// Invalid subject.
     #[error(transparent)]
-    Subject(#[from] BadWord),
+    Subject(#[from] InvalidSubjectWord),
     /// The group is empty.
     #[error("no worker has joined {subject}; start a worker for it")]
     NoResponders {

@@ -7,7 +7,7 @@
 //! ```
 //! - [`Gateway`]: computes poses by querying workers; `veiloc_service` uses it as [`veiloc_service::RemoteMap`]
 //!   and handles HTTP.
-//! - [`Worker`]: holds a verified [`Share`] of the regions of a map, and answers requests for them.
+//! - [`Worker`]: holds a verified [`RegionShare`] of the regions of a map, and answers requests for them.
 //! - [`ManifestSource`]: where both read what is published.
 //! - [`message`]: the messages between gateways and workers.
 //!
@@ -31,6 +31,6 @@ mod worker;
 
 pub use error::ClusterError;
 pub use gateway::{Gateway, GatewayOptions};
-pub use manifest_source::{Fetching, FolderSource, ManifestSource, ObjectStoreSource, Published};
-pub use share::Share;
+pub use manifest_source::{FolderSource, ManifestSource, ObjectStoreSource, PublishedManifest, SourceFuture};
+pub use share::RegionShare;
 pub use worker::{Worker, WorkerHandle, WorkerOptions};

@@ -13,20 +13,20 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use veiloc_map::MapError;
-use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, verify_file};
+use veiloc_map::regions::{Manifest, ObjectId, ObjectRef, RegionFolder, verify_file};
 
 pub use object_store::ObjectStoreSource;
 
 /// A published manifest.
 #[derive(Debug)]
-pub struct Published {
+pub struct PublishedManifest {
     /// The SHA-256 of the manifest.
     pub id: ObjectId,
     /// The manifest.
     pub manifest: Manifest,
 }
 
-impl Published {
+impl PublishedManifest {
     /// From this manifest.
     pub fn of(manifest: Manifest) -> Arc<Self> {
         Arc::new(Self { id: manifest.id(), manifest })
@@ -34,15 +34,15 @@ impl Published {
 }
 
 /// The future result of a source.
-pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ClusterError>> + Send + 'a>>;
+pub type SourceFuture<'a, T> = Pin<Box<dyn Future<Output = Result<T, ClusterError>> + Send + 'a>>;
 
 /// A source of published maps.
 pub trait ManifestSource: Send + Sync {
     /// The current manifest of the map of this name.
-    fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>>;
+    fn current<'a>(&'a self, map: &'a str) -> SourceFuture<'a, Arc<PublishedManifest>>;
 
-    /// Fetches these objects, each verified, into a folder for [`Folder::of`]; existing objects are kept.
-    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf>;
+    /// Fetches these objects, each verified, into a folder for [`RegionFolder::of`]; existing objects are kept.
+    fn fetch(&self, objects: Vec<ObjectRef>) -> SourceFuture<'_, PathBuf>;
 
     /// Declares which fetched objects are needed; others may be removed when space is short.
     fn retain(&self, needed: &BTreeSet<ObjectId>) {
@@ -65,23 +65,25 @@ impl FolderSource {
 }
 
 impl ManifestSource for FolderSource {
-    fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
+    fn current<'a>(&'a self, map: &'a str) -> SourceFuture<'a, Arc<PublishedManifest>> {
         Box::pin(async move {
-            let found = Folder::open(&self.folder);
+            let found = RegionFolder::open(&self.folder);
             let other =
                 || ClusterError::NoMap { map: map.to_owned(), place: self.folder.display().to_string() };
             match found {
-                Ok(folder) if folder.manifest().map == map => Ok(Published::of(folder.manifest().clone())),
+                Ok(folder) if folder.manifest().map == map => {
+                    Ok(PublishedManifest::of(folder.manifest().clone()))
+                }
                 Ok(_) | Err(MapError::NoRegions { .. }) => Err(other()),
                 Err(error) => Err(error.into()),
             }
         })
     }
 
-    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
+    fn fetch(&self, objects: Vec<ObjectRef>) -> SourceFuture<'_, PathBuf> {
         Box::pin(async move {
             let verify_all = || -> Result<(), MapError> {
-                let manifest = Folder::open(&self.folder)?;
+                let manifest = RegionFolder::open(&self.folder)?;
                 objects.iter().try_for_each(|object| verify_file(&manifest.path_of(&object.sha256), object))
             };
             verify_all()?;

@@ -23,16 +23,16 @@ pub const FRAME_BYTES: usize = 1024;
 pub const REPLY_BYTES: usize = 5120;
 
 /// Maximum `retry_after` in a reply, seconds.
-const LONGEST_WAIT: u32 = 60;
+const MAX_WAIT: u32 = 60;
 
 /// The name of a request: the one of its log line.
-pub type RequestName = [u8; 16];
+pub type RequestIdBytes = [u8; 16];
 
 /// A request to a worker.
 #[derive(Clone, PartialEq)]
 pub struct Request {
     /// The name of the gateway's request that it is part of.
-    pub name: RequestName,
+    pub name: RequestIdBytes,
     /// The region or index to use; a worker that holds another one refuses ([`RejectReason::NotHeld`]).
     pub object: ObjectId,
     /// Time allowed for the answer, from the arrival of the request (machines' clocks are not compared).
@@ -78,9 +78,9 @@ impl std::fmt::Debug for Request {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reply {
     /// The request's name.
-    pub name: RequestName,
+    pub name: RequestIdBytes,
     /// The result.
-    pub outcome: Outcome,
+    pub outcome: ReplyOutcome,
     /// Time spent working.
     pub worked: Duration,
     /// Time spent in the queue.
@@ -89,7 +89,7 @@ pub struct Reply {
 
 /// The result of a request.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Outcome {
+pub enum ReplyOutcome {
     /// The reply to [`Task::Ping`].
     Here,
     /// The regions that hold most of the retrieved images, best first.
@@ -111,7 +111,7 @@ pub struct Candidate {
     pub held: u32,
 }
 
-/// Why another worker of the group should be asked.
+/// Why the gateway should try another worker of the group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RejectReason {
     /// All threads are busy and the queue is full, or too long for the time there is.
@@ -175,7 +175,7 @@ struct ReplyFrame {
 }
 
 /// Maximum number of regions that an index returns.
-pub const MOST_REGIONS: usize = 64;
+pub const MAX_REGIONS: usize = 64;
 
 const PING: u32 = 0;
 const SEARCH: u32 = 1;
@@ -255,21 +255,20 @@ impl Reply {
             ..ReplyFrame::default()
         };
         match &self.outcome {
-            Outcome::Regions(candidates) => {
+            ReplyOutcome::Regions(candidates) => {
                 frame.regions = candidates.iter().map(|candidate| candidate.region).collect();
                 frame.held = candidates.iter().map(|candidate| candidate.held).collect();
             }
-            Outcome::Pose(answer) => frame.answer = answer.encode().into(),
-            Outcome::Failed(
+            ReplyOutcome::Pose(answer) => frame.answer = answer.encode().into(),
+            ReplyOutcome::Failed(
                 LocalizeFailure::Busy { retry_after } | LocalizeFailure::Unreached { retry_after },
             )
-            | Outcome::Rejected(RejectReason::Busy { retry_after }) => {
-                frame.retry_after =
-                    u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
+            | ReplyOutcome::Rejected(RejectReason::Busy { retry_after }) => {
+                frame.retry_after = u32::try_from(retry_after.get()).unwrap_or(MAX_WAIT).min(MAX_WAIT);
             }
-            Outcome::Here | Outcome::Failed(_) | Outcome::Rejected(_) => {}
+            ReplyOutcome::Here | ReplyOutcome::Failed(_) | ReplyOutcome::Rejected(_) => {}
         }
-        if !matches!(self.outcome, Outcome::Here | Outcome::Regions(_)) {
+        if !matches!(self.outcome, ReplyOutcome::Here | ReplyOutcome::Regions(_)) {
             // Tag and length of the padding take three bytes if the frame has 128 to 16384 bytes.
             let left = REPLY_BYTES.saturating_sub(frame.encoded_len() + 3);
             frame.padding = vec![0; left].into();
@@ -281,7 +280,7 @@ impl Reply {
     ///
     /// # Errors
     /// [`ClusterError`] that names the wrong field.
-    pub fn decode(bytes: Bytes, expected_name: &RequestName) -> Result<Self, ClusterError> {
+    pub fn decode(bytes: Bytes, expected_name: &RequestIdBytes) -> Result<Self, ClusterError> {
         let frame = ReplyFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
         check_version(frame.version)?;
         let name = name(&frame.name)?;
@@ -298,7 +297,7 @@ fn check_version(found: u32) -> Result<(), ClusterError> {
     if found == VERSION { Ok(()) } else { Err(ClusterError::FrameVersion { found }) }
 }
 
-fn name(bytes: &Bytes) -> Result<RequestName, ClusterError> {
+fn name(bytes: &Bytes) -> Result<RequestIdBytes, ClusterError> {
     bytes.as_ref().try_into().map_err(|_| ClusterError::FrameField { field: "name" })
 }
 
@@ -307,12 +306,12 @@ const REGIONS: u32 = 1;
 const POSE: u32 = 2;
 
 /// Every outcome has one number, which never changes.
-const fn code_of(outcome: &Outcome) -> u32 {
+const fn code_of(outcome: &ReplyOutcome) -> u32 {
     match outcome {
-        Outcome::Here => HERE,
-        Outcome::Regions(_) => REGIONS,
-        Outcome::Pose(_) => POSE,
-        Outcome::Failed(why) => match why {
+        ReplyOutcome::Here => HERE,
+        ReplyOutcome::Regions(_) => REGIONS,
+        ReplyOutcome::Pose(_) => POSE,
+        ReplyOutcome::Failed(why) => match why {
             LocalizeFailure::WrongProfile => 16,
             LocalizeFailure::EmptyMap => 17,
             LocalizeFailure::NoPose(NoPose::Unsupported) => 18,
@@ -324,7 +323,7 @@ const fn code_of(outcome: &Outcome) -> u32 {
             LocalizeFailure::TimedOut => 24,
             LocalizeFailure::Broken => 25,
         },
-        Outcome::Rejected(why) => match why {
+        ReplyOutcome::Rejected(why) => match why {
             RejectReason::Busy { .. } => 32,
             RejectReason::InProgress => 33,
             RejectReason::Leaving => 34,
@@ -335,38 +334,40 @@ const fn code_of(outcome: &Outcome) -> u32 {
     }
 }
 
-fn outcome_of(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
+fn outcome_of(frame: ReplyFrame) -> Result<ReplyOutcome, ClusterError> {
     let field = |field| ClusterError::FrameField { field };
     let retry_after = || {
-        let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= LONGEST_WAIT.into());
+        let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= MAX_WAIT.into());
         seconds.ok_or(field("retry_after"))
     };
     Ok(match frame.outcome {
-        HERE => Outcome::Here,
+        HERE => ReplyOutcome::Here,
         REGIONS => {
-            if frame.regions.len() != frame.held.len() || frame.regions.len() > MOST_REGIONS {
+            if frame.regions.len() != frame.held.len() || frame.regions.len() > MAX_REGIONS {
                 return Err(field("regions"));
             }
             let both = frame.regions.iter().zip(&frame.held);
-            Outcome::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
+            ReplyOutcome::Regions(
+                both.map(|(region, held)| Candidate { region: *region, held: *held }).collect(),
+            )
         }
-        POSE => Outcome::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
-        16 => Outcome::Failed(LocalizeFailure::WrongProfile),
-        17 => Outcome::Failed(LocalizeFailure::EmptyMap),
-        18 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::Unsupported)),
-        19 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::OneSided)),
-        20 => Outcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)),
-        21 => Outcome::Failed(LocalizeFailure::Stopped),
-        22 => Outcome::Failed(LocalizeFailure::Busy { retry_after: retry_after()? }),
-        23 => Outcome::Failed(LocalizeFailure::Unreached { retry_after: retry_after()? }),
-        24 => Outcome::Failed(LocalizeFailure::TimedOut),
-        25 => Outcome::Failed(LocalizeFailure::Broken),
-        32 => Outcome::Rejected(RejectReason::Busy { retry_after: retry_after()? }),
-        33 => Outcome::Rejected(RejectReason::InProgress),
-        34 => Outcome::Rejected(RejectReason::Leaving),
-        35 => Outcome::Rejected(RejectReason::NotHeld),
-        36 => Outcome::Rejected(RejectReason::Undecodable),
-        37 => Outcome::Rejected(RejectReason::Broken),
+        POSE => ReplyOutcome::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
+        16 => ReplyOutcome::Failed(LocalizeFailure::WrongProfile),
+        17 => ReplyOutcome::Failed(LocalizeFailure::EmptyMap),
+        18 => ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::Unsupported)),
+        19 => ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::OneSided)),
+        20 => ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)),
+        21 => ReplyOutcome::Failed(LocalizeFailure::Stopped),
+        22 => ReplyOutcome::Failed(LocalizeFailure::Busy { retry_after: retry_after()? }),
+        23 => ReplyOutcome::Failed(LocalizeFailure::Unreached { retry_after: retry_after()? }),
+        24 => ReplyOutcome::Failed(LocalizeFailure::TimedOut),
+        25 => ReplyOutcome::Failed(LocalizeFailure::Broken),
+        32 => ReplyOutcome::Rejected(RejectReason::Busy { retry_after: retry_after()? }),
+        33 => ReplyOutcome::Rejected(RejectReason::InProgress),
+        34 => ReplyOutcome::Rejected(RejectReason::Leaving),
+        35 => ReplyOutcome::Rejected(RejectReason::NotHeld),
+        36 => ReplyOutcome::Rejected(RejectReason::Undecodable),
+        37 => ReplyOutcome::Rejected(RejectReason::Broken),
         _ => return Err(field("outcome")),
     })
 }

@@ -8,7 +8,7 @@ use futures_util::StreamExt as _;
 use futures_util::stream;
 use veiloc_map::regions::{Manifest, ObjectId};
 
-use crate::message::{Outcome, Reply, Request, Task};
+use crate::message::{Reply, ReplyOutcome, Request, Task};
 use crate::subjects;
 
 /// Time limit of a ping, and number of concurrent pings.
@@ -41,8 +41,8 @@ impl Groups {
     /// Number of groups without a responding member.
     pub(crate) async fn unreachable(&self, bus: &Bus) -> usize {
         let all: Vec<_> = std::iter::once(&self.index).chain(&self.regions).cloned().collect();
-        let asked = stream::iter(all).map(|(subject, object)| is_held(bus.clone(), subject, object));
-        asked.buffer_unordered(MAX_CONCURRENT_PINGS).filter(|held| std::future::ready(!held)).count().await
+        let pings = stream::iter(all).map(|(subject, object)| is_held(bus.clone(), subject, object));
+        pings.buffer_unordered(MAX_CONCURRENT_PINGS).filter(|held| std::future::ready(!held)).count().await
     }
 }
 
@@ -50,6 +50,6 @@ async fn is_held(bus: Bus, subject: Subject, object: ObjectId) -> bool {
     let ping = Request { name: NO_REQUEST, object, within: PING_TIMEOUT, task: Task::Ping };
     let reply = bus.request(&subject, ping.encode(), PING_TIMEOUT).await;
     reply.is_ok_and(|bytes| {
-        matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { outcome: Outcome::Here, .. }))
+        matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { outcome: ReplyOutcome::Here, .. }))
     })
 }

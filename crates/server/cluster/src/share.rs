@@ -9,7 +9,7 @@ use crate::ClusterError;
 
 /// A share of the regions of a map. The workers of a cluster must together hold all regions; shares may overlap.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub enum Share {
+pub enum RegionShare {
     /// All.
     #[default]
     All,
@@ -25,9 +25,9 @@ pub enum Share {
     Numbers(BTreeSet<usize>),
 }
 
-impl Share {
+impl RegionShare {
     /// Whether the share contains this region.
-    pub fn takes(&self, region: usize) -> bool {
+    pub fn contains(&self, region: usize) -> bool {
         match self {
             Self::All => true,
             Self::Nth { nth, of } => region % of.get() == *nth,
@@ -37,7 +37,7 @@ impl Share {
 }
 
 /// `all`, `1/3` (the first of three), or `0,4,7`.
-impl FromStr for Share {
+impl FromStr for RegionShare {
     type Err = ClusterError;
 
     fn from_str(text: &str) -> Result<Self, ClusterError> {
@@ -55,7 +55,7 @@ impl FromStr for Share {
     }
 }
 
-impl fmt::Display for Share {
+impl fmt::Display for RegionShare {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::All => f.write_str("all"),
@@ -75,16 +75,17 @@ mod tests {
     #[test]
     fn shares_round_trip_and_cover_all_regions() {
         for text in ["all", "1/1", "2/3", "0,4,7"] {
-            assert_eq!(text.parse::<Share>().expect("a share").to_string(), text);
+            assert_eq!(text.parse::<RegionShare>().expect("a share").to_string(), text);
         }
         for bad in ["", "0/3", "4/3", "1/0", "a", "1,", "-1", "1/2/3"] {
-            assert!(matches!(bad.parse::<Share>(), Err(ClusterError::Share { .. })), "{bad:?}");
+            assert!(matches!(bad.parse::<RegionShare>(), Err(ClusterError::Share { .. })), "{bad:?}");
         }
-        let thirds: Vec<Share> = ["1/3", "2/3", "3/3"].map(|text| text.parse().expect("a share")).into();
+        let thirds: Vec<RegionShare> =
+            ["1/3", "2/3", "3/3"].map(|text| text.parse().expect("a share")).into();
         for region in 0..10 {
-            assert_eq!(thirds.iter().filter(|share| share.takes(region)).count(), 1, "region {region}");
+            assert_eq!(thirds.iter().filter(|share| share.contains(region)).count(), 1, "region {region}");
         }
-        let some: Share = "1, 4".parse().expect("a share");
-        assert_eq!((0..6).filter(|region| some.takes(*region)).collect::<Vec<_>>(), [1, 4]);
+        let some: RegionShare = "1, 4".parse().expect("a share");
+        assert_eq!((0..6).filter(|region| some.contains(*region)).collect::<Vec<_>>(), [1, 4]);
     }
 }

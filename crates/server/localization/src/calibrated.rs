@@ -1,6 +1,6 @@
 //! Calibrates an estimate for a map: its covariance by the self-test of the map, and its state.
 
-use veiloc_map::{Calibration, MapFile};
+use veiloc_map::{CovarianceCalibration, MapFile};
 use veiloc_pose::{Confidence, PoseError, State};
 use veiloc_protocol::Scheme;
 
@@ -31,10 +31,10 @@ impl RawEstimate<'_> {
         scheme: Scheme,
         correspondences: usize,
     ) -> Result<CalibratedEstimate, LocalizeError> {
-        let calibration = map
-            .self_test()
-            .and_then(|test| test.of_scheme(scheme))
-            .map_or_else(|| Calibration::unmeasured(self.confidence.distance), |test| test.calibration);
+        let calibration = map.self_test().and_then(|test| test.of_scheme(scheme)).map_or_else(
+            || CovarianceCalibration::unmeasured(self.confidence.distance),
+            |test| test.calibration,
+        );
         let covariance = calibration.apply(self.covariance);
         let confidence = self.confidence.with_covariances(&covariance, &calibration.apply(self.by_matches));
         let state = confidence.state();

@@ -43,7 +43,7 @@ mod rig;
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
 pub use localizer::{
-    GravityUse, Localization, LocalizeOptions, Matched, MatchedPair, MatchedQuery, StageTimes, localize,
+    GravityUse, Localization, LocalizeOptions, MatchResult, MatchedPair, MatchedQuery, StageTimes, localize,
     localize_matched, match_in, match_query,
 };
 pub use rig::{FrameLocalization, RigLocalization, localize_rig};

@@ -10,7 +10,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{MapFile, MapView, PointId};
 use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_pose::{
-    Confidence, FocalKnowledge, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
 };
 use veiloc_protocol::{CoarseGravity, SealedQuery};
 
@@ -18,7 +18,7 @@ use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PointMatch, match_points_until};
-use crate::retrieval::{Retrieved, retrieve};
+use crate::retrieval::{RetrievedImage, retrieve};
 
 /// Options of localization.
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ pub struct Localization {
     /// The pose.
     pub cam_from_world: CameraFromWorld,
     /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by
-    /// the self-test of the map, or by [`veiloc_map::Calibration::unmeasured`] without one.
+    /// the self-test of the map, or by [`veiloc_map::CovarianceCalibration::unmeasured`] without one.
     pub covariance: [[f64; 6]; 6],
     /// The covariance of the estimator in the same chart: from the noise of keypoints and map points only.
     pub own_covariance: [[f64; 6]; 6],
@@ -108,7 +108,7 @@ pub struct Localization {
     /// Number of hypotheses.
     pub hypotheses: usize,
     /// The retrieved images, best first.
-    pub retrieved: Vec<Retrieved>,
+    pub retrieved: Vec<RetrievedImage>,
     /// Duration of each stage.
     pub times: StageTimes,
 }
@@ -135,7 +135,7 @@ pub struct MatchedQuery {
     /// Row of the query of each match.
     pub rows: Vec<usize>,
     /// The retrieved images, best first.
-    pub retrieved: Vec<Retrieved>,
+    pub retrieved: Vec<RetrievedImage>,
     /// Duration of the retrieval, milliseconds.
     pub retrieve_ms: f64,
     /// Duration of the matching, milliseconds.
@@ -145,9 +145,9 @@ pub struct MatchedQuery {
 /// Result of retrieval and matching.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
-pub struct Matched {
+pub struct MatchResult {
     /// The retrieved images, best first.
-    pub retrieved: Vec<Retrieved>,
+    pub retrieved: Vec<RetrievedImage>,
     /// Proposed pairs of rows and points, sorted by both.
     pub matches: Vec<PointMatch>,
     /// Duration of the retrieval, milliseconds.
@@ -164,7 +164,7 @@ pub fn match_in(
     query: &SealedQuery,
     map: MapView<'_>,
     options: &LocalizeOptions,
-) -> Result<Matched, LocalizeError> {
+) -> Result<MatchResult, LocalizeError> {
     map.file().profile().check(query).map_err(|source| LocalizeError::WrongProfile { source })?;
     if map.is_empty() {
         return Err(LocalizeError::EmptyMap);
@@ -178,7 +178,7 @@ pub fn match_in(
         return Err(LocalizeError::Stopped);
     }
     let (retrieve_ms, match_ms) = (ms(started, retrieved_at), ms(retrieved_at, Instant::now()));
-    Ok(Matched { retrieved, matches, retrieve_ms, match_ms })
+    Ok(MatchResult { retrieved, matches, retrieve_ms, match_ms })
 }
 
 /// Retrieves and matches, as [`localize`] does before pose estimation.
@@ -197,10 +197,10 @@ pub fn match_query(
 fn problem_of(
     query: &SealedQuery,
     map: MapView<'_>,
-    matched: Matched,
+    matched: MatchResult,
     options: &LocalizeOptions,
 ) -> MatchedQuery {
-    let Matched { retrieved, matches, retrieve_ms, match_ms } = matched;
+    let MatchResult { retrieved, matches, retrieve_ms, match_ms } = matched;
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let observed = observe_matches(&query.observations(), &rows);
     let of_match = |m: &usize| &matches[*m];
@@ -210,13 +210,13 @@ fn problem_of(
     problem.prior = options
         .use_prior
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
-    problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map.file())).collect());
+    problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).viewpoint(map.file())).collect());
     problem.position = options.position;
     problem.gravity = gravity_of(query, map);
     problem.focal = match query.focal_known() {
-        veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
-        veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
-        veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+        veiloc_protocol::FocalKnowledge::Calibrated => FocalPrior::Calibrated,
+        veiloc_protocol::FocalKnowledge::Exif => FocalPrior::Exif,
+        veiloc_protocol::FocalKnowledge::Unknown => FocalPrior::Unknown,
     };
     problem.point_covariances =
         Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());
@@ -256,7 +256,7 @@ pub fn localize(
 pub fn localize_matched(
     query: &SealedQuery,
     map: MapView<'_>,
-    matched: Matched,
+    matched: MatchResult,
     options: &LocalizeOptions,
 ) -> Result<Localization, LocalizeError> {
     let matched_at = Instant::now();

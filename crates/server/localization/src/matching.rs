@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_map::{MapFile, MapView, PointId};
-use veiloc_pose::{SeenFrom, Stop};
+use veiloc_pose::{MatchViewpoint, Stop};
 
-use crate::retrieval::Retrieved;
+use crate::retrieval::RetrievedImage;
 
 /// A match of a query descriptor and a map point, with its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,9 +25,12 @@ pub struct PointMatch {
 
 impl PointMatch {
     /// Viewpoint of the image that proposes the pair with the smallest ratio.
-    pub fn seen_from(&self, map: &MapFile) -> SeenFrom {
+    pub fn viewpoint(&self, map: &MapFile) -> MatchViewpoint {
         let image = map.image(self.image);
-        SeenFrom { center: image.cam_from_world().center(), focal_px: image.camera().pinhole().focal[0] }
+        MatchViewpoint {
+            center: image.cam_from_world().center(),
+            focal_px: image.camera().pinhole().focal[0],
+        }
     }
 }
 
@@ -38,7 +41,7 @@ impl PointMatch {
 pub fn match_points(
     query: DescriptorView<'_>,
     map: MapView<'_>,
-    retrieved: &[Retrieved],
+    retrieved: &[RetrievedImage],
     options: &MatchOptions,
 ) -> Vec<PointMatch> {
     match_points_until(query, map, retrieved, options, &Stop::default())
@@ -48,12 +51,12 @@ pub fn match_points(
 pub(crate) fn match_points_until(
     query: DescriptorView<'_>,
     map: MapView<'_>,
-    retrieved: &[Retrieved],
+    retrieved: &[RetrievedImage],
     options: &MatchOptions,
     stop: &Stop,
 ) -> Vec<PointMatch> {
     let mut joined: BTreeMap<(usize, PointId), PointMatch> = BTreeMap::new();
-    for Retrieved { image: index, .. } in retrieved {
+    for RetrievedImage { image: index, .. } in retrieved {
         if stop.is_set() {
             break;
         }

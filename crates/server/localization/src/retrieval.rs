@@ -5,7 +5,7 @@ use veiloc_map::MapView;
 
 /// A retrieved image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Retrieved {
+pub struct RetrievedImage {
     /// Index of the image in the map.
     pub image: usize,
     /// Cosine similarity of the global descriptors, -1 to 1.
@@ -16,7 +16,7 @@ pub struct Retrieved {
 ///
 /// In a map of thousands of images only candidates of the index are compared: they include practically all of the
 /// best ten (`docs/results/scale.md`).
-pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
+pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<RetrievedImage> {
     let found = match map.file().global_index() {
         None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),
         Some(index) => {
@@ -25,5 +25,5 @@ pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec
             query.most_similar(remaining.map(|image| (image, map.file().image(image).global())), count)
         }
     };
-    found.into_iter().map(|(image, similarity)| Retrieved { image, similarity }).collect()
+    found.into_iter().map(|(image, similarity)| RetrievedImage { image, similarity }).collect()
 }

@@ -58,7 +58,7 @@ pub struct FrameLocalization {
 
 impl RigLocalization {
     /// Number of frames with inliers.
-    pub fn frames_that_agree(&self) -> usize {
+    pub fn inlier_frame_count(&self) -> usize {
         self.frames.iter().filter(|frame| frame.inliers > 0).count()
     }
 

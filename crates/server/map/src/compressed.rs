@@ -8,14 +8,14 @@ use veiloc_geometry::nalgebra::Matrix3;
 
 /// Summary of a point in the whole map.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Remembered {
+pub struct PointSummary {
     /// Number of images that observe it.
     pub seen_by: u32,
     /// Covariance of its position, map units squared: `xx, xy, xz, yy, yz, zz`.
     pub covariance: [f32; 6],
 }
 
-impl Remembered {
+impl PointSummary {
     /// From a finite, positive definite covariance, rounded to the stored precision.
     pub fn new(seen_by: u32, covariance: &[[f64; 3]; 3]) -> Self {
         let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = covariance;
@@ -51,7 +51,7 @@ impl Remembered {
 
 /// Data about the whole map from which a map was compressed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Compressed {
+pub struct WholeMapSummary {
     /// Length of the file of the whole map, bytes.
     pub bytes: u64,
     /// Keypoints of the whole map.
@@ -59,12 +59,12 @@ pub struct Compressed {
     /// Points of the whole map.
     pub points: u64,
     /// `[P]`, summaries of the stored points.
-    pub of_points: Vec<Remembered>,
+    pub of_points: Vec<PointSummary>,
     /// Origin of positions, map units, if the file is packed; see [`MapModel::pack`](crate::MapModel::pack).
     pub packed_from: Option<[f64; 3]>,
 }
 
-impl Compressed {
+impl WholeMapSummary {
     /// Checks the data against the track lengths of the map.
     pub(crate) fn check(&self, track_lengths: impl ExactSizeIterator<Item = usize>) -> Result<(), String> {
         if self.of_points.len() != track_lengths.len() {
@@ -107,23 +107,23 @@ mod tests {
         let thin: [[f64; 3]; 3] = std::array::from_fn(|i| {
             std::array::from_fn(|j| along[i] * along[j] * 1.0 + if i == j { 1e-6 } else { 0.0 })
         });
-        let stored = Remembered::new(5, &thin);
+        let stored = PointSummary::new(5, &thin);
         for (a, b) in stored.covariance().iter().flatten().zip(thin.iter().flatten()) {
             assert!((a - b).abs() <= 2e-5, "{a} {b}");
         }
         for c in [1e-40, 1e-12, 1.0, 1e20, 1e200] {
             let flat = [[c, 0.0, 0.0], [0.0, c, 0.0], [0.0, 0.0, c]];
-            assert!(Remembered::new(1, &flat).is_covariance(), "{c}");
+            assert!(PointSummary::new(1, &flat).is_covariance(), "{c}");
             // Without any thickness: widened, never refused and never NaN.
             let needle = [[c, c, c], [c, c, c], [c, c, c]];
-            assert!(Remembered::new(1, &needle).is_covariance(), "{c}");
+            assert!(PointSummary::new(1, &needle).is_covariance(), "{c}");
         }
     }
 
     #[test]
     fn inconsistent_data_is_named() {
-        let round = Remembered { seen_by: 3, covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };
-        let of = |of_points: Vec<Remembered>| Compressed {
+        let round = PointSummary { seen_by: 3, covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };
+        let of = |of_points: Vec<PointSummary>| WholeMapSummary {
             bytes: 9,
             keypoints: 9,
             points: 2,
@@ -142,7 +142,7 @@ mod tests {
             [1.0, 2.0, 0.0, 1.0, 0.0, 1.0],
             [-1.0, 0.0, 0.0, -1.0, 0.0, -1.0],
         ] {
-            let stored = Remembered { seen_by: 3, covariance: wrong };
+            let stored = PointSummary { seen_by: 3, covariance: wrong };
             assert!(refused(vec![stored, round], vec![3, 3]).contains("covariance of point 0"), "{wrong:?}");
         }
     }

@@ -8,7 +8,7 @@ use std::str::FromStr;
 /// Structure from motion leaves the axes of a map open, so the builder of the map provides the direction. Queries
 /// with a direction of gravity in the camera can then be aligned.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Down([f64; 3]);
+pub struct GravityDirection([f64; 3]);
 
 /// The vector or text is not a direction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -21,9 +21,9 @@ pub struct GravityDirectionError {
 }
 
 /// Tolerance of the length of a stored unit vector.
-const MOST_OFF: f64 = 1e-6;
+const MAX_NORM_ERROR: f64 = 1e-6;
 
-impl Down {
+impl GravityDirection {
     /// From a vector of any length except zero.
     ///
     /// # Errors
@@ -44,7 +44,7 @@ impl Down {
     /// again has the same bytes.
     pub(crate) fn from_stored(vector: [f64; 3]) -> Result<Self, String> {
         let off = (vector.iter().map(|c| c * c).sum::<f64>().sqrt() - 1.0).abs();
-        if off <= MOST_OFF { Ok(Self(vector)) } else { Err("not a unit vector".to_owned()) }
+        if off <= MAX_NORM_ERROR { Ok(Self(vector)) } else { Err("not a unit vector".to_owned()) }
     }
 
     /// The unit vector.
@@ -54,7 +54,7 @@ impl Down {
 }
 
 /// `X,Y,Z` of any length, or an axis: `x`, `-x`, `y`, `-y`, `z`, `-z`.
-impl FromStr for Down {
+impl FromStr for GravityDirection {
     type Err = GravityDirectionError;
 
     fn from_str(text: &str) -> Result<Self, GravityDirectionError> {
@@ -74,7 +74,7 @@ impl FromStr for Down {
 }
 
 /// Four digits, for messages.
-impl fmt::Display for Down {
+impl fmt::Display for GravityDirection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.0;
         write!(f, "({x:.4}, {y:.4}, {z:.4})")
@@ -88,7 +88,8 @@ mod tests {
     #[test]
     fn directions_and_axis_names_are_parsed() {
         for scale in [1e-300, 1.0, 9.81, 1e300] {
-            let [x, y, z] = Down::new([0.0, -3.0 * scale, 4.0 * scale]).expect("a direction").in_world();
+            let [x, y, z] =
+                GravityDirection::new([0.0, -3.0 * scale, 4.0 * scale]).expect("a direction").in_world();
             assert!(x == 0.0 && (y + 0.6).abs() < 1e-12 && (z - 0.8).abs() < 1e-12, "{scale}");
         }
         for (text, along) in [
@@ -97,18 +98,18 @@ mod tests {
             (" z ", [0.0, 0.0, 1.0]),
             ("0, -9.81, 0", [0.0, -1.0, 0.0]),
         ] {
-            assert_eq!(text.parse::<Down>().expect("a direction").in_world(), along, "{text}");
+            assert_eq!(text.parse::<GravityDirection>().expect("a direction").in_world(), along, "{text}");
         }
     }
 
     #[test]
     fn invalid_directions_are_refused() {
         for text in ["", "-", "w", "xy", "1,2", "1,2,3,4", "0,0,0", "-0,0,0", "NaN,0,1", "inf,0,0", "a,b,c"] {
-            let error = text.parse::<Down>().expect_err(text);
+            let error = text.parse::<GravityDirection>().expect_err(text);
             assert!(error.to_string().contains("X,Y,Z"), "{error}");
         }
         for vector in [[0.0; 3], [1.0, 1.0, 0.0], [f64::NAN, 1.0, 0.0], [f64::INFINITY, 0.0, 0.0]] {
-            assert!(Down::from_stored(vector).is_err(), "{vector:?}");
+            assert!(GravityDirection::from_stored(vector).is_err(), "{vector:?}");
         }
     }
 }

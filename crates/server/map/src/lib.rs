@@ -7,9 +7,9 @@
 //! - [`MapModel`]: a map as an owned value, which mapping builds and changes.
 //! - [`MapFile`]: a map in a validated file, from which queries are served; [`write()`] writes one, and [`MapLock`]
 //!   is needed to modify one.
-//! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
-//! - [`Down`]: the direction of gravity in the map, if known.
-//! - [`Compressed`]: data that a compressed map keeps about the whole map.
+//! - [`SelfTest`]: how well a map localizes its own images, and the [`CovarianceCalibration`] of covariances that follows.
+//! - [`GravityDirection`]: the direction of gravity in the map, if known.
+//! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
 //! - [`MapView`]: a map file, whole or with one image left out.
 //! - [`colmap`]: strict reader and writer of COLMAP models, text and binary; [`write_ply`] writes the points of a
@@ -60,17 +60,19 @@ pub mod regions;
 mod self_test;
 mod settings;
 
-pub use compressed::{Compressed, Remembered};
+pub use compressed::{PointSummary, WholeMapSummary};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{
-    Evidence, FORMAT_VERSION, ImageView, LeaveOneOutPoint, MapFile, MapLock, MapMemory, MapView, Without,
-    byte_count, write,
+    FORMAT_VERSION, ImageView, LeaveOneOut, LeaveOneOutPoint, MapFile, MapLock, MapMemory, MapView,
+    PointEvidence, byte_count, write,
 };
-pub use gravity::{Down, GravityDirectionError};
+pub use gravity::{GravityDirection, GravityDirectionError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use name::is_map_name;
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
 pub use region::{Region, RegionImage};
-pub use self_test::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest, SelfTest};
+pub use self_test::{
+    ABSOLUTE, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest, SelfTest,
+};
 pub use settings::BuildSettings;

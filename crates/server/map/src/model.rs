@@ -8,9 +8,9 @@ use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_protocol::Profile;
 
-use crate::compressed::Compressed;
+use crate::compressed::WholeMapSummary;
 use crate::error::{MapError, ModelRecord};
-use crate::gravity::Down;
+use crate::gravity::GravityDirection;
 use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
@@ -84,9 +84,9 @@ pub struct MapModel {
     /// The self-test. It becomes invalid when images or points change, so code that changes them must remove it.
     pub self_test: Option<SelfTest>,
     /// The direction of gravity, if known; independent of images.
-    pub down: Option<Down>,
+    pub down: Option<GravityDirection>,
     /// Data about the whole map, in a compressed map; images can be neither added to it nor removed.
-    pub compressed: Option<Compressed>,
+    pub compressed: Option<WholeMapSummary>,
     /// The part of a larger map, in a region; a region is also [`Self::compressed`], with the numbers of the larger
     /// map.
     pub region: Option<Region>,

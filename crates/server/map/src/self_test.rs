@@ -48,16 +48,16 @@ pub struct SchemeTest {
     /// Median noise of inliers in trusted poses, pixels; 0 without any.
     pub median_noise_px: f64,
     /// Coverage of trusted poses by the covariances of the estimator.
-    pub before: Coverage,
+    pub before: ConfidenceCoverage,
     /// The same by calibrated covariances; each pose by a calibration that did not use it.
-    pub after: Coverage,
+    pub after: ConfidenceCoverage,
     /// Calibration of the covariances for this map.
-    pub calibration: Calibration,
+    pub calibration: CovarianceCalibration,
 }
 
 /// Shares of trusted poses whose true pose was within the confidence region of each of [`LEVELS`]; 0 without any.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Coverage {
+pub struct ConfidenceCoverage {
     /// Coverage of the camera centre, three dimensions.
     pub center: [f64; 3],
     /// Coverage of the pose, six dimensions.
@@ -71,7 +71,7 @@ pub struct Coverage {
 /// of a query share: those of poses and intrinsics of the map. These do not decrease with the number of matches,
 /// hence the floors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Calibration {
+pub struct CovarianceCalibration {
     /// `a`, above 0.
     pub factor: f64,
     /// `s_r`, radians.
@@ -80,7 +80,7 @@ pub struct Calibration {
     pub translation_floor: f64,
 }
 
-impl Calibration {
+impl CovarianceCalibration {
     /// Default for maps without a self-test, and prior for maps with few images; `distance` is the distance of the
     /// observed scene, map units.
     ///
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn calibration_scales_and_adds_floors() {
-        let calibration = Calibration { factor: 2.0, rotation_floor: 0.1, translation_floor: 3.0 };
+        let calibration = CovarianceCalibration { factor: 2.0, rotation_floor: 0.1, translation_floor: 3.0 };
         let mut covariance = [[0.5; 6]; 6];
         covariance[5][5] = f64::INFINITY;
         let applied = calibration.apply(&covariance);
@@ -186,11 +186,11 @@ mod tests {
 
     #[test]
     fn default_calibration_depends_on_the_distance() {
-        let (near, far) = (Calibration::unmeasured(1.0), Calibration::unmeasured(10.0));
+        let (near, far) = (CovarianceCalibration::unmeasured(1.0), CovarianceCalibration::unmeasured(10.0));
         assert!((far.translation_floor / near.translation_floor - 10.0).abs() < 1e-9);
         assert!(near.factor >= 1.0 && near.rotation_floor > 0.0);
         for odd in [f64::NAN, f64::INFINITY, -1.0] {
-            assert_eq!(Calibration::unmeasured(odd).translation_floor, 0.0);
+            assert_eq!(CovarianceCalibration::unmeasured(odd).translation_floor, 0.0);
         }
     }
 }

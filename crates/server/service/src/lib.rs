@@ -82,7 +82,7 @@ pub mod web_page;
 /// signals of the service.
 pub mod worker_api {
     pub use crate::admin::{HealthProbe, probes};
-    pub use crate::panics::{mark_service_thread, own_process, with_request};
+    pub use crate::panics::{hide_panic_messages, mark_service_thread, with_request};
     pub use crate::pool::{JobSpec, Pool, Rejected};
     pub use crate::signals::{Controllable, Signals};
 }
@@ -93,9 +93,9 @@ pub use clock::Clock;
 pub use decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, LocalizeOutput, NoPose};
 pub use error::ServerError;
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
-pub use origin::{BadOrigin, Origin};
+pub use origin::{CorsOrigin, InvalidOrigin};
 pub use problem::ProblemDocument;
 pub use remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
 pub use routes::openapi_json;
-pub use serve::{Listening, Server, ServerHandle, Stopped};
+pub use serve::{Listening, Server, ServerHandle, ShutdownSummary};
 pub use signals::{run_prepared, run_until_signal};

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
 use crate::http::ReloadAttempts;
-use crate::web_page::{Content, thinned};
+use crate::web_page::{Content, subsampled_points};
 use veiloc_map::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
 use veiloc_protocol::{Profile, RigMessage};
@@ -38,7 +38,7 @@ pub(crate) struct LoadedMap {
     /// Points shown on the web page; empty for remote maps.
     pub(crate) shown: Content,
     /// Maximum length of a query for this map, bytes.
-    longest_query: usize,
+    max_query_bytes: usize,
 }
 
 /// How map files are read.
@@ -63,7 +63,7 @@ impl LoadedMap {
         // Build the index now, not on the first query.
         map.global_index();
         let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
-        let shown = thinned(&map, reading.page_points);
+        let shown = subsampled_points(&map, reading.page_points);
         let loaded = Self::new(&source.name, &profile, [images, points], Backend::Local(Box::new(map)));
         Ok(Self { shown, ..loaded })
     }
@@ -80,7 +80,7 @@ impl LoadedMap {
             backend,
             images,
             points,
-            longest_query: QUERY_ROWS * (4 + profile.descriptor_kind().packed_len())
+            max_query_bytes: QUERY_ROWS * (4 + profile.descriptor_kind().packed_len())
                 + QUERY_FIELDS
                 + profile.global_model().global_len(),
             profile_id: profile.id().to_string(),
@@ -92,8 +92,8 @@ impl LoadedMap {
     /// Maximum length of a body of this kind, bytes: bounded by the map and by the remote backend.
     pub(crate) fn longest(&self, kind: BodyKind) -> usize {
         let longest = match kind {
-            BodyKind::Query => self.longest_query,
-            BodyKind::Rig => RigMessage::longest(self.longest_query),
+            BodyKind::Query => self.max_query_bytes,
+            BodyKind::Rig => RigMessage::longest(self.max_query_bytes),
         };
         match &self.backend {
             Backend::Local(_) => longest,

@@ -14,7 +14,7 @@ use veiloc_map::is_map_name;
 
 use crate::clock::Clock;
 use crate::error::ServerError;
-use crate::origin::Origin;
+use crate::origin::CorsOrigin;
 use crate::remote::RemoteMap;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
@@ -107,7 +107,7 @@ pub struct ServerOptions {
     /// Allows plain HTTP beyond loopback, for use behind a proxy that does TLS.
     pub insecure_http: bool,
     /// Origins whose pages may send requests from a browser (CORS). None by default.
-    pub cors: Vec<Origin>,
+    pub cors: Vec<CorsOrigin>,
     /// The file of tokens, see `docs/reference/http.md`. Without it any client on this machine may query.
     pub tokens: Option<PathBuf>,
     /// How long the last valid tokens stay in force when the file of tokens is missing, empty or invalid; after that

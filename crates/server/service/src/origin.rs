@@ -7,7 +7,7 @@ use axum::http::HeaderValue;
 
 /// Scheme, host and port.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Origin(HeaderValue);
+pub struct CorsOrigin(HeaderValue);
 
 /// The text is not an allowed origin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -15,13 +15,13 @@ pub struct Origin(HeaderValue);
     "expected https://HOST or https://HOST:PORT in lower case without a path (http:// only for localhost); `*` would \
      allow every page and is not supported"
 )]
-pub struct BadOrigin;
+pub struct InvalidOrigin;
 
-impl FromStr for Origin {
-    type Err = BadOrigin;
+impl FromStr for CorsOrigin {
+    type Err = InvalidOrigin;
 
-    fn from_str(text: &str) -> Result<Self, BadOrigin> {
-        let (scheme, authority) = text.split_once("://").ok_or(BadOrigin)?;
+    fn from_str(text: &str) -> Result<Self, InvalidOrigin> {
+        let (scheme, authority) = text.split_once("://").ok_or(InvalidOrigin)?;
         let (host, port) = match authority.rsplit_once(':') {
             Some((host, port)) if !host.starts_with('[') || host.ends_with(']') => (host, Some(port)),
             _ => (authority, None),
@@ -38,26 +38,26 @@ impl FromStr for Origin {
         let is_here = matches!(host, "localhost" | "127.0.0.1" | "[::1]");
         let is_scheme = scheme == "https" || scheme == "http" && is_here;
         if !(is_host && is_port && is_scheme) {
-            return Err(BadOrigin);
+            return Err(InvalidOrigin);
         }
-        HeaderValue::try_from(text).map(Self).map_err(|_| BadOrigin)
+        HeaderValue::try_from(text).map(Self).map_err(|_| InvalidOrigin)
     }
 }
 
-impl Origin {
-    /// Whether the `Origin` header has this value.
+impl CorsOrigin {
+    /// Whether the `CorsOrigin` header has this value.
     pub(crate) fn is(&self, header: &HeaderValue) -> bool {
         self.0 == header
     }
 }
 
-impl From<Origin> for HeaderValue {
-    fn from(origin: Origin) -> Self {
+impl From<CorsOrigin> for HeaderValue {
+    fn from(origin: CorsOrigin) -> Self {
         origin.0
     }
 }
 
-impl fmt::Display for Origin {
+impl fmt::Display for CorsOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.0.to_str().unwrap_or_default())
     }
@@ -78,7 +78,7 @@ mod tests {
             "http://[::1]:8000",
             "https://[2001:db8::1]",
         ] {
-            assert_eq!(good.parse::<Origin>().map(|origin| origin.to_string()).as_deref(), Ok(good));
+            assert_eq!(good.parse::<CorsOrigin>().map(|origin| origin.to_string()).as_deref(), Ok(good));
         }
         for bad in [
             "*",
@@ -99,7 +99,7 @@ mod tests {
             "https://user@app.example",
             "file://x",
         ] {
-            assert_eq!(bad.parse::<Origin>(), Err(BadOrigin), "{bad}");
+            assert_eq!(bad.parse::<CorsOrigin>(), Err(InvalidOrigin), "{bad}");
         }
     }
 }

@@ -39,7 +39,7 @@ pub fn with_request<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
 
 /// Marks the whole process: panics of all threads are logged by location only, and only through the log, which never
 /// blocks.
-pub fn own_process() {
+pub fn hide_panic_messages() {
     QUIET_PROCESS.store(true, Ordering::Relaxed);
 }
 

@@ -68,7 +68,7 @@ impl App {
                             tracing::info!(map = slot.name(), "map found in the folder");
                         }
                         FolderChange::Removed(slot) => {
-                            self.metrics.forget_map(slot.name());
+                            self.metrics.remove_map_gauge(slot.name());
                             tracing::info!(
                                 map = slot.name(),
                                 "map removed from the folder; it is no longer served"

@@ -44,7 +44,7 @@ enum Phase {
 
 /// How the service ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stopped {
+pub struct ShutdownSummary {
     /// Requests answered after the stop request.
     pub answered: u64,
     /// Connections that did not end in time and were closed.
@@ -154,7 +154,7 @@ impl Server {
     }
 
     /// Serves until [`ServerHandle::stop`], then finishes accepted requests within the grace period.
-    pub async fn run(self) -> Stopped {
+    pub async fn run(self) -> ShutdownSummary {
         let Self { app, listeners, admin, stop, _watchers, .. } = self;
         let summing = tokio::spawn(log_suppressed_periodically(app.clone()));
         // Probes and metrics are answered until the end.
@@ -204,7 +204,7 @@ impl Server {
             app.pool.finish();
         });
         let _ = tokio::time::timeout(ABORT_TIMEOUT, pool).await;
-        Stopped { answered, given_up, forced }
+        ShutdownSummary { answered, given_up, forced }
     }
 }
 

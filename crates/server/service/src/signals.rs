@@ -4,7 +4,7 @@ use crate::error::ServerError;
 use crate::open_files;
 use crate::options::ServerOptions;
 use crate::panics;
-use crate::serve::{Listening, Server, ServerHandle, Stopped};
+use crate::serve::{Listening, Server, ServerHandle, ShutdownSummary};
 
 /// What signals can do to a running program.
 pub trait Controllable: Clone + Send + Sync + 'static {
@@ -43,7 +43,7 @@ impl Controllable for ServerHandle {
 pub fn run_until_signal(
     options: ServerOptions,
     ready: impl FnOnce(&Listening),
-) -> Result<Stopped, ServerError> {
+) -> Result<ShutdownSummary, ServerError> {
     run_prepared(async { Ok(options) }, ready)
 }
 
@@ -55,14 +55,14 @@ pub fn run_until_signal(
 pub fn run_prepared<E: From<ServerError>>(
     prepared: impl Future<Output = Result<ServerOptions, E>>,
     ready: impl FnOnce(&Listening),
-) -> Result<Stopped, E> {
+) -> Result<ShutdownSummary, E> {
     let system = |what| move |source| ServerError::System { what, source };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .on_thread_start(panics::mark_service_thread)
         .build();
     let runtime = runtime.map_err(system("a runtime"))?;
-    panics::own_process();
+    panics::hide_panic_messages();
     let stopped = runtime.block_on(async {
         let options = prepared.await?;
         open_files::raise_limit(&options)?;

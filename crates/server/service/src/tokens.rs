@@ -6,7 +6,7 @@ use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::auth::{Entry, Moment, TokenKey, TokenList};
+use crate::auth::{Timestamp, TokenEntry, TokenKey, TokenList};
 use crate::clock::Clock;
 use crate::telemetry::RequestContext;
 use axum::http::HeaderMap;
@@ -23,7 +23,7 @@ pub(crate) struct Caller {
     /// Name that the operator gave the token; empty if no token is required.
     name: Arc<str>,
     /// The line of the token file; `None` if no token is required.
-    entry: Option<Entry>,
+    entry: Option<TokenEntry>,
     rate_limit: Arc<TokenRateLimit>,
 }
 
@@ -131,7 +131,7 @@ impl Callers {
             Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.rate_limit.clone()),
             _ => None,
         };
-        let caller = |entry: &Entry| {
+        let caller = |entry: &TokenEntry| {
             let key = entry.key();
             let rate_limit = rate_limit(&key).unwrap_or_else(|| TokenRateLimit::new(rate, clock));
             let name = entry.name().into();
@@ -158,11 +158,11 @@ impl Callers {
 
     /// Identifies the client that sent these headers.
     pub(crate) fn identify(&self, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
-        self.identify_at(headers, Moment::of(SystemTime::now()))
+        self.identify_at(headers, Timestamp::of(SystemTime::now()))
     }
 
     /// An expired token is treated like an unknown one.
-    fn identify_at(&self, headers: &HeaderMap, now: Moment) -> Result<Arc<Caller>, Problem> {
+    fn identify_at(&self, headers: &HeaderMap, now: Timestamp) -> Result<Arc<Caller>, Problem> {
         let callers = match self {
             Self::Unrestricted(caller) => return Ok(caller.clone()),
             Self::Closed => return Err(Problem::NoTokens),
@@ -229,8 +229,8 @@ mod tests {
     #[test]
     fn token_expiry_and_map_scope_are_enforced() {
         let callers = read(&format!("phone {SECRET} maps=lobby expires=2027-01-31"), None);
-        let end: Moment = "2027-01-31".parse().expect("a moment");
-        let before = Moment::of_unix(end.unix() - 1);
+        let end: Timestamp = "2027-01-31".parse().expect("a timestamp");
+        let before = Timestamp::of_unix(end.unix() - 1);
         let caller = callers.identify_at(&headers("Bearer secret"), before).expect("still known");
         assert!(caller.allows_map("lobby") && !caller.allows_map("garage") && !caller.is_operator());
         let expired = callers.identify_at(&headers("Bearer secret"), end);

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use veiloc_localization::{LocalizeOptions, localize};
-use veiloc_map::{Calibration, MapFile, colmap};
+use veiloc_map::{CovarianceCalibration, MapFile, colmap};
 use veiloc_mapping::calibration::{SelfTestOptions, self_test};
 use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_obfuscation::{SealOptions, extract, seal};
@@ -82,7 +82,7 @@ fn main() -> Result<(), Failure> {
                 }
                 found.confidence.is_trusted().then(|| {
                     let step = found.cam_from_world.step_to(&image.cam_from_world);
-                    let default = Calibration::unmeasured(found.confidence.distance);
+                    let default = CovarianceCalibration::unmeasured(found.confidence.distance);
                     [found.own_covariance, default.apply(&found.own_covariance), found.covariance]
                         .map(|c| squared(&c, &step))
                 })

@@ -7,7 +7,7 @@ use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_protocol::Profile;
 
-use crate::cache::{Cache, ExtractedFeatures};
+use crate::cache::{BuildCache, ExtractedFeatures};
 use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
@@ -141,7 +141,7 @@ pub(crate) struct MatchResult {
 }
 
 /// Returns the cache keys of the descriptors of each image, if a cache is given.
-pub(crate) fn cache_keys(scene: &Scene<'_>, cache: Option<&dyn Cache>) -> Option<Vec<[u8; 32]>> {
+pub(crate) fn cache_keys(scene: &Scene<'_>, cache: Option<&dyn BuildCache>) -> Option<Vec<[u8; 32]>> {
     cache.map(|cache| scene.descriptors.par_iter().map(|own| cache.key(*own)).collect())
 }
 
@@ -150,7 +150,7 @@ fn match_given(
     scene: &Scene<'_>,
     pairs: Vec<(u32, u32)>,
     settings: &BuildSettings,
-    cache: Option<&dyn Cache>,
+    cache: Option<&dyn BuildCache>,
     progress: &dyn Progress,
 ) -> MatchResult {
     let keys = cache_keys(scene, cache);
@@ -168,7 +168,7 @@ pub(crate) fn match_images(
     mut seeds: Seeds,
     focus: &[u32],
     settings: &BuildSettings,
-    cache: Option<&dyn Cache>,
+    cache: Option<&dyn BuildCache>,
     progress: &dyn Progress,
 ) -> MatchResult {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;

@@ -35,7 +35,7 @@ pub struct FeatureRequest<'a> {
 /// A cache of features and matches. A build looks up before it computes, and stores what it computed, from several
 /// threads at once. A cached result must equal the computed one. Write errors are reported separately: the build
 /// continues.
-pub trait Cache: Debug + Sync {
+pub trait BuildCache: Debug + Sync {
     /// Looks up the features of an image.
     fn features(&self, request: &FeatureRequest<'_>) -> Option<ExtractedFeatures>;
 

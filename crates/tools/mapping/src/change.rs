@@ -8,7 +8,7 @@ use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
 use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images};
-use crate::cache::{Cache, ExtractedFeatures};
+use crate::cache::{BuildCache, ExtractedFeatures};
 use crate::complete::grow;
 use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
@@ -63,7 +63,7 @@ pub(crate) fn integrate(
     model: &mut MapModel,
     images: &[&PosedImage],
     features: Vec<ExtractedFeatures>,
-    cache: Option<&dyn Cache>,
+    cache: Option<&dyn BuildCache>,
     progress: &dyn Progress,
 ) -> Result<Edges, MappingError> {
     let before = model.images.len() as u32;
@@ -85,7 +85,7 @@ pub(crate) fn integrate(
 
 /// Treatment of the vocabulary when images are removed from a map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Words {
+pub enum VocabularyUpdate {
     /// It stays, and so does the profile: queries sealed for the map remain valid. Its words are means of descriptors
     /// of many images, including the removed ones.
     #[default]
@@ -99,8 +99,8 @@ pub enum Words {
 /// triangulated again from the other images, or removed if too few observations remain; all other points stay
 /// bit-identical.
 ///
-/// Remaining traces of the images: with [`Words::Keep`] their share in the words of the vocabulary, with
-/// [`Words::Retrain`] no share in any descriptor. In both cases the refinement of other images' points starts from
+/// Remaining traces of the images: with [`VocabularyUpdate::Keep`] their share in the words of the vocabulary, with
+/// [`VocabularyUpdate::Retrain`] no share in any descriptor. In both cases the refinement of other images' points starts from
 /// their old positions, their keypoints remain merged even if matches with a removed image merged them, and the old
 /// file may survive in copies and backups.
 ///
@@ -110,7 +110,7 @@ pub enum Words {
 pub fn remove(
     model: &mut MapModel,
     names: &[String],
-    words: Words,
+    words: VocabularyUpdate,
     progress: &dyn Progress,
 ) -> Result<(), MappingError> {
     model.validate()?;
@@ -120,11 +120,11 @@ pub fn remove(
         (0..model.images.len()).filter(|i| !images_to_remove.contains(&(*i as u32))).collect();
     let settings = model.settings;
     let profile = match words {
-        Words::Keep => None,
+        VocabularyUpdate::Keep => None,
         // Computed for each image separately: the removed images had no influence.
-        Words::Retrain if model.profile.vocabulary().is_none() => None,
-        Words::Retrain if staying.is_empty() => return Err(MappingError::NothingLeft),
-        Words::Retrain => {
+        VocabularyUpdate::Retrain if model.profile.vocabulary().is_none() => None,
+        VocabularyUpdate::Retrain if staying.is_empty() => return Err(MappingError::NothingLeft),
+        VocabularyUpdate::Retrain => {
             let views: Vec<DescriptorView<'_>> =
                 staying.iter().map(|i| model.images[*i].descriptors.view()).collect();
             let vocabulary = learn(&views, &settings, progress)?;

@@ -11,15 +11,15 @@ use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_map::MapModel;
 
 use crate::matching::Epipolar;
-use crate::report::{BuildReport, Doubt, InputMistake};
+use crate::report::{BuildReport, InputMistake, MapWarning};
 use crate::scene::Scene;
 use crate::view::View;
 
 /// Returns the likely reason why the matches of a map's images disagree with their poses and cameras; `None` if they
 /// agree, or if no hypothesis explains them much better.
 ///
-/// Each call matches some dozen image pairs: use it for maps that are already doubted.
-pub fn diagnose(model: &MapModel) -> Option<Doubt> {
+/// Each call matches some dozen image pairs: use it for maps that already have a warning.
+pub fn diagnose(model: &MapModel) -> Option<MapWarning> {
     let scene = Scene::of(model, &model.settings);
     let globals: Vec<&GlobalDescriptor> = model.images.iter().map(|i| &i.global).collect();
     let pairs = pairs_by_similarity(&globals);
@@ -52,7 +52,7 @@ pub fn diagnose(model: &MapModel) -> Option<Doubt> {
     }
     let (then, fault) = best?;
     let percent = |share: f64| (100.0 * share).round() as u32;
-    (then >= MIN_SHARE && then >= given + MIN_GAIN).then_some(Doubt::LikelyCause {
+    (then >= MIN_SHARE && then >= given + MIN_GAIN).then_some(MapWarning::LikelyCause {
         fault,
         agree_percent: percent(given),
         would_percent: percent(then),
@@ -61,8 +61,8 @@ pub fn diagnose(model: &MapModel) -> Option<Doubt> {
 
 /// Adds the likely cause to the warnings of a map, if there is a warning or few matches agree.
 pub(crate) fn explain(report: &mut BuildReport, model: &MapModel) {
-    if !report.doubts.is_empty() || Doubt::needs_diagnosis(report.matches, report.verified) {
-        report.doubts.extend(diagnose(model));
+    if !report.warnings.is_empty() || MapWarning::needs_diagnosis(report.matches, report.verified) {
+        report.warnings.extend(diagnose(model));
     }
 }
 

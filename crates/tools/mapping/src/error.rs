@@ -10,7 +10,7 @@ use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
-use crate::report::Doubt;
+use crate::report::MapWarning;
 
 /// Errors of building, changing and testing maps, and of reading and writing hloc's files.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +92,7 @@ pub enum MappingError {
         /// Number of matches that agree with the poses.
         verified: usize,
         /// The likely cause, if found.
-        cause: Option<Doubt>,
+        cause: Option<MapWarning>,
     },
     /// The COLMAP model has nothing to import.
     #[error(

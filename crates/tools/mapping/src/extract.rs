@@ -9,7 +9,7 @@ use veiloc_map::PosedImage;
 use veiloc_protocol::ExtractionLimits;
 
 use crate::bad_image::{BadImage, BadReason};
-use crate::cache::{Cache, ExtractedFeatures, FeatureRequest};
+use crate::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
 use crate::error::MappingError;
 use crate::input::{CheckedImages, split_usable};
 use crate::progress::Progress;
@@ -72,7 +72,7 @@ fn extract(
     camera: &Intrinsics,
     extractor_pair: ExtractorPair<'_>,
     limits: ExtractionLimits,
-    cache: Option<&dyn Cache>,
+    cache: Option<&dyn BuildCache>,
 ) -> Result<ExtractedFeatures, FeatureError> {
     let size = (camera.width, camera.height);
     let request = FeatureRequest {

@@ -19,7 +19,7 @@ use crate::extract::{ExtractionResult, ExtractorPair, extract_each};
 use crate::input::Input;
 use crate::options::BuildOptions;
 use crate::progress::Progress;
-use crate::report::{Doubt, doubts_about};
+use crate::report::{MapWarning, warnings_about};
 
 /// Result of an import.
 #[derive(Debug)]
@@ -48,7 +48,7 @@ pub struct ImportReport {
     /// Mean reprojection error of the map: detected keypoints against COLMAP's points, pixels.
     pub map_error_px: f64,
     /// Reasons why the map may be unusable; empty if none was found.
-    pub doubts: Vec<Doubt>,
+    pub warnings: Vec<MapWarning>,
 }
 
 impl fmt::Display for ImportReport {
@@ -234,9 +234,9 @@ fn report(
     skipped: Vec<BadImage>,
 ) -> ImportReport {
     let points = colmap.points();
-    let mut doubts = doubts_about(model);
-    if !doubts.is_empty() {
-        doubts.extend(diagnose(model));
+    let mut warnings = warnings_about(model);
+    if !warnings.is_empty() {
+        warnings.extend(diagnose(model));
     }
     let errors: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.error, recomputed_error(colmap, p)?))).collect();
@@ -253,7 +253,7 @@ fn report(
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
-        doubts,
+        warnings,
     }
 }
 

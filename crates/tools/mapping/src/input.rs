@@ -7,7 +7,7 @@ use veiloc_features::{Extractors, FeatureError, SharedGlobal};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::bad_image::{BadImage, BadImages, BadReason};
-use crate::cache::Cache;
+use crate::cache::BuildCache;
 use crate::error::MappingError;
 
 /// Images to map: their poses, and the folder of their files.
@@ -19,7 +19,7 @@ pub struct Input<'a> {
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
     global: Option<&'a SharedGlobal>,
-    cache: Option<&'a dyn Cache>,
+    cache: Option<&'a dyn BuildCache>,
     pairs: Option<&'a [(String, String)]>,
 }
 
@@ -76,7 +76,7 @@ impl<'a> Input<'a> {
     /// Sets the cache of features and matches, for repeated, resumed or distributed builds
     /// ([`prepare`](crate::prepare)).
     #[must_use]
-    pub const fn with_cache(self, cache: &'a dyn Cache) -> Self {
+    pub const fn with_cache(self, cache: &'a dyn BuildCache) -> Self {
         Self { cache: Some(cache), ..self }
     }
 
@@ -100,7 +100,7 @@ impl<'a> Input<'a> {
         Ok(Some(known.into_iter().collect()))
     }
 
-    pub(crate) const fn cache(&self) -> Option<&'a dyn Cache> {
+    pub(crate) const fn cache(&self) -> Option<&'a dyn BuildCache> {
         self.cache
     }
 
@@ -165,7 +165,7 @@ pub(crate) struct CheckedImages<'a> {
     pub(crate) folder: &'a Path,
     pub(crate) on_bad: OnBadImage,
     /// The cache of their features.
-    pub(crate) cache: Option<&'a dyn Cache>,
+    pub(crate) cache: Option<&'a dyn BuildCache>,
 }
 
 /// Separates usable from unusable images; an error if an unusable image must not be left out, or if no image is usable.

@@ -3,20 +3,22 @@
 use std::collections::BTreeSet;
 
 use veiloc_geometry::Point3;
-use veiloc_map::{BuildSettings, Evidence, LeaveOneOutPoint, MapModel, Observation, PointId, Without};
+use veiloc_map::{
+    BuildSettings, LeaveOneOut, LeaveOneOutPoint, MapModel, Observation, PointEvidence, PointId,
+};
 
 use crate::options::for_images;
 use crate::scene::Scene;
 use crate::triangulation::{refine_inliers, triangulate};
 
 /// A map from which one image at a time is left out, for tests that localize images of the map.
-pub struct LeaveOut<'a> {
+pub struct LeaveOneOutMap<'a> {
     model: &'a MapModel,
     scene: Scene<'a>,
     settings: BuildSettings,
 }
 
-impl<'a> LeaveOut<'a> {
+impl<'a> LeaveOneOutMap<'a> {
     /// Prepares a consistent map.
     pub fn of(model: &'a MapModel) -> Self {
         let settings = for_images(&model.settings, model.images.len().saturating_sub(1));
@@ -29,10 +31,13 @@ impl<'a> LeaveOut<'a> {
     ///
     /// Other traces of the image remain: tracks of other images that it merged, and its share in the words of the
     /// vocabulary.
-    pub fn without(&self, image: usize) -> Without {
+    pub fn without(&self, image: usize) -> LeaveOneOut {
         let seen: BTreeSet<PointId> =
             self.model.images[image].point_of_keypoint.iter().flatten().copied().collect();
-        Without { image, points: seen.into_iter().map(|id| (id, self.point_without(id, image))).collect() }
+        LeaveOneOut {
+            image,
+            points: seen.into_iter().map(|id| (id, self.point_without(id, image))).collect(),
+        }
     }
 
     fn point_without(&self, id: PointId, image: usize) -> Option<LeaveOneOutPoint> {
@@ -49,7 +54,7 @@ impl<'a> LeaveOut<'a> {
             agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();
         Some(LeaveOneOutPoint {
             position: Point3::from_vector(found.position),
-            evidence: Evidence::Track(track),
+            evidence: PointEvidence::Track(track),
         })
     }
 }

@@ -13,9 +13,9 @@
 //! - [`add`], [`remove`]: add and remove images; unaffected points stay bit-identical.
 //! - [`import`]: imports a complete COLMAP model with its points and observations.
 //! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
-//! - [`LeaveOut`]: the map without one of its images.
+//! - [`LeaveOneOutMap`]: the map without one of its images.
 //! - [`diagnose`]: the likely reason why images are inconsistent.
-//! - [`BuildReport`]: the result of a build, and every [`Doubt`] about the map.
+//! - [`BuildReport`]: the result of a build, and every [`MapWarning`] about the map.
 //!
 //! Poses are fixed: only points are refined. Results do not depend on the number of threads or on timing.
 //!
@@ -27,8 +27,8 @@
 //! let posed = read_posed(Path::new("hall/sparse"))?;
 //! let input = Input::new(&posed, Path::new("hall/images")).on_bad_image(OnBadImage::Skip);
 //! let (map, report) = build(&input, &BuildOptions::default(), &())?;
-//! for doubt in &report.doubts {
-//!     println!("warning: {doubt}");
+//! for warning in &report.warnings {
+//!     println!("warning: {warning}");
 //! }
 //! veiloc_map::write(&map, Path::new("hall.vmap"))?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -78,18 +78,18 @@ mod vocabulary;
 
 pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use build::build;
-pub use cache::{Cache, ExtractedFeatures, FeatureRequest};
-pub use change::{Words, add, remove};
-pub use compress::{CompressOptions, Compression, compress};
+pub use cache::{BuildCache, ExtractedFeatures, FeatureRequest};
+pub use change::{VocabularyUpdate, add, remove};
+pub use compress::{CompressOptions, CompressedMap, compress};
 pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
-pub use leave_out::LeaveOut;
+pub use leave_out::LeaveOneOutMap;
 pub use options::BuildOptions;
-pub use prepare::{Prepared, Share, Stage, prepare};
+pub use prepare::{BuildStage, ShareSummary, StageShare, prepare};
 pub use progress::Progress;
-pub use report::{BuildReport, Doubt, InputMistake};
+pub use report::{BuildReport, InputMistake, MapWarning};
 
 #[cfg(test)]
 mod tests;

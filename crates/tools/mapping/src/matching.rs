@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::cache::Cache;
+use crate::cache::BuildCache;
 use crate::progress::Progress;
 use crate::triangulation::{Sight, nearest_to_both_rays};
 use crate::view::View;
@@ -50,7 +50,7 @@ pub(crate) fn match_pairs(
     views: &[View],
     descriptors: &[DescriptorView<'_>],
     max_ratio: f32,
-    cache: Option<(&dyn Cache, &[[u8; 32]])>,
+    cache: Option<(&dyn BuildCache, &[[u8; 32]])>,
     progress: &dyn Progress,
 ) -> Edges {
     let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));

@@ -10,7 +10,7 @@
 use veiloc_descriptor::DescriptorView;
 
 use crate::build::{add_seeds, cache_keys, first_pairs, further_pairs, seeds_of};
-use crate::cache::Cache;
+use crate::cache::BuildCache;
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all, extract_each};
 use crate::input::Input;
@@ -21,7 +21,7 @@ use crate::scene::Scene;
 
 /// Stages that can be distributed; each stage needs the results of the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum BuildStage {
     /// Features of the images.
     Features,
     /// Matches of the pairs that are selected by their poses.
@@ -32,13 +32,13 @@ pub enum Stage {
 
 /// One worker's share of a stage: every `of`-th image or pair, from the `part`-th on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Share {
+pub struct StageShare {
     /// Less than `of`.
     part: usize,
     of: usize,
 }
 
-impl Share {
+impl StageShare {
     /// Returns the `part`-th of `of` shares, from 0; `None` if there is no such share.
     pub const fn new(part: usize, of: usize) -> Option<Self> {
         if part < of { Some(Self { part, of }) } else { None }
@@ -51,7 +51,7 @@ impl Share {
 
 /// Result of a share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Prepared {
+pub struct ShareSummary {
     /// Number of images or pairs in the share.
     pub done: usize,
     /// Number of images or pairs in all shares.
@@ -66,12 +66,12 @@ pub struct Prepared {
 /// stages, which need them all.
 pub fn prepare(
     input: &Input<'_>,
-    cache: &dyn Cache,
+    cache: &dyn BuildCache,
     options: &BuildOptions,
-    stage: Stage,
-    share: Share,
+    stage: BuildStage,
+    share: StageShare,
     progress: &dyn Progress,
-) -> Result<Prepared, MappingError> {
+) -> Result<ShareSummary, MappingError> {
     options.settings.check()?;
     let input = &input.with_cache(cache);
     let extractors = input.extractors().unwrap_or(&options.extractors);
@@ -79,14 +79,14 @@ pub fn prepare(
         ExtractorPair { extractor: extractors.named(&options.features)?, global: options.global.as_ref() };
     let limits = options.settings.extraction;
     let mut checked = input.check(|_| false)?;
-    if stage == Stage::Features {
+    if stage == BuildStage::Features {
         let of_all = checked.images.len();
         checked.images = share.of(checked.images);
         let done = checked.images.len();
         if done > 0 {
             extract_each(checked, extractor_pair, limits, progress, |_, _| ())?;
         }
-        return Ok(Prepared { done, of_all });
+        return Ok(ShareSummary { done, of_all });
     }
     let ExtractionResult { images, features, .. } = extract_all(checked, extractor_pair, limits, progress)?;
     let settings = &for_images(&options.settings, images.len());
@@ -101,12 +101,12 @@ pub fn prepare(
     };
     let pairs = match (input.pairs_of(&images)?, stage) {
         // Given pairs are matched in one stage, the last.
-        (Some(pairs), Stage::Pairs) => pairs,
+        (Some(pairs), BuildStage::Pairs) => pairs,
         (Some(_), _) => Vec::new(),
         (None, _) => {
             let mut seeds = seeds_of(input.posed(), &images);
             let first = first_pairs(&scene, &seeds, &focus);
-            if stage == Stage::Pairs {
+            if stage == BuildStage::Pairs {
                 add_seeds(&scene, &matched(&first).verified, &mut seeds);
                 further_pairs(&scene, &seeds, &focus, settings, &first)
             } else {
@@ -118,5 +118,5 @@ pub fn prepare(
     let own = share.of(pairs);
     matched(&own);
     progress.finish();
-    Ok(Prepared { done: own.len(), of_all })
+    Ok(ShareSummary { done: own.len(), of_all })
 }

@@ -21,7 +21,7 @@ pub struct BuildReport {
     /// The matched image pairs, in the order of the images; empty for an imported map and for added images.
     pub pairs: Vec<(String, String)>,
     /// Reasons why the map may be unusable; empty if none was found.
-    pub doubts: Vec<Doubt>,
+    pub warnings: Vec<MapWarning>,
 }
 
 impl BuildReport {
@@ -32,15 +32,15 @@ impl BuildReport {
         matches: usize,
         verified: usize,
     ) -> Self {
-        let mut doubts = Doubt::of_matches(matches, verified);
-        doubts.extend(doubts_about(model));
-        Self { images, skipped, matches, verified, pairs: Vec::new(), doubts }
+        let mut warnings = MapWarning::of_matches(matches, verified);
+        warnings.extend(warnings_about(model));
+        Self { images, skipped, matches, verified, pairs: Vec::new(), warnings }
     }
 }
 
 /// Reason why a map may be unusable although it could be built. The message has advice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Doubt {
+pub enum MapWarning {
     /// Few matches agree with the poses.
     MatchesDisagree {
         /// Number of matches by descriptors.
@@ -122,19 +122,19 @@ impl fmt::Display for InputMistake {
     }
 }
 
-impl Doubt {
+impl MapWarning {
     /// Returns the warnings for the number of points and the number of points that each image observes.
     pub fn of_counts(points: usize, seen_by_image: &[usize]) -> Vec<Self> {
         let images = seen_by_image.len();
-        let mut doubts = Vec::new();
+        let mut warnings = Vec::new();
         if images > 0 && points < MIN_POINTS {
-            doubts.push(Self::FewPoints { points, images });
+            warnings.push(Self::FewPoints { points, images });
         }
         let blind = seen_by_image.iter().filter(|seen| **seen < MIN_SEEN).count();
         if 2 * blind > images {
-            doubts.push(Self::BlindImages { blind, images });
+            warnings.push(Self::BlindImages { blind, images });
         }
-        doubts
+        warnings
     }
 
     /// Returns the warning for a map that localizes less than half of its own images.
@@ -170,7 +170,7 @@ impl Doubt {
     }
 }
 
-impl fmt::Display for Doubt {
+impl fmt::Display for MapWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::MatchesDisagree { matches, verified } => write!(
@@ -203,9 +203,9 @@ impl fmt::Display for Doubt {
 }
 
 /// Returns the warnings for a map.
-pub(crate) fn doubts_about(model: &MapModel) -> Vec<Doubt> {
+pub(crate) fn warnings_about(model: &MapModel) -> Vec<MapWarning> {
     let seen = model.images.iter().map(|i| i.point_of_keypoint.iter().flatten().count());
-    Doubt::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
+    MapWarning::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
 }
 
 /// With fewer points a pose cannot be distinguished from chance: a query needs a few dozen correct matches, and finds a
@@ -215,7 +215,7 @@ const MIN_POINTS: usize = 100;
 const MIN_SEEN: usize = 10;
 /// With fewer matches there is no conclusion about the poses.
 const MIN_MATCHES: usize = 100;
-/// Share of matches that agree with the poses, below which the poses are doubted: 88 % in a part of RedKitchen, 12 %
+/// Share of matches that agree with the poses, below which the poses are questioned: 88 % in a part of RedKitchen, 12 %
 /// with its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
 /// Share below which the cause is searched: correct maps have 80 % and more.

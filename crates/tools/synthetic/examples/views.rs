@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use veiloc_geometry::Intrinsics;
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (seed, mapping, queries) = (number(7)?, number(6)? as usize, number(2)? as usize);
     std::fs::create_dir_all(&folder)?;
     let start = Instant::now();
-    let scene = Place::generate(seed);
+    let scene = RenderedRoom::generate(seed);
     println!("{scene:?} in {:.2} s", start.elapsed().as_secs_f64());
     let path = scene.camera_path(&PathOptions::with_counts(mapping, queries));
     let camera: Intrinsics = "PINHOLE,640,480,525,525,320,240".parse()?;

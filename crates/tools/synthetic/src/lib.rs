@@ -1,6 +1,6 @@
 //! Rendered scenes and geometric problems with ground truth.
 //!
-//! [`Place`] is a furnished room that is generated and rendered from a seed: for a camera pose and intrinsics it
+//! [`RenderedRoom`] is a furnished room that is generated and rendered from a seed: for a camera pose and intrinsics it
 //! returns an image with the true depth of every pixel. Nothing is read from disk, no texture repeats on another
 //! surface, and equal seeds give equal bytes for any number of threads.
 //!
@@ -37,4 +37,4 @@ mod scene;
 
 pub use path::{CameraPath, PathOptions};
 pub use render::{RenderOptions, Rendering};
-pub use scene::Place;
+pub use scene::RenderedRoom;

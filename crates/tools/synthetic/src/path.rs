@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::bvh::Vec3;
-use crate::scene::Place;
+use crate::scene::RenderedRoom;
 
 /// Number and seed of the views.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -54,7 +54,7 @@ struct Stray {
     target: f64,
 }
 
-impl Place {
+impl RenderedRoom {
     /// A trajectory around the middle of the room at chest height, looking across it, and queries near it.
     ///
     /// No camera is nearer than 0.3 m to any surface, and the nearest visible surface is at least 0.6 m away.

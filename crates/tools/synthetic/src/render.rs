@@ -12,7 +12,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, fr
 use crate::bvh::{Hit, Vec3};
 use crate::colour::Colour;
 use crate::noise::{hash, unit};
-use crate::scene::Place;
+use crate::scene::RenderedRoom;
 
 /// Options of the simulated sensor.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,7 +101,7 @@ impl std::fmt::Debug for Rendering {
 /// Farther than any wall.
 const FAR: f32 = 100.0;
 
-impl Place {
+impl RenderedRoom {
     /// Renders the image of a camera (with its distortion) at a pose. Equal input gives equal bytes.
     pub fn render(
         &self,
@@ -154,7 +154,7 @@ struct Corner {
 }
 
 struct View<'a> {
-    scene: &'a Place,
+    scene: &'a RenderedRoom,
     camera: &'a Intrinsics,
     center: Vec3,
     /// Columns: the camera's axes in the world.
@@ -164,7 +164,7 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn new(scene: &'a Place, cam_from_world: &CameraFromWorld, camera: &'a Intrinsics) -> Self {
+    fn new(scene: &'a RenderedRoom, cam_from_world: &CameraFromWorld, camera: &'a Intrinsics) -> Self {
         let single = |v: Vector3<f64>| v.map(|c| c as f32);
         let r = cam_from_world.rotation().matrix();
         Self {

@@ -12,7 +12,7 @@ use crate::room::{HALF, HEIGHT, furnish};
 /// A furnished room of 6.8 x 5.8 x 2.75 m that renders itself.
 ///
 /// World axes: `x` and `y` on the floor, `z` up, origin in the middle of the floor; map units are metres.
-pub struct Place {
+pub struct RenderedRoom {
     pub(crate) seed: u64,
     pub(crate) quads: Vec<Quad>,
     pub(crate) materials: Vec<Material>,
@@ -21,7 +21,7 @@ pub struct Place {
     pub(crate) obstacles: Vec<Obstacle>,
 }
 
-impl Place {
+impl RenderedRoom {
     /// Builds, paints and lights the room of this seed: about a second on two cores.
     pub fn generate(seed: u64) -> Self {
         let mut builder = Builder::new(ChaCha8Rng::seed_from_u64(seed));
@@ -78,7 +78,7 @@ impl Place {
     }
 }
 
-impl std::fmt::Debug for Place {
+impl std::fmt::Debug for RenderedRoom {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Place(seed {}, {} surfaces)", self.seed, self.quads.len())
     }

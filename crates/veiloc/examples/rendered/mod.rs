@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{PosedImage, PosedImages};
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 /// A folder of images with their poses.
 pub(crate) struct Rendered {
@@ -23,7 +23,7 @@ pub(crate) struct Rendered {
 /// A third of a path around a room: ten views for the map, three queries.
 pub(crate) fn render(folder: &Path, seed: u64) -> Result<Rendered, Box<dyn Error>> {
     let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;
-    let scene = Place::generate(seed);
+    let scene = RenderedRoom::generate(seed);
     let path = scene.camera_path(&PathOptions::with_counts(30, 9));
     let save = |name: &str, pose: &CameraFromWorld, seed: u64| {
         scene.render(pose, &camera, &RenderOptions::with_seed(seed)).rgb().save(folder.join(name))

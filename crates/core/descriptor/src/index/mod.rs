@@ -86,7 +86,7 @@ impl GlobalIndex {
     }
 
     /// Minimum number of images for which an index saves time; for fewer, comparing all takes no longer.
-    pub const WORTHWHILE: usize = 8192;
+    pub const MIN_IMAGES: usize = 8192;
 
     /// Number of images.
     pub const fn len(&self) -> usize {

@@ -12,7 +12,7 @@ pub struct Anchor(u8);
 
 impl Anchor {
     /// Maximum number of anchors of a layout.
-    pub const MOST: usize = 4;
+    pub const MAX_COUNT: usize = 4;
     /// The first.
     pub const FIRST: Self = Self(0);
     /// The second; every layout has one.
@@ -20,9 +20,9 @@ impl Anchor {
     /// The two of the paper's layout.
     pub const BOTH: [Self; 2] = [Self::FIRST, Self::SECOND];
 
-    /// The anchor with this index; `None` from [`Self::MOST`] on.
+    /// The anchor with this index; `None` from [`Self::MAX_COUNT`] on.
     pub const fn new(index: usize) -> Option<Self> {
-        if index < Self::MOST { Some(Self(index as u8)) } else { None }
+        if index < Self::MAX_COUNT { Some(Self(index as u8)) } else { None }
     }
 
     /// Its index, from 0.
@@ -32,7 +32,7 @@ impl Anchor {
 
     /// The first `count` anchors.
     pub fn first(count: usize) -> impl ExactSizeIterator<Item = Self> + DoubleEndedIterator + Clone {
-        (0..count.min(Self::MOST) as u8).map(Self)
+        (0..count.min(Self::MAX_COUNT) as u8).map(Self)
     }
 }
 
@@ -71,7 +71,7 @@ impl Sectors {
 /// n`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
-    anchors: [AnchorPosition; Anchor::MOST],
+    anchors: [AnchorPosition; Anchor::MAX_COUNT],
     count: usize,
     sectors: Sectors,
     across: Option<Sectors>,
@@ -94,11 +94,11 @@ impl Layout {
                 && s.count > 0
                 && usize::from(s.count).is_multiple_of(count)
         };
-        let fits = (2..=Anchor::MOST).contains(&count)
+        let fits = (2..=Anchor::MAX_COUNT).contains(&count)
             && anchors.iter().all(finite)
             && closes(&sectors)
             && across.as_ref().is_none_or(closes);
-        let mut all = [anchors.first().copied().unwrap_or(AnchorPosition::Toward(0.0)); Anchor::MOST];
+        let mut all = [anchors.first().copied().unwrap_or(AnchorPosition::Toward(0.0)); Anchor::MAX_COUNT];
         fits.then(|| {
             all[..count].copy_from_slice(anchors);
             Self { anchors: all, count, sectors, across }

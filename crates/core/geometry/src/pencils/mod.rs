@@ -98,7 +98,7 @@ impl Arc {
 /// A line of a pencil in the image: the pixels `origin + t · direction`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PencilLine {
-    /// The anchor's image if it is nearer than [`PencilLine::FARTHEST`]; otherwise the line's point nearest to the
+    /// The anchor's image if it is nearer than [`PencilLine::MAX_DISTANCE`]; otherwise the line's point nearest to the
     /// image's centre.
     pub origin: Pixel,
     /// Unit direction; away from the anchor if the origin is the anchor.
@@ -112,7 +112,7 @@ pub struct PencilLine {
 impl PencilLine {
     /// Anchors farther from the image's centre than this, pixels, are not used as the origin of lines, for numerical
     /// precision.
-    pub const FARTHEST: f64 = 1e5;
+    pub const MAX_DISTANCE: f64 = 1e5;
 
     /// The pixel at `t`.
     pub fn at(&self, t: f64) -> Pixel {
@@ -150,7 +150,7 @@ impl Pencils {
                 frame[0].z,
             );
             // In pixels, if the anchor is a finite position.
-            let scale = at.z.abs().max(at.xy().norm() / PencilLine::FARTHEST);
+            let scale = at.z.abs().max(at.xy().norm() / PencilLine::MAX_DISTANCE);
             Pencil { anchor: at / scale, frame, zero: on_pixels(&frame[1]), quarter: on_pixels(&frame[2]) }
         };
         let sectors = |sectors: &Sectors| {
@@ -211,14 +211,14 @@ impl Pencils {
         &self.all[anchor.index()].anchor
     }
 
-    /// Position of an anchor; `None` when it is farther than [`PencilLine::FARTHEST`].
+    /// Position of an anchor; `None` when it is farther than [`PencilLine::MAX_DISTANCE`].
     pub fn position(&self, anchor: Anchor) -> Option<Pixel> {
         let at = self.homogeneous(anchor);
         let pixel = Pixel::new(at.x / at.z, at.y / at.z);
-        (at.z.abs() > 1e-9 && pixel.distance(&self.center()) < PencilLine::FARTHEST).then_some(pixel)
+        (at.z.abs() > 1e-9 && pixel.distance(&self.center()) < PencilLine::MAX_DISTANCE).then_some(pixel)
     }
 
-    /// Distance of a pixel from the anchor, pixels; at most [`PencilLine::FARTHEST`].
+    /// Distance of a pixel from the anchor, pixels; at most [`PencilLine::MAX_DISTANCE`].
     pub fn distance(&self, anchor: Anchor, pixel: Pixel) -> f64 {
         let at = self.homogeneous(anchor);
         (pixel.vector() * at.z - at.xy()).norm()

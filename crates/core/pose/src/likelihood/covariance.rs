@@ -22,7 +22,7 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
-use crate::likelihood::fisher::{NEGLIGIBLE, Symmetric6, infinite};
+use crate::likelihood::fisher::{MIN_LOG_LIKELIHOOD_RATIO, Symmetric6, infinite};
 use crate::likelihood::matches::{Matches, Residual};
 use crate::likelihood::pose_priors::PosePriors;
 
@@ -107,7 +107,8 @@ impl CovarianceInputs<'_> {
     }
 
     fn weighted_residuals(&self) -> Vec<WeightedResidual> {
-        let probability = |llr: f64| if llr > NEGLIGIBLE { 1.0 / (1.0 + (-llr).exp()) } else { 0.0 };
+        let probability =
+            |llr: f64| if llr > MIN_LOG_LIKELIHOOD_RATIO { 1.0 / (1.0 + (-llr).exp()) } else { 0.0 };
         let right: Vec<f64> = self.likelihoods.iter().map(|llr| probability(*llr)).collect();
         let shares = self.matches.shares(&right);
         let turn = self.pose.rotation().matrix();

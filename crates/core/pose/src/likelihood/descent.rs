@@ -16,12 +16,12 @@ pub struct Convergence {
     pub steps: usize,
     /// The descent ends after a step that gains, or is predicted to gain, no more than this share of the loss (and of
     /// 1).
-    pub least_gain: f64,
+    pub min_gain: f64,
 }
 
 impl Convergence {
     /// For descents that include the focal length.
-    pub const OF_FOCAL: Self = Self { steps: 25, least_gain: 1e-9 };
+    pub const OF_FOCAL: Self = Self { steps: 25, min_gain: 1e-9 };
 }
 
 /// Damping of the first step, and its bounds.
@@ -43,7 +43,7 @@ pub fn levenberg_marquardt<At, Here>(
 ) -> DescentResult<At, Here> {
     let (mut here, mut at, mut damping) = (look(&start), start, INITIAL_DAMPING);
     for _ in 0..convergence.steps {
-        let least = |here: &Here| convergence.least_gain * (1.0 + loss(here).abs());
+        let least = |here: &Here| convergence.min_gain * (1.0 + loss(here).abs());
         let next = step(&at, &here, damping);
         // The predicted gain; if it is too small, this is the last step.
         let last = next.as_ref().map_or(f64::INFINITY, |(_, promised)| *promised) <= least(&here);

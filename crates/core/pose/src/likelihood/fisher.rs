@@ -3,7 +3,7 @@
 use veiloc_geometry::nalgebra::{Matrix6, SMatrix};
 
 /// Matches with a log likelihood ratio below this, a natural logarithm, have no weight.
-pub const NEGLIGIBLE: f64 = -14.0;
+pub const MIN_LOG_LIKELIHOOD_RATIO: f64 = -14.0;
 
 /// A symmetric matrix over the six parameters of [`veiloc_geometry::CameraFromWorld::perturbed`]:
 /// radians, then map units.

@@ -11,7 +11,7 @@ use veiloc_geometry::nalgebra::{SMatrix, SVector};
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::matches::Matches;
 use crate::likelihood::pose_priors::PosePriors;
-use crate::likelihood::problem::{Correspondences, FocalKnowledge};
+use crate::likelihood::problem::{Correspondences, FocalPrior};
 use crate::likelihood::refine::System;
 
 type Matrix7 = SMatrix<f64, 7, 7>;
@@ -52,12 +52,12 @@ pub enum FocalVerdict {
 
 impl FocalVerdict {
     /// Required gain of another focal length before the given one is called wrong, for this number of agreeing matches.
-    pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
-        Self::least_gain_of([(observations, agreeing)])
+    pub fn min_gain(observations: &Correspondences, agreeing: usize) -> f64 {
+        Self::min_gain_of([(observations, agreeing)])
     }
 
     /// The same for agreeing matches in several images.
-    pub fn least_gain_of<'a>(images: impl IntoIterator<Item = (&'a Correspondences, usize)>) -> f64 {
+    pub fn min_gain_of<'a>(images: impl IntoIterator<Item = (&'a Correspondences, usize)>) -> f64 {
         let of_a_match = |observations: &Correspondences| match observations {
             Correspondences::Points { .. } => GAIN_PER_POINT,
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_PER_LINE,
@@ -72,10 +72,10 @@ impl FocalVerdict {
         gain > MIN_GAIN && log_step.abs() > MIN_CHANGE
     }
 
-    /// From the gain of another focal length, and the required gain ([`Self::least_gain`]).
-    pub fn of(gain: f64, other: &PoseWithFocal, least_gain: f64) -> Self {
+    /// From the gain of another focal length, and the required gain ([`Self::min_gain`]).
+    pub fn of(gain: f64, other: &PoseWithFocal, min_gain: f64) -> Self {
         let change = other.factor.ln().abs();
-        if gain > least_gain && change > MIN_WRONG_CHANGE {
+        if gain > min_gain && change > MIN_WRONG_CHANGE {
             Self::Wrong
         } else if gain > MIN_GAIN && change > MIN_CHANGE {
             Self::Suspicious(*other)
@@ -86,11 +86,11 @@ impl FocalVerdict {
 
     /// Whether no focal length with a large change is suspected.
     pub fn is_near(&self) -> bool {
-        *self != Self::Wrong && self.doubted().is_none()
+        *self != Self::Wrong && self.suspected_focal_scale().is_none()
     }
 
     /// The suspected focal length relative to the given one, if it differs so much that the pose may be wrong.
-    pub fn doubted(&self) -> Option<f64> {
+    pub fn suspected_focal_scale(&self) -> Option<f64> {
         match self {
             Self::Suspicious(other) if other.factor.ln().abs() > MIN_DOUBTED_CHANGE => Some(other.factor),
             Self::Suspicious(_) | Self::Fine | Self::Wrong => None,
@@ -101,7 +101,7 @@ impl FocalVerdict {
 /// Maximum change of the focal length, in the logarithm: a factor of 2.
 const MAX_LOG_CHANGE: f64 = std::f64::consts::LN_2;
 
-impl FocalKnowledge {
+impl FocalPrior {
     /// Prior standard deviation of the logarithm of the true focal length relative to the given one, where it is
     /// estimated.
     pub const fn sd(self) -> f64 {
@@ -161,9 +161,9 @@ impl FocalObjective<'_> {
         if !FocalVerdict::warrants_refinement(-0.5 * step.dot(&system.gradient), step[6]) {
             return FocalVerdict::Fine;
         }
-        let other = self.descend(&given, Convergence { steps: 12, least_gain: 1e-6 });
+        let other = self.descend(&given, Convergence { steps: 12, min_gain: 1e-6 });
         let gain = system.loss - self.linearize(&other).loss;
-        FocalVerdict::of(gain, &other, FocalVerdict::least_gain(self.matches.observations, system.agreeing))
+        FocalVerdict::of(gain, &other, FocalVerdict::min_gain(self.matches.observations, system.agreeing))
     }
 
     /// Levenberg–Marquardt from a start; never returns a larger loss than the start's.

@@ -8,7 +8,7 @@ use veiloc_geometry::nalgebra::{Matrix6, RowVector3, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pencils, Pixel, PlacedSectors};
 use veiloc_simd::Backend;
 use veiloc_simd::pose::{
-    Block, CameraRows, Group, Image, LANES, Observed, Partition, PoseLanes, ScaledRows, Sectors,
+    Block, CameraRows, Group, Image, LANES, ObservationType, Partition, PoseLanes, ScaledRows, Sectors,
 };
 
 use crate::likelihood::matches::Matches;
@@ -95,9 +95,9 @@ impl Kernel {
             }
         };
         let observed = match matches.observations {
-            Correspondences::Points { .. } => Observed::Points,
-            Correspondences::Lines { .. } => Observed::Lines,
-            Correspondences::Anchored { .. } => Observed::Anchored,
+            Correspondences::Points { .. } => ObservationType::Points,
+            Correspondences::Lines { .. } => ObservationType::Lines,
+            Correspondences::Anchored { .. } => ObservationType::Anchored,
         };
         let mut order = Vec::new();
         for members in &all {

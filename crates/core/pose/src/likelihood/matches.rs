@@ -26,7 +26,7 @@ use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
 use crate::likelihood::outlier_density;
-use crate::likelihood::problem::{Correspondences, PoseProblem, SeenFrom};
+use crate::likelihood::problem::{Correspondences, MatchViewpoint, PoseProblem};
 use crate::likelihood::visibility::visibility;
 
 /// Degrees of freedom of the noise of points. With the two dimensions of the plane they make the exponent 3.
@@ -56,7 +56,7 @@ pub struct Matches<'a> {
     /// How many keypoints there are.
     pub keypoints: usize,
     /// From where each was seen when the map was made, `[N]`, if known.
-    seen_from: Option<&'a [SeenFrom]>,
+    seen_from: Option<&'a [MatchViewpoint]>,
     /// Map point of each, numbered from 0: points with equal coordinates are one.
     point_index: Vec<usize>,
     /// Covariance of each map point, `[N]`, world frame, if known.
@@ -162,7 +162,7 @@ impl<'a> Matches<'a> {
     }
 
     /// These correspondences as this pose can see them: those that it cannot see get a negligible prior.
-    pub fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
+    pub fn visible_from(&self, pose: &CameraFromWorld) -> Self {
         let mut seen = self.clone();
         if self.seen_from.is_some() {
             for (i, score_offset) in seen.log_likelihood_const.iter_mut().enumerate() {

@@ -29,10 +29,10 @@ mod visibility;
 
 pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};
-pub use fisher::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
+pub use fisher::{MIN_LOG_LIKELIHOOD_RATIO, Symmetric6, inverse_or_infinite};
 pub use focal::{FocalObjective, FocalSystem, FocalVerdict, PoseWithFocal, step_focal};
 pub use kernel::{Kernel, Scale, log_farthest, median_point, promising_first};
 pub use matches::Matches;
 pub use pose_priors::PosePriors;
-pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
+pub use problem::{Correspondences, FocalPrior, Gravity, MatchViewpoint, PoseProblem, PositionPrior};
 pub use refine::{Loss, Refined, System, descend, linearize, refine};

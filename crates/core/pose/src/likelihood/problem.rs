@@ -83,20 +83,20 @@ pub struct PoseProblem {
     pub prior: Option<Vec<f64>>,
     /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from which the point
     /// looks different does not explain the match. `None` lets every pose see every point.
-    pub seen_from: Option<Vec<SeenFrom>>,
+    pub seen_from: Option<Vec<MatchViewpoint>>,
     /// The gravity direction, if the device measured it: then smaller samples are enough.
     pub gravity: Option<Gravity>,
     /// Approximate camera position, if known.
     pub position: Option<PositionPrior>,
     /// How well the focal length of [`Self::camera`] is known.
-    pub focal: FocalKnowledge,
+    pub focal: FocalPrior,
     /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` treats the map as exact.
     pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
 }
 
 /// The map image that proposed a match.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SeenFrom {
+pub struct MatchViewpoint {
     /// Its camera centre, world frame, map units.
     pub center: Point3<World>,
     /// Its focal length, pixels.
@@ -119,7 +119,7 @@ impl Gravity {
     pub const PHONE_SD_DEG: f64 = 2.0;
 
     /// As measured by a phone at rest ([`Self::PHONE_SD_DEG`]).
-    pub const fn felt(in_camera: Vector3<f64>, in_world: Vector3<f64>) -> Self {
+    pub const fn from_accelerometer(in_camera: Vector3<f64>, in_world: Vector3<f64>) -> Self {
         Self { in_camera, in_world, sd_deg: Self::PHONE_SD_DEG }
     }
 }
@@ -135,7 +135,7 @@ pub struct PositionPrior {
 
 /// How well a camera's focal length is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum FocalKnowledge {
+pub enum FocalPrior {
     /// Measured for this camera.
     #[default]
     Calibrated,
@@ -162,7 +162,7 @@ impl PoseProblem {
             seen_from: None,
             gravity: None,
             position: None,
-            focal: FocalKnowledge::Calibrated,
+            focal: FocalPrior::Calibrated,
             point_covariances: None,
         }
     }
@@ -226,7 +226,8 @@ impl PoseProblem {
                 let actual = seen_from.len();
                 return Err(PoseError::LengthMismatch { what: "seen_from", expected: n, actual });
             }
-            let possible = |s: &SeenFrom| s.center.is_finite() && s.focal_px.is_finite() && s.focal_px > 0.0;
+            let possible =
+                |s: &MatchViewpoint| s.center.is_finite() && s.focal_px.is_finite() && s.focal_px > 0.0;
             if let Some(index) = seen_from.iter().position(|s| !possible(s)) {
                 return Err(PoseError::NotFinite { what: "seen_from", index });
             }

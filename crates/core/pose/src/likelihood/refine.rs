@@ -63,14 +63,14 @@ pub fn descend(
     objective: impl Fn(&CameraFromWorld) -> System,
     start: &CameraFromWorld,
     steps: usize,
-    least_gain: f64,
+    min_gain: f64,
 ) -> Refined {
     let step = |pose: &CameraFromWorld, system: &System, damping| {
         let step = damped_step(system, damping)?;
         Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
     };
     let DescentResult { at: pose, here } =
-        levenberg_marquardt(*start, Convergence { steps, least_gain }, objective, |here| here.loss, step);
+        levenberg_marquardt(*start, Convergence { steps, min_gain }, objective, |here| here.loss, step);
     Refined { pose: reorthonormalized(&pose), loss: here.loss }
 }
 

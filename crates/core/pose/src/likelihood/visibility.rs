@@ -9,7 +9,7 @@
 
 use veiloc_geometry::nalgebra::Vector3;
 
-use crate::likelihood::problem::SeenFrom;
+use crate::likelihood::problem::MatchViewpoint;
 
 /// Rotation of the view up to which a match keeps its full probability, radians: 45°.
 const FREE_TURN: f64 = std::f64::consts::FRAC_PI_4;
@@ -28,7 +28,7 @@ const SCALE_FADE: f64 = 0.4;
 /// `center` is the camera's, `focal` its focal length in pixels.
 pub(crate) fn visibility(
     point: &Vector3<f64>,
-    seen_from: &SeenFrom,
+    seen_from: &MatchViewpoint,
     center: &Vector3<f64>,
     focal: f64,
 ) -> f64 {
@@ -49,7 +49,7 @@ mod tests {
     use veiloc_geometry::Point3;
 
     fn seen(center: [f64; 3]) -> f64 {
-        let then = SeenFrom { center: Point3::new(0.0, 0.0, -4.0), focal_px: 500.0 };
+        let then = MatchViewpoint { center: Point3::new(0.0, 0.0, -4.0), focal_px: 500.0 };
         visibility(&Vector3::zeros(), &then, &Vector3::from(center), 500.0)
     }
 
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn visibility_scales_with_focal_length() {
-        let then = SeenFrom { center: Point3::new(0.0, 0.0, -1.0), focal_px: 500.0 };
+        let then = MatchViewpoint { center: Point3::new(0.0, 0.0, -1.0), focal_px: 500.0 };
         let at = |focal| visibility(&Vector3::zeros(), &then, &Vector3::new(0.0, 0.0, -8.0), focal);
         assert!(at(500.0) < 0.1);
         assert_eq!(at(4000.0), 1.0);

@@ -111,7 +111,7 @@ impl Minimal {
     /// Probability that a sample consists of correspondences from this list.
     pub(crate) fn hit_probability(&self, matches: &Matches<'_>, agreeing: &[usize]) -> f64 {
         // Weight of each anchor, and of all.
-        let mut weight = [0.0; Anchor::MOST];
+        let mut weight = [0.0; Anchor::MAX_COUNT];
         for &i in agreeing {
             weight[matches.anchor[i].index()] += matches.inlier_prior[i];
         }

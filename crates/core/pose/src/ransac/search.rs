@@ -13,8 +13,8 @@ use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 use crate::ambiguity::margin;
 use crate::confidence::MIN_MARGIN;
 use crate::likelihood::{
-    CovarianceInputs, Kernel, Loss, Matches, NEGLIGIBLE, PosePriors, PoseWithFocal, Scale, Symmetric6,
-    System, descend, inverse_or_infinite, linearize, refine,
+    CovarianceInputs, Kernel, Loss, MIN_LOG_LIKELIHOOD_RATIO, Matches, PosePriors, PoseWithFocal, Scale,
+    Symmetric6, System, descend, inverse_or_infinite, linearize, refine,
 };
 use crate::ransac::Estimator;
 use crate::ransac::Stop;
@@ -269,7 +269,7 @@ impl<'a> Search<'a> {
     /// Correspondences that may be right at a pose.
     pub(crate) fn possible(&self, pose: &CameraFromWorld, noise: f64) -> Vec<usize> {
         let all = self.kernel.likelihoods(pose, noise);
-        (0..all.len()).filter(|&i| all[i] > NEGLIGIBLE).collect()
+        (0..all.len()).filter(|&i| all[i] > MIN_LOG_LIKELIHOOD_RATIO).collect()
     }
 
     /// Adds the priors to the objective.

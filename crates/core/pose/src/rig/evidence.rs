@@ -25,7 +25,7 @@ use veiloc_geometry::{Anchor, CameraFromWorld};
 use super::joint::Poses;
 use super::odometry::{Deviation, OdometryConstraint};
 use crate::confidence::{
-    Confidence, MIN_MARGIN, free_direction, gains, least_log_evidence, log_det, log_poses,
+    Confidence, MIN_MARGIN, free_direction, gains, log_det, log_poses, min_log_evidence,
 };
 use crate::likelihood::{
     Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite, with_shift,
@@ -259,7 +259,7 @@ impl FrameEvidence {
     }
 
     /// Required margin over the best other pose, before repeated gains are discounted.
-    pub(super) fn least_margin(&self) -> f64 {
+    pub(super) fn min_margin(&self) -> f64 {
         MIN_MARGIN / self.share
     }
 
@@ -278,9 +278,9 @@ impl FrameEvidence {
                 w.inliers.iter().map(|&i| (cam.rotation() * points[i] + cam.translation()).norm())
             })
             .collect();
-        let least = contributions.iter().map(|w| least_log_evidence(w.search.matches()));
+        let least = contributions.iter().map(|w| min_log_evidence(w.search.matches()));
         let confidence = Confidence {
-            least_log_evidence: least.fold(0.0, f64::max),
+            min_log_evidence: least.fold(0.0, f64::max),
             log_evidence: self.log_evidence,
             margin: margin * self.share,
             center_sd: 0.0,
@@ -318,6 +318,6 @@ fn sides(contributions: &[FrameContribution<'_>]) -> Option<[usize; 2]> {
         points.len().min(keypoints)
     };
     let own = |anchor: Anchor| different(&|a| a == anchor);
-    let richest = Anchor::first(Anchor::MOST).rev().max_by_key(|a| own(*a))?;
+    let richest = Anchor::first(Anchor::MAX_COUNT).rev().max_by_key(|a| own(*a))?;
     Some([own(richest), different(&|a| a != richest)])
 }

@@ -13,8 +13,8 @@
 //! enough. The estimated focal length applies to all frames of a camera.
 
 use crate::likelihood::{
-    Convergence, FocalKnowledge, FocalObjective, FocalSystem, FocalVerdict, PoseWithFocal,
-    levenberg_marquardt, step_focal,
+    Convergence, FocalObjective, FocalPrior, FocalSystem, FocalVerdict, PoseWithFocal, levenberg_marquardt,
+    step_focal,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
@@ -33,7 +33,7 @@ pub(super) struct Lens {
     /// Its frames, of those with correspondences.
     pub(super) frames: Vec<usize>,
     /// How well its focal length is known.
-    pub(super) focal: FocalKnowledge,
+    pub(super) focal: FocalPrior,
     /// Its focal length relative to the given one.
     pub(super) factor: f64,
     /// The verdict on the given one; [`FocalVerdict::Wrong`] when another was estimated.
@@ -71,11 +71,11 @@ impl Lens {
 }
 
 /// The least certain knowledge of a focal length.
-pub(super) fn worst_known(all: impl Iterator<Item = FocalKnowledge>) -> FocalKnowledge {
-    let rank = |focal: &FocalKnowledge| match focal {
-        FocalKnowledge::Calibrated => 0,
-        FocalKnowledge::Exif => 1,
-        FocalKnowledge::Unknown => 2,
+pub(super) fn worst_known(all: impl Iterator<Item = FocalPrior>) -> FocalPrior {
+    let rank = |focal: &FocalPrior| match focal {
+        FocalPrior::Calibrated => 0,
+        FocalPrior::Exif => 1,
+        FocalPrior::Unknown => 2,
     };
     all.max_by_key(rank).unwrap_or_default()
 }
@@ -127,8 +127,7 @@ impl RefinedRig {
 
     /// Tests one lens' focal length, and estimates it when it is wrong.
     fn estimate_focal(&mut self, search: &mut RigSearch<'_>, lens: usize, options: &PoseOptions) {
-        let is_open =
-            self.lenses[lens].focal != FocalKnowledge::Calibrated || self.lenses[lens].factor != 1.0;
+        let is_open = self.lenses[lens].focal != FocalPrior::Calibrated || self.lenses[lens].factor != 1.0;
         self.lenses[lens].verdict = if is_open {
             FocalVerdict::Wrong
         } else {
@@ -149,11 +148,11 @@ impl RefinedRig {
             let Some((poses, factor, gain)) = self.best_jump(search, lens, cost) else { break };
             if self.lenses[lens].verdict == FocalVerdict::Wrong {
                 // It is open: the likelihood decides.
-                if gain <= FocalVerdict::least_gain_of([]) {
+                if gain <= FocalVerdict::min_gain_of([]) {
                     break;
                 }
             } else {
-                match FocalVerdict::of(gain, &of_rig(&poses, factor), self.least_gain(search, lens)) {
+                match FocalVerdict::of(gain, &of_rig(&poses, factor), self.min_gain(search, lens)) {
                     FocalVerdict::Wrong => self.lenses[lens].verdict = FocalVerdict::Wrong,
                     suspicious @ FocalVerdict::Suspicious(_) => {
                         if self.lenses[lens].verdict == FocalVerdict::Fine {
@@ -199,14 +198,14 @@ impl RefinedRig {
     }
 
     /// Required gain of another focal length before a calibrated one is called wrong.
-    fn least_gain(&self, search: &RigSearch<'_>, lens: usize) -> f64 {
+    fn min_gain(&self, search: &RigSearch<'_>, lens: usize) -> f64 {
         let agreeing = |&i: &usize| {
             let search = &search.frames[i].search;
             let likelihoods =
                 search.kernel().likelihoods(&self.polished.poses.cams[i], self.polished.noise[i]);
             (search.matches().observations, likelihoods.iter().filter(|llr| **llr > 0.0).count())
         };
-        FocalVerdict::least_gain_of(self.lenses[lens].frames.iter().map(agreeing))
+        FocalVerdict::min_gain_of(self.lenses[lens].frames.iter().map(agreeing))
     }
 
     fn objective<'s, 'a>(&self, search: &'s RigSearch<'a>, lens: usize) -> RigFocalObjective<'s> {
@@ -283,9 +282,8 @@ impl RigFocalObjective<'_> {
         let (there, factor) = self.refine((poses.clone(), 1.0));
         let gain = here.loss - self.linearize(&there, factor).loss;
         let agreeing = self.frames.iter().zip(&here.systems).filter(|(frame, _)| frame.fixed.is_none());
-        let least = FocalVerdict::least_gain_of(
-            agreeing.map(|(f, s)| (f.objective.matches.observations, s.agreeing)),
-        );
+        let least =
+            FocalVerdict::min_gain_of(agreeing.map(|(f, s)| (f.objective.matches.observations, s.agreeing)));
         FocalVerdict::of(gain, &of_rig(&there, factor), least)
     }
 

@@ -6,7 +6,7 @@ use veiloc_geometry::statistics::upper_median;
 use super::RigFrame;
 use crate::error::PoseError;
 use crate::likelihood::{
-    Correspondences, FocalKnowledge, Matches, PosePriors, Scale, System, log_farthest, median_point,
+    Correspondences, FocalPrior, Matches, PosePriors, Scale, System, log_farthest, median_point,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::ransac::minimal::Minimal;
@@ -22,7 +22,7 @@ pub(super) struct Frame<'a> {
     /// The same as the best pose sees them, once there is one.
     pub(super) seen: Matches<'a>,
     /// How well its focal length is known.
-    pub(super) focal: FocalKnowledge,
+    pub(super) focal: FocalPrior,
     pub(super) search: Search<'a>,
     /// Noise of the matches at the camera pose given by the odometry: their own and the odometry's together, pixels.
     pub(super) rigid_noise: f64,
@@ -81,14 +81,14 @@ impl<'a> Frame<'a> {
             focal: frame.problem.focal,
             search: Search::new(matches, Scale::Likelihood { noise: rigid_noise }, minimal, priors),
             rigid_noise,
-            most: most_gain(matches, rigid_noise),
+            most: max_gain(matches, rigid_noise),
             promise: if has_minimal_sample { promise } else { 0.0 },
         }
     }
 
     /// Restricts the correspondences to what this pose can see.
     pub(super) fn restrict_to_visible(&mut self, cam: &CameraFromWorld) {
-        self.seen = self.given.as_seen_from(cam);
+        self.seen = self.given.visible_from(cam);
     }
 
     /// Sets the focal length for refinement, relative to the given one; sampling ends.
@@ -120,7 +120,7 @@ impl<'a> Frame<'a> {
 }
 
 /// An upper bound of the gain of any pose at this noise.
-fn most_gain(matches: &Matches<'_>, noise: f64) -> f64 {
+fn max_gain(matches: &Matches<'_>, noise: f64) -> f64 {
     let log_farthest = match matches.observations {
         Correspondences::Anchored { pencils, .. } => {
             pencils.anchors().map(|a| log_farthest(matches, pencils, a)).fold(f64::NEG_INFINITY, f64::max)

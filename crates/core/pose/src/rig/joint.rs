@@ -95,7 +95,7 @@ pub(super) fn descend(
     objective: impl Fn(usize, &CameraFromWorld) -> System,
     start: &Poses,
     steps: usize,
-    least_gain: f64,
+    min_gain: f64,
 ) -> Poses {
     let linearize = |poses: &Poses| {
         let systems: Vec<System> = poses.cams.iter().enumerate().map(|(i, cam)| objective(i, cam)).collect();
@@ -108,7 +108,7 @@ pub(super) fn descend(
         let step = damped_step(constraints, here, damping)?;
         Some((poses.moved(constraints, &step), step.promised))
     };
-    let convergence = Convergence { steps, least_gain };
+    let convergence = Convergence { steps, min_gain };
     let found = levenberg_marquardt(start.clone(), convergence, linearize, |here| here.loss, step);
     found.at.reorthonormalized(constraints)
 }

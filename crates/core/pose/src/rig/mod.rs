@@ -27,7 +27,7 @@ use self::search::RigSearch;
 use crate::confidence::Confidence;
 use crate::error::PoseError;
 use crate::focal_search::{WithConfidence, is_clear, over_focal_lengths};
-use crate::likelihood::{FocalKnowledge, FocalVerdict, Matches, PoseProblem};
+use crate::likelihood::{FocalPrior, FocalVerdict, Matches, PoseProblem};
 use crate::options::{PoseOptions, ScoreKind};
 use crate::ransac::lo_ransac;
 
@@ -183,7 +183,7 @@ impl CheckedFrames<'_> {
     fn search_at<R: Rng + ?Sized>(
         &self,
         factor: f64,
-        focal: FocalKnowledge,
+        focal: FocalPrior,
         options: &PoseOptions,
         times: usize,
         rng: &mut R,
@@ -243,7 +243,7 @@ impl CheckedFrames<'_> {
             return Err(no_consensus(inlier_keypoints));
         }
         let mut evidence = combine_evidence(&mut contributions, &search.constraints);
-        let margin = search.margin(poses, &evidence.by_matches, evidence.least_margin(), options);
+        let margin = search.margin(poses, &evidence.by_matches, evidence.min_margin(), options);
         let mut confidence = evidence.confidence(&contributions, poses, margin);
         confidence.log_evidence -= search.prior_loss(&poses.cams);
         // A pose may be wrong by the effect of another focal length, where the effect is too small to estimate that.
@@ -254,7 +254,7 @@ impl CheckedFrames<'_> {
             }
         }
         confidence = confidence.with_covariances(&evidence.covariance, &evidence.by_matches);
-        confidence.other_focal = lenses.iter().find_map(|lens| lens.verdict.doubted());
+        confidence.other_focal = lenses.iter().find_map(|lens| lens.verdict.suspected_focal_scale());
         let mut frame_estimates = frame_estimates(frames, &search.frames, &contributions, poses);
         for (f, frame) in search.frames.iter().enumerate() {
             frame_estimates[frame.index].focal_scale = lens_of(f).map_or(1.0, |lens| lens.factor);
@@ -283,9 +283,9 @@ impl WithConfidence for RigResult<'_> {
         &self.estimate.confidence
     }
 
-    fn least_gain(&self) -> f64 {
+    fn min_gain(&self) -> f64 {
         let frame_estimates = self.frames.iter().zip(&self.estimate.frames);
-        FocalVerdict::least_gain_of(
+        FocalVerdict::min_gain_of(
             frame_estimates
                 .map(|(frame, frame_estimates)| (&frame.problem.observations, frame_estimates.inlier_count)),
         )

@@ -25,7 +25,7 @@ impl HalfPlane {
     }
 
     /// Whether a point of the camera frame in the plane is in the half-plane, and in front of the camera.
-    pub fn leads_to(&self, point: &Vector3<f64>) -> bool {
+    pub fn contains(&self, point: &Vector3<f64>) -> bool {
         // The part of `inward` across the axis, times the axis' squared length.
         let across = self.inward * self.axis.norm_squared() - self.axis * self.axis.dot(&self.inward);
         point.z > 0.0 && across.dot(point) > 0.0
@@ -44,13 +44,13 @@ mod tests {
         {
             let p = Vector3::new(0.2 - 3.0 * s, -0.5 + 4.0 * s, 1.0) * depth;
             assert!(half.normal().dot(&p).abs() < 1e-14);
-            assert_eq!(half.leads_to(&p), seen, "{s} {depth}");
+            assert_eq!(half.contains(&p), seen, "{s} {depth}");
         }
-        assert!(!half.leads_to(&Vector3::repeat(f64::NAN)));
+        assert!(!half.contains(&Vector3::repeat(f64::NAN)));
         // An anchor beside the camera.
         let half = HalfPlane { axis: Vector3::x(), inward: Vector3::new(0.3, 0.1, 1.0) };
-        assert!(half.leads_to(&Vector3::new(-7.0, 0.2, 2.0)));
+        assert!(half.contains(&Vector3::new(-7.0, 0.2, 2.0)));
         let half = HalfPlane { inward: -half.inward, ..half };
-        assert!(!half.leads_to(&Vector3::new(-7.0, 0.2, 2.0)));
+        assert!(!half.contains(&Vector3::new(-7.0, 0.2, 2.0)));
     }
 }

@@ -72,7 +72,7 @@ pub fn p6lp_dual_radial(
         let translation: Vector3<f64> = across - along * (normal.dot(&seen) / slope);
         // `p5lp_radial` has put the five on their lines, on the right half if they are in front of the camera.
         let in_front = points[..5].iter().all(|x| (rotation * x.coords + translation).z > 0.0);
-        if !(in_front && sixth.leads_to(&(rotation * last.coords + translation))) {
+        if !(in_front && sixth.contains(&(rotation * last.coords + translation))) {
             continue;
         }
         let pose = CameraFromWorld::new(rotation, translation);

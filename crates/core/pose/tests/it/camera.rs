@@ -8,7 +8,7 @@ use support::{Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Point3};
 use veiloc_pose::{
-    Doubt, FocalKnowledge, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -24,12 +24,12 @@ fn zoomed(scheme: Scheme, factor: f64, rng: &mut ChaCha8Rng) -> (PoseProblem, Ca
 fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
     for scheme in SCHEMES {
         for (factor, knowledge) in [
-            (1.03, FocalKnowledge::Calibrated),
-            (0.9, FocalKnowledge::Calibrated),
-            (1.3, FocalKnowledge::Calibrated),
-            (1.04, FocalKnowledge::Exif),
-            (0.7, FocalKnowledge::Unknown),
-            (1.4, FocalKnowledge::Unknown),
+            (1.03, FocalPrior::Calibrated),
+            (0.9, FocalPrior::Calibrated),
+            (1.3, FocalPrior::Calibrated),
+            (1.04, FocalPrior::Exif),
+            (0.7, FocalPrior::Unknown),
+            (1.4, FocalPrior::Unknown),
         ] {
             for seed in 0..5 {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -108,7 +108,7 @@ fn unknown_focal_length_widens_the_covariance() {
             let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
             found.confidence.center_sd
         };
-        assert!(sd(FocalKnowledge::Unknown) > 1.2 * sd(FocalKnowledge::Calibrated), "{scheme:?}");
+        assert!(sd(FocalPrior::Unknown) > 1.2 * sd(FocalPrior::Calibrated), "{scheme:?}");
     }
 }
 
@@ -138,7 +138,7 @@ fn gravity_acts_according_to_its_deviation() {
             with += tilt(&helped.cam_from_world);
             // Thirty degrees wrong, with a standard deviation of two: the prior loses its influence.
             let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.5) * gravity.in_camera;
-            problem.gravity = Some(Gravity::felt(turned, down));
+            problem.gravity = Some(Gravity::from_accelerometer(turned, down));
             if let Ok(misled) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) {
                 let right = misled.confidence.state() != State::Trusted || tilt(&misled.cam_from_world) < 5.0;
                 assert!(right, "{scheme:?} {seed}");

@@ -217,7 +217,7 @@ fn gravity_needs_fewer_samples() {
             };
             without += usize::from(found(&problem));
             let in_world = Vector3::new(0.2, -0.4, 0.9);
-            problem.gravity = Some(Gravity::felt(truth.rotation() * in_world * 9.81, in_world));
+            problem.gravity = Some(Gravity::from_accelerometer(truth.rotation() * in_world * 9.81, in_world));
             with += usize::from(found(&problem));
         }
         assert!(with > without + 5, "{scheme:?}: {with} with, {without} without");
@@ -233,7 +233,8 @@ fn gravity_error_of_one_degree_is_tolerated() {
                 problem(&Setup { scheme, right: 150, wrong: 100, noise: 0.5 }, &mut rng);
             let tilt = Rotation3::from_scaled_axis(Vector3::new(0.0, 0.0, 1.0_f64.to_radians()));
             let in_world = Vector3::y();
-            problem.gravity = Some(Gravity::felt(tilt * (truth.rotation() * in_world), in_world));
+            problem.gravity =
+                Some(Gravity::from_accelerometer(tilt * (truth.rotation() * in_world), in_world));
             let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
             assert!(found.cam_from_world.rotation_error_degrees(&truth) < 0.3, "{scheme:?} {seed}");
         }
@@ -242,7 +243,7 @@ fn gravity_error_of_one_degree_is_tolerated() {
         &Setup { scheme: Scheme::Dcl, right: 30, wrong: 0, noise: 0.0 },
         &mut ChaCha8Rng::seed_from_u64(1),
     );
-    problem.gravity = Some(Gravity::felt(Vector3::zeros(), Vector3::y()));
+    problem.gravity = Some(Gravity::from_accelerometer(Vector3::zeros(), Vector3::y()));
     let refused = estimate_pose(&problem, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(1));
     assert!(matches!(refused, Err(PoseError::BadValue { what: "length of gravity in the camera", .. })));
 }

@@ -8,7 +8,8 @@ use support::{CAMERA, Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromRig, Pencils, Pixel, PixelLine, Point3};
 use veiloc_pose::{
-    Correspondences, PoseOptions, PoseProblem, RigFrame, SeenFrom, State, estimate_pose, estimate_rig_pose,
+    Correspondences, MatchViewpoint, PoseOptions, PoseProblem, RigFrame, State, estimate_pose,
+    estimate_rig_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -66,7 +67,7 @@ fn pose_with_wrong_viewpoint_is_not_found() {
         let center = truth.center();
         let beside = center.coords + truth.rotation().inverse() * Vector3::new(0.3, 0.0, 0.0);
         let views = |center: Vector3<f64>| {
-            let seen = SeenFrom { center: Point3::from_vector(center), focal_px: 525.0 };
+            let seen = MatchViewpoint { center: Point3::from_vector(center), focal_px: 525.0 };
             Some(vec![seen; 300])
         };
         problem.seen_from = views(beside);

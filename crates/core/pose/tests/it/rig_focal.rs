@@ -8,9 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rigs::{ODOMETRY, session};
 use support::{Scheme, Setup, problem};
 use veiloc_geometry::{CameraFromRig, RigFromWorld};
-use veiloc_pose::{
-    FocalKnowledge, PoseOptions, RigEstimate, RigFrame, State, estimate_pose, estimate_rig_pose,
-};
+use veiloc_pose::{FocalPrior, PoseOptions, RigEstimate, RigFrame, State, estimate_pose, estimate_rig_pose};
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
@@ -19,7 +17,7 @@ fn zoomed(
     setup: &Setup,
     frames: usize,
     factor: f64,
-    focal: FocalKnowledge,
+    focal: FocalPrior,
     seed: u64,
 ) -> (Vec<RigFrame>, RigFromWorld) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -41,16 +39,16 @@ fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
     for scheme in SCHEMES {
         let setup = Setup { scheme, right: 100, wrong: 100, noise: 0.7 };
         for (factor, focal) in [
-            (1.03, FocalKnowledge::Calibrated),
-            (0.9, FocalKnowledge::Calibrated),
-            (1.1, FocalKnowledge::Calibrated),
-            (1.3, FocalKnowledge::Calibrated),
-            (0.7, FocalKnowledge::Calibrated),
-            (1.03, FocalKnowledge::Exif),
-            (0.9, FocalKnowledge::Exif),
-            (1.1, FocalKnowledge::Unknown),
-            (0.7, FocalKnowledge::Unknown),
-            (1.3, FocalKnowledge::Unknown),
+            (1.03, FocalPrior::Calibrated),
+            (0.9, FocalPrior::Calibrated),
+            (1.1, FocalPrior::Calibrated),
+            (1.3, FocalPrior::Calibrated),
+            (0.7, FocalPrior::Calibrated),
+            (1.03, FocalPrior::Exif),
+            (0.9, FocalPrior::Exif),
+            (1.1, FocalPrior::Unknown),
+            (0.7, FocalPrior::Unknown),
+            (1.3, FocalPrior::Unknown),
         ] {
             let mut estimated = 0;
             for seed in 0..5 {
@@ -61,7 +59,7 @@ fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
                 let what = format!("{scheme:?} {factor} {focal:?} {seed}: {scale}, off by {error}");
                 assert!(found.frames.iter().all(|frame| frame.focal_scale == scale), "{what}");
                 if found.confidence.state() != State::Trusted {
-                    assert!(factor == 1.03 && focal == FocalKnowledge::Calibrated, "{what}");
+                    assert!(factor == 1.03 && focal == FocalPrior::Calibrated, "{what}");
                     assert!(found.confidence.other_focal.is_some(), "{what}: {:?}", found.confidence);
                     continue;
                 }
@@ -72,7 +70,7 @@ fn wrong_focal_length_is_estimated_and_right_one_unchanged() {
             assert!(estimated > 0 || factor == 1.03, "{scheme:?} {factor} {focal:?}");
         }
         for seed in 0..10 {
-            let (frames, _) = zoomed(&setup, 3, 1.0, FocalKnowledge::Calibrated, seed);
+            let (frames, _) = zoomed(&setup, 3, 1.0, FocalPrior::Calibrated, seed);
             let found = estimate(&frames, seed);
             assert!(found.frames.iter().all(|frame| frame.focal_scale == 1.0), "{scheme:?} {seed}");
             assert_eq!(found.confidence.other_focal, None, "{scheme:?} {seed}");
@@ -86,7 +84,7 @@ fn several_frames_estimate_the_focal_length_better() {
         let setup = Setup { scheme, right: 60, wrong: 60, noise: 1.0 };
         let spread = |frames: usize| {
             let squared = (0..20).map(|seed| {
-                let (session, _) = zoomed(&setup, 6, 1.1, FocalKnowledge::Unknown, seed);
+                let (session, _) = zoomed(&setup, 6, 1.1, FocalPrior::Unknown, seed);
                 (estimate(&session[..frames], seed).frames[0].focal_scale * 1.1).ln().powi(2)
             });
             (squared.sum::<f64>() / 20.0).sqrt()
@@ -99,7 +97,7 @@ fn several_frames_estimate_the_focal_length_better() {
 #[test]
 fn single_frame_rig_has_the_same_focal_length() {
     for scheme in SCHEMES {
-        for (factor, focal) in [(1.1, FocalKnowledge::Calibrated), (0.8, FocalKnowledge::Unknown)] {
+        for (factor, focal) in [(1.1, FocalPrior::Calibrated), (0.8, FocalPrior::Unknown)] {
             let mut rng = ChaCha8Rng::seed_from_u64(5);
             let (mut problem, _) = problem(&Setup { scheme, right: 150, wrong: 100, noise: 0.5 }, &mut rng);
             problem.camera.focal = problem.camera.focal.map(|f| f * factor);

@@ -3,8 +3,8 @@
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_protocol::{
-    AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, LineRow, Lopsided, MIN_PER_SIDE, Profile,
-    QueryParts, Rows, SealedQuery,
+    AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, LineRow, MIN_PER_SIDE, Profile, QueryParts,
+    Rows, SealedQuery, UnbalancedAnchors,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
@@ -40,10 +40,10 @@ fn rows_per_side_are_counted() {
         let query = dcl(second);
         assert_eq!(query.sides(), Some(vec![256 - second, second]));
         let few = second.min(256 - second);
-        let expected = if few < MIN_PER_SIDE { Err(Lopsided { few, all: 256 }) } else { Ok(()) };
+        let expected = if few < MIN_PER_SIDE { Err(UnbalancedAnchors { few, all: 256 }) } else { Ok(()) };
         assert_eq!(query.check_sides(), expected, "{second}");
     }
-    let error = dcl(3).check_sides().expect_err("lopsided").to_string();
+    let error = dcl(3).check_sides().expect_err("unbalanced").to_string();
     assert!(error.contains("3 of 256") && error.contains("turn the camera"), "{error}");
 }
 

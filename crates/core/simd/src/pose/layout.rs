@@ -9,10 +9,10 @@ pub const LANES: usize = 16;
 pub type Lanes = [f32; LANES];
 
 /// Score offset of unused lanes: they never count.
-pub const NEVER: f32 = -1e30;
+pub const UNUSED_LANE_OFFSET: f32 = -1e30;
 
 /// Maximum plausible depth: avoids infinities in sums.
-pub(super) const FARTHEST: f32 = 1e18;
+pub(super) const MAX_DEPTH: f32 = 1e18;
 
 /// Sixteen correspondences.
 #[derive(Debug, Clone)]
@@ -30,7 +30,7 @@ pub struct Block {
     pub b: Lanes,
     /// See `a`.
     pub c: Lanes,
-    /// The part of the score that does not depend on the pose; [`NEVER`] for unused lanes.
+    /// The part of the score that does not depend on the pose; [`UNUSED_LANE_OFFSET`] for unused lanes.
     pub score_offset: Lanes,
 }
 
@@ -43,7 +43,7 @@ impl Block {
         a: [0.0; LANES],
         b: [0.0; LANES],
         c: [0.0; LANES],
-        score_offset: [NEVER; LANES],
+        score_offset: [UNUSED_LANE_OFFSET; LANES],
     };
 }
 
@@ -75,7 +75,7 @@ impl Group {
 
 /// The type of the observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Observed {
+pub enum ObservationType {
     /// Pixels.
     Points,
     /// Lines.
@@ -159,7 +159,7 @@ impl Partition {
 /// All correspondences of a problem, ready for scoring.
 #[derive(Debug, Clone)]
 pub struct PoseLanes {
-    pub(super) observed: Observed,
+    pub(super) observed: ObservationType,
     pub(super) groups: Vec<Group>,
     pub(super) image: Image,
     pub(super) partition: Option<Partition>,
@@ -167,7 +167,12 @@ pub struct PoseLanes {
 
 impl PoseLanes {
     /// Correspondences of one kind in their groups. Anchored ones need a partition.
-    pub fn new(observed: Observed, groups: Vec<Group>, image: Image, partition: Option<Partition>) -> Self {
+    pub fn new(
+        observed: ObservationType,
+        groups: Vec<Group>,
+        image: Image,
+        partition: Option<Partition>,
+    ) -> Self {
         Self { observed, groups, image, partition }
     }
 

@@ -29,7 +29,9 @@ mod normal;
 mod radial;
 mod score;
 
-pub use layout::{Block, Group, Image, LANES, Lanes, NEVER, Observed, Partition, PoseLanes, Sectors};
+pub use layout::{
+    Block, Group, Image, LANES, Lanes, ObservationType, Partition, PoseLanes, Sectors, UNUSED_LANE_OFFSET,
+};
 pub use normal::{CameraRows, NormalEquations};
 pub use radial::{RadialBlock, RadialLanes};
 pub use score::ScaledRows;

@@ -5,7 +5,7 @@
 //! (1 + k e²) · Jᵀ J`. `J` is the derivative by the six numbers of a small motion of the camera frame, `p ↦ p + ω × p +
 //! v`: rotation `ω`, then translation `v`.
 
-use super::layout::{Block, FARTHEST, Group, LANES, Lanes, Observed, PoseLanes};
+use super::layout::{Block, Group, LANES, Lanes, MAX_DEPTH, ObservationType, PoseLanes};
 use crate::approx::{exp_of_negative, ln};
 use crate::backend::{Backend, Kind};
 
@@ -86,10 +86,10 @@ const CROSSED: u8 = 3;
 #[inline(always)]
 fn choose(lanes: &PoseLanes, camera: &CameraRows, k: f32, shift: f32) -> NormalEquations {
     match lanes.observed {
-        Observed::Points => equations::<POINTS>(lanes, camera, k, shift),
-        Observed::Lines => equations::<LINES>(lanes, camera, k, shift),
-        Observed::Anchored if lanes.crossed() => equations::<CROSSED>(lanes, camera, k, shift),
-        Observed::Anchored => equations::<ANCHORED>(lanes, camera, k, shift),
+        ObservationType::Points => equations::<POINTS>(lanes, camera, k, shift),
+        ObservationType::Lines => equations::<LINES>(lanes, camera, k, shift),
+        ObservationType::Anchored if lanes.crossed() => equations::<CROSSED>(lanes, camera, k, shift),
+        ObservationType::Anchored => equations::<ANCHORED>(lanes, camera, k, shift),
     }
 }
 
@@ -154,7 +154,7 @@ fn lane<const OBSERVED: u8>(
     let [fx, fy] = camera.focal;
     let inverse = 1.0 / z;
     let (u, v) = (fx * x * inverse, fy * y * inverse);
-    let mut visible = (z > 0.0) & (z < FARTHEST) & lanes.image.holds(u, v);
+    let mut visible = (z > 0.0) & (z < MAX_DEPTH) & lanes.image.holds(u, v);
     let (e0, e1) = if OBSERVED == POINTS {
         (u - block.a[l], v - block.b[l])
     } else {

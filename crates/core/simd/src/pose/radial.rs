@@ -4,7 +4,7 @@
 //! from the axis. With `(x, y)` the first two coordinates of `R p + t` there, `llr = score_offset − 3 log(1 + k (u y −
 //! v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
 
-use super::layout::{LANES, Lanes, NEVER};
+use super::layout::{LANES, Lanes, UNUSED_LANE_OFFSET};
 use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
@@ -37,7 +37,7 @@ impl RadialBlock {
         z: [0.0; LANES],
         u: [0.0; LANES],
         v: [0.0; LANES],
-        score_offset: [NEVER; LANES],
+        score_offset: [UNUSED_LANE_OFFSET; LANES],
     };
 }
 

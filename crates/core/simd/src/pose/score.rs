@@ -3,7 +3,7 @@
 //! Scores are sums of gains that are never negative, so a pose whose gain so far plus the maximum of the rest stays
 //! below `to_beat` is dropped early, without any loss. NaN gains nothing.
 
-use super::layout::{Block, FARTHEST, Group, Image, LANES, Observed, PoseLanes};
+use super::layout::{Block, Group, Image, LANES, MAX_DEPTH, ObservationType, PoseLanes};
 use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
@@ -87,10 +87,10 @@ fn avx512_each(task: Task<'_>, out: &mut Vec<f32>) {
 #[inline(always)]
 fn choose_each(task: Task<'_>, out: &mut Vec<f32>) {
     match task.lanes.observed {
-        Observed::Points => each::<POINTS>(task, out),
-        Observed::Lines => each::<LINES>(task, out),
-        Observed::Anchored if task.lanes.crossed() => each::<CROSSED>(task, out),
-        Observed::Anchored => each::<ANCHORED>(task, out),
+        ObservationType::Points => each::<POINTS>(task, out),
+        ObservationType::Lines => each::<LINES>(task, out),
+        ObservationType::Anchored if task.lanes.crossed() => each::<CROSSED>(task, out),
+        ObservationType::Anchored => each::<ANCHORED>(task, out),
     }
 }
 
@@ -135,10 +135,10 @@ fn avx512<const LIKELIHOOD: bool>(task: Task<'_>) -> f32 {
 #[inline(always)]
 fn choose<const LIKELIHOOD: bool>(task: Task<'_>) -> f32 {
     match task.lanes.observed {
-        Observed::Points => sum::<POINTS, LIKELIHOOD>(task),
-        Observed::Lines => sum::<LINES, LIKELIHOOD>(task),
-        Observed::Anchored if task.lanes.crossed() => sum::<CROSSED, LIKELIHOOD>(task),
-        Observed::Anchored => sum::<ANCHORED, LIKELIHOOD>(task),
+        ObservationType::Points => sum::<POINTS, LIKELIHOOD>(task),
+        ObservationType::Lines => sum::<LINES, LIKELIHOOD>(task),
+        ObservationType::Anchored if task.lanes.crossed() => sum::<CROSSED, LIKELIHOOD>(task),
+        ObservationType::Anchored => sum::<ANCHORED, LIKELIHOOD>(task),
     }
 }
 
@@ -214,7 +214,7 @@ fn project<const OBSERVED: u8>(task: &Task<'_>, block: &Block, l: usize) -> Proj
 fn likelihood<const OBSERVED: u8>(task: &Task<'_>, group: &Group, block: &Block, l: usize) -> (f32, bool) {
     let Projection { u, v, z, squared } = project::<OBSERVED>(task, block, l);
     let image: &Image = &task.lanes.image;
-    let mut visible = (z > 0.0) & (z < FARTHEST) & image.holds(u, v);
+    let mut visible = (z > 0.0) & (z < MAX_DEPTH) & image.holds(u, v);
     let mut radius = 1.0;
     if OBSERVED >= ANCHORED {
         let [x, y, w] = group.anchor;

@@ -9,14 +9,14 @@ use super::lanes::{LANES, Lanes};
 
 /// A blurred image: `[height, stride]` samples, the first `width` of each row.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct BlurredImage<'a> {
     data: &'a [f32],
     stride: usize,
     width: usize,
     height: usize,
 }
 
-impl<'a> View<'a> {
+impl<'a> BlurredImage<'a> {
     /// `None` when there are fewer than two columns or rows, or too few samples.
     pub fn new(data: &'a [f32], stride: usize, width: usize, height: usize) -> Option<Self> {
         let whole = width >= 2 && height >= 2 && width <= stride && data.len() / stride >= height;
@@ -58,7 +58,7 @@ impl<const SIZE: usize> Samples<SIZE> {
     /// Samples between pixels, bilinear; `steps[k]` along the first and the second axis, which is the first rotated by
     /// a quarter turn from the columns' axis to the rows'. True when all are inside the image.
     #[inline(always)]
-    pub(super) fn take(&mut self, view: View<'_>, at: Placement, steps: &[[f32; SIZE]; 2]) -> bool {
+    pub(super) fn take(&mut self, view: BlurredImage<'_>, at: Placement, steps: &[[f32; SIZE]; 2]) -> bool {
         let whole = at.middle.map(|m| (m - 0.5 + ROUND) - ROUND);
         let rest = [at.middle[0] - whole[0], at.middle[1] - whole[1]];
         let [x, y] = whole.map(|w| w as i32);

@@ -17,7 +17,7 @@ mod peaks;
 
 pub use crate::approx::exp2;
 pub use blur::{Doubling, HalfKernel, MAX_RADIUS, blur_along, blur_down, double_row};
-pub use grid::View;
+pub use grid::BlurredImage;
 pub use lanes::LANES;
-pub use patch::{BINS, DESCRIPTOR, PatchMemory, Patches, REACH};
+pub use patch::{BINS, DESCRIPTOR, PATCH_RADIUS, PatchMemory, Patches};
 pub use peaks::{differences, peaks};

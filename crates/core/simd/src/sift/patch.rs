@@ -1,6 +1,6 @@
 //! The surroundings of a keypoint: the directions of its gradients, and the histogram that describes it.
 
-use super::grid::{Placement, ROUND, Samples, View};
+use super::grid::{BlurredImage, Placement, ROUND, Samples};
 use super::lanes::{LANES, Side};
 use crate::approx::{cos_sin, exp_of_negative};
 use crate::{Backend, dispatch};
@@ -36,7 +36,7 @@ const COUNTED: usize = (SIDE * PITCH - 2).next_multiple_of(LANES);
 
 /// Radius around a keypoint of the samples that its descriptor uses, for every orientation, in its sigmas: to the
 /// corner of the grid.
-pub const REACH: f32 =
+pub const PATCH_RADIUS: f32 =
     std::f32::consts::SQRT_2 * CELL_SIDE / PER_CELL as f32 * ((SIDE - 1) as f32 / 2.0 + 1.0);
 
 /// Radius of the circle for directions, in samples and in sigmas of the keypoint.
@@ -126,7 +126,7 @@ impl Patches {
     /// `middle` and `sigma` in samples of `view`. All zero where there is no gradient.
     pub fn directions(
         &self,
-        view: View<'_>,
+        view: BlurredImage<'_>,
         middle: [f32; 2],
         sigma: f32,
         memory: &mut PatchMemory,
@@ -141,7 +141,7 @@ impl Patches {
     /// `middle` and `sigma` in samples of `view`, `orientation` in radians. All zero where there is no gradient.
     pub fn describe(
         &self,
-        view: View<'_>,
+        view: BlurredImage<'_>,
         middle: [f32; 2],
         sigma: f32,
         orientation: f32,
@@ -155,7 +155,7 @@ impl Patches {
 
 struct Directions<'a> {
     patches: &'a Patches,
-    view: View<'a>,
+    view: BlurredImage<'a>,
     at: Placement,
     memory: &'a mut PatchMemory,
 }
@@ -211,7 +211,7 @@ impl dispatch::Kernel for Directions<'_> {
 
 struct Descriptor<'a> {
     patches: &'a Patches,
-    view: View<'a>,
+    view: BlurredImage<'a>,
     at: Placement,
     memory: &'a mut PatchMemory,
 }

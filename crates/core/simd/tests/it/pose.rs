@@ -4,10 +4,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_simd::Backend;
 use veiloc_simd::pose::{
-    Block, CameraRows, Group, Image, LANES, Observed, Partition, PoseLanes, RadialBlock, RadialLanes, Sectors,
+    Block, CameraRows, Group, Image, LANES, ObservationType, Partition, PoseLanes, RadialBlock, RadialLanes,
+    Sectors,
 };
 
-const KINDS: [Observed; 3] = [Observed::Points, Observed::Lines, Observed::Anchored];
+const KINDS: [ObservationType; 3] =
+    [ObservationType::Points, ObservationType::Lines, ObservationType::Anchored];
 const IMAGE: Image = Image { middle: [3.0, -2.0], half: [320.0, 240.0], margin: 6.4 };
 const FOCAL: [f32; 2] = [510.0, 525.0];
 /// One in the image, one far away.
@@ -34,7 +36,7 @@ struct Problem {
     partition: Partition,
 }
 
-fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Problem {
+fn problem(rng: &mut ChaCha8Rng, observed: ObservationType, sizes: [usize; 2]) -> Problem {
     let mut all = Vec::new();
     let mut groups = Vec::new();
     for (group, size) in sizes.into_iter().enumerate() {
@@ -43,7 +45,7 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
             let depth = if rng.random_bool(0.1) { -2.0 } else { rng.random_range(1.0..6.0) };
             let (u, v): (f32, f32) = (rng.random_range(-330.0..330.0), rng.random_range(-250.0..250.0));
             let angle: f32 = rng.random_range(0.0..6.3);
-            let (a, b, c) = if observed == Observed::Points {
+            let (a, b, c) = if observed == ObservationType::Points {
                 (u + rng.random_range(-4.0..4.0), v + rng.random_range(-4.0..4.0), 0.0)
             } else {
                 let (a, b) = (angle.cos(), angle.sin());
@@ -105,7 +107,7 @@ struct Observation {
 }
 
 fn observe(
-    (observed, partition): (Observed, &Partition),
+    (observed, partition): (ObservationType, &Partition),
     group: usize,
     c: &[f64; 7],
     rows: &[[f64; 4]; 3],
@@ -113,12 +115,12 @@ fn observe(
     let p = rows.map(|r| r[0] * c[0] + r[1] * c[1] + r[2] * c[2] + r[3]);
     let (u, v) = (f64::from(FOCAL[0]) * p[0] / p[2], f64::from(FOCAL[1]) * p[1] / p[2]);
     let squared = match observed {
-        Observed::Points => (u - c[3]).powi(2) + (v - c[4]).powi(2),
+        ObservationType::Points => (u - c[3]).powi(2) + (v - c[4]).powi(2),
         _ => (c[3] * u + c[4] * v + c[5]).powi(2),
     };
     let inside = (u - 3.0).abs() <= 326.4 && (v + 2.0).abs() <= 246.4;
     let (mut radius, mut own) = (1.0, true);
-    if observed == Observed::Anchored {
+    if observed == ObservationType::Anchored {
         let [x, y, w] = ANCHORS[group].map(f64::from);
         radius = (w * u - x).hypot(w * v - y);
         own = admits(partition, group, u, v);
@@ -270,7 +272,7 @@ fn normal_equations_agree_with_finite_differences() {
 fn gauss_newton_matrix_is_a_sum_of_outer_products() {
     // One correspondence, far from any other pose: weight times the outer product of its Jacobian.
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    for observed in [Observed::Points, Observed::Lines] {
+    for observed in [ObservationType::Points, ObservationType::Lines] {
         let problem = problem(&mut rng, observed, [1, 0]);
         let camera = CameraRows { rows: motion(&mut rng), focal: FOCAL };
         let rows = wide(&camera.rows);
@@ -281,7 +283,7 @@ fn gauss_newton_matrix_is_a_sum_of_outer_products() {
         let residuals = |rows: &[[f64; 4]; 3]| -> [f64; 2] {
             let p = rows.map(|r| r[0] * c[0] + r[1] * c[1] + r[2] * c[2] + r[3]);
             let (u, v) = (f64::from(FOCAL[0]) * p[0] / p[2], f64::from(FOCAL[1]) * p[1] / p[2]);
-            if observed == Observed::Points {
+            if observed == ObservationType::Points {
                 [u - c[3], v - c[4]]
             } else {
                 [c[3] * u + c[4] * v + c[5], 0.0]

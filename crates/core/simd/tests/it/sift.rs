@@ -6,8 +6,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_simd::Backend;
 use veiloc_simd::sift::{
-    BINS, DESCRIPTOR, Doubling, HalfKernel, LANES, MAX_RADIUS, PatchMemory, Patches, REACH, View, blur_along,
-    blur_down, differences, double_row, peaks,
+    BINS, BlurredImage, DESCRIPTOR, Doubling, HalfKernel, LANES, MAX_RADIUS, PATCH_RADIUS, PatchMemory,
+    Patches, blur_along, blur_down, differences, double_row, peaks,
 };
 
 /// Rows of noise, `[height, length]`.
@@ -170,8 +170,8 @@ impl Waves {
         Self { width, height, stride, data: (0..stride * height).map(value).collect() }
     }
 
-    fn view(&self) -> View<'_> {
-        View::new(&self.data, self.stride, self.width, self.height).expect("a whole image")
+    fn view(&self) -> BlurredImage<'_> {
+        BlurredImage::new(&self.data, self.stride, self.width, self.height).expect("a whole image")
     }
 
     /// Bilinear; `None` when one of the four samples is outside.
@@ -279,7 +279,7 @@ fn patches_agree_with_naive_sums() {
 fn flat_images_have_zero_histograms() {
     let (patches, mut memory) = (Patches::new(Backend::best()), PatchMemory::new());
     let flat = vec![0.5; 32 * 32];
-    let view = View::new(&flat, 32, 32, 32).expect("a whole image");
+    let view = BlurredImage::new(&flat, 32, 32, 32).expect("a whole image");
     assert_eq!(patches.describe(view, [16.0, 16.0], 2.0, 1.0, &mut memory), [0; DESCRIPTOR]);
     assert_eq!(patches.directions(view, [16.0, 16.0], 2.0, &mut memory), [0.0; BINS]);
     for outside in [[1e5, 3.0], [4.0, -1e5], [-40.0, -40.0]] {
@@ -292,14 +292,14 @@ fn flat_images_have_zero_histograms() {
         patches.directions(view, middle, f32::NAN, &mut memory);
     }
     for (stride, width, height) in [(32, 33, 4), (32, 1, 4), (32, 8, 33), (32, 8, 1)] {
-        assert!(View::new(&flat, stride, width, height).is_none());
+        assert!(BlurredImage::new(&flat, stride, width, height).is_none());
     }
 }
 
 /// An image that gets brighter to the right of `from` and is dark to the left of it, described in its middle.
 fn ramp(from: f32, orientation: f32) -> [u8; DESCRIPTOR] {
     let data: Vec<f32> = (0..96 * 96).map(|k| ((k % 96) as f32 - from).max(0.0)).collect();
-    let view = View::new(&data, 96, 96, 96).expect("a whole image");
+    let view = BlurredImage::new(&data, 96, 96, 96).expect("a whole image");
     let memory = &mut PatchMemory::new();
     Patches::new(Backend::best()).describe(view, [48.0, 48.0], 3.0, orientation, memory)
 }
@@ -341,12 +341,12 @@ fn patches_extend_to_the_reach() {
             if far { 1.0 - sample } else { sample }
         });
         let data: Vec<f32> = changed.collect();
-        let view = View::new(&data, 128, 128, 128).expect("a whole image");
+        let view = BlurredImage::new(&data, 128, 128, 128).expect("a whole image");
         let (patches, mut memory) = (Patches::new(Backend::best()), PatchMemory::new());
         let turn = std::f32::consts::FRAC_PI_4;
         patches.describe(view, middle, sigma, turn, &mut memory)
     };
     // Between samples, two on each side count.
-    assert_eq!(described(REACH * sigma + 1.5), described(1000.0));
-    assert_ne!(described(0.8 * REACH * sigma), described(1000.0));
+    assert_eq!(described(PATCH_RADIUS * sigma + 1.5), described(1000.0));
+    assert_ne!(described(0.8 * PATCH_RADIUS * sigma), described(1000.0));
 }

@@ -4,8 +4,8 @@ use super::common;
 
 use common::{Service, known, problem, protobuf, reply};
 use veiloc_client::{
-    Answer, Client, ClientError, Enough, LocalizeRequest, Profile, ProgressiveAnswer, SealedQuery,
-    StepOutcome,
+    Answer, Client, ClientError, LocalizeRequest, Profile, ProgressiveAnswer, SealedQuery, StepOutcome,
+    StopCriterion,
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
@@ -48,8 +48,12 @@ fn answer(trusted: bool, sd: f64) -> Vec<u8> {
     protobuf(&answer.encode())
 }
 
-fn send(client: &Client, query: &SealedQuery, enough: Enough) -> Result<ProgressiveAnswer, ClientError> {
-    client.localize_progressive("place", query, &profile(7), enough, &LocalizeRequest::default())
+fn send(
+    client: &Client,
+    query: &SealedQuery,
+    criterion: StopCriterion,
+) -> Result<ProgressiveAnswer, ClientError> {
+    client.localize_progressive("place", query, &profile(7), criterion, &LocalizeRequest::default())
 }
 
 fn outcomes(found: &ProgressiveAnswer) -> Vec<(usize, StepOutcome)> {
@@ -60,13 +64,17 @@ fn outcomes(found: &ProgressiveAnswer) -> Vec<(usize, StepOutcome)> {
 fn progressive_query_stops_at_a_trusted_pose() {
     use StepOutcome::{Doubtful, NotLocalized, Trusted};
     let missing = || problem("422 No", "not-localized", &[]);
-    let close = Enough::accurate_to(0.01).expect("a deviation");
-    for (replies, enough, expected) in [
-        (vec![answer(true, 0.02)], Enough::TRUSTED, vec![(256, Trusted)]),
-        (vec![missing(), answer(true, 0.02)], Enough::TRUSTED, vec![(256, NotLocalized), (512, Trusted)]),
+    let close = StopCriterion::accurate_to(0.01).expect("a deviation");
+    for (replies, criterion, expected) in [
+        (vec![answer(true, 0.02)], StopCriterion::TRUSTED, vec![(256, Trusted)]),
+        (
+            vec![missing(), answer(true, 0.02)],
+            StopCriterion::TRUSTED,
+            vec![(256, NotLocalized), (512, Trusted)],
+        ),
         (
             vec![answer(false, 0.02), missing(), answer(true, 0.02)],
-            Enough::TRUSTED,
+            StopCriterion::TRUSTED,
             vec![(256, Doubtful), (512, NotLocalized), (1024, Trusted)],
         ),
         (vec![answer(true, 0.02), answer(true, 0.009)], close, vec![(256, Trusted), (512, Trusted)]),
@@ -74,7 +82,7 @@ fn progressive_query_stops_at_a_trusted_pose() {
         (vec![answer(true, 0.02); 3], close, vec![(256, Trusted), (512, Trusted), (1024, Trusted)]),
     ] {
         let service = Service::replying(replies);
-        let found = send(&service.client(), &query(0), enough).expect("an answer");
+        let found = send(&service.client(), &query(0), criterion).expect("an answer");
         assert_eq!(outcomes(&found), expected);
         let requests = service.requests();
         assert_eq!(requests.len(), expected.len());
@@ -104,20 +112,20 @@ fn content_length(body: &[u8]) -> String {
 fn errors_end_a_progressive_query() {
     // No pose with all rows.
     let service = Service::replying(vec![problem("422 No", "not-localized", &[]); 3]);
-    let error = send(&service.client(), &query(0), Enough::TRUSTED).expect_err("no pose");
+    let error = send(&service.client(), &query(0), StopCriterion::TRUSTED).expect_err("no pose");
     assert!(matches!(error, ClientError::NotLocalized(_)) && service.requests().len() == 3, "{error:?}");
     // An error response that more rows cannot change.
     let service = Service::replying(vec![problem("409 No", "wrong-profile", &[]), answer(true, 0.01)]);
-    let error = send(&service.client(), &query(0), Enough::TRUSTED).expect_err("refused");
+    let error = send(&service.client(), &query(0), StopCriterion::TRUSTED).expect_err("refused");
     assert!(matches!(error, ClientError::WrongProfile(_)) && service.requests().len() == 1, "{error:?}");
     // Busy: the same bytes are sent again, also in a later call.
     let service =
         Service::replying(vec![reply("503 Busy", &[("retry-after", "0")], b""), answer(true, 0.01)]);
-    send(&service.client(), &query(0), Enough::TRUSTED).expect("at last");
+    send(&service.client(), &query(0), StopCriterion::TRUSTED).expect("at last");
     let requests = service.requests();
     assert!(requests.len() == 2 && requests[0] == requests[1]);
     let later = Service::replying(vec![answer(true, 0.01)]);
-    send(&later.client(), &query(0), Enough::TRUSTED).expect("an answer");
+    send(&later.client(), &query(0), StopCriterion::TRUSTED).expect("an answer");
     assert!(later.requests()[0].body == requests[0].body);
 }
 
@@ -125,14 +133,15 @@ fn errors_end_a_progressive_query() {
 fn one_sided_steps_are_not_sent() {
     // The first 256 rows belong to one side: the first step is skipped.
     let service = Service::replying(vec![answer(true, 0.01)]);
-    let found = send(&service.client(), &query(256), Enough::TRUSTED).expect("an answer");
+    let found = send(&service.client(), &query(256), StopCriterion::TRUSTED).expect("an answer");
     assert_eq!(outcomes(&found), [(512, StepOutcome::Trusted)]);
     // All rows belong to one side, or the query was sealed for another map: nothing is sent.
     let service = Service::replying(Vec::new());
-    let error = send(&service.client(), &query(1024), Enough::TRUSTED).expect_err("lopsided");
-    assert!(matches!(error, ClientError::Lopsided(_)), "{error:?}");
+    let error = send(&service.client(), &query(1024), StopCriterion::TRUSTED).expect_err("unbalanced");
+    assert!(matches!(error, ClientError::UnbalancedAnchors(_)), "{error:?}");
     let (client, request) = (service.client(), LocalizeRequest::default());
-    let other = client.localize_progressive("place", &query(0), &profile(8), Enough::TRUSTED, &request);
+    let other =
+        client.localize_progressive("place", &query(0), &profile(8), StopCriterion::TRUSTED, &request);
     assert!(matches!(other, Err(ClientError::ProfileMismatch(_))), "{other:?}");
     assert!(service.requests().is_empty());
 }

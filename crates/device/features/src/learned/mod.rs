@@ -37,6 +37,6 @@ pub use engine::Engine;
 pub use extractor::Learned;
 pub use global::{GlobalDescription, LearnedGlobal};
 pub use layer::Layer;
-pub use models::{Found, FoundGlobal, Models};
+pub use models::{GlobalModelFiles, ModelFile, Models};
 pub use network::Network;
 pub use tensor::Tensor;

@@ -19,7 +19,7 @@ pub struct Models {
 
 /// A model, and the path of its file.
 #[derive(Debug, Clone)]
-pub struct Found<'a> {
+pub struct ModelFile<'a> {
     /// The description.
     pub description: &'a Description,
     /// Its file, if it exists.
@@ -28,7 +28,7 @@ pub struct Found<'a> {
 
 /// A model of global descriptors, and the paths of its files.
 #[derive(Debug, Clone)]
-pub struct FoundGlobal<'a> {
+pub struct GlobalModelFiles<'a> {
     /// The description.
     pub description: &'a GlobalDescription,
     /// The file of each of its networks, if it exists.
@@ -62,8 +62,8 @@ impl Models {
     }
 
     /// All of them, with their files.
-    pub fn all(&self) -> impl Iterator<Item = Found<'_>> {
-        self.known.iter().map(|description| Found { description, file: self.file_of(description, &[]) })
+    pub fn all(&self) -> impl Iterator<Item = ModelFile<'_>> {
+        self.known.iter().map(|description| ModelFile { description, file: self.file_of(description, &[]) })
     }
 
     /// The names, separated by commas.
@@ -102,10 +102,10 @@ impl Models {
     }
 
     /// All models of global descriptors, with their files.
-    pub fn globals(&self) -> impl Iterator<Item = FoundGlobal<'_>> {
+    pub fn globals(&self) -> impl Iterator<Item = GlobalModelFiles<'_>> {
         self.globals.iter().map(|description| {
             let files = description.files().map(|files| self.found(description.name(), files, &[]));
-            FoundGlobal { description, files: files.collect() }
+            GlobalModelFiles { description, files: files.collect() }
         })
     }
 

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
 use veiloc_simd::Backend;
-use veiloc_simd::sift::{DESCRIPTOR, PatchMemory, Patches, View};
+use veiloc_simd::sift::{BlurredImage, DESCRIPTOR, PatchMemory, Patches};
 
 pub use options::{Border, SiftOptions};
 
@@ -38,7 +38,7 @@ use extrema::Extremum;
 use octave::Octave;
 
 /// Radius of a descriptor's window, as a multiple of the keypoint's scale.
-pub(crate) const REACH: f64 = veiloc_simd::sift::REACH as f64;
+pub(crate) const PATCH_RADIUS: f64 = veiloc_simd::sift::PATCH_RADIUS as f64;
 
 /// Finds keypoints and describes them, strongest first.
 ///
@@ -101,7 +101,7 @@ fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32
 
 /// Whether gradients of the descriptor window lie outside of the image, or have no neighbour on one side.
 fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
-    let reach = veiloc_simd::sift::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
+    let reach = veiloc_simd::sift::PATCH_RADIUS * sigma_of_level(f64::from(extremum.level)) as f32;
     let over = |at: f32, size: usize| at - reach < 1.0 || at + reach > size as f32 - 2.0;
     over(extremum.x, octave.width()) || over(extremum.y, octave.height())
 }
@@ -121,13 +121,13 @@ fn describe(
     let continued;
     if options.border == Border::Mirrored && over_border(extremum, octave) {
         // The patch plus one sample around it, for gradients at its border.
-        let reach = (veiloc_simd::sift::REACH * sigma as f32).ceil() as usize + 2;
+        let reach = (veiloc_simd::sift::PATCH_RADIUS * sigma as f32).ceil() as usize + 2;
         let corner = centre.map(|c| c.floor() as isize - reach as isize);
         continued = plane.mirrored(corner, [2 * reach + 2; 2]);
         plane = &continued;
         centre = [centre[0] - corner[0] as f32, centre[1] - corner[1] as f32];
     }
-    let Some(view) = View::new(&plane.data, plane.stride, plane.width, plane.height) else {
+    let Some(view) = BlurredImage::new(&plane.data, plane.stride, plane.width, plane.height) else {
         return Vec::new();
     };
     let bins = patches.directions(view, centre, sigma as f32, memory);

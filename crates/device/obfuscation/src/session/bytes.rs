@@ -32,14 +32,13 @@ impl Session {
         let mut out = Writer(Vec::new());
         out.bytes(MAGIC);
         out.word(VERSION);
-        let SessionOptions { anchors, band_deg, most_correction_deg, step, memory, max_starts } =
-            self.options;
+        let SessionOptions { anchors, band_deg, max_correction_deg, step, memory, max_starts } = self.options;
         out.byte(match anchors {
             SessionAnchors::Image => 0,
             SessionAnchors::World => 1,
             SessionAnchors::Gravity => 2,
         });
-        out.numbers(&[band_deg, most_correction_deg, step]);
+        out.numbers(&[band_deg, max_correction_deg, step]);
         out.byte(memory.into());
         out.word(max_starts.unwrap_or(ANY));
         out.bytes(&self.key);
@@ -102,9 +101,9 @@ impl Session {
             2 => SessionAnchors::Gravity,
             _ => return Err(damaged("anchors")),
         };
-        let [band_deg, most_correction_deg, step] = reader.numbers()?;
+        let [band_deg, max_correction_deg, step] = reader.numbers()?;
         let is_angle = |degrees: f64| (0.0..=180.0).contains(&degrees);
-        if !(is_angle(band_deg) && is_angle(most_correction_deg) && (0.0..=1.0).contains(&step)) {
+        if !(is_angle(band_deg) && is_angle(max_correction_deg) && (0.0..=1.0).contains(&step)) {
             return Err(damaged("options"));
         }
         let memory = reader.flag()?;
@@ -112,7 +111,7 @@ impl Session {
         let options = SessionOptions {
             anchors,
             band_deg,
-            most_correction_deg,
+            max_correction_deg,
             step,
             memory,
             max_starts: (most != ANY).then_some(most),

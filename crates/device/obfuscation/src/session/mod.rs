@@ -193,7 +193,7 @@ impl Session {
         let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
         if placement.turned_away || placement.dropped.contains(&true) {
             // Not stored: the layout of such a frame would not serve the next one either.
-            query.check_sides().map_err(|lopsided| SealError::TurnedAway { few: lopsided.few })?;
+            query.check_sides().map_err(|unbalanced| SealError::TurnedAway { few: unbalanced.few })?;
         }
         self.frames = self.frames.saturating_add(1);
         (self.start, self.starts) = (placement.start, placement.starts);

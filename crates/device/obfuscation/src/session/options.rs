@@ -57,7 +57,7 @@ pub struct SessionOptions {
     /// Largest correction of a measured orientation by recognized keypoints, degrees. Default 1.5: more than the error
     /// of gyroscopes and odometry within a session, and less than the parallax of a step. Without memory nothing is
     /// corrected.
-    pub most_correction_deg: f64,
+    pub max_correction_deg: f64,
     /// Width of the cells on which angles are quantized, radians; 0 disables the grid, and angles are dithered anew in
     /// each frame as in [`crate::seal`], so that those of a resting camera scatter. Default 0.002: coarser cells cost
     /// accuracy where images are sharp (decision 0019).
@@ -76,7 +76,7 @@ impl Default for SessionOptions {
         Self {
             anchors: SessionAnchors::World,
             band_deg: 0.5,
-            most_correction_deg: 1.5,
+            max_correction_deg: 1.5,
             step: 0.002,
             memory: true,
             max_starts: Some(2),
@@ -102,7 +102,7 @@ impl SessionOptions {
     /// These options with another limit for the correction of orientations, degrees.
     #[must_use]
     pub const fn with_max_correction_deg(mut self, most: f64) -> Self {
-        self.most_correction_deg = most;
+        self.max_correction_deg = most;
         self
     }
 

@@ -61,13 +61,13 @@ impl Orientation {
 /// The same for an exact direction.
 fn levelled(down: Vector3<f64>) -> Option<Rotation3<f64>> {
     // Looking at the ground the image's upper end points ahead, looking at the sky its lower end.
-    let ahead = if down.z.abs() < MOST_STEEP { Vector3::z() } else { Vector3::y() * -down.z.signum() };
+    let ahead = if down.z.abs() < MAX_STEEPNESS { Vector3::z() } else { Vector3::y() * -down.z.signum() };
     let ahead = (ahead - down * down.dot(&ahead)).try_normalize(1e-9)?;
     Some(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[down.cross(&ahead), down, ahead])))
 }
 
 /// Cosine between viewing direction and vertical above which the horizontal component of the former is undefined.
-const MOST_STEEP: f64 = 0.9;
+const MAX_STEEPNESS: f64 = 0.9;
 
 // An orientation must not appear in logs.
 impl std::fmt::Debug for Orientation {

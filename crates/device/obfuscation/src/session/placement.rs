@@ -100,7 +100,7 @@ fn continue_start(
     let matched = session.memory.matched(&features.descriptors, session.starts);
     let pairs = session.memory.pairs(&matched, directions);
     let measured = held.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
-    let limit = session.options.most_correction_deg.to_radians();
+    let limit = session.options.max_correction_deg.to_radians();
     let cam_from_layout = match measured {
         Some(measured) => refine_rotation(&pairs, measured, limit),
         None => estimate_rotation(&pairs)?,
@@ -152,7 +152,7 @@ fn is_one_sided(
     let Scheme::Dcl(layout) = scheme else { return false };
     let pinhole = canonical.pinhole();
     let pencils = pencils(layout, &pinhole, turn);
-    let mut counts = [0; Anchor::MOST];
+    let mut counts = [0; Anchor::MAX_COUNT];
     for keypoint in &features.keypoints {
         if let Some(p) = camera.unproject(keypoint.pixel) {
             counts[pencils.anchor_of(pinhole.project(p)).index()] += 1;

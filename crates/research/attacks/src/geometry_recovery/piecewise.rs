@@ -65,7 +65,7 @@ impl NeighbourConstraint {
                     Observation::Pencil(row) => Some(row.anchor),
                     _ => None,
                 };
-                // Several stretches of one line are merged into the stretch from the first to the last.
+                // Several spans of one line are merged into the span from the first to the last.
                 let known = KnownSegment::hull(&observation, width, height);
                 let ends =
                     match extent {

@@ -9,14 +9,14 @@ use veiloc_features::FeatureError;
 use veiloc_features::learned::{Engine, Network, Tensor};
 
 use super::positions::InputModality;
-use crate::{AttackError, Descriptors};
+use crate::{AttackError, DecodedDescriptors};
 
 /// The supported version.
 const VERSION: i64 = 1;
 /// Maximum size of a description, bytes.
-const MOST_BYTES: u64 = 1 << 16;
+const MAX_BYTES: u64 = 1 << 16;
 /// Maximum length of a descriptor.
-const MOST_DIMENSION: usize = 8192;
+const MAX_DIMENSION: usize = 8192;
 
 /// What a network predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -77,11 +77,8 @@ impl NetworkDescription {
                 read.model
             ));
         }
-        if !(1..=MOST_DIMENSION).contains(&read.dimension) {
-            return Err(format!(
-                "its dimension is {}; it must be from 1 to {MOST_DIMENSION}",
-                read.dimension
-            ));
+        if !(1..=MAX_DIMENSION).contains(&read.dimension) {
+            return Err(format!("its dimension is {}; it must be from 1 to {MAX_DIMENSION}", read.dimension));
         }
         let given =
             [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.sees.is_some()];
@@ -188,7 +185,7 @@ impl DescribedNetwork {
     }
 
     /// Refuses descriptors with another length than the network's.
-    pub(super) fn check_dimension(&self, descriptors: &Descriptors) -> Result<(), AttackError> {
+    pub(super) fn check_dimension(&self, descriptors: &DecodedDescriptors) -> Result<(), AttackError> {
         let (expected, found) = (self.dimension, descriptors.dimension());
         if found == expected { Ok(()) } else { Err(AttackError::Dimensions { expected, found }) }
     }
@@ -222,10 +219,10 @@ impl DescribedNetwork {
 /// The text of a description.
 fn read_description(file: &Path) -> Result<String, String> {
     let mut bytes = Vec::new();
-    let opened = File::open(file).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes));
+    let opened = File::open(file).and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes));
     opened.map_err(|error| format!("it cannot be read: {error}"))?;
-    if bytes.len() as u64 > MOST_BYTES {
-        return Err(format!("it has more than {MOST_BYTES} bytes"));
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(format!("it has more than {MAX_BYTES} bytes"));
     }
     String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text".to_owned())
 }

@@ -31,10 +31,10 @@ pub mod positions;
 
 use veiloc_features::learned::Tensor;
 
-use crate::Descriptors;
+use crate::DecodedDescriptors;
 
 /// `[1, N, dimension]`, each row scaled to a squared norm equal to its length.
-fn rows(descriptors: &Descriptors) -> Tensor {
+fn rows(descriptors: &DecodedDescriptors) -> Tensor {
     let scale = (descriptors.dimension() as f32).sqrt();
     let shape = vec![1, descriptors.len(), descriptors.dimension()];
     Tensor { shape, data: descriptors.columns().iter().map(|x| x * scale).collect() }

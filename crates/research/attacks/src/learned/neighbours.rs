@@ -14,7 +14,7 @@ use veiloc_geometry::nalgebra::DMatrix;
 
 use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
-use crate::{AttackError, Descriptors, NeighbourLists, likeliest_pairs};
+use crate::{AttackError, DecodedDescriptors, NeighbourLists, likeliest_pairs};
 
 /// Predicts from descriptors alone which keypoints are neighbours.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ impl NeighbourNetwork {
     /// # Errors
     /// [`AttackError::Dimensions`] when the descriptors have another dimension than the network's,
     /// [`AttackError::Features`] when the network cannot run.
-    pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
+    pub fn predict(&self, descriptors: &DecodedDescriptors, k: usize) -> Result<NeighbourLists, AttackError> {
         self.0.check_dimension(descriptors)?;
         let count = descriptors.len();
         if count == 0 {

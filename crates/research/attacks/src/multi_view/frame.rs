@@ -1,6 +1,6 @@
 //! Input and output of the attack: frames, model parameters, and the estimate of a keypoint.
 
-use crate::{AttackError, Descriptors, Observation};
+use crate::{AttackError, DecodedDescriptors, Observation};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
 
 /// One sealed query with the pose that the server estimated.
@@ -14,7 +14,7 @@ pub struct Frame<'a> {
     /// ignored, because they say nothing about lines.
     pub observations: &'a [Observation],
     /// `[N]`: the sent descriptors.
-    pub descriptors: &'a Descriptors,
+    pub descriptors: &'a DecodedDescriptors,
 }
 
 /// Options of the triangulation of keypoints from lines.
@@ -97,11 +97,11 @@ impl TriangulatedKeypoint {
 
     /// Whether chance cannot explain the agreement, and the posterior is concentrated within a few pixels.
     pub fn is_accepted(&self) -> bool {
-        self.by_chance < MOST_BY_CHANCE && self.within >= LEAST_WITHIN
+        self.by_chance < MAX_CHANCE && self.within >= MIN_WITHIN
     }
 }
 
-const MOST_BY_CHANCE: f64 = 0.1;
-const LEAST_WITHIN: f64 = 0.9;
+const MAX_CHANCE: f64 = 0.1;
+const MIN_WITHIN: f64 = 0.9;
 /// Distance of [`TriangulatedKeypoint::within`], pixels.
 pub(crate) const NEAR_PX: f64 = 10.0;

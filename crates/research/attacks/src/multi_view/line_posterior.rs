@@ -21,7 +21,7 @@ const AGREES: f64 = 2.5;
 /// The maximum is refined when half of the probability lies within this distance, pixels.
 const SHARP: f64 = 6.0;
 const ROUNDS: usize = 10;
-const LONGEST: f64 = 10.0;
+const MAX_LENGTH: f64 = 10.0;
 
 /// The attacked keypoint.
 pub(crate) struct AttackedKeypoint {
@@ -182,7 +182,7 @@ impl AttackedKeypoint {
             if (s <= depths.limits[0] && step.y >= 0.0) || (s >= depths.limits[1] && step.y <= 0.0) {
                 step = Vector2::new(gradient.x / normal[(0, 0)], 0.0);
             }
-            let moved = (t - step.x.clamp(-LONGEST, LONGEST)).clamp(segment.near, segment.far);
+            let moved = (t - step.x.clamp(-MAX_LENGTH, MAX_LENGTH)).clamp(segment.near, segment.far);
             if (moved - start.t).abs() > 2.0 * SHARP {
                 // The iteration left the maximum it started from.
                 return (start.t, start.log_depth);

@@ -53,7 +53,7 @@ pub(crate) struct Plane<'a> {
     normal: Vector3<f64>,
     /// `normal · translation`.
     by_depth: f64,
-    /// For a pencil: its origin, and the stretches that can hold the keypoint.
+    /// For a pencil: its origin, and the spans that can hold the keypoint.
     row: Option<PencilRow>,
     /// Prior probability of this line: one over the number of candidates.
     share: f64,
@@ -116,7 +116,7 @@ impl RayPlane<'_, '_> {
         let spread = match &plane.row {
             _ if !c.contains(at, MARGIN) => 0.0,
             Some(row) if !row.holds(at, MARGIN) => 0.0,
-            Some(row) => match row.begins() {
+            Some(row) => match row.origin() {
                 Some(anchor) => std::f64::consts::PI * at.distance(&anchor),
                 None => plane.across,
             },

@@ -16,7 +16,7 @@
 //! lines, a permuted position, a keypoint at the border of two anchors), they intersect in it, and the answer is the
 //! posterior of `multi_view_attack` for cameras with one centre.
 
-use crate::{AttackError, Descriptors, KnownSegment, Observation, PencilRow};
+use crate::{AttackError, DecodedDescriptors, KnownSegment, Observation, PencilRow};
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{CameraFromWorld, Pinhole};
@@ -193,7 +193,7 @@ fn by_scatter(
     options: &RestingOptions,
 ) -> TriangulatedKeypoint {
     let segment = KnownSegment::hull(&Observation::Pencil(*row), width, height);
-    let Some(segment) = segment.filter(|s| !s.is_empty() && row.begins().is_some()) else {
+    let Some(segment) = segment.filter(|s| !s.is_empty() && row.origin().is_some()) else {
         return TriangulatedKeypoint::NO_MATCH;
     };
     // Angles without rounding are very narrow cells, in which the density is constant.
@@ -276,7 +276,7 @@ fn by_intersection(
         focal: [side; 2],
         principal: [0.5 * f64::from(width), 0.5 * f64::from(height)],
     };
-    let Ok(descriptors) = Descriptors::new(&[], 1) else { return TriangulatedKeypoint::NO_MATCH };
+    let Ok(descriptors) = DecodedDescriptors::new(&[], 1) else { return TriangulatedKeypoint::NO_MATCH };
     let frame = Frame {
         camera,
         cam_from_world: CameraFromWorld::identity(),

@@ -34,7 +34,7 @@ const AROUND: usize = 12;
 /// distance.
 const OUTLIER: f64 = 3.0;
 /// Minimum number of vectors of a flow.
-const FEWEST: usize = 8;
+const MIN_KEYPOINTS: usize = 8;
 /// Distances below this many pixels have equal weight.
 const REACH: f64 = 15.0;
 /// Change of the flow per pixel of distance from the nearest vector that the affine fit does not explain.
@@ -54,7 +54,7 @@ impl Flow {
             (v.moved - middle).norm() <= OUTLIER * spread.max(DETECTOR)
         };
         let kept: Vec<FlowVector> = all.vectors.iter().filter(|v| agrees(v)).copied().collect();
-        (kept.len() >= FEWEST).then_some(Self { vectors: kept })
+        (kept.len() >= MIN_KEYPOINTS).then_some(Self { vectors: kept })
     }
 
     /// Position in the query of a point of the map image: a locally weighted affine fit with soft rejection of
@@ -167,8 +167,8 @@ mod tests {
     #[test]
     fn too_few_vectors_give_no_flow_and_coincident_vectors_no_panic() {
         let one = FlowVector { from: Vector2::new(5.0, 5.0), moved: Vector2::new(1.0, 0.0) };
-        assert_eq!(Flow::new(vec![one; FEWEST - 1]), None);
-        let warped = Flow::new(vec![one; FEWEST]).expect("enough").warp(Pixel::new(300.0, 5.0));
+        assert_eq!(Flow::new(vec![one; MIN_KEYPOINTS - 1]), None);
+        let warped = Flow::new(vec![one; MIN_KEYPOINTS]).expect("enough").warp(Pixel::new(300.0, 5.0));
         assert!((warped.pixel.u - 301.0).abs() < 1e-6 && warped.sigma > 20.0, "{warped:?}");
     }
 }

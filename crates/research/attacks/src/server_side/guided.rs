@@ -24,7 +24,7 @@ use veiloc_geometry::Pixel;
 use super::known;
 use super::warp::{Candidate, DescriptorLikelihood, MapView, MatchedMapImage};
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownImage};
+use crate::features::{DecodedDescriptors, KnownImage};
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
@@ -73,7 +73,7 @@ impl GuidedEstimate {
 /// [`AttackError::Dimensions`] when the descriptors of a map image have another dimension,
 /// [`AttackError::FrameDescriptors`] when the numbers of descriptors and observations differ.
 pub fn guided_transfer(
-    query: &Descriptors,
+    query: &DecodedDescriptors,
     observations: &[Observation],
     map: &[KnownImage],
     size: (u32, u32),

@@ -4,7 +4,7 @@ use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
 
 use super::flow::{Flow, FlowVector, WarpedPoint};
-use crate::features::{Descriptors, KnownImage};
+use crate::features::{DecodedDescriptors, KnownImage};
 use crate::prior::KnownSegment;
 
 /// A keypoint of a map image that may match the hidden one.
@@ -25,7 +25,7 @@ pub(super) struct MatchedMapImage<'a> {
 }
 
 impl<'a> MatchedMapImage<'a> {
-    pub(super) fn new(query: &Descriptors, image: &'a KnownImage) -> Self {
+    pub(super) fn new(query: &DecodedDescriptors, image: &'a KnownImage) -> Self {
         let similarity = image.descriptors().cosines(query);
         let mutual = mutual(&similarity);
         Self { image, similarity, mutual }

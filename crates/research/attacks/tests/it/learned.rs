@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::learned::inversion::{InversionNetwork, PositionKnowledge};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::learned::positions::{InputModality, PositionNetwork, position_accuracy, recover};
-use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
+use veiloc_attacks::{AttackError, DecodedDescriptors, KnownImage, Observation, prior_only};
 use veiloc_features::learned::{Engine, Network, Tensor};
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::audit::obfuscate_points;
@@ -35,7 +35,7 @@ fn image(seed: u64) -> KnownImage {
         (0..120).map(|_| Pixel::new(rng.random_range(0.0..320.0), rng.random_range(0.0..240.0))).collect();
     let bytes: Vec<u8> =
         keypoints.iter().flat_map(|p| (0..12).map(move |i| 200 * u8::from(i == field(*p)))).collect();
-    let descriptors = Descriptors::new(&bytes, 12).expect("whole");
+    let descriptors = DecodedDescriptors::new(&bytes, 12).expect("whole");
     KnownImage::new(keypoints, descriptors, SIZE[0], SIZE[1]).expect("one each")
 }
 
@@ -92,12 +92,12 @@ fn other_schemes_and_descriptors_are_refused() {
     let refused = recover(&network, &lines, image.descriptors(), 320, 240).expect_err("another scheme");
     assert!(matches!(refused, AttackError::Scheme { .. }), "{refused}");
     let sent = sent(&image, &network.scheme());
-    let short = Descriptors::new(&[1; 120 * 5], 5).expect("whole");
+    let short = DecodedDescriptors::new(&[1; 120 * 5], 5).expect("whole");
     let refused = recover(&network, &sent, &short, 320, 240).expect_err("another length");
     assert_eq!(refused, AttackError::Dimensions { expected: 12, found: 5 });
     let few = recover(&network, &sent[1..], image.descriptors(), 320, 240).expect_err("one too many");
     assert!(matches!(few, AttackError::DescriptorCount { .. }), "{few}");
-    let none = Descriptors::new(&[], 12).expect("none");
+    let none = DecodedDescriptors::new(&[], 12).expect("none");
     assert!(recover(&network, &[], &none, 320, 240).expect("nothing to do").is_empty());
 }
 
@@ -115,9 +115,9 @@ fn neighbours_have_similar_embeddings() {
         let same = lists.of(i).iter().filter(|j| field(image.keypoints()[**j as usize]) == own).count();
         assert_eq!(same, others.min(5), "keypoint {i}: equal descriptors are the likeliest");
     }
-    let none = Descriptors::new(&[], 12).expect("none");
+    let none = DecodedDescriptors::new(&[], 12).expect("none");
     assert_eq!(network.predict(&none, 5).expect("nothing to do").len(), 0);
-    let short = Descriptors::new(&[1; 10], 5).expect("whole");
+    let short = DecodedDescriptors::new(&[1; 10], 5).expect("whole");
     assert!(matches!(network.predict(&short, 5), Err(AttackError::Dimensions { expected: 12, found: 5 })));
 }
 
@@ -133,7 +133,7 @@ fn inverted_image_depends_on_descriptors_in_cells() {
         [Pixel::new(5.0, 5.0), Pixel::new(9.9, 0.0), Pixel::new(300.0, 235.0), Pixel::new(320.0, 5.0)];
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let bytes: Vec<u8> = (0..4 * 128).map(|_| rng.random_range(0..=255)).collect();
-    let descriptors = Descriptors::new(&bytes, 128).expect("whole");
+    let descriptors = DecodedDescriptors::new(&bytes, 128).expect("whole");
     let made = network.invert(&descriptors, SIZE, PositionKnowledge::Positions(&positions), 1).expect("made");
 
     let kernel = synthetic_values(3 * 129, 1, 0.5);
@@ -170,7 +170,7 @@ fn inverted_image_depends_on_descriptors_in_cells() {
     assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
     assert!(wide.visibility.expect("a visibility output").iter().all(|value| value.is_finite()));
     // Without positions, and without descriptors: one colour.
-    let none = Descriptors::new(&[], 128).expect("none");
+    let none = DecodedDescriptors::new(&[], 128).expect("none");
     for (descriptors, known) in
         [(&descriptors, PositionKnowledge::None), (&none, PositionKnowledge::Positions(&[]))]
     {
@@ -191,7 +191,7 @@ fn inverted_image_depends_on_descriptors_in_cells() {
 
 #[test]
 fn invalid_network_outputs_are_refused() {
-    let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
+    let descriptors = DecodedDescriptors::new(&[7; 128], 128).expect("whole");
     for (name, expected) in [("nan.toml", "values that are not finite"), ("half.toml", "wrong shape")] {
         let network = InversionNetwork::open(&data(name)).expect("it can be read");
         let positions = [Pixel::new(5.0, 5.0)];
@@ -299,7 +299,7 @@ fn damaged_networks_do_not_panic() {
     let text = std::fs::read_to_string(data("inversion.toml")).expect("text");
     std::fs::write(folder.path().join("inversion.toml"), text).expect("written");
     let whole = std::fs::read(data("inversion.onnx")).expect("bytes");
-    let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
+    let descriptors = DecodedDescriptors::new(&[7; 128], 128).expect("whole");
     let positions = [Pixel::new(5.0, 5.0)];
     let run = |bytes: &[u8]| {
         std::fs::write(folder.path().join("inversion.onnx"), bytes).expect("written");

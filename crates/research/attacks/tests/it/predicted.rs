@@ -3,8 +3,8 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, Descriptors, ErrorSummary, KnownImage, NeighbourLists, NeighbourPredictor, Observation,
-    errors_px, lift, prior_only, transfer,
+    AttackError, DecodedDescriptors, ErrorSummary, KnownImage, NeighbourLists, NeighbourPredictor,
+    Observation, errors_px, lift, prior_only, transfer,
 };
 use veiloc_geometry::{Pencils, Pixel};
 
@@ -34,7 +34,7 @@ fn image(seed: u64, signal: f64) -> (Vec<Pixel>, Vec<u8>) {
 }
 
 fn known((keypoints, bytes): (Vec<Pixel>, Vec<u8>)) -> KnownImage {
-    let descriptors = Descriptors::new(&bytes, DIMENSION).expect("whole descriptors");
+    let descriptors = DecodedDescriptors::new(&bytes, DIMENSION).expect("whole descriptors");
     KnownImage::new(keypoints, descriptors, 640, 480).expect("one each")
 }
 
@@ -44,7 +44,7 @@ fn neighbours_are_predicted_from_smooth_texture_and_not_from_noise() {
         let training: Vec<KnownImage> = (0..4).map(|s| known(image(s, signal))).collect();
         let predictor = NeighbourPredictor::fit(&training, 20).expect("something to learn");
         let (keypoints, bytes) = image(99, signal);
-        let victim = Descriptors::new(&bytes, DIMENSION).expect("whole");
+        let victim = DecodedDescriptors::new(&bytes, DIMENSION).expect("whole");
         let predicted = predictor.predict(&victim, 20).expect("the same dimension");
         for i in 0..keypoints.len() {
             assert_eq!(predicted.of(i).len(), 20);
@@ -76,7 +76,7 @@ fn map_image_of_the_same_scene_gives_positions_and_neighbours() {
         .map(|b| b.saturating_add(rng.random_range(0..4)))
         .collect();
     let map = [known(image(6, 1.0)), known((shifted, noisy))];
-    let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
+    let query = DecodedDescriptors::new(&bytes, DIMENSION).expect("whole");
     let found = transfer(&query, &map, (640, 480), 1, 20).expect("the same dimension");
     let sent = lift::dual_convergent(&keypoints, &Pencils::paper(640, 480));
     let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &keypoints)).median_px;
@@ -93,7 +93,7 @@ fn map_image_of_the_same_scene_gives_positions_and_neighbours() {
 #[test]
 fn positions_are_projected_on_the_nearer_line_and_known_ones_kept() {
     let (keypoints, bytes) = image(5, 1.0);
-    let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
+    let query = DecodedDescriptors::new(&bytes, DIMENSION).expect("whole");
     let map = [known((keypoints.clone(), bytes))];
     let found = transfer(&query, &map, (640, 480), 1, 5).expect("the same dimension");
     let either: Vec<Observation> =
@@ -110,13 +110,14 @@ fn positions_are_projected_on_the_nearer_line_and_known_ones_kept() {
 
 #[test]
 fn mismatched_dimensions_are_refused() {
-    assert!(matches!(Descriptors::new(&[1, 2, 3], 2), Err(AttackError::Descriptors { .. })));
-    assert!(matches!(Descriptors::new(&[1], 0), Err(AttackError::Descriptors { .. })));
-    let two = Descriptors::new(&[1, 2, 3, 4], 2).expect("two of dimension 2");
+    assert!(matches!(DecodedDescriptors::new(&[1, 2, 3], 2), Err(AttackError::Descriptors { .. })));
+    assert!(matches!(DecodedDescriptors::new(&[1], 0), Err(AttackError::Descriptors { .. })));
+    let two = DecodedDescriptors::new(&[1, 2, 3, 4], 2).expect("two of dimension 2");
     let count = KnownImage::new(vec![Pixel::new(1.0, 1.0)], two.clone(), 9, 9);
     assert!(matches!(count, Err(AttackError::DescriptorCount { keypoints: 1, descriptors: 2 })));
     assert_eq!(NeighbourPredictor::fit(&[], 20), Err(AttackError::NothingToLearn));
-    let one = KnownImage::new(vec![Pixel::new(1.0, 1.0)], Descriptors::new(&[1, 2], 2).expect("one"), 9, 9);
+    let one =
+        KnownImage::new(vec![Pixel::new(1.0, 1.0)], DecodedDescriptors::new(&[1, 2], 2).expect("one"), 9, 9);
     assert_eq!(NeighbourPredictor::fit(&[one.expect("one")], 20), Err(AttackError::NothingToLearn));
     let predictor = NeighbourPredictor::fit(&[known(image(0, 1.0))], 20).expect("something to learn");
     let dimensions = AttackError::Dimensions { expected: DIMENSION, found: 2 };

@@ -3,9 +3,9 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, Descriptors, ErrorSummary, GraphOptions, GuidedOptions, KnownImage,
-    LineNeighbours, NeighbourLists, Observation, closed_form, errors_px, graph, guided_transfer, iterative,
-    lift, server_side, transfer,
+    AttackError, ClosedFormOptions, DecodedDescriptors, ErrorSummary, GraphOptions, GuidedOptions,
+    KnownImage, LineNeighbours, NeighbourLists, Observation, closed_form, errors_px, graph, guided_transfer,
+    iterative, lift, server_side, transfer,
 };
 use veiloc_geometry::{Pencils, Pixel};
 
@@ -147,7 +147,7 @@ fn known_positions_help_graph_attack_with_false_neighbours() {
 
 /// A query and a map image of one scene, rotated, scaled and moved. Every other keypoint has a unique descriptor;
 /// each of the others shares its descriptor with `copies` keypoints all over the image.
-fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownImage) {
+fn alike(copies: usize) -> (Vec<Pixel>, DecodedDescriptors, KnownImage) {
     let truth = uniform(900, 8);
     let moved: Vec<Pixel> = truth
         .iter()
@@ -160,7 +160,7 @@ fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownImage) {
         let mut noisy = |i: usize| kinds[kind(i)].map(|b| b.saturating_add(rng.random_range(0..12)));
         (0..900).flat_map(&mut noisy).collect()
     };
-    let of = |bytes: Vec<u8>| Descriptors::new(&bytes, 32).expect("whole");
+    let of = |bytes: Vec<u8>| DecodedDescriptors::new(&bytes, 32).expect("whole");
     let (query, map) = (of(bytes(0)), of(bytes(1)));
     (truth, query, KnownImage::new(moved, map, 640, 480).expect("one descriptor a keypoint"))
 }
@@ -198,7 +198,7 @@ fn guided_transfer_without_inliers_has_no_answers() {
 
     let refused = attack(&none[1..], std::slice::from_ref(&map));
     assert_eq!(refused, Err(AttackError::FrameDescriptors { frame: 0, observations: 899, descriptors: 900 }));
-    let two = Descriptors::new(&[1, 2], 2).expect("whole");
+    let two = DecodedDescriptors::new(&[1, 2], 2).expect("whole");
     let other = KnownImage::new(vec![Pixel::new(1.0, 1.0)], two, 640, 480).expect("one");
     assert_eq!(attack(&none, &[other]), Err(AttackError::Dimensions { expected: 32, found: 2 }));
 }

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use crate::error::DatasetError;
 
 /// Maximum length of a line; longer lines are refused before they fill the memory.
-const LONGEST_LINE: u64 = 256 << 20;
+const MAX_LINE_BYTES: u64 = 256 << 20;
 
 /// Name of a file in tables: without folders.
 pub fn display_name(path: &Path) -> String {
@@ -34,12 +34,12 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<(usize, T)>, Dataset
     let mut line = Vec::new();
     for number in 1.. {
         line.clear();
-        let read = reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line).map_err(io)?;
+        let read = reader.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut line).map_err(io)?;
         if read == 0 {
             break;
         }
         let fault = |reason: String| DatasetError::Line { path: path.to_owned(), line: number, reason };
-        if line.len() as u64 == LONGEST_LINE {
+        if line.len() as u64 == MAX_LINE_BYTES {
             return Err(fault("the line is longer than 256 MiB".to_owned()));
         }
         if line.iter().all(u8::is_ascii_whitespace) {

@@ -42,7 +42,7 @@ struct Line {
 
 /// Limits of image side and number of keypoints; larger values are refused.
 const LARGEST_SIDE: u32 = 1 << 16;
-const MOST_KEYPOINTS: usize = 1 << 17;
+const MAX_KEYPOINTS: usize = 1 << 17;
 
 /// Reads all images of a `keypoints.jsonl` or `keypoints.jsonl.gz`.
 ///
@@ -62,8 +62,8 @@ fn image(line: Line) -> Result<KeypointImage, String> {
     if !(1..=LARGEST_SIDE).contains(&line.width) || !(1..=LARGEST_SIDE).contains(&line.height) {
         return Err(format!("an image size of {} x {} pixels is not allowed", line.width, line.height));
     }
-    if line.keypoints.len() > MOST_KEYPOINTS {
-        return Err(format!("{} keypoints exceed the limit of {MOST_KEYPOINTS}", line.keypoints.len()));
+    if line.keypoints.len() > MAX_KEYPOINTS {
+        return Err(format!("{} keypoints exceed the limit of {MAX_KEYPOINTS}", line.keypoints.len()));
     }
     let keypoints: Vec<Pixel> = line.keypoints.iter().map(|k| Pixel::new(k[0], k[1])).collect();
     if let Some(i) = keypoints.iter().position(|p| !p.is_finite()) {

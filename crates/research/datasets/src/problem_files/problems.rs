@@ -8,7 +8,7 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
 use veiloc_pose::prior::{Evidence, match_probability};
-use veiloc_pose::{Gravity, SeenFrom};
+use veiloc_pose::{Gravity, MatchViewpoint};
 
 use crate::error::DatasetError;
 use crate::problem_files::json_lines;
@@ -37,7 +37,7 @@ pub struct Problem {
     /// Map images that see the point, `[matches]`.
     pub track_length: Option<Vec<u32>>,
     /// Viewpoint from which the proposing map image of each match saw the point, `[matches]`.
-    pub seen_from: Option<Vec<SeenFrom>>,
+    pub seen_from: Option<Vec<MatchViewpoint>>,
     /// Direction of gravity, if the file has one: `gravity_in_camera` as the device measured it, and
     /// `gravity_in_world`, the same direction in the map, −z by default. Both point down; any length but zero.
     pub gravity: Option<Gravity>,
@@ -176,7 +176,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     {
         return Err(format!("seen_from[{i}] is not a camera; give x, y, z and a focal length above 0"));
     }
-    let seen_from = |[x, y, z, focal_px]: [f64; 4]| SeenFrom { center: Point3::new(x, y, z), focal_px };
+    let seen_from = |[x, y, z, focal_px]: [f64; 4]| MatchViewpoint { center: Point3::new(x, y, z), focal_px };
     let gravity = gravity(line.gravity_in_camera, line.gravity_in_world)?;
     Ok(Problem {
         name: line.name,
@@ -204,7 +204,7 @@ fn gravity(in_camera: Option<[f64; 3]>, in_world: Option<[f64; 3]>) -> Result<Op
         is_direction.then_some(v).ok_or_else(|| format!("{what} is not a direction"))
     };
     match (in_camera, in_world) {
-        (Some(camera), world) => Ok(Some(Gravity::felt(
+        (Some(camera), world) => Ok(Some(Gravity::from_accelerometer(
             direction("gravity_in_camera", camera)?,
             direction("gravity_in_world", world.unwrap_or(DOWN))?,
         ))),

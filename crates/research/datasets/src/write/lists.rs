@@ -5,7 +5,7 @@ use std::path::Path;
 
 use veiloc_geometry::CameraFromWorld;
 
-use super::Lens;
+use super::DatasetCamera;
 use crate::error::DatasetError;
 
 /// Creates the folder and writes the file atomically.
@@ -34,7 +34,7 @@ pub(crate) fn quaternion_and_translation(pose: &CameraFromWorld) -> impl Iterato
 }
 
 /// A VisualSFM model with cameras only.
-pub(crate) fn nvm(cameras: &[(String, CameraFromWorld)], lens: &Lens) -> String {
+pub(crate) fn nvm(cameras: &[(String, CameraFromWorld)], lens: &DatasetCamera) -> String {
     let mut out = format!("NVM_V3\n\n{}\n", cameras.len());
     for (name, pose) in cameras {
         let c = pose.center().coords;

@@ -12,7 +12,7 @@ use crate::{aachen, cambridge, radial, seven_scenes};
 
 /// The layout of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layout {
+pub enum DatasetLayout {
     /// 7Scenes, with both sources of poses.
     SevenScenes,
     /// Cambridge Landmarks.
@@ -23,7 +23,7 @@ pub enum Layout {
     AachenV1_1,
 }
 
-impl Layout {
+impl DatasetLayout {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::SevenScenes, Self::Cambridge, Self::Aachen, Self::AachenV1_1];
 
@@ -38,7 +38,7 @@ impl Layout {
     }
 }
 
-impl FromStr for Layout {
+impl FromStr for DatasetLayout {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -50,16 +50,16 @@ impl FromStr for Layout {
 
 /// A view of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct DatasetView {
     /// Its pose.
     pub cam_from_world: CameraFromWorld,
     /// Its purpose.
-    pub role: Role,
+    pub role: ViewRole,
 }
 
 /// Purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub enum ViewRole {
     /// A map image.
     Map,
     /// A query.
@@ -70,7 +70,7 @@ pub enum Role {
 
 /// Camera parameters that a layout can store, in pixels of an image of this size.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lens {
+pub struct DatasetCamera {
     /// Focal length, pixels.
     pub focal: f64,
     /// `r` of an NVM file; 0 for 7Scenes, which has no distortion.
@@ -79,13 +79,13 @@ pub struct Lens {
     pub size: (u32, u32),
 }
 
-impl Lens {
+impl DatasetCamera {
     /// Parameters for an image of this size, with the field of view of the data set's own images.
-    pub fn of(layout: Layout, size: (u32, u32)) -> Self {
+    pub fn of(layout: DatasetLayout, size: (u32, u32)) -> Self {
         let (focal, distortion) = match layout {
-            Layout::SevenScenes => (525.0 / 640.0, 0.0),
-            Layout::Cambridge => (1670.0 / 1920.0, 0.02),
-            Layout::Aachen | Layout::AachenV1_1 => (1084.59 / 1600.0, 0.0811),
+            DatasetLayout::SevenScenes => (525.0 / 640.0, 0.0),
+            DatasetLayout::Cambridge => (1670.0 / 1920.0, 0.02),
+            DatasetLayout::Aachen | DatasetLayout::AachenV1_1 => (1084.59 / 1600.0, 0.0811),
         };
         Self { focal: focal * f64::from(size.0), distortion, size }
     }
@@ -106,17 +106,17 @@ impl Lens {
 /// # Errors
 /// [`DatasetError::Io`] with the file's name, and the errors of `save`.
 pub fn write(
-    layout: Layout,
+    layout: DatasetLayout,
     root: &Path,
     scene: &str,
-    lens: &Lens,
-    views: &[View],
+    lens: &DatasetCamera,
+    views: &[DatasetView],
     save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     match layout {
-        Layout::SevenScenes => seven_scenes::write(root, scene, lens, views, save),
-        Layout::Cambridge => cambridge::write(root, scene, lens, views, save),
-        Layout::Aachen => aachen::write(root, aachen::Version::V1, lens, views, save),
-        Layout::AachenV1_1 => aachen::write(root, aachen::Version::V1_1, lens, views, save),
+        DatasetLayout::SevenScenes => seven_scenes::write(root, scene, lens, views, save),
+        DatasetLayout::Cambridge => cambridge::write(root, scene, lens, views, save),
+        DatasetLayout::Aachen => aachen::write(root, aachen::AachenVersion::V1, lens, views, save),
+        DatasetLayout::AachenV1_1 => aachen::write(root, aachen::AachenVersion::V1_1, lens, views, save),
     }
 }

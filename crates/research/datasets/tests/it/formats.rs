@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use veiloc_datasets::nvm::{parse, read_nvm};
-use veiloc_datasets::seven_scenes::Truth;
-use veiloc_datasets::write::{Layout, Lens, Role, View, write};
-use veiloc_datasets::{DatasetError, MissingImages, Place, aachen, cambridge, seven_scenes};
+use veiloc_datasets::seven_scenes::PoseSource;
+use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
+use veiloc_datasets::{DatasetError, DatasetScene, MissingImages, aachen, cambridge, seven_scenes};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_testdata::real_data_test;
@@ -17,7 +17,7 @@ fn seven_scenes_original_folders_are_read(data: &Path) {
     let root = data.join("formats/7scenes");
     assert_eq!(seven_scenes::scenes(&root).expect("scenes"), ["stairs"]);
     let depth =
-        seven_scenes::read_scene(&root, "stairs", &Truth::Depth, MissingImages::Refuse).expect("read");
+        seven_scenes::read_scene(&root, "stairs", &PoseSource::Depth, MissingImages::Refuse).expect("read");
     assert_eq!((depth.mapped.images().len(), depth.queries.len()), (6, 6));
     assert!(!depth.is_official && depth.remarks.is_empty());
     // `frame-000000.pose.txt` of the first sequence, a query, is a camera-to-world matrix: its last column is the
@@ -28,7 +28,7 @@ fn seven_scenes_original_folders_are_read(data: &Path) {
     assert!((center.x + 1.4903377).abs() < 1e-6 && (center.z + 0.054694783).abs() < 1e-6, "{center}");
     assert_eq!(first.camera.to_string(), "SIMPLE_PINHOLE,640,480,525,320,240");
 
-    let sfm = Truth::sfm_beside(&root);
+    let sfm = PoseSource::sfm_beside(&root);
     let refused =
         seven_scenes::read_scene(&root, "stairs", &sfm, MissingImages::Refuse).expect_err("most are missing");
     assert!(matches!(&refused, DatasetError::MissingImages { .. }), "{refused}");
@@ -79,8 +79,8 @@ fn cambridge_original_lists_are_read(data: &Path) {
 #[real_data_test]
 fn aachen_models_and_queries_are_read(data: &Path) {
     let root = data.join("formats/aachen");
-    let version = aachen::Version::in_folder(&root);
-    assert_eq!(version, aachen::Version::V1);
+    let version = aachen::AachenVersion::in_folder(&root);
+    assert_eq!(version, aachen::AachenVersion::V1);
     let day = ["day".to_owned()];
     let scene = aachen::read(&root, version, &day, None, MissingImages::Refuse).expect("read");
     assert_eq!((scene.mapped.images().len(), scene.queries.len()), (3, 4));
@@ -131,16 +131,21 @@ fn aachen_models_and_queries_are_read(data: &Path) {
 }
 
 /// Three views of a scene; the second and third are queries.
-fn views() -> Vec<View> {
+fn views() -> Vec<DatasetView> {
     let pose = |x: f64| {
         CameraFromWorld::new(Rotation3::from_euler_angles(0.1 * x, 0.3, -0.2), [x, 1.0, 0.25 * x].into())
     };
-    let view = |x, role| View { cam_from_world: pose(x), role };
-    vec![view(0.5, Role::Map), view(1.5, Role::Query), view(2.5, Role::NightQuery), view(3.5, Role::Map)]
+    let view = |x, role| DatasetView { cam_from_world: pose(x), role };
+    vec![
+        view(0.5, ViewRole::Map),
+        view(1.5, ViewRole::Query),
+        view(2.5, ViewRole::NightQuery),
+        view(3.5, ViewRole::Map),
+    ]
 }
 
-fn written(layout: Layout, root: &Path) -> Lens {
-    let lens = Lens::of(layout, (64, 48));
+fn written(layout: DatasetLayout, root: &Path) -> DatasetCamera {
+    let lens = DatasetCamera::of(layout, (64, 48));
     let save = &mut |_: usize, path: &Path| {
         image::GrayImage::new(64, 48).save(path).expect("saved");
         Ok(())
@@ -150,11 +155,12 @@ fn written(layout: Layout, root: &Path) -> Lens {
 }
 
 /// Checks that poses were read as written, with map images and queries in order.
-fn check_round_trip(scene: &Place, lens: &Lens) {
+fn check_round_trip(scene: &DatasetScene, lens: &DatasetCamera) {
     let near = |a: &CameraFromWorld, b: &CameraFromWorld| {
         a.translation_error(b) < 1e-9 && a.rotation_error_degrees(b) < 1e-5
     };
-    let (map, queries): (Vec<View>, Vec<View>) = views().into_iter().partition(|view| view.role == Role::Map);
+    let (map, queries): (Vec<DatasetView>, Vec<DatasetView>) =
+        views().into_iter().partition(|view| view.role == ViewRole::Map);
     assert_eq!((scene.mapped.images().len(), scene.queries.len()), (2, 2));
     for (image, view) in scene.mapped.images().iter().zip(&map) {
         assert!(near(&image.cam_from_world, &view.cam_from_world), "{}", image.name);
@@ -172,25 +178,26 @@ fn check_round_trip(scene: &Place, lens: &Lens) {
 fn layouts_round_trip() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let at = |name: &str| folder.path().join(name);
-    let lens = written(Layout::SevenScenes, &at("7scenes"));
-    for truth in [Truth::Depth, Truth::sfm_beside(&at("7scenes"))] {
+    let lens = written(DatasetLayout::SevenScenes, &at("7scenes"));
+    for truth in [PoseSource::Depth, PoseSource::sfm_beside(&at("7scenes"))] {
         check_round_trip(
             &seven_scenes::read_scene(&at("7scenes"), "room", &truth, MissingImages::Refuse).expect("read"),
             &lens,
         );
     }
-    let lens = written(Layout::Cambridge, &at("cambridge"));
+    let lens = written(DatasetLayout::Cambridge, &at("cambridge"));
     check_round_trip(
         &cambridge::read_scene(&at("cambridge"), "room", None, MissingImages::Refuse).expect("read"),
         &lens,
     );
     let conditions = aachen::CONDITIONS.map(str::to_owned);
-    for (layout, version) in
-        [(Layout::Aachen, aachen::Version::V1), (Layout::AachenV1_1, aachen::Version::V1_1)]
-    {
+    for (layout, version) in [
+        (DatasetLayout::Aachen, aachen::AachenVersion::V1),
+        (DatasetLayout::AachenV1_1, aachen::AachenVersion::V1_1),
+    ] {
         let root = at(layout.name());
         let lens = written(layout, &root);
-        assert_eq!(aachen::Version::in_folder(&root), version);
+        assert_eq!(aachen::AachenVersion::in_folder(&root), version);
         let truth = aachen::read_poses(&root.join("queries/poses.txt")).expect("read");
         let scene =
             aachen::read(&root, version, &conditions, Some(&truth), MissingImages::Refuse).expect("read");
@@ -204,8 +211,9 @@ fn layouts_round_trip() {
 fn damaged_lists_are_reported_with_line() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let root = folder.path();
-    written(Layout::SevenScenes, root);
-    let read = || seven_scenes::read_scene(root, "room", &Truth::sfm_beside(root), MissingImages::Refuse);
+    written(DatasetLayout::SevenScenes, root);
+    let read =
+        || seven_scenes::read_scene(root, "room", &PoseSource::sfm_beside(root), MissingImages::Refuse);
     let check_error = |file: &str, content: &str, what: &str| {
         let path = root.join(file);
         let old = std::fs::read(&path).expect("there");
@@ -231,7 +239,7 @@ fn damaged_lists_are_reported_with_line() {
     assert!(read().expect_err("refused").to_string().contains("visloc_pseudo_gt_limitations"));
     std::fs::write(root.join("room/seq-01/frame-000000.pose.txt"), "1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1\n")
         .expect("written");
-    let depth = seven_scenes::read_scene(root, "room", &Truth::Depth, MissingImages::Refuse);
+    let depth = seven_scenes::read_scene(root, "room", &PoseSource::Depth, MissingImages::Refuse);
     assert!(depth.expect_err("refused").to_string().contains("invalid rotation"));
 }
 

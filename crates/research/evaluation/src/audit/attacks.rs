@@ -11,7 +11,7 @@ use veiloc_attacks::{
 };
 
 use crate::EvalError;
-use crate::audit::attempt::{Answers, Attempt};
+use crate::audit::attempt::{AttackInput, RecoveredPositions};
 
 /// An attack that recovers keypoint positions. The attacks of this crate are in [`ATTACKS`]; a caller adds its own
 /// attack as another value of this type in [`crate::audit::AttackEvaluation::attacks`].
@@ -22,17 +22,17 @@ pub struct Attack {
     /// Name in sentences.
     pub words: &'static str,
     /// What the attacker must hold beside the sealed query, in words; empty for nothing. Neighbours are described by
-    /// [`Needs::neighbours`].
+    /// [`AttackRequirements::neighbours`].
     pub holds: &'static str,
     /// The same requirements as flags.
-    pub needs: Needs,
+    pub needs: AttackRequirements,
     /// Runs the attack. The generator is seeded by image and scheme.
-    pub run: fn(&Attempt<'_>, &mut ChaCha8Rng) -> Result<Answers, EvalError>,
+    pub run: fn(&AttackInput<'_>, &mut ChaCha8Rng) -> Result<RecoveredPositions, EvalError>,
 }
 
 /// Requirements of an attack beside the sent query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Needs {
+pub struct AttackRequirements {
     /// Neighbour lists.
     pub neighbours: bool,
     /// Predicted neighbours; those with the same anchor are restricted to rows with similar angles. The attack is
@@ -52,7 +52,7 @@ pub struct Needs {
     pub seals: bool,
 }
 
-impl Needs {
+impl AttackRequirements {
     /// No requirements: the sealed query alone.
     pub const NOTHING: Self = Self {
         neighbours: false,
@@ -73,7 +73,7 @@ impl Needs {
     }
 }
 
-const OF_SERVER: Needs = Needs { pose: true, ..Needs::NEIGHBOURS };
+const OF_SERVER: AttackRequirements = AttackRequirements { pose: true, ..AttackRequirements::NEIGHBOURS };
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
@@ -83,7 +83,7 @@ pub const ATTACKS: [Attack; 17] = [
         name: "learned-prior",
         words: "prior-only baseline with a learned density",
         holds: "keypoints of other images",
-        needs: Needs { other_images: true, ..Needs::NOTHING },
+        needs: AttackRequirements { other_images: true, ..AttackRequirements::NOTHING },
         run: |a, _| Ok(a.density.expected_positions(a.observations, a.size.0, a.size.1).into()),
     },
     Attack::CLOSED_FORM,
@@ -91,7 +91,7 @@ pub const ATTACKS: [Attack; 17] = [
         name: "closed-form-in-image",
         words: "closed form restricted to the image",
         holds: "",
-        needs: Needs::NEIGHBOURS,
+        needs: AttackRequirements::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::in_image()),
     },
     Attack::CLOSED_FORM_INFORMED,
@@ -99,14 +99,14 @@ pub const ATTACKS: [Attack; 17] = [
         name: "closed-form-consensus",
         words: "closed form with consensus",
         holds: "",
-        needs: Needs::NEIGHBOURS,
+        needs: AttackRequirements::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(a.size.0))),
     },
     Attack {
         name: "trained-positions",
         words: "position network on all rows",
         holds: "images of other people for training",
-        needs: Needs { trained: true, ..Needs::NOTHING },
+        needs: AttackRequirements { trained: true, ..AttackRequirements::NOTHING },
         run: |a, _| a.by_training(),
     },
     Attack::TRANSFER,
@@ -115,14 +115,14 @@ pub const ATTACKS: [Attack; 17] = [
         name: "graph-near-angles",
         words: "layout of the graph of neighbours with similar angles",
         holds: "",
-        needs: Needs { near_angles: true, ..Needs::NEIGHBOURS },
+        needs: AttackRequirements { near_angles: true, ..AttackRequirements::NEIGHBOURS },
         run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
     },
     Attack {
         name: "transfer-graph",
         words: "graph layout initialized with positions from a map",
         holds: "other images of the scene",
-        needs: Needs { map_images: true, ..Needs::NEIGHBOURS },
+        needs: AttackRequirements { map_images: true, ..AttackRequirements::NEIGHBOURS },
         run: |a, rng| laid_out(a, &GraphOptions::default().with_initial_positions(a.transferred()), rng),
     },
     Attack {
@@ -150,14 +150,14 @@ pub const ATTACKS: [Attack; 17] = [
         name: "guided-transfer",
         words: "positions transferred along the flow of inliers",
         holds: "a server that has found the pose, with the keypoints of its map images",
-        needs: Needs { map_images: true, pose: true, ..Needs::NOTHING },
+        needs: AttackRequirements { map_images: true, pose: true, ..AttackRequirements::NOTHING },
         run: |a, _| guided(a),
     },
     Attack {
         name: "several-frames",
         words: "triangulation of several frames",
         holds: "several queries of one scene whose poses a server has found",
-        needs: Needs { pose: true, frames: true, ..Needs::NOTHING },
+        needs: AttackRequirements { pose: true, frames: true, ..AttackRequirements::NOTHING },
         run: |a, _| a.by_frames(),
     },
     Attack::RESTING_CAMERA,
@@ -172,7 +172,7 @@ impl Attack {
         name: "prior",
         words: "prior-only baseline, from the single line",
         holds: "",
-        needs: Needs::NOTHING,
+        needs: AttackRequirements::NOTHING,
         run: |a, _| Ok(a.prior_only().into()),
     };
 
@@ -181,7 +181,7 @@ impl Attack {
         name: "closed-form",
         words: "the paper's attack (closed form)",
         holds: "",
-        needs: Needs::NEIGHBOURS,
+        needs: AttackRequirements::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::default()),
     };
 
@@ -190,7 +190,7 @@ impl Attack {
         name: "closed-form-informed",
         words: "closed form that knows the scheme",
         holds: "",
-        needs: Needs::NEIGHBOURS,
+        needs: AttackRequirements::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::informed()),
     };
 
@@ -199,7 +199,7 @@ impl Attack {
         name: "transfer",
         words: "positions transferred from a map",
         holds: "other images of the scene, with keypoints and descriptors",
-        needs: Needs { map_images: true, ..Needs::NOTHING },
+        needs: AttackRequirements { map_images: true, ..AttackRequirements::NOTHING },
         run: |a, _| Ok(a.transferred().into()),
     };
 
@@ -208,7 +208,7 @@ impl Attack {
         name: "resting-camera",
         words: "scatter of angles from a stationary camera",
         holds: "several queries of a stationary camera, or of one image",
-        needs: Needs { seals: true, ..Needs::NOTHING },
+        needs: AttackRequirements { seals: true, ..AttackRequirements::NOTHING },
         run: |a, _| a.by_scatter(),
     };
 
@@ -217,33 +217,37 @@ impl Attack {
         name: "graph",
         words: "layout of the neighbour graph",
         holds: "",
-        needs: Needs::NEIGHBOURS,
+        needs: AttackRequirements::NEIGHBOURS,
         run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
     };
 }
 
-fn closed(a: &Attempt<'_>, options: &ClosedFormOptions) -> Result<Answers, EvalError> {
+fn closed(a: &AttackInput<'_>, options: &ClosedFormOptions) -> Result<RecoveredPositions, EvalError> {
     let answers = closed_form(a.observations, a.neighbours, a.size.0, a.size.1, options)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
-fn served(a: &Attempt<'_>, lines: LineNeighbours) -> Result<Answers, EvalError> {
+fn served(a: &AttackInput<'_>, lines: LineNeighbours) -> Result<RecoveredPositions, EvalError> {
     let answers = server_side(a.observations, a.neighbours, a.size.0, a.size.1, lines)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
-fn laid_out(a: &Attempt<'_>, options: &GraphOptions, rng: &mut ChaCha8Rng) -> Result<Answers, EvalError> {
+fn laid_out(
+    a: &AttackInput<'_>,
+    options: &GraphOptions,
+    rng: &mut ChaCha8Rng,
+) -> Result<RecoveredPositions, EvalError> {
     Ok(graph(a.observations, a.neighbours, a.size.0, a.size.1, options, rng)?.pixels.into())
 }
 
 /// Positions from warped map images where the attack accepts them, and positions of the plain transfer otherwise.
-fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
+fn guided(a: &AttackInput<'_>) -> Result<RecoveredPositions, EvalError> {
     let own = a.images[a.own].descriptors();
     let others = a.images.iter().enumerate().filter(|(i, _)| *i != a.own);
     let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();
     let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
     let plain = a.transferred();
-    Ok(Answers {
+    Ok(RecoveredPositions {
         accepted: Some(found.iter().map(GuidedEstimate::is_accepted).collect()),
         pixels: found
             .iter()

@@ -5,13 +5,15 @@ use crate::audit::learned_attacks::TrainedPositions;
 use crate::audit::multi_view::{FrameChoice, multi_view_answers};
 use crate::audit::server_view::ServerView;
 use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
-use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
+use veiloc_attacks::{
+    DecodedDescriptors, Density, KnownImage, NeighbourLists, Observation, TransferredPositions, prior_only,
+};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
 /// Inputs of an attack on one image. `[N]`: one entry per keypoint, in the order of the rows.
 #[derive(Clone, Copy)]
-pub struct Attempt<'a> {
+pub struct AttackInput<'a> {
     /// `[N]`, the sent observations as the attacker reads them; positions that a server knows are
     /// [`Observation::Known`].
     pub observations: &'a [Observation],
@@ -21,9 +23,9 @@ pub struct Attempt<'a> {
     pub size: (u32, u32),
     /// Density of keypoints in the other images of the scene.
     pub density: &'a Density,
-    /// Positions and neighbours from map images; `None` unless the attack's [`Needs`](crate::audit::Needs) require
+    /// Positions and neighbours from map images; `None` unless the attack's [`AttackRequirements`](crate::audit::AttackRequirements) require
     /// them.
-    pub transferred: Option<&'a Transfer>,
+    pub transferred: Option<&'a TransferredPositions>,
     /// All images of the scene with descriptors; empty unless the attack's needs require them.
     pub images: &'a [KnownImage],
     /// Index of the attacked image in [`Self::images`]. Its positions are the ground truth: an attack must not read
@@ -39,7 +41,7 @@ pub struct Attempt<'a> {
     /// Model of the angle codes of these seals.
     pub codes: RestingOptions,
     /// Descriptors of the image, if the attack needs them.
-    pub descriptors: Option<&'a Descriptors>,
+    pub descriptors: Option<&'a DecodedDescriptors>,
     /// The outsider's trained networks.
     pub trained: &'a TrainedPositions,
     /// Obfuscation scheme.
@@ -52,20 +54,20 @@ pub struct Attempt<'a> {
 
 /// Positions `[N]`, and which of them the attack accepts, if it rates its answers.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Answers {
+pub struct RecoveredPositions {
     /// Recovered keypoints, pixels; not finite without an answer.
     pub pixels: Vec<Pixel>,
     /// Which answers the attack accepts.
     pub accepted: Option<Vec<bool>>,
 }
 
-impl From<Vec<Pixel>> for Answers {
+impl From<Vec<Pixel>> for RecoveredPositions {
     fn from(pixels: Vec<Pixel>) -> Self {
         Self { pixels, accepted: None }
     }
 }
 
-impl Attempt<'_> {
+impl AttackInput<'_> {
     /// The prior-only baseline.
     pub fn prior_only(&self) -> Vec<Pixel> {
         prior_only(self.observations, self.size.0, self.size.1)
@@ -79,7 +81,7 @@ impl Attempt<'_> {
     }
 
     /// Positions from the trained network; the prior-only baseline if there is no network for the scheme.
-    pub(crate) fn by_training(&self) -> Result<Answers, EvalError> {
+    pub(crate) fn by_training(&self) -> Result<RecoveredPositions, EvalError> {
         let found = match self.descriptors {
             Some(descriptors) => {
                 self.trained.recover(self.scheme, self.observations, descriptors, self.size)?
@@ -90,7 +92,7 @@ impl Attempt<'_> {
     }
 
     /// Positions from the scatter of several seals' angles; the prior-only baseline where it has no answer.
-    pub(crate) fn by_scatter(&self) -> Result<Answers, EvalError> {
+    pub(crate) fn by_scatter(&self) -> Result<RecoveredPositions, EvalError> {
         let others: Vec<Vec<Option<Observation>>> =
             self.seals.iter().map(|seal| seal.iter().copied().map(Some).collect()).collect();
         let found = resting_camera(self.observations, &others, self.size, &self.codes)?;
@@ -103,7 +105,7 @@ impl Attempt<'_> {
     }
 
     /// Positions from several frames; the prior-only baseline where there is no answer.
-    pub(crate) fn by_frames(&self) -> Result<Answers, EvalError> {
+    pub(crate) fn by_frames(&self) -> Result<RecoveredPositions, EvalError> {
         let frames = self.frames.unwrap_or(0);
         if self.views.len() < frames {
             return Err(EvalError::Options(format!(
@@ -114,9 +116,9 @@ impl Attempt<'_> {
         }
         let prior = self.prior_only();
         let Some(found) = multi_view_answers(self.views, self.images, self.own, frames, self.choice)? else {
-            return Ok(Answers { accepted: Some(vec![false; prior.len()]), pixels: prior });
+            return Ok(RecoveredPositions { accepted: Some(vec![false; prior.len()]), pixels: prior });
         };
-        Ok(Answers {
+        Ok(RecoveredPositions {
             accepted: Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect()),
             pixels: found.iter().zip(prior).map(|(s, prior)| s.pixel.unwrap_or(prior)).collect(),
         })

@@ -9,9 +9,9 @@ use crate::audit::{Attack, AttackObserver, AttackTrial};
 
 /// Errors of all keypoints, and the recovered positions of the first images.
 #[derive(Debug, Clone, Default)]
-pub struct Gallery {
+pub struct ShownImages {
     /// Maximum number of images with positions.
-    pub most_shown: usize,
+    pub max_shown: usize,
     /// Errors of each row of the document, in its order.
     pub errors: Vec<RowErrors>,
     /// The images with positions.
@@ -83,10 +83,10 @@ pub struct ShownAttack {
     pub errors: Vec<f64>,
 }
 
-impl Gallery {
+impl ShownImages {
     /// Collects the positions of the first images.
-    pub fn keeping(most_shown: usize) -> Self {
-        Self { most_shown, ..Self::default() }
+    pub fn keeping(max_shown: usize) -> Self {
+        Self { max_shown, ..Self::default() }
     }
 
     fn begin(&mut self, trial: &AttackTrial<'_>) {
@@ -97,7 +97,7 @@ impl Gallery {
         self.at = Some((trial.group, index));
         self.keypoints += trial.image.keypoints.len();
         self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, OFFSET_NEIGHBOURS));
-        if self.shown.len() < self.most_shown {
+        if self.shown.len() < self.max_shown {
             self.shown.push(ShownImage {
                 at: (trial.group, index),
                 name: trial.image.name.clone(),
@@ -130,7 +130,7 @@ impl Gallery {
     }
 }
 
-impl AttackObserver for Gallery {
+impl AttackObserver for ShownImages {
     fn saw(&mut self, trial: &AttackTrial<'_>) {
         // Rows come in the same order for every image: when the first row repeats, the next image begins.
         let row = (trial.scheme, trial.attack, trial.corrupt);

@@ -11,8 +11,8 @@ use veiloc_features::Progress;
 
 use crate::EvalError;
 use crate::audit::{
-    AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, Gallery, ImageGroup, NeighbourSource,
-    RowErrors, Stage, StrongestAttacks, attack_groups,
+    AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
+    NeighbourSource, RowErrors, ShownImages, StrongestAttacks, attack_groups,
 };
 use crate::results::metrics::median;
 
@@ -67,9 +67,9 @@ pub struct Audit {
     /// All figures.
     pub document: AuditDocument,
     /// Data for drawings of the inputs; `None` without inputs.
-    pub inputs: Option<Gallery>,
+    pub inputs: Option<ShownImages>,
     /// Data for drawings of the synthetic scene; `None` when it was left out.
-    pub synthetic: Option<Gallery>,
+    pub synthetic: Option<ShownImages>,
     /// Duration, seconds.
     pub seconds: f64,
 }
@@ -144,7 +144,7 @@ fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
     }
 }
 
-fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
+fn part(attacks: AttackDocument, gallery: &ShownImages) -> AuditPart {
     let bending = attacks.attacks.iter().map(|row| {
         let same =
             |s: &&RowErrors| s.scheme == row.scheme && s.attack == row.attack && s.corrupt == row.corrupt;
@@ -181,13 +181,13 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError>
 
 /// Collects data for drawings, and reports progress.
 struct AuditObserver<'a> {
-    gallery: Gallery,
-    stage: Stage<'a>,
+    gallery: ShownImages,
+    stage: AttackProgress<'a>,
 }
 
 impl<'a> AuditObserver<'a> {
     fn new(shown: usize, progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: Gallery::keeping(shown), stage: Stage::new(progress, stage) }
+        Self { gallery: ShownImages::keeping(shown), stage: AttackProgress::new(progress, stage) }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_attacks::learned::positions::{PositionNetwork, recover};
-use veiloc_attacks::{Descriptors, Observation};
+use veiloc_attacks::{DecodedDescriptors, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
@@ -45,7 +45,7 @@ impl TrainedPositions {
         &self,
         scheme: Scheme,
         observations: &[Observation],
-        descriptors: &Descriptors,
+        descriptors: &DecodedDescriptors,
         (width, height): (u32, u32),
     ) -> Result<Option<Vec<Pixel>>, EvalError> {
         let Some(network) = self.networks.iter().find(|n| n.scheme() == scheme) else { return Ok(None) };

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::{
-    AttackError, Descriptors, KnownImage, NeighbourLists, NeighbourPredictor, Transfer, transfer,
+    AttackError, DecodedDescriptors, KnownImage, NeighbourLists, NeighbourPredictor, TransferredPositions,
+    transfer,
 };
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
 
@@ -106,7 +107,11 @@ pub(super) enum Predictor {
 
 impl Predictor {
     /// The `k` likeliest neighbours of each keypoint, likeliest first.
-    pub(super) fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
+    pub(super) fn predict(
+        &self,
+        descriptors: &DecodedDescriptors,
+        k: usize,
+    ) -> Result<NeighbourLists, AttackError> {
         match self {
             Self::Statistic(statistic) => statistic.predict(descriptors, k),
             Self::Network(network) => network.predict(descriptors, k),
@@ -126,20 +131,20 @@ pub(super) fn from_others(
     own: usize,
     size: (u32, u32),
     k: usize,
-) -> Result<Transfer, AttackError> {
+) -> Result<TransferredPositions, AttackError> {
     let map: Vec<KnownImage> =
         known.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, p)| p.clone()).collect();
     transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
+pub(crate) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
     let Some((bytes, dimension)) = &image.descriptors else {
         return Err(EvalError::Options(format!(
             "{} has no descriptors, but this attack needs them",
             image.name
         )));
     };
-    Ok(Descriptors::new(bytes, *dimension)?)
+    Ok(DecodedDescriptors::new(bytes, *dimension)?)
 }
 
 /// Precision of neighbour lists, weighted by entries.

@@ -55,13 +55,13 @@ pub trait AttackObserver {
 impl AttackObserver for () {}
 
 /// One stage of a long job as progress reports: it starts with the first finished attack.
-pub struct Stage<'a> {
+pub struct AttackProgress<'a> {
     progress: &'a dyn veiloc_features::Progress,
     name: &'a str,
     started: bool,
 }
 
-impl<'a> Stage<'a> {
+impl<'a> AttackProgress<'a> {
     /// A stage with this name; nothing is reported yet.
     pub fn new(progress: &'a dyn veiloc_features::Progress, name: &'a str) -> Self {
         Self { progress, name, started: false }

@@ -73,7 +73,7 @@ impl Default for AttackEvaluation {
 
 /// Keypoints on which errors are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Measured {
+pub enum MeasuredKeypoints {
     /// Keypoints whose positions the server does not know from its map.
     #[default]
     Hidden,
@@ -92,5 +92,5 @@ pub struct ServerKnowledge {
     /// then measured on that region.
     pub private: Option<f64>,
     /// Where errors are measured, without a private region.
-    pub measured: Measured,
+    pub measured: MeasuredKeypoints,
 }

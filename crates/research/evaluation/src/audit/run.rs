@@ -7,14 +7,14 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::RestingOptions;
 use veiloc_attacks::{
-    Density, Descriptors, KeypointHistogram, KnownImage, NeighbourLists, Observation, Transfer,
-    bits_over_prior, errors_px,
+    DecodedDescriptors, Density, KeypointHistogram, KnownImage, NeighbourLists, Observation,
+    TransferredPositions, bits_over_prior, errors_px,
 };
 use veiloc_protocol::{Observations, Scheme};
 
 use super::angle_gate::restricted_by_angle;
 use super::attacks::Attack;
-use super::attempt::Attempt;
+use super::attempt::AttackInput;
 use super::document::AttackDocument;
 use super::learned_attacks::TrainedPositions;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
@@ -43,8 +43,8 @@ struct AttackInputs<'a> {
     neighbours: NeighbourLists,
     /// Predicted neighbours of each row in order of likelihood, if an attack restricts them.
     ranked: Option<NeighbourLists>,
-    transferred: Option<Transfer>,
-    descriptors: Option<Descriptors>,
+    transferred: Option<TransferredPositions>,
+    descriptors: Option<DecodedDescriptors>,
     trained: &'a TrainedPositions,
     /// Index of the image in the file.
     own: usize,
@@ -248,7 +248,7 @@ fn attack_image(
             Vec::new()
         };
         let started = Instant::now();
-        let attempt = Attempt {
+        let attempt = AttackInput {
             observations: &sent.observations,
             neighbours: &corrupted,
             size: (image.width, image.height),

@@ -16,7 +16,7 @@ use veiloc_protocol::{Observations, Scheme};
 use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
-use super::options::{AttackEvaluation, Measured, ServerKnowledge};
+use super::options::{AttackEvaluation, MeasuredKeypoints, ServerKnowledge};
 use super::private_region::person;
 use super::server_view::{PosedView, ServerView};
 use crate::EvalError;
@@ -118,9 +118,9 @@ impl<'a> Server<'a> {
         let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
         let measured = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
-            (None, Measured::Hidden) => known.iter().map(Option::is_none).collect(),
-            (None, Measured::All) => vec![true; observations.len()],
-            (None, Measured::Matched) => {
+            (None, MeasuredKeypoints::Hidden) => known.iter().map(Option::is_none).collect(),
+            (None, MeasuredKeypoints::All) => vec![true; observations.len()],
+            (None, MeasuredKeypoints::Matched) => {
                 observations.clone_from(&lines);
                 // A known point would reveal the depth of its own keypoint.
                 if let Some(pose) = &mut pose {

@@ -4,7 +4,7 @@ use crate::results::text_table::TextTable;
 use serde::Serialize;
 use veiloc_attacks::learned::inversion::InversionNetwork;
 
-use super::image_metrics::{Class, Scores};
+use super::image_metrics::{Class, ReconstructionScores};
 use super::visibility::VisibilityScores;
 
 /// The document that `veiloc eval inversion --json` writes.
@@ -27,7 +27,7 @@ pub struct InversionDocument {
     /// Means over images.
     pub summary: Vec<SummaryRow>,
     /// One for each image, scheme and attack.
-    pub rows: Vec<RebuiltRow>,
+    pub rows: Vec<ReconstructionRow>,
 }
 
 /// A network.
@@ -83,7 +83,7 @@ impl ClassesRow {
     }
 
     /// In a sentence.
-    pub fn words(&self) -> String {
+    pub fn sentence(&self) -> String {
         let Self { named, named_top_1, named_top_5, answered } = self;
         format!(
             "Classes: {named} images are named by their ImageNet synset; the classifier recognises {named_top_1} of these \
@@ -95,7 +95,7 @@ impl ClassesRow {
 
 /// An image reconstructed from an image's descriptors, and its similarity to that image.
 #[derive(Debug, Clone, Serialize)]
-pub struct RebuiltRow {
+pub struct ReconstructionRow {
     /// The image.
     pub image: String,
     /// The scheme under which it was sent; `bag` for descriptors alone, `nothing` for no descriptors.
@@ -124,9 +124,9 @@ pub struct RebuiltRow {
 /// Means over images.
 #[derive(Debug, Clone, Serialize)]
 pub struct SummaryRow {
-    /// As in [`RebuiltRow`].
+    /// As in [`ReconstructionRow`].
     pub scheme: String,
-    /// As in [`RebuiltRow`].
+    /// As in [`ReconstructionRow`].
     pub attack: &'static str,
     /// Name of the best realistic attack.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -171,8 +171,12 @@ impl Column {
     }
 
     /// The row of an image.
-    pub(super) fn row(&self, (image, name): (usize, &str), scores: &Scores) -> RebuiltRow {
-        RebuiltRow {
+    pub(super) fn row(
+        &self,
+        (image, name): (usize, &str),
+        scores: &ReconstructionScores,
+    ) -> ReconstructionRow {
+        ReconstructionRow {
             image: name.to_owned(),
             scheme: self.scheme.clone(),
             attack: self.attack,
@@ -188,14 +192,15 @@ impl Column {
     }
 
     /// Means over its rows.
-    pub(super) fn summary(&self, rows: &[RebuiltRow], scores: &VisibilityScores) -> SummaryRow {
-        let mean =
-            |of: &dyn Fn(&RebuiltRow) -> f64| rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64;
-        let maybe = |of: fn(&RebuiltRow) -> Option<f64>| {
+    pub(super) fn summary(&self, rows: &[ReconstructionRow], scores: &VisibilityScores) -> SummaryRow {
+        let mean = |of: &dyn Fn(&ReconstructionRow) -> f64| {
+            rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
+        };
+        let maybe = |of: fn(&ReconstructionRow) -> Option<f64>| {
             let values: Option<Vec<f64>> = rows.iter().map(of).collect();
             values.filter(|v| !v.is_empty()).map(|v| v.iter().sum::<f64>() / v.len() as f64)
         };
-        let sum = |of: fn(&RebuiltRow) -> Option<usize>| rows.iter().map(of).sum::<Option<usize>>();
+        let sum = |of: fn(&ReconstructionRow) -> Option<usize>| rows.iter().map(of).sum::<Option<usize>>();
         let mut all: Vec<f64> = self.errors.iter().flatten().flatten().copied().collect();
         all.sort_by(f64::total_cmp);
         SummaryRow {
@@ -255,7 +260,7 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
         cells.truncate(columns);
         table.push(cells);
     }
-    let classes = document.classes.map_or_else(String::new, |classes| classes.words() + "\n");
+    let classes = document.classes.map_or_else(String::new, |classes| classes.sentence() + "\n");
     format!(
         "{}\n{classes}Means over {} images on the network's grid. Closed form and graph use true neighbours; nothing: the \
          network gets no descriptors.\n",

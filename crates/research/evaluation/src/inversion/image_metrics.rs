@@ -11,7 +11,7 @@ const MIN_OVERLAP: f32 = 0.5;
 
 /// Networks of the image metrics; PSNR and SSIM need none.
 #[derive(Debug, Default)]
-pub struct Judges {
+pub struct ImageMetrics {
     /// ST-LPIPS.
     pub perceptual: Option<PerceptualDistance>,
     /// ImageNet classifier.
@@ -22,7 +22,7 @@ pub struct Judges {
 
 /// Values of the metrics; `None` without the network.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scores {
+pub struct ReconstructionScores {
     /// Peak signal-to-noise ratio, decibels.
     pub psnr: f64,
     /// Structural similarity, at most 1.
@@ -37,7 +37,7 @@ pub struct Scores {
     pub objects_found: Option<usize>,
 }
 
-impl Judges {
+impl ImageMetrics {
     /// Detected objects; empty without a detector.
     pub(super) fn objects(&self, image: &ColourImage) -> Result<Vec<Detection>, EvalError> {
         match &self.detector {
@@ -68,12 +68,12 @@ impl Judges {
         original: &Original,
         rebuilt: &ColourImage,
         seen: &[Detection],
-    ) -> Result<Scores, EvalError> {
+    ) -> Result<ReconstructionScores, EvalError> {
         let Original { image: original, objects, class } = original;
         let st_lpips = self.perceptual.as_ref().map(|p| p.between(original, rebuilt)).transpose()?;
         let classes = self.classifier.as_ref().map(|c| c.classes(rebuilt)).transpose()?;
         let detects = self.detector.is_some();
-        Ok(Scores {
+        Ok(ReconstructionScores {
             psnr: psnr(original, rebuilt)?,
             ssim: ssim(original, rebuilt)?,
             st_lpips,

@@ -3,7 +3,7 @@
 //! original.
 //!
 //! The inputs of the network are those of the paper (true keypoints, and the closed form with true neighbours) and:
-//! - the graph attack with true neighbours, and the best attack without an oracle ([`Realistic`]);
+//! - the graph attack with true neighbours, and the best attack without an oracle ([`RealisticAttackOptions`]);
 //! - the prior-only baseline, and the line itself, with each descriptor spread over it;
 //! - descriptors without positions, and no descriptors at all: the network's output without input. A score shows a
 //!   leak only by comparison with this output.
@@ -20,9 +20,11 @@ mod run;
 mod visibility;
 
 pub use contact_sheet::{ContactSheet, Tile};
-pub use document::{ClassesRow, InversionDocument, NetworkRow, RebuiltRow, SummaryRow, evaluation_table};
-pub use image_metrics::{Judges, Scores};
-pub use recovered::Realistic;
+pub use document::{
+    ClassesRow, InversionDocument, NetworkRow, ReconstructionRow, SummaryRow, evaluation_table,
+};
+pub use image_metrics::{ImageMetrics, ReconstructionScores};
+pub use recovered::RealisticAttackOptions;
 pub use run::{InversionEvaluation, evaluate_inversion};
 
 pub use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance};

@@ -16,7 +16,7 @@ use veiloc_protocol::Scheme;
 
 /// Resources of attackers without an oracle.
 #[derive(Debug, Clone, Default)]
-pub struct Realistic {
+pub struct RealisticAttackOptions {
     /// Keypoint files of other scenes: training data of the statistic of descriptor co-occurrence.
     pub elsewhere: Vec<PathBuf>,
     /// Descriptions of position networks, at most one per scheme.
@@ -80,7 +80,7 @@ impl AttackObserver for AnswerRecorder<'_> {
 pub(super) fn attack(
     images: &[KeypointImage],
     schemes: &[Scheme],
-    realistic: &Realistic,
+    realistic: &RealisticAttackOptions,
     (k, seed): (usize, u64),
     progress: &dyn Progress,
 ) -> Result<Vec<RecoveredImages>, EvalError> {

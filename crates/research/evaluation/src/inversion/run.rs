@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_attacks::Descriptors;
+use veiloc_attacks::DecodedDescriptors;
 use veiloc_attacks::image_metrics::class_named;
 use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, PositionKnowledge, Reconstruction};
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
@@ -10,10 +10,10 @@ use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
 use super::contact_sheet::{ContactSheet, Tile};
-use super::document::{ClassesRow, Column, InversionDocument, NetworkRow, RebuiltRow};
-use super::image_metrics::Judges;
+use super::document::{ClassesRow, Column, InversionDocument, NetworkRow, ReconstructionRow};
+use super::image_metrics::ImageMetrics;
 use super::pixels::on_grid;
-use super::recovered::{Realistic, RecoveredImage, RecoveredImages, attack};
+use super::recovered::{RealisticAttackOptions, RecoveredImage, RecoveredImages, attack};
 use super::visibility::VisibilityScores;
 use crate::EvalError;
 use crate::audit::descriptors;
@@ -36,7 +36,7 @@ pub struct InversionEvaluation<'a> {
     /// Maximum number of keypoints and maximum image size.
     pub limits: ExtractionLimits,
     /// Resources of attackers without an oracle.
-    pub realistic: Realistic,
+    pub realistic: RealisticAttackOptions,
     /// Neighbours per keypoint.
     pub k: usize,
     /// Seed of obfuscation and attacks.
@@ -66,7 +66,7 @@ enum Input {
 /// [`EvalError`] when a file is not an image, an attack cannot run, or the network was trained on other features.
 pub fn evaluate_inversion(
     evaluation: &InversionEvaluation<'_>,
-    metrics: &Judges,
+    metrics: &ImageMetrics,
     progress: &dyn Progress,
 ) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
     let network = evaluation.network;
@@ -96,7 +96,7 @@ pub fn evaluate_inversion(
     jobs.push(Job::without_positions("nothing", Input::Nothing));
 
     progress.start("Reconstructing images", images.len() * jobs.len());
-    let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
+    let mut rows: Vec<Vec<ReconstructionRow>> = jobs.iter().map(|_| Vec::new()).collect();
     let mut visibility_scores = vec![VisibilityScores::default(); jobs.len()];
     let mut classes = metrics.classifier.is_some().then(ClassesRow::default);
     let mut sheets = [ContactSheet::default(), ContactSheet::default()];
@@ -200,7 +200,7 @@ impl Job {
         network: &InversionNetwork,
         at: usize,
         image: &KeypointImage,
-        descriptors: &Descriptors,
+        descriptors: &DecodedDescriptors,
         times: u32,
     ) -> Result<Reconstruction, EvalError> {
         let size = [image.width, image.height];
@@ -209,7 +209,7 @@ impl Job {
             Input::Lines(answers) => PositionKnowledge::Lines(&answers[at].sent),
             Input::Unordered => PositionKnowledge::None,
             Input::Nothing => {
-                let none = Descriptors::new(&[], descriptors.dimension())?;
+                let none = DecodedDescriptors::new(&[], descriptors.dimension())?;
                 return Ok(network.invert(&none, size, PositionKnowledge::Positions(&[]), times)?);
             }
         };

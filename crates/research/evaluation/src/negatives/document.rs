@@ -14,7 +14,7 @@ use crate::results::state::as_text;
 
 /// Results of out-of-map images.
 #[derive(Debug, Default, Serialize)]
-pub struct Negatives {
+pub struct NegativesResult {
     /// One entry per scheme.
     pub rows: Vec<NegativeRow>,
     /// One entry per image and scheme.

@@ -24,7 +24,7 @@ use crate::pipeline::{decode_and_localize, seal_query, with_extractors};
 use camera::camera_of;
 
 pub use camera::CameraSource;
-pub use document::{NegativeQuery, NegativeRow, Negatives};
+pub use document::{NegativeQuery, NegativeRow, NegativesResult};
 pub use table::table;
 
 /// Inputs and options.
@@ -64,7 +64,7 @@ pub struct NegativeImage {
 
 /// Results of the images, in their order, and of each scheme; independent of the number of threads.
 ///
-/// An image that cannot be read, or has another size than its camera, is listed in [`Negatives::unread`] and not
+/// An image that cannot be read, or has another size than its camera, is listed in [`NegativesResult::unread`] and not
 /// counted. An image with too few keypoints to be sealed counts as a query without a pose.
 ///
 /// # Errors
@@ -73,7 +73,7 @@ pub fn evaluate_negatives(
     map: &MapFile,
     evaluation: &NegativesEvaluation,
     progress: &dyn Progress,
-) -> Result<Negatives, EvalError> {
+) -> Result<NegativesResult, EvalError> {
     if map.image_count() == 0 || map.point_count() == 0 {
         return Err(EvalError::DataSet(
             "the map is empty, so no query can be localized; add posed images with `veiloc map add`"
@@ -104,7 +104,7 @@ pub fn evaluate_negatives(
     let of_scheme = |at: usize| queries.iter().skip(at).step_by(count).collect::<Vec<_>>();
     let schemes = evaluation.schemes.iter().enumerate();
     let rows = schemes.map(|(at, scheme)| NegativeRow::of(*scheme, &of_scheme(at))).collect();
-    Ok(Negatives { rows, queries, unread })
+    Ok(NegativesResult { rows, queries, unread })
 }
 
 /// The answers to one image, one per scheme.

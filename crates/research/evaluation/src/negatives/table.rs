@@ -4,14 +4,14 @@ use std::fmt::Write as _;
 
 use veiloc_pose::State;
 
-use super::document::{NegativeRow, Negatives};
+use super::document::{NegativeRow, NegativesResult};
 use crate::results::text_table::TextTable;
 
 /// Maximum number of trusted negatives that are listed; the document has all.
 const NAMED: usize = 20;
 
 /// The rows as a table, followed by the worst negatives; empty without queries.
-pub fn table(negatives: &Negatives) -> String {
+pub fn table(negatives: &NegativesResult) -> String {
     if negatives.rows.is_empty() {
         return String::new();
     }
@@ -60,9 +60,9 @@ mod tests {
     use crate::results::text_table::WIDTH;
     use veiloc_protocol::Scheme;
 
-    fn negatives(queries: Vec<super::super::NegativeQuery>) -> Negatives {
+    fn negatives(queries: Vec<super::super::NegativeQuery>) -> NegativesResult {
         let row = NegativeRow::of(Scheme::default(), &queries.iter().collect::<Vec<_>>());
-        Negatives { rows: vec![row], queries, unread: Vec::new() }
+        NegativesResult { rows: vec![row], queries, unread: Vec::new() }
     }
 
     #[test]
@@ -82,6 +82,6 @@ mod tests {
         let many = table(&negatives(vec![negative("dcl", Some(99.0)); 23]));
         assert!(many.ends_with("  and 3 more\n"), "{many}");
         assert!(!table(&negatives(vec![negative("dcl", Some(9.0))])).contains("wrong"));
-        assert_eq!(table(&Negatives::default()), "");
+        assert_eq!(table(&NegativesResult::default()), "");
     }
 }

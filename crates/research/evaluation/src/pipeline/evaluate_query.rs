@@ -8,7 +8,7 @@ use veiloc_pose::{ScoreKind, State};
 use veiloc_protocol::Scheme;
 
 use super::posed_query::{EvaluatedQuery, PosedQuery};
-use super::progressive::{Sending, send_and_localize};
+use super::progressive::{QueryTransmission, send_and_localize};
 use super::served_map::ServedMap;
 use super::server::{LocalizeResult, decode_and_localize};
 
@@ -39,15 +39,15 @@ pub(crate) fn localize_sent(
     bytes: &[u8],
     query: &EvaluatedQuery,
     scheme: Scheme,
-    sending: Sending,
+    transmission: QueryTransmission,
     options: &LocalizeOptions,
 ) -> QueryResult {
     let score = options.pose.score.unwrap_or_default();
-    let response = send_and_localize(served, bytes, served.whole().profile(), sending, options);
+    let response = send_and_localize(served, bytes, served.whole().profile(), transmission, options);
     let mut result = compare_with_truth(&response.answer, &query.name, query.truth.as_ref(), scheme, score);
     let exposed = response.answer.found.as_ref().map_or(0, |found| found.inliers);
     result.sent = Some(SentDocument { sent_rows: response.rows, sent_bytes: response.bytes, exposed });
-    if let Sending::Progressive(_) = sending {
+    if let QueryTransmission::Progressive(_) = transmission {
         result.ms.insert("steps".to_owned(), response.before_ms);
     }
     result

@@ -3,7 +3,7 @@
 use veiloc_geometry::deviations::position_sd;
 use veiloc_localization::LocalizeOptions;
 use veiloc_pose::State;
-use veiloc_protocol::{Enough, Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery, StopCriterion};
 
 use super::served_map::ServedMap;
 use super::server::LocalizeResult;
@@ -24,11 +24,11 @@ pub(crate) struct SentResult {
 
 /// How a query is sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Sending {
+pub enum QueryTransmission {
     /// All rows at once.
     Whole,
     /// In steps, until the pose meets the criterion (`Client::localize_progressive` of `veiloc-client`).
-    Progressive(Enough),
+    Progressive(StopCriterion),
 }
 
 /// Sends a sealed query; every message is decoded and localized as if it had crossed a network.
@@ -36,7 +36,7 @@ pub(crate) fn send_and_localize(
     served: &ServedMap<'_>,
     bytes: &[u8],
     profile: &Profile,
-    sending: Sending,
+    transmission: QueryTransmission,
     options: &LocalizeOptions,
 ) -> SentResult {
     let whole = || {
@@ -45,7 +45,8 @@ pub(crate) fn send_and_localize(
         let was_trusted = answer.state() == State::Trusted;
         SentResult { answer, rows, bytes: bytes.len(), before_ms: 0.0, was_trusted }
     };
-    let (Sending::Progressive(enough), Ok(query)) = (sending, SealedQuery::decode(bytes)) else {
+    let (QueryTransmission::Progressive(criterion), Ok(query)) = (transmission, SealedQuery::decode(bytes))
+    else {
         return whole();
     };
     let mut latest: Option<SentResult> = None;
@@ -58,7 +59,7 @@ pub(crate) fn send_and_localize(
         let answer = served.localize(&message, options);
         let trusted = answer.state() == State::Trusted;
         let sd = answer.found.as_ref().map_or(f64::INFINITY, |found| position_sd(&found.covariance));
-        let is_enough = enough.is_met(trusted, sd);
+        let is_met = criterion.is_met(trusted, sd);
         latest = Some(SentResult {
             rows: part.len(),
             bytes: message.len() + latest.as_ref().map_or(0, |a| a.bytes),
@@ -66,7 +67,7 @@ pub(crate) fn send_and_localize(
             was_trusted: trusted || latest.as_ref().is_some_and(|a| a.was_trusted),
             answer,
         });
-        if is_enough {
+        if is_met {
             break;
         }
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use tempfile::TempDir;
 use veiloc_features::Progress;
-use veiloc_map::{Down, MapFile, MapModel};
+use veiloc_map::{GravityDirection, MapFile, MapModel};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test, self_test_compressed};
 use veiloc_mapping::{BuildOptions, CompressOptions, Input, build, compress};
 
@@ -34,7 +34,7 @@ impl SceneMap {
         options: &BuildOptions,
         tested: bool,
         keep: Option<&Path>,
-        down: Option<Down>,
+        down: Option<GravityDirection>,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let started = Instant::now();

@@ -4,7 +4,10 @@ use crate::results::RegionsSummary;
 use tempfile::TempDir;
 use veiloc_features::Progress;
 use veiloc_localization::LocalizeOptions;
-use veiloc_map::regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
+use veiloc_map::regions::{
+    DEFAULT_SEARCHED_REGIONS, FolderWriter, RegionFolder, RegionIndex, SplitOptions, cut, is_better_pose,
+    search_rounds,
+};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_pose::State;
 use veiloc_protocol::SealedQuery;
@@ -20,7 +23,7 @@ pub(crate) struct ServedMap<'a> {
 
 /// Regions, written and opened again as on the machines that serve them.
 struct Regions {
-    index: Index,
+    index: RegionIndex,
     maps: Vec<MapFile>,
     /// Number of retrieved images.
     retrieve: usize,
@@ -31,7 +34,7 @@ struct Regions {
 
 impl<'a> ServedMap<'a> {
     /// Serves the whole map, or splits it into regions; a query is then localized in the regions that hold most of
-    /// the `retrieve` images that the whole map would retrieve, as a gateway of many machines does ([`rounds`]).
+    /// the `retrieve` images that the whole map would retrieve, as a gateway of many machines does ([`search_rounds`]).
     ///
     /// # Errors
     /// [`EvalError`] when the map cannot be split, or regions cannot be written and opened.
@@ -59,10 +62,12 @@ impl<'a> ServedMap<'a> {
         };
         let ranked = regions.index.rank(query.global(), regions.retrieve);
         let mut best: Option<LocalizeResult> = None;
-        for round in rounds(ranked.into_iter().map(|one| (one.region, one.held)), ASKED) {
+        for round in
+            search_rounds(ranked.into_iter().map(|one| (one.region, one.held)), DEFAULT_SEARCHED_REGIONS)
+        {
             for map in round.into_iter().filter_map(|region| regions.maps.get(region)) {
                 let answer = decode_and_localize(map, bytes, options);
-                if best.as_ref().is_none_or(|known| is_better(rank(&answer), rank(known))) {
+                if best.as_ref().is_none_or(|known| is_better_pose(rank(&answer), rank(known))) {
                     best = Some(answer);
                 }
             }
@@ -103,7 +108,7 @@ impl Regions {
         }
         progress.finish();
         let manifest = writer.finish(&regions, entries)?;
-        let open = Folder::open(folder.path())?;
+        let open = RegionFolder::open(folder.path())?;
         let maps = (0..regions.len()).map(|number| open.open_region(number, MapMemory::Mapped));
         let summary = RegionsSummary {
             count: regions.len(),

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::seed_for;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_map::{Down, PosedImages};
+use veiloc_map::{GravityDirection, PosedImages};
 use veiloc_protocol::CoarseGravity;
 use veiloc_synthetic::problems::normal;
 
@@ -15,7 +15,7 @@ use crate::pose::mean_down;
 /// A world with a vertical, and sensors with this noise.
 #[derive(Debug, Clone, Copy)]
 pub struct SimulatedGravity {
-    down: Down,
+    down: GravityDirection,
     sd_deg: f64,
 }
 
@@ -28,13 +28,13 @@ impl SimulatedGravity {
     pub fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
         let refused = |e: &dyn std::fmt::Display| EvalError::Options(format!("gravity: {e}"));
         let poses = map_list.iter().filter_map(|name| posed.get(name)).map(|image| &image.cam_from_world);
-        let down = Down::new(mean_down(poses).into()).map_err(|e| refused(&e))?;
+        let down = GravityDirection::new(mean_down(poses).into()).map_err(|e| refused(&e))?;
         CoarseGravity::new(down.in_world(), sd_deg).map_err(|e| refused(&e))?;
         Ok(Self { down, sd_deg })
     }
 
     /// The down direction of the map.
-    pub const fn down(&self) -> Down {
+    pub const fn down(&self) -> GravityDirection {
         self.down
     }
 
@@ -74,8 +74,10 @@ mod tests {
 
     #[test]
     fn noise_has_stated_deviation() {
-        let gravity_source =
-            SimulatedGravity { down: Down::new([0.3, -0.2, 0.9]).expect("a direction"), sd_deg: 4.0 };
+        let gravity_source = SimulatedGravity {
+            down: GravityDirection::new([0.3, -0.2, 0.9]).expect("a direction"),
+            sd_deg: 4.0,
+        };
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let n = 2000;
         let mut sum = 0.0;

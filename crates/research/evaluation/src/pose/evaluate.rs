@@ -8,13 +8,13 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::EvalError;
-use crate::pose::floor::{ORACLE_RADIUS_PX, truly_right};
+use crate::pose::floor::{ORACLE_RADIUS_PX, true_matches};
 use crate::pose::gravity::{GravitySource, mean_down, simulated_reading};
 use crate::pose::recipe::{Recipe, TruthStart};
 use crate::pose::scores::{DEFAULT_SCORE, scores_or_default};
 use crate::results::Hypotheses;
 use crate::results::metrics::Threshold;
-use crate::results::{EstimatorVariant, Evaluation, QueryResult, QueryUncertainty, summarize};
+use crate::results::{EstimatorVariant, EvaluationDocument, QueryResult, QueryUncertainty, summarize};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -109,7 +109,10 @@ struct Row {
 /// # Errors
 /// [`EvalError`] when a file cannot be read or the options select nothing. A problem without a solution is a result,
 /// not an error.
-pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
+pub fn evaluate_poses(
+    evaluation: &PoseEvaluation,
+    progress: &dyn Progress,
+) -> Result<EvaluationDocument, EvalError> {
     let mut queries = Vec::new();
     for file in &evaluation.files {
         let problems = read_problems(file)?;
@@ -151,7 +154,7 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
         [only] => only.fixed(),
         _ => None,
     };
-    Ok(Evaluation {
+    Ok(EvaluationDocument {
         version: 1,
         command: "eval pose",
         data: evaluation.files.iter().map(|f| json_lines::display_name(f)).collect(),
@@ -246,7 +249,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
     };
     let truth = &problem.cam_from_world;
     let right = (row.from_truth == Some(TruthStart::Floor))
-        .then(|| truly_right(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
+        .then(|| true_matches(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
 
     let started = Instant::now();
     let estimate = match (row.from_truth, &right) {

@@ -14,7 +14,7 @@ const OFF_LINE_PX: f64 = 1.0;
 /// pose. Of two candidate lines of one keypoint, only the line through it can be true.
 ///
 /// `keypoints[k]` is the true position of keypoint `k` in the image of the problem's camera.
-pub fn truly_right(
+pub fn true_matches(
     problem: &PoseProblem,
     truth: &CameraFromWorld,
     keypoints: &[Pixel],

@@ -60,7 +60,7 @@ pub fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector
 }
 
 /// Smallest stated error of an accelerometer, degrees.
-const LEAST_SD_DEG: f64 = 0.5;
+const MIN_SD_DEG: f64 = 0.5;
 
 /// The down direction measured at this true pose by an accelerometer with an error of `degrees`.
 pub(crate) fn simulated_reading<R: Rng>(
@@ -79,7 +79,7 @@ pub(crate) fn simulated_reading<R: Rng>(
         Unit::new_normalize(exact.cross(&helper))
     });
     let turn = Rotation3::from_axis_angle(&axis, degrees.to_radians());
-    Gravity { in_camera: turn * exact, in_world: down_in_world, sd_deg: degrees.max(LEAST_SD_DEG) }
+    Gravity { in_camera: turn * exact, in_world: down_in_world, sd_deg: degrees.max(MIN_SD_DEG) }
 }
 
 #[cfg(test)]

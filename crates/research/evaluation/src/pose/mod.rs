@@ -4,7 +4,7 @@
 //! - [`crb`]: errors relative to the Cramér–Rao bound, on synthetic scenes.
 //! - [`pose_problem`]: a problem of a file, obfuscated, as input of the engine.
 //!
-//! Shared with other evaluations: [`truly_right`], [`mean_down`], [`scores_or_default`].
+//! Shared with other evaluations: [`true_matches`], [`mean_down`], [`scores_or_default`].
 #![forbid(unsafe_code)]
 
 pub mod crb;
@@ -15,7 +15,7 @@ mod recipe;
 mod scores;
 
 pub use evaluate::{PoseEvaluation, evaluate_poses, pose_problem};
-pub use floor::{ORACLE_RADIUS_PX, truly_right};
+pub use floor::{ORACLE_RADIUS_PX, true_matches};
 pub use gravity::{GravityError, GravitySource, mean_down};
 pub use recipe::{Recipe, RecipeError};
 pub use scores::scores_or_default;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// The document. Its `schemes` and `queries` are those of [`Evaluation`](crate::results::Evaluation), each with its
+/// The document. Its `schemes` and `queries` are those of [`EvaluationDocument`](crate::results::EvaluationDocument), each with its
 /// scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct DataSetEvaluation {
@@ -15,20 +15,20 @@ pub struct DataSetEvaluation {
     /// Names of the scenes.
     pub data: Vec<String>,
     /// Program and machine of the run.
-    pub run: RunFacts,
+    pub run: RunInfo,
     /// Seed of every random choice.
     pub seed: u64,
     /// The scenes, in the order of evaluation.
-    pub places: Vec<PlaceFacts>,
+    pub places: Vec<SceneInfo>,
     /// One entry per scene, condition and row of the table.
-    pub schemes: Vec<PlaceSummary>,
+    pub schemes: Vec<SceneSummary>,
     /// One entry per scene, row and query.
-    pub queries: Vec<PlaceQuery>,
+    pub queries: Vec<SceneQuery>,
 }
 
 /// Program and machine of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RunFacts {
+pub struct RunInfo {
     /// Version of this program.
     pub veiloc: String,
     /// The command line, word by word.
@@ -43,7 +43,7 @@ pub struct RunFacts {
 
 /// A scene of a data set.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct PlaceFacts {
+pub struct SceneInfo {
     /// Its name.
     pub name: String,
     /// Whether it is the complete published scene, so that published figures refer to the same images.
@@ -58,7 +58,7 @@ pub struct PlaceFacts {
 
 /// A row of the table of one scene.
 #[derive(Debug, Clone, Serialize)]
-pub struct PlaceSummary {
+pub struct SceneSummary {
     /// The scene.
     pub place: String,
     /// Condition of the queries, if the data set distinguishes conditions.
@@ -71,7 +71,7 @@ pub struct PlaceSummary {
 
 /// A query of one scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct PlaceQuery {
+pub struct SceneQuery {
     /// The scene; absent in documents of one scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,

@@ -7,13 +7,13 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_pose::{ScoreKind, State};
 use veiloc_protocol::Scheme;
 
-use crate::results::metrics::{PoseError, finite};
+use crate::results::metrics::{PoseErrors, finite};
 use crate::results::state::{as_text_if_any, from_text_if_any};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// The document that `eval pose --json` and `eval scene --json` print.
 #[derive(Debug, Clone, Serialize)]
-pub struct Evaluation {
+pub struct EvaluationDocument {
     /// Version of this document; a field is never removed or given another meaning under the same number.
     pub version: u32,
     /// The command, `eval pose` or `eval scene`.
@@ -355,7 +355,7 @@ impl QueryResult {
 
     /// Sets an estimate and its error.
     pub fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
-        let error = PoseError::of(estimate, truth);
+        let error = PoseErrors::of(estimate, truth);
         self.cam_from_world = Some(PoseDocument::of(estimate));
         self.rotation_error_deg = finite(error.rotation_deg);
         self.translation_error = finite(error.translation);
@@ -369,10 +369,10 @@ impl QueryResult {
     }
 
     /// Errors as comparable numbers, infinite without a pose.
-    pub fn pose_error(&self) -> PoseError {
+    pub fn pose_error(&self) -> PoseErrors {
         match (self.rotation_error_deg, self.translation_error) {
-            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
-            _ => PoseError::NOT_LOCALIZED,
+            (Some(rotation_deg), Some(translation)) => PoseErrors { rotation_deg, translation },
+            _ => PoseErrors::NOT_LOCALIZED,
         }
     }
 

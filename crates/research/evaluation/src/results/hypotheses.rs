@@ -13,11 +13,11 @@ pub enum Hypotheses {
 }
 
 /// Upper limit: more would take hours per query.
-const MOST: usize = 10_000_000;
+const MAX_HYPOTHESES: usize = 10_000_000;
 
 /// A text that is neither `adaptive` nor an allowed number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is not a number of hypotheses; write a whole number from 1 to {MOST}, or adaptive")]
+#[error("{0:?} is not a number of hypotheses; write a whole number from 1 to {MAX_HYPOTHESES}, or adaptive")]
 pub struct HypothesesError(String);
 
 impl Hypotheses {
@@ -43,7 +43,7 @@ impl FromStr for Hypotheses {
         match text.trim() {
             "adaptive" => Ok(Self::Adaptive),
             number => match number.parse() {
-                Ok(count) if (1..=MOST).contains(&count) => Ok(Self::Fixed(count)),
+                Ok(count) if (1..=MAX_HYPOTHESES).contains(&count) => Ok(Self::Fixed(count)),
                 _ => Err(HypothesesError(text.to_owned())),
             },
         }

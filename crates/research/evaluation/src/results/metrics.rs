@@ -9,14 +9,14 @@ use veiloc_geometry::CameraFromWorld;
 
 /// Errors of one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseError {
+pub struct PoseErrors {
     /// Degrees.
     pub rotation_deg: f64,
     /// `‖Rᵀt − R̂ᵀt̂‖`, map units.
     pub translation: f64,
 }
 
-impl PoseError {
+impl PoseErrors {
     /// Errors of a query without a pose.
     pub const NOT_LOCALIZED: Self = Self { rotation_deg: f64::INFINITY, translation: f64::INFINITY };
 
@@ -68,7 +68,7 @@ impl fmt::Display for Threshold {
 }
 
 /// Share of poses within a threshold, 0 to 1; 0 without poses.
-pub fn recall(errors: &[PoseError], threshold: &Threshold) -> f64 {
+pub fn recall(errors: &[PoseErrors], threshold: &Threshold) -> f64 {
     if errors.is_empty() {
         return 0.0;
     }
@@ -105,12 +105,12 @@ mod tests {
 
     #[test]
     fn missing_poses_never_improve_figures() {
-        let good = PoseError { rotation_deg: 0.1, translation: 0.01 };
+        let good = PoseErrors { rotation_deg: 0.1, translation: 0.01 };
         let threshold: Threshold = "0.05/5".parse().expect("well written");
-        let all = [good, good, PoseError::NOT_LOCALIZED];
+        let all = [good, good, PoseErrors::NOT_LOCALIZED];
         assert!((recall(&all, &threshold) - 2.0 / 3.0).abs() < 1e-12);
         assert_eq!(recall(&[], &threshold), 0.0);
-        let broken = PoseError { rotation_deg: f64::NAN, translation: 0.0 };
+        let broken = PoseErrors { rotation_deg: f64::NAN, translation: 0.0 };
         assert_eq!(recall(&[broken], &threshold), 0.0);
         assert_eq!(median(&[0.01, f64::INFINITY, f64::INFINITY]), f64::INFINITY);
         assert_eq!(median(&[f64::NAN, 1.0, 2.0]), 2.0);

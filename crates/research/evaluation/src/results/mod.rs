@@ -1,6 +1,6 @@
 //! Results of evaluations: figures, JSON documents and text tables.
 //!
-//! - [`Evaluation`] and its parts: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
+//! - [`EvaluationDocument`] and its parts: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
 //! - [`DataSetEvaluation`]: the same for the scenes of a data set; [`tables`]: its tables as in papers.
 //! - [`comparison`]: two runs on the same queries, with confidence intervals.
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: coverage of covariances. [`chi_squared`].
@@ -24,10 +24,10 @@ pub mod tables;
 pub mod text_table;
 mod uncertainty;
 
-pub use data_set::{DataSetEvaluation, PlaceFacts, PlaceQuery, PlaceSummary, RunFacts};
+pub use data_set::{DataSetEvaluation, RunInfo, SceneInfo, SceneQuery, SceneSummary};
 pub use document::{
-    EstimatorVariant, Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult,
-    RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
+    EstimatorVariant, EvaluationDocument, MapSummary, NegativeResult, NegativeSummary, PoseDocument,
+    QueryResult, RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
 };
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use summary::summarize;

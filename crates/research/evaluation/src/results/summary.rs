@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use veiloc_pose::State;
 
 use crate::results::document::{QueryResult, SchemeSummary, SeedSummary, SentSummary};
-use crate::results::metrics::{PoseError, Threshold, finite, mean, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, finite, mean, median, recall};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// Summarizes the queries of one row: one scheme and one configuration of the estimator, with any number of seeds.
@@ -59,7 +59,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
 }
 
 fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
-    let errors: Vec<PoseError> = queries.iter().filter(|q| q.is_judged).map(|q| q.pose_error()).collect();
+    let errors: Vec<PoseErrors> = queries.iter().filter(|q| q.is_judged).map(|q| q.pose_error()).collect();
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();

@@ -21,10 +21,10 @@ use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use crate::error::EvalError;
 use crate::pipeline::{PosedQuery, SceneMap, queries_of_scene, seal_query};
-use crate::results::{EstimatorVariant, Evaluation, QueryResult, QueryUncertainty, summarize};
+use crate::results::{EstimatorVariant, EvaluationDocument, QueryResult, QueryUncertainty, summarize};
 use crate::scene::{SceneEvaluation, folder_name};
 use crate::stress::sparse::subsampled;
-use crate::stress::{Stress, sealed_under, shown_under};
+use crate::stress::{StressCondition, sealed_under, shown_under};
 use trajectory::odometry;
 pub use trajectory::sequence_of;
 
@@ -32,7 +32,7 @@ pub use trajectory::sequence_of;
 #[derive(Debug, Clone)]
 pub struct RigEvaluation {
     /// The scene, split into map and queries; the queries in the order in which they were taken.
-    pub place: SceneEvaluation,
+    pub scene: SceneEvaluation,
     /// Numbers of images of a sequence, one row of the table each.
     pub frames: Vec<usize>,
     /// Standard deviation of the odometry's rotation about each axis per step, degrees.
@@ -42,7 +42,7 @@ pub struct RigEvaluation {
     /// Images farther apart than this belong to different trajectories, map units.
     pub reach: f64,
     /// Condition of all queries.
-    pub stress: Stress,
+    pub stress: StressCondition,
 }
 
 impl RigEvaluation {
@@ -69,15 +69,18 @@ impl RigEvaluation {
 /// # Errors
 /// [`EvalError`] when data is missing, no trajectory is long enough, or the map cannot be built. A sequence without a
 /// pose is a result.
-pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
+pub fn evaluate_rig(
+    evaluation: &RigEvaluation,
+    progress: &dyn Progress,
+) -> Result<EvaluationDocument, EvalError> {
     evaluation.check()?;
-    let place = &evaluation.place;
+    let scene = &evaluation.scene;
     let queries = queries_of_scene(
-        &place.posed,
-        &place.images,
-        &place.map_list,
-        &place.query_list,
-        &place.query_cameras,
+        &scene.posed,
+        &scene.images,
+        &scene.map_list,
+        &scene.query_list,
+        &scene.query_cameras,
     )?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
@@ -91,28 +94,28 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
         )));
     }
     let names = match evaluation.stress {
-        Stress::SparseMap => subsampled(&place.map_list),
-        _ => place.map_list.clone(),
+        StressCondition::SparseMap => subsampled(&scene.map_list),
+        _ => scene.map_list.clone(),
     };
-    let input = Input::new(&place.posed, &place.images).with_names(&names);
+    let input = Input::new(&scene.posed, &scene.images).with_names(&names);
     let SceneMap { file: map, summary, .. } =
-        &SceneMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
+        &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());
     let mut shown: Vec<(Features, Intrinsics)> = Vec::with_capacity(queries.len());
     for query in &queries {
-        shown.push(shown_under(evaluation.stress, query, map, &place.build, place.seed)?);
+        shown.push(shown_under(evaluation.stress, query, map, &scene.build, scene.seed)?);
         progress.advance(1);
     }
     progress.finish();
     let mut rows: Vec<Vec<QueryResult>> = Vec::new();
-    progress.start("Localizing sequences", newest.len() * evaluation.frames.len() * place.schemes.len());
-    for scheme in &place.schemes {
+    progress.start("Localizing sequences", newest.len() * evaluation.frames.len() * scene.schemes.len());
+    for scheme in &scene.schemes {
         let sealed: Vec<Result<SealedQuery, String>> = queries
             .iter()
             .zip(&shown)
             .map(|(query, (features, camera))| {
-                let options = sealed_under(evaluation.stress, *scheme, &place.build);
-                let sent = seal_query(features, camera, map.profile(), &options, &query.name, place.seed);
+                let options = sealed_under(evaluation.stress, *scheme, &scene.build);
+                let sent = seal_query(features, camera, map.profile(), &options, &query.name, scene.seed);
                 SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
             })
             .collect();
@@ -127,16 +130,16 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
         }
     }
     progress.finish();
-    Ok(Evaluation {
+    Ok(EvaluationDocument {
         version: 1,
         command: "eval rig",
-        data: vec![folder_name(&place.images)],
-        seed: place.seed,
-        prior: place.localize.use_prior,
-        fixed_hypotheses: place.localize.pose.fixed_hypotheses,
+        data: vec![folder_name(&scene.images)],
+        seed: scene.seed,
+        prior: scene.localize.use_prior,
+        fixed_hypotheses: scene.localize.pose.fixed_hypotheses,
         schemes: rows
             .iter()
-            .map(|row| summarize(&row.iter().collect::<Vec<_>>(), &place.thresholds))
+            .map(|row| summarize(&row.iter().collect::<Vec<_>>(), &scene.thresholds))
             .collect(),
         queries: rows.into_iter().flatten().collect(),
         negatives: Vec::new(),
@@ -153,19 +156,19 @@ fn localize_sequence(
     images: &[usize],
     scheme: Scheme,
 ) -> QueryResult {
-    let place = &evaluation.place;
+    let scene = &evaluation.scene;
     let newest = &queries[images[images.len() - 1]];
     let mut result = QueryResult::unsolved(&newest.name, scheme, ScoreKind::default());
-    result.seed = place.seed;
+    result.seed = scene.seed;
     result.variant = EstimatorVariant {
         recipe: Some(format!("{} frame{}", images.len(), if images.len() == 1 { "" } else { "s" })),
-        prior: place.localize.use_prior,
-        fixed_hypotheses: place.localize.pose.fixed_hypotheses,
+        prior: scene.localize.use_prior,
+        fixed_hypotheses: scene.localize.pose.fixed_hypotheses,
         ..EstimatorVariant::default()
     };
     let truth: Vec<CameraFromWorld> = images.iter().map(|&i| queries[i].cam_from_world).collect();
     // All schemes get the same odometry.
-    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(place.seed, &[&newest.name, "odometry"]));
+    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(scene.seed, &[&newest.name, "odometry"]));
     let measured = odometry(&truth, [evaluation.rotation_sd_deg, evaluation.translation_sd], &mut rng);
     let mut frames = Vec::with_capacity(images.len());
     for (&i, step) in images.iter().zip(measured) {
@@ -189,7 +192,7 @@ fn localize_sequence(
     }
     result.failure = None;
     let started = Instant::now();
-    match localize_rig(&frames, map, &place.localize) {
+    match localize_rig(&frames, map, &scene.localize) {
         Ok(found) => {
             // The rig's frame is the newest image's camera.
             let rig = &found.rig_from_world;

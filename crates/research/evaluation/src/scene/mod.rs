@@ -17,11 +17,11 @@ use veiloc_mapping::Input;
 use veiloc_mapping::build_cache::FolderCache;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
-pub use options::{Negatives, SceneEvaluation};
+pub use options::{NegativeQueryImages, SceneEvaluation};
 
 use crate::error::EvalError;
 use crate::pipeline::{EvaluatedQuery, SceneMap, ServedMap, SimulatedGravity, queries_of_scene};
-use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, summarize};
+use crate::results::{EvaluationDocument, MapSummary, NegativeSummary, QueryResult, summarize};
 use negatives::localize_negatives;
 use one_query::localize_query;
 use work::Work;
@@ -33,7 +33,7 @@ use work::Work;
 pub fn evaluate_scene(
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
-) -> Result<Evaluation, EvalError> {
+) -> Result<EvaluationDocument, EvalError> {
     let queries = queries_of_scene(
         &evaluation.posed,
         &evaluation.images,
@@ -70,7 +70,7 @@ pub fn evaluate_scene(
         }
         negatives.extend(by_row.into_iter().flatten());
     }
-    Ok(Evaluation {
+    Ok(EvaluationDocument {
         version: 1,
         command: "eval scene",
         data: vec![folder_name(&evaluation.images)],

@@ -5,13 +5,13 @@ use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_protocol::Scheme;
 
-use super::options::{Negatives, SceneEvaluation};
+use super::options::{NegativeQueryImages, SceneEvaluation};
 use crate::error::EvalError;
 use crate::pipeline::{PosedQuery, ServedMap, posed_queries, seal_query, send_and_localize, with_extractors};
 use crate::pose::scores_or_default;
 use crate::results::NegativeResult;
 
-impl Negatives {
+impl NegativeQueryImages {
     /// The queries; refused when they belong to the evaluated scene.
     pub(crate) fn queries(&self, evaluation: &SceneEvaluation) -> Result<Vec<PosedQuery>, EvalError> {
         let same = match (self.images.canonicalize(), evaluation.images.canonicalize()) {
@@ -67,7 +67,7 @@ pub(crate) fn localize_negatives(
                 options.pose.score = Some(*score);
                 let response = sent.as_ref().ok();
                 let response = response.map(|sent| {
-                    send_and_localize(served, &sent.bytes, profile, evaluation.sending, &options)
+                    send_and_localize(served, &sent.bytes, profile, evaluation.transmission, &options)
                 });
                 // A trusted pose of any step is a false positive, whatever the last one is.
                 result.trusted = response.as_ref().is_some_and(|response| response.was_trusted);

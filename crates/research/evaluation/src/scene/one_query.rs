@@ -45,7 +45,7 @@ pub(super) fn localize_query(
                 Ok(sent) => {
                     let mut localize = evaluation.localize.clone();
                     localize.pose.score = Some(score);
-                    localize_sent(served, &sent.bytes, query, *scheme, evaluation.sending, &localize)
+                    localize_sent(served, &sent.bytes, query, *scheme, evaluation.transmission, &localize)
                 }
                 Err(error) => {
                     let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);

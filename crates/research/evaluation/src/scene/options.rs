@@ -12,7 +12,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
-use crate::pipeline::{EvaluatedQuery, Sending};
+use crate::pipeline::{EvaluatedQuery, QueryTransmission};
 use crate::results::metrics::Threshold;
 
 /// Inputs and options.
@@ -53,9 +53,9 @@ pub struct SceneEvaluation {
     /// Folder of the queries' masks ([`veiloc_features::mask_in`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
     /// How queries are sent.
-    pub sending: Sending,
+    pub transmission: QueryTransmission,
     /// Queries of another scene, which must not be localized.
-    pub negatives: Option<Negatives>,
+    pub negatives: Option<NegativeQueryImages>,
     /// Seed of sealing and sampling.
     pub seed: u64,
     /// Folder for intermediate results: the map, and the result of each query as soon as it is finished. An
@@ -92,7 +92,7 @@ impl SceneEvaluation {
             localize: LocalizeOptions::default(),
             gravity_sd_deg: None,
             masks: None,
-            sending: Sending::Whole,
+            transmission: QueryTransmission::Whole,
             negatives: None,
             seed: 0,
             work: None,
@@ -118,7 +118,7 @@ impl SceneEvaluation {
 
 /// Queries of another scene.
 #[derive(Debug, Clone)]
-pub struct Negatives {
+pub struct NegativeQueryImages {
     /// Images of the other scene; only their cameras are used.
     pub posed: PosedImages,
     /// Folder of its images.

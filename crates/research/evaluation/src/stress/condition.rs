@@ -17,7 +17,7 @@ use std::str::FromStr;
 /// | `few-keypoints` | the device sends the smallest size class, 256 rows |
 /// | `focal-N` | the assumed focal length is `N` percent (1 to 50) too long or too short, reported as calibrated |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Stress {
+pub enum StressCondition {
     /// Unmodified images.
     None,
     /// Low light.
@@ -45,13 +45,13 @@ pub enum Stress {
 )]
 pub struct StressError(String);
 
-/// Prefix of [`Stress::Focal`] before the percentage.
+/// Prefix of [`StressCondition::Focal`] before the percentage.
 const FOCAL: &str = "focal-";
 
-/// The largest percentage of [`Stress::Focal`].
-const MOST_PERCENT: u8 = 50;
+/// The largest percentage of [`StressCondition::Focal`].
+const MAX_PERCENT: u8 = 50;
 
-impl Stress {
+impl StressCondition {
     /// The default conditions, in the order of the table.
     pub const DEFAULT: [Self; 8] = [
         Self::None,
@@ -64,7 +64,7 @@ impl Stress {
         Self::FewKeypoints,
     ];
 
-    /// The name, without the percentage of [`Stress::Focal`].
+    /// The name, without the percentage of [`StressCondition::Focal`].
     const fn word(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -80,18 +80,18 @@ impl Stress {
     }
 }
 
-impl FromStr for Stress {
+impl FromStr for StressCondition {
     type Err = StressError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let known = Self::DEFAULT.into_iter().find(|stress| stress.word() == text.trim());
         let percent = || text.trim().strip_prefix(FOCAL)?.parse().ok();
-        let focal = || percent().filter(|p| (1..=MOST_PERCENT).contains(p)).map(Self::Focal);
+        let focal = || percent().filter(|p| (1..=MAX_PERCENT).contains(p)).map(Self::Focal);
         known.or_else(focal).ok_or_else(|| StressError(text.to_owned()))
     }
 }
 
-impl fmt::Display for Stress {
+impl fmt::Display for StressCondition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Focal(percent) => f.pad(&format!("{FOCAL}{percent}")),
@@ -106,12 +106,12 @@ mod tests {
 
     #[test]
     fn stress_names_round_trip() {
-        for stress in Stress::DEFAULT.into_iter().chain([1, 30, 50].map(Stress::Focal)) {
+        for stress in StressCondition::DEFAULT.into_iter().chain([1, 30, 50].map(StressCondition::Focal)) {
             assert_eq!(stress.to_string().parse(), Ok(stress));
         }
         for no_stress in ["light", "", "focal-", "focal-0", "focal-51", "focal-300", "focal--3", "focal-3.5"]
         {
-            assert!(no_stress.parse::<Stress>().is_err(), "{no_stress}");
+            assert!(no_stress.parse::<StressCondition>().is_err(), "{no_stress}");
         }
     }
 }

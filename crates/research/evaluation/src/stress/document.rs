@@ -7,12 +7,12 @@ use veiloc_obfuscation::SealError;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
-use super::condition::Stress;
-use super::from_truth::{ErrorDocument, FromTruth};
+use super::condition::StressCondition;
+use super::from_truth::{ErrorDocument, TruthStartErrors};
 use super::options::StressEvaluation;
 use crate::pipeline::{LocalizeResult, PosedQuery};
 use crate::results::metrics::finite;
-use crate::results::metrics::{PoseError, Threshold, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, median, recall};
 use crate::results::state::as_text;
 use crate::results::{MapSummary, QueryUncertainty};
 
@@ -139,7 +139,7 @@ pub struct StressQuery {
     pub failure: Option<String>,
     /// Estimates that start from the true pose; absent if not selected.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
-    pub from_truth: Option<FromTruth>,
+    pub from_truth: Option<TruthStartErrors>,
 }
 
 impl StressDocument {
@@ -163,10 +163,10 @@ impl StressQuery {
     /// The result of a localized query.
     pub(super) fn answered(
         query: &PosedQuery,
-        stress: Stress,
+        stress: StressCondition,
         scheme: Scheme,
         answer: &LocalizeResult,
-        from_truth: Option<FromTruth>,
+        from_truth: Option<TruthStartErrors>,
     ) -> Self {
         let truth = &query.cam_from_world;
         let found = answer.found.as_ref().ok();
@@ -191,10 +191,10 @@ impl StressQuery {
     /// The result of a query that could not be sealed.
     pub(super) fn unsealed(
         query: &PosedQuery,
-        stress: Stress,
+        stress: StressCondition,
         scheme: Scheme,
         error: &SealError,
-        from_truth: Option<FromTruth>,
+        from_truth: Option<TruthStartErrors>,
     ) -> Self {
         Self {
             name: query.name.clone(),
@@ -218,17 +218,17 @@ impl StressRow {
     /// The figures of one row; `None` without queries.
     pub(super) fn of(queries: &[StressQuery], evaluation: &StressEvaluation) -> Option<Self> {
         let first = queries.first()?;
-        let errors: Vec<PoseError> = queries.iter().map(|q| q.error.pose_error()).collect();
+        let errors: Vec<PoseErrors> = queries.iter().map(|q| q.error.pose_error()).collect();
         let figures = TruthSummary::of(&errors, &evaluation.thresholds);
-        let is_right = |e: &PoseError| e.within(&evaluation.wrong_beyond);
+        let is_right = |e: &PoseErrors| e.within(&evaluation.wrong_beyond);
         let count = |state| queries.iter().filter(|q| q.state == state).count();
-        let of_truth = |which: fn(&FromTruth) -> &ErrorDocument| {
-            let errors: Option<Vec<PoseError>> =
+        let of_truth = |which: fn(&TruthStartErrors) -> &ErrorDocument| {
+            let errors: Option<Vec<PoseErrors>> =
                 queries.iter().map(|q| q.from_truth.as_ref().map(|t| which(t).pose_error())).collect();
             errors
         };
         let optimum = of_truth(|t| &t.optimum);
-        let summed = |errors: &Vec<PoseError>| TruthSummary::of(errors, &evaluation.thresholds);
+        let summed = |errors: &Vec<PoseErrors>| TruthSummary::of(errors, &evaluation.thresholds);
         Some(Self {
             scheme: first.scheme.clone(),
             stress: first.stress.clone(),
@@ -262,9 +262,9 @@ fn median_sd(queries: &[StressQuery]) -> Option<f64> {
 }
 
 impl TruthSummary {
-    fn of(errors: &[PoseError], thresholds: &[Threshold]) -> Self {
+    fn of(errors: &[PoseErrors], thresholds: &[Threshold]) -> Self {
         let median_of =
-            |of: fn(&PoseError) -> f64| finite(median(&errors.iter().map(of).collect::<Vec<_>>()));
+            |of: fn(&PoseErrors) -> f64| finite(median(&errors.iter().map(of).collect::<Vec<_>>()));
         Self {
             recall: thresholds.iter().map(|t| (t.to_string(), recall(errors, t))).collect(),
             median_rotation_deg: median_of(|e| e.rotation_deg),
@@ -300,7 +300,7 @@ pub(super) mod tests {
             matches: 0,
             doubts: Vec::new(),
             failure: None,
-            from_truth: Some(FromTruth { optimum: document(optimum), floor: document(optimum) }),
+            from_truth: Some(TruthStartErrors { optimum: document(optimum), floor: document(optimum) }),
         }
     }
 

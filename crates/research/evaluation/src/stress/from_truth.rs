@@ -8,12 +8,12 @@ use veiloc_pose::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose}
 use veiloc_protocol::SealedQuery;
 
 use crate::pipeline::SealedBytes;
-use crate::pose::truly_right;
-use crate::results::metrics::PoseError;
+use crate::pose::true_matches;
+use crate::results::metrics::PoseErrors;
 
 /// Errors of one query's estimates that start from the true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct FromTruth {
+pub struct TruthStartErrors {
     /// The engine's own optimum, over all matches: the result of a perfect search.
     pub optimum: ErrorDocument,
     /// Least squares on the true matches: a lower limit for estimators.
@@ -35,7 +35,7 @@ impl ErrorDocument {
 
     /// Errors of an estimate.
     pub(super) fn of(estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
-        let error = PoseError::of(estimate, truth);
+        let error = PoseErrors::of(estimate, truth);
         if !(error.rotation_deg.is_finite() && error.translation.is_finite()) {
             return Self::NOT_LOCALIZED;
         }
@@ -43,15 +43,15 @@ impl ErrorDocument {
     }
 
     /// The errors as comparable numbers.
-    pub(super) fn pose_error(&self) -> PoseError {
+    pub(super) fn pose_error(&self) -> PoseErrors {
         match (self.rotation_error_deg, self.translation_error) {
-            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
-            _ => PoseError::NOT_LOCALIZED,
+            (Some(rotation_deg), Some(translation)) => PoseErrors { rotation_deg, translation },
+            _ => PoseErrors::NOT_LOCALIZED,
         }
     }
 }
 
-impl FromTruth {
+impl TruthStartErrors {
     /// Result of a query that could not be sealed.
     pub(super) const UNSEALED: Self =
         Self { optimum: ErrorDocument::NOT_LOCALIZED, floor: ErrorDocument::NOT_LOCALIZED };
@@ -70,7 +70,7 @@ impl FromTruth {
             return Self::UNSEALED;
         };
         let keypoints: &[Pixel] = &sent.truth.pixels;
-        let right = truly_right(&matched.problem, truth, keypoints, radius_px);
+        let right = true_matches(&matched.problem, truth, keypoints, radius_px);
         let error = |estimate: Result<PoseEstimate, NoPose>| {
             estimate.map_or(ErrorDocument::NOT_LOCALIZED, |e| ErrorDocument::of(&e.cam_from_world, truth))
         };

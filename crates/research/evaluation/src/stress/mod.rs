@@ -1,4 +1,4 @@
-//! `veiloc eval stress`: one scene, with its queries under each [`Stress`].
+//! `veiloc eval stress`: one scene, with its queries under each [`StressCondition`].
 //!
 //! Degradation happens in memory with seeds of its own, so equal seeds give equal tables for any number of threads.
 //! All conditions except `sparse-map` share one map.
@@ -28,9 +28,9 @@ use crate::pipeline::{
 use crate::scene::folder_name;
 use degrade::{degraded, wrong_camera};
 
-pub use condition::{Stress, StressError};
+pub use condition::{StressCondition, StressError};
 pub use document::{SparseMap, StressDocument, StressQuery, StressRow, TruthSummary};
-pub use from_truth::{ErrorDocument, FromTruth};
+pub use from_truth::{ErrorDocument, TruthStartErrors};
 pub use options::StressEvaluation;
 pub use table::table;
 
@@ -41,9 +41,9 @@ struct Maps {
 }
 
 impl Maps {
-    fn under(&self, stress: Stress) -> &MapFile {
+    fn under(&self, stress: StressCondition) -> &MapFile {
         match (&self.sparse, stress) {
-            (Some(sparse), Stress::SparseMap) => &sparse.file,
+            (Some(sparse), StressCondition::SparseMap) => &sparse.file,
             _ => &self.all.file,
         }
     }
@@ -79,7 +79,7 @@ pub fn evaluate_stress(
         SceneMap::build(&input, &evaluation.build, true, None, down, progress)
     };
     let sparse_names =
-        stresses.contains(&Stress::SparseMap).then(|| sparse::subsampled(&evaluation.map_list));
+        stresses.contains(&StressCondition::SparseMap).then(|| sparse::subsampled(&evaluation.map_list));
     let maps = Maps {
         all: build(&evaluation.map_list)?,
         sparse: sparse_names.map(|names| build(&names)).transpose()?,
@@ -113,7 +113,7 @@ pub fn evaluate_stress(
 fn under_each(
     maps: &Maps,
     query: &PosedQuery,
-    stresses: &[Stress],
+    stresses: &[StressCondition],
     gravity_source: Option<&SimulatedGravity>,
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
@@ -138,7 +138,9 @@ fn under_each(
             let sent = seal_query(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
-                evaluation.from_truth.then(|| FromTruth::of(sent, truth, map, &evaluation.localize, radius))
+                evaluation
+                    .from_truth
+                    .then(|| TruthStartErrors::of(sent, truth, map, &evaluation.localize, radius))
             };
             let result = match &sent {
                 Ok(sent) => {
@@ -150,7 +152,7 @@ fn under_each(
                     *stress,
                     *scheme,
                     error,
-                    evaluation.from_truth.then_some(FromTruth::UNSEALED),
+                    evaluation.from_truth.then_some(TruthStartErrors::UNSEALED),
                 ),
             };
             let gravity_sd_deg = gravity_source.filter(|_| gravity.is_some()).map(SimulatedGravity::sd_deg);
@@ -163,7 +165,7 @@ fn under_each(
 /// Features of a query of a sequence under a stress, and the camera that the device assumes: one device took all
 /// images, so its error is the same for all.
 pub(crate) fn shown_under(
-    stress: Stress,
+    stress: StressCondition,
     query: &PosedQuery,
     map: &MapFile,
     build: &BuildOptions,
@@ -188,17 +190,17 @@ fn extracted(
 }
 
 /// The device's sealing options under a stress.
-pub(crate) fn sealed_under(stress: Stress, scheme: Scheme, build: &BuildOptions) -> SealOptions {
+pub(crate) fn sealed_under(stress: StressCondition, scheme: Scheme, build: &BuildOptions) -> SealOptions {
     let options = with_extractors(options_for(scheme), &build.extractors, build.global.as_ref());
     match stress {
-        Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
-        Stress::None
-        | Stress::Dark
-        | Stress::Motion
-        | Stress::HalfHidden
-        | Stress::SideHidden
-        | Stress::LowResolution
-        | Stress::SparseMap
-        | Stress::Focal(_) => options,
+        StressCondition::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
+        StressCondition::None
+        | StressCondition::Dark
+        | StressCondition::Motion
+        | StressCondition::HalfHidden
+        | StressCondition::SideHidden
+        | StressCondition::LowResolution
+        | StressCondition::SparseMap
+        | StressCondition::Focal(_) => options,
     }
 }

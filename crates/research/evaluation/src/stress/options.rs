@@ -9,7 +9,7 @@ use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_protocol::Scheme;
 
-use super::condition::Stress;
+use super::condition::StressCondition;
 use crate::pose::ORACLE_RADIUS_PX;
 use crate::results::metrics::Threshold;
 
@@ -31,8 +31,8 @@ pub struct StressEvaluation {
     pub build: BuildOptions,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Conditions, in the order of the table; [`Stress::None`] always comes first.
-    pub stresses: Vec<Stress>,
+    /// Conditions, in the order of the table; [`StressCondition::None`] always comes first.
+    pub stresses: Vec<StressCondition>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
     /// A pose beyond either bound is wrong, and must not be trusted.
@@ -42,7 +42,7 @@ pub struct StressEvaluation {
     /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
     pub gravity_sd_deg: Option<f64>,
     /// Whether to optimize from the true pose as well, to find the losses of the search
-    /// ([`FromTruth`](super::FromTruth)).
+    /// ([`TruthStartErrors`](super::TruthStartErrors)).
     pub from_truth: bool,
     /// For [`Self::from_truth`]: largest reprojection error of a true match under the true pose, pixels.
     pub oracle_radius_px: f64,
@@ -62,7 +62,7 @@ impl StressEvaluation {
             query_cameras: BTreeMap::new(),
             build: BuildOptions::default(),
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
-            stresses: Stress::DEFAULT.to_vec(),
+            stresses: StressCondition::DEFAULT.to_vec(),
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
             wrong_beyond: coarse,
             localize: LocalizeOptions::default(),
@@ -73,9 +73,9 @@ impl StressEvaluation {
         }
     }
 
-    /// Each condition once, [`Stress::None`] first.
-    pub(super) fn ordered(&self) -> Vec<Stress> {
-        let mut ordered = vec![Stress::None];
+    /// Each condition once, [`StressCondition::None`] first.
+    pub(super) fn ordered(&self) -> Vec<StressCondition> {
+        let mut ordered = vec![StressCondition::None];
         for stress in &self.stresses {
             if !ordered.contains(stress) {
                 ordered.push(*stress);

@@ -1,14 +1,14 @@
-//! A sparse map: every tenth image of the list, or more so that [`FEWEST`] remain.
+//! A sparse map: every tenth image of the list, or more so that [`MIN_IMAGES`] remain.
 
 /// Step through the list.
 const EVERY: usize = 10;
 
 /// Minimum number of remaining images, if there are as many.
-const FEWEST: usize = 4;
+const MIN_IMAGES: usize = 4;
 
 /// The step for this number of images.
 pub(super) const fn step_for(images: usize) -> usize {
-    let most = images.saturating_sub(1) / (FEWEST - 1);
+    let most = images.saturating_sub(1) / (MIN_IMAGES - 1);
     if most < 1 {
         1
     } else if most < EVERY {

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::inversion::{
-    Classifier, ContactSheet, InversionDocument, InversionEvaluation, InversionNetwork, Judges,
-    PerceptualDistance, Realistic, SummaryRow, evaluate_inversion, evaluation_table,
+    Classifier, ContactSheet, ImageMetrics, InversionDocument, InversionEvaluation, InversionNetwork,
+    PerceptualDistance, RealisticAttackOptions, SummaryRow, evaluate_inversion, evaluation_table,
 };
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -33,16 +33,16 @@ fn draw(folder: &Path, shift: u32) -> PathBuf {
 fn evaluate(
     images: &[PathBuf],
     network: &InversionNetwork,
-    realistic: Realistic,
-    judges: &Judges,
+    realistic: RealisticAttackOptions,
+    metrics: &ImageMetrics,
 ) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
-    evaluate_inversion(&evaluation(images, network, realistic, &Sift::default()), judges, &())
+    evaluate_inversion(&evaluation(images, network, realistic, &Sift::default()), metrics, &())
 }
 
 fn evaluation<'a>(
     images: &[PathBuf],
     network: &'a InversionNetwork,
-    realistic: Realistic,
+    realistic: RealisticAttackOptions,
     extractor: &'a dyn Extractor,
 ) -> InversionEvaluation<'a> {
     InversionEvaluation {
@@ -66,9 +66,13 @@ fn document_has_rows_for_schemes_and_attacks() {
     let limits = ExtractionLimits::default();
     let map = veiloc_datasets::problem_files::keypoints_of_images(&paths[5..], &Sift::default(), limits, &())
         .expect("images");
-    let (document, sheets) =
-        evaluate(&paths[3..5], &plain, Realistic { map, ..Realistic::default() }, &Judges::default())
-            .expect("it runs");
+    let (document, sheets) = evaluate(
+        &paths[3..5],
+        &plain,
+        RealisticAttackOptions { map, ..RealisticAttackOptions::default() },
+        &ImageMetrics::default(),
+    )
+    .expect("it runs");
     let names: Vec<String> =
         document.summary.iter().map(|row| format!("{} {}", row.scheme, row.attack)).collect();
     let dcl = Scheme::default().to_string();
@@ -125,7 +129,9 @@ fn document_has_rows_for_schemes_and_attacks() {
     assert!(document.classes.is_none() && !document.network.judges_places);
 
     // A repetition gives exactly the same result.
-    let again = evaluate(&paths[3..5], &plain, Realistic::default(), &Judges::default()).expect("it runs").0;
+    let again = evaluate(&paths[3..5], &plain, RealisticAttackOptions::default(), &ImageMetrics::default())
+        .expect("it runs")
+        .0;
     let psnr = |d: &InversionDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
     assert_eq!(psnr(&again), psnr(&document), "other attackers change nothing");
 }
@@ -136,7 +142,8 @@ fn visibility_output_is_evaluated_by_roc_auc() {
     let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
     let judging = network("learned/inversion.toml");
     let (document, _) =
-        evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
+        evaluate(&paths, &judging, RealisticAttackOptions::default(), &ImageMetrics::default())
+            .expect("it runs");
     assert!(document.network.judges_places && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
         // True keypoints are all correct, graph may recover all, and without positions there is no visibility.
@@ -159,14 +166,15 @@ fn image_metrics_are_computed() {
     std::fs::copy(&first, &named).expect("copied");
     let wrong = folder.path().join("n01440764_tench.png");
     std::fs::copy(&first, &wrong).expect("copied");
-    let judges = Judges {
+    let metrics = ImageMetrics {
         perceptual: Some(PerceptualDistance::open(&data("image_metrics/distance.onnx")).expect("a network")),
         classifier: Some(Classifier::open(&data("image_metrics/classifier.onnx")).expect("a network")),
         detector: None,
     };
     let plain = network("learned/plain.toml");
     let images = [first, named, wrong];
-    let (document, _) = evaluate(&images, &plain, Realistic::default(), &judges).expect("it runs");
+    let (document, _) =
+        evaluate(&images, &plain, RealisticAttackOptions::default(), &metrics).expect("it runs");
     let classes = document.classes.expect("classified");
     assert_eq!((classes.named, classes.answered), (2, 1));
     assert!(classes.named_top_1 <= classes.named_top_5 && classes.named_top_5 == 2, "{classes:?}");
@@ -192,8 +200,8 @@ fn features_must_match_the_network() {
     let paths = [draw(folder.path(), 31)];
     let plain = network("learned/plain.toml");
     let compact = Compact::default();
-    let other = evaluation(&paths, &plain, Realistic::default(), &compact);
+    let other = evaluation(&paths, &plain, RealisticAttackOptions::default(), &compact);
     let refused =
-        evaluate_inversion(&other, &Judges::default(), &()).expect_err("other features").to_string();
+        evaluate_inversion(&other, &ImageMetrics::default(), &()).expect_err("other features").to_string();
     assert!(refused.contains("plain.toml") && refused.contains("--features sift"), "{refused}");
 }

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng as _;
-use veiloc_evaluation::results::Evaluation;
+use veiloc_evaluation::results::EvaluationDocument;
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_localization::{Localization, LocalizeOptions, localize};
 use veiloc_map::colmap::read_posed;
-use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
+use veiloc_map::regions::{FolderWriter, RegionFolder, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_obfuscation::{SealOptions, extract, seal};
 use veiloc_protocol::Scheme;
@@ -20,7 +20,7 @@ fn names(list: &Path) -> Vec<String> {
     text.lines().map(|line| line.trim().to_owned()).filter(|line| !line.is_empty()).collect()
 }
 
-fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluation {
+fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> EvaluationDocument {
     let folder = data.join("redkitchen");
     let evaluation = SceneEvaluation {
         regions,
@@ -88,7 +88,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     let writer = FolderWriter::begin(&whole, "place", &folder).expect("a folder");
     let entries = cuts.iter().map(|region| writer.region(region).expect("written")).collect();
     writer.finish(&cuts, entries).expect("written");
-    let open = Folder::open(&folder).expect("regions");
+    let open = RegionFolder::open(&folder).expect("regions");
     let regions: Vec<MapFile> =
         (0..cuts.len()).map(|n| open.open_region(n, MapMemory::Mapped).expect("a region")).collect();
 
@@ -146,7 +146,7 @@ fn fields_of(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
 }
 
 /// Prints the figures, with `--nocapture`.
-fn print_figures(what: &str, result: &Evaluation) {
+fn print_figures(what: &str, result: &EvaluationDocument) {
     let map = result.map.as_ref().expect("a map");
     println!("{what}: {} images, {} bytes, {:?}", map.images, map.bytes, map.regions);
     for s in &result.schemes {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use veiloc_evaluation::pose::{PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_evaluation::results::Hypotheses;
-use veiloc_evaluation::results::{Evaluation, SchemeSummary};
-use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
+use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
@@ -31,8 +31,8 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
     }
 }
 
-fn assert_recall(result: &Evaluation, scheme: &str, least: f64, translation: f64) {
-    let summary = result.schemes.iter().find(|s| s.scheme == scheme).expect("it was asked for");
+fn assert_recall(result: &EvaluationDocument, scheme: &str, least: f64, translation: f64) {
+    let summary = result.schemes.iter().find(|s| s.scheme == scheme).expect("a requested row");
     let recall = summary.recall["0.05/5"];
     assert!(recall >= least, "{scheme}: recall {recall}, at least {least} is expected");
     let median = summary.median_translation.unwrap_or(f64::INFINITY);
@@ -55,7 +55,7 @@ fn redkitchen_is_localized_under_every_scheme(data: &Path) {
 fn queries_of_another_scene_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
-    evaluation.negatives = Some(Negatives {
+    evaluation.negatives = Some(NegativeQueryImages {
         posed: read_posed(&kitchen.join("posed")).expect("poses of the data"),
         images: kitchen.join("images"),
         list: names(&kitchen.join("query.txt")).into_iter().step_by(4).collect(),
@@ -86,7 +86,7 @@ fn likelihood_removes_collapse_of_plain_score(data: &Path) {
     evaluation.hypotheses = vec![Hypotheses::Fixed(500)];
     let result = evaluate_poses(&evaluation, &()).expect("evaluated");
     let recall = |score: &str| {
-        result.schemes.iter().find(|s| s.score == score).expect("it was asked for").recall["0.05/5"]
+        result.schemes.iter().find(|s| s.score == score).expect("a requested row").recall["0.05/5"]
     };
     assert!(recall("msac") < 0.3, "the plain score did not collapse: {}", recall("msac"));
     assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
@@ -105,7 +105,7 @@ fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     let row = |scheme: &str, recipe: &str| {
         let of_recipe =
             |s: &&SchemeSummary| s.scheme == scheme && s.variant.recipe.as_deref() == Some(recipe);
-        result.schemes.iter().find(of_recipe).expect("it was asked for")
+        result.schemes.iter().find(of_recipe).expect("a requested row")
     };
     let median = |scheme, recipe| row(scheme, recipe).median_translation.unwrap_or(f64::INFINITY);
     assert_eq!(row("points", "default").recall["0.05/5"], 1.0);

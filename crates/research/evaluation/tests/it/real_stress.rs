@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use veiloc_evaluation::negatives::{CameraSource, NegativeImage, NegativesEvaluation, evaluate_negatives};
-use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress};
+use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress};
 use veiloc_features::Extractors;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
@@ -26,7 +26,8 @@ fn stress_conditions_of_redkitchen(data: &Path) {
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 5));
     let mut evaluation = StressEvaluation::new(posed, kitchen.join("images"), map, queries);
-    evaluation.stresses = vec![Stress::Dark, Stress::LowResolution, Stress::FewKeypoints];
+    evaluation.stresses =
+        vec![StressCondition::Dark, StressCondition::LowResolution, StressCondition::FewKeypoints];
     evaluation.from_truth = true;
     let result = evaluate_stress(&evaluation, &()).expect("evaluated");
     assert_eq!((result.rows.len(), result.queries.len()), (4 * 3, 4 * 3 * 6));

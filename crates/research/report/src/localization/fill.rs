@@ -17,7 +17,7 @@ use crate::numbers::{degrees, kilobytes, percent, scheme_name};
 use crate::page::Card;
 
 /// Maximum number of map points in a drawing; more only increase the file.
-const MOST_POINTS: usize = 24_000;
+const MAX_POINTS: usize = 24_000;
 
 /// Fields that distinguish methods.
 type Key<'a> = (Option<&'a str>, &'a str, &'a str, Option<&'a str>);
@@ -92,7 +92,7 @@ impl LocalizationReport {
         if trusted > 0 {
             let sd = median_of(&|o| o.position_sd.filter(|_| o.state == Some(State::Trusted)));
             let note = sd.map_or_else(String::new, |sd| {
-                format!("The median ± of their positions is {}.", self.unit.in_words(sd))
+                format!("The median ± of their positions is {}.", self.unit.with_unit(sd))
             });
             cards.push(card(
                 percent(trusted as f64 / own.len() as f64),
@@ -134,7 +134,7 @@ impl QueryOutcome {
 impl SceneView {
     /// A view of a map, with a subset of its points if there are many.
     pub fn of_map(name: &str, map: &MapFile) -> Self {
-        let step = map.point_count().div_ceil(MOST_POINTS).max(1);
+        let step = map.point_count().div_ceil(MAX_POINTS).max(1);
         let points = (0..map.point_count()).step_by(step);
         Self {
             name: name.to_owned(),

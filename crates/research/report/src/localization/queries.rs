@@ -12,7 +12,7 @@ use crate::page::{self, legend};
 use crate::table::{Table, cell, number, words};
 
 /// Maximum number of listed queries that are not drawn.
-const MOST_LISTED: usize = 300;
+const MAX_LISTED: usize = 300;
 
 /// Anchor of a drawing on the page.
 pub(super) fn anchor(drawing: usize) -> String {
@@ -114,8 +114,8 @@ fn in_words(report: &LocalizationReport, own: &[&QueryOutcome]) -> Markup {
     let words = |outcome: &QueryOutcome| match (outcome.estimate, outcome.position_error, outcome.position_sd)
     {
         (None, ..) => html! { span.none { "no pose" } },
-        (_, Some(error), _) => html! { (report.unit.in_words(error)) },
-        (_, None, Some(sd)) => html! { "± " (report.unit.in_words(sd)) },
+        (_, Some(error), _) => html! { (report.unit.with_unit(error)) },
+        (_, None, Some(sd)) => html! { "± " (report.unit.with_unit(sd)) },
         _ => html! { "localized" },
     };
     html! {
@@ -181,12 +181,12 @@ fn table(report: &LocalizationReport, own: &[&QueryOutcome], name: &str) -> Mark
 fn list(report: &LocalizationReport, queries: &[&(usize, String)]) -> Markup {
     let mut table =
         Table::new("Queries that are not drawn", vec![words("Query"), words("Position error or ±")]);
-    for (scene, name) in queries.iter().take(MOST_LISTED) {
+    for (scene, name) in queries.iter().take(MAX_LISTED) {
         let outcomes = in_words(report, &outcomes_of(report, *scene, name));
         table.push("", html! { (name_of(report, *scene, name)) }, vec![Some(outcomes)]);
     }
-    let more = if queries.len() > MOST_LISTED {
-        format!(", the worst {MOST_LISTED} of {}", queries.len())
+    let more = if queries.len() > MAX_LISTED {
+        format!(", the worst {MAX_LISTED} of {}", queries.len())
     } else {
         String::new()
     };

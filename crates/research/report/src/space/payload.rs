@@ -13,7 +13,7 @@ use crate::localization::{QueryOutcome, SceneView};
 use crate::numbers::LengthUnit;
 
 /// Maximum number of drawn map cameras.
-const MOST_CAMERAS: usize = 600;
+const MAX_CAMERAS: usize = 600;
 
 /// Data of one drawing.
 pub(super) struct Payload {
@@ -41,7 +41,7 @@ pub(super) fn payload(
     let (low, step, codes) = on_grid(&points);
     let digits = digits(step);
     let cameras: Vec<&CameraFromWorld> = scene.cameras.iter().filter(|pose| pose.is_finite()).collect();
-    let every_camera = cameras.len().div_ceil(MOST_CAMERAS).max(1);
+    let every_camera = cameras.len().div_ceil(MAX_CAMERAS).max(1);
     let drawn_cameras: Vec<Value> =
         cameras.iter().step_by(every_camera).map(|pose| camera(Some(pose), digits)).collect();
     let (names, queries) = queries(rows, budget, digits, anchor);

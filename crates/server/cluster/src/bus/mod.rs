@@ -55,7 +55,7 @@ use std::time::Duration;
 use bytes::Bytes;
 
 pub use nats::NatsOptions;
-pub use subject::{BadWord, Subject};
+pub use subject::{InvalidSubjectWord, Subject};
 
 use nats::Nats;
 use process::Process;

@@ -13,7 +13,7 @@ use tokio::sync::oneshot;
 const EARLY: usize = 256;
 
 /// Maximum length of a stored inbox, bytes; ours are a third of that.
-const LONGEST_INBOX: usize = 256;
+const MAX_INBOX_LEN: usize = 256;
 
 /// Open requests by reply inbox.
 #[derive(Default)]
@@ -57,7 +57,7 @@ impl OpenRequests {
         let mut state = self.state();
         if let Some(work) = state.requests.remove(inbox) {
             let _ = work.send(());
-        } else if inbox.len() <= LONGEST_INBOX {
+        } else if inbox.len() <= MAX_INBOX_LEN {
             if state.early.len() == EARLY {
                 state.early.pop_front();
             }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 /// The word cannot be a part of a subject.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} cannot be a part of a subject; use letters, digits, `-`, `_` and `.`, 512 characters in all")]
-pub struct BadWord(pub String);
+pub struct InvalidSubjectWord(pub String);
 
 /// Name of a group: words separated by dots. Clones are cheap.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -14,27 +14,27 @@ pub struct Subject(Arc<str>);
 
 impl Subject {
     /// Maximum number of characters.
-    pub const LONGEST: usize = 512;
+    pub const MAX_LEN: usize = 512;
 
     /// From non-empty words of letters, digits, `-`, `_` and `.`. A dot within a word is written as `~`, so that
     /// different words never give the same subject.
     ///
     /// # Errors
-    /// [`BadWord`]: a word has other characters, there is no word, or the subject is too long.
-    pub fn new<'a>(words: impl IntoIterator<Item = &'a str>) -> Result<Self, BadWord> {
+    /// [`InvalidSubjectWord`]: a word has other characters, there is no word, or the subject is too long.
+    pub fn new<'a>(words: impl IntoIterator<Item = &'a str>) -> Result<Self, InvalidSubjectWord> {
         let mut subject = String::new();
         for word in words {
             let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
             if word.is_empty() || !word.chars().all(plain) {
-                return Err(BadWord(word.to_owned()));
+                return Err(InvalidSubjectWord(word.to_owned()));
             }
             if !subject.is_empty() {
                 subject.push('.');
             }
             subject.extend(word.chars().map(|c| if c == '.' { '~' } else { c }));
         }
-        if subject.is_empty() || subject.len() > Self::LONGEST {
-            return Err(BadWord(subject));
+        if subject.is_empty() || subject.len() > Self::MAX_LEN {
+            return Err(InvalidSubjectWord(subject));
         }
         Ok(Self(subject.into()))
     }
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(subject(&["a", "b.c", "D-_9"]).expect("plain").as_str(), "a.b~c.D-_9");
         assert_ne!(subject(&["a", "b.c"]).expect("plain"), subject(&["a", "b", "c"]).expect("plain"));
         for bad in ["", "*", ">", "a b", "a~b", "ä", "a\n", "$SYS"] {
-            assert!(matches!(subject(&["a", bad]), Err(BadWord(_))), "{bad:?}");
+            assert!(matches!(subject(&["a", bad]), Err(InvalidSubjectWord(_))), "{bad:?}");
         }
         assert!(subject(&[]).is_err() && subject(&[&"x".repeat(513)]).is_err());
     }

@@ -15,7 +15,7 @@ use veiloc_service::LocalizeFailure;
 use veiloc_service::telemetry::GatewayCounts;
 
 use super::latency_tracker::LatencyTracker;
-use crate::message::{Outcome, RejectReason, Reply, Request, RequestName, Task};
+use crate::message::{RejectReason, Reply, ReplyOutcome, Request, RequestIdBytes, Task};
 
 /// Maximum number of messages to one group per request.
 const MAX_MESSAGES: usize = 8;
@@ -40,7 +40,7 @@ pub(crate) struct Dispatcher<'a> {
 /// A request to one group.
 pub(crate) struct GroupRequest<'a> {
     pub(crate) group: &'a (Subject, ObjectId),
-    pub(crate) name: RequestName,
+    pub(crate) name: RequestIdBytes,
     pub(crate) task: Task,
     pub(crate) deadline: Instant,
 }
@@ -56,7 +56,7 @@ enum MessageFailure {
 
 impl Dispatcher<'_> {
     /// Returns the answer of the group: regions or a pose, or why there is none.
-    pub(crate) async fn dispatch(&self, request: &GroupRequest<'_>) -> Result<Outcome, LocalizeFailure> {
+    pub(crate) async fn dispatch(&self, request: &GroupRequest<'_>) -> Result<ReplyOutcome, LocalizeFailure> {
         let begun = Instant::now();
         let time = request.deadline.saturating_duration_since(begun);
         let forced_hedge_at = begun + time / FORCED_HEDGE_DIVISOR;
@@ -127,7 +127,7 @@ impl Dispatcher<'_> {
     }
 
     /// Sends one message and waits for its reply.
-    async fn send(&self, request: &GroupRequest<'_>) -> Result<Outcome, MessageFailure> {
+    async fn send(&self, request: &GroupRequest<'_>) -> Result<ReplyOutcome, MessageFailure> {
         let begun = Instant::now();
         let (subject, object) = request.group;
         let within = request.deadline.saturating_duration_since(begun);
@@ -143,14 +143,14 @@ impl Dispatcher<'_> {
             MessageFailure::BadReply
         })?;
         let fits = match (&outcome, &request.task) {
-            (Outcome::Rejected(why), _) => return Err(MessageFailure::Rejected(*why)),
+            (ReplyOutcome::Rejected(why), _) => return Err(MessageFailure::Rejected(*why)),
             // Cancelled by the worker, not by us: another member continues.
-            (Outcome::Failed(LocalizeFailure::Stopped), _) => {
+            (ReplyOutcome::Failed(LocalizeFailure::Stopped), _) => {
                 return Err(MessageFailure::Rejected(RejectReason::Leaving));
             }
-            (Outcome::Failed(_), Task::Search { .. } | Task::Pose { .. }) => true,
-            (Outcome::Regions(_), Task::Search { .. }) => true,
-            (Outcome::Pose(_), Task::Pose { .. }) => true,
+            (ReplyOutcome::Failed(_), Task::Search { .. } | Task::Pose { .. }) => true,
+            (ReplyOutcome::Regions(_), Task::Search { .. }) => true,
+            (ReplyOutcome::Pose(_), Task::Pose { .. }) => true,
             _ => false,
         };
         if !fits {
@@ -208,7 +208,7 @@ mod tests {
                         let request = Request::decode(incoming.payload.clone()).expect("a request");
                         tokio::select! {
                             () = answered_after(latency) => {
-                                let outcome = Outcome::Regions(Vec::new());
+                                let outcome = ReplyOutcome::Regions(Vec::new());
                                 let (worked, waited) = (Duration::ZERO, Duration::ZERO);
                                 let reply = Reply { name: request.name, outcome, worked, waited };
                                 incoming.answer(reply.encode()).await.expect("sent");
@@ -224,7 +224,7 @@ mod tests {
         }
 
         /// Sends a request; returns its result and duration.
-        async fn ask(&self) -> (Result<Outcome, LocalizeFailure>, Duration) {
+        async fn ask(&self) -> (Result<ReplyOutcome, LocalizeFailure>, Duration) {
             let dispatcher = Dispatcher { bus: &self.bus, counts: &self.counts, latency: &self.latency };
             let begun = Instant::now();
             let task = Task::Search { globals: vec![Bytes::from_static(b"an image")] };
@@ -265,7 +265,7 @@ mod tests {
         let mut times = Vec::new();
         for _ in 0..4 {
             let (outcome, time) = group.ask().await;
-            assert!(matches!(outcome, Ok(Outcome::Regions(_))));
+            assert!(matches!(outcome, Ok(ReplyOutcome::Regions(_))));
             times.push(time);
         }
         // The first time uses the initial delay; then 1.5 times the recent latency.

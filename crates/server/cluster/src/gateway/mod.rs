@@ -15,7 +15,7 @@ use bytes::Bytes;
 use futures_util::future::join_all;
 use tokio::time::Instant;
 use veiloc_map::MapError;
-use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, rounds};
+use veiloc_map::regions::{DEFAULT_SEARCHED_REGIONS, Manifest, ObjectId, RegionFolder, search_rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{AnswerFuture, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest};
@@ -24,7 +24,7 @@ use self::dispatch::{Dispatcher, GroupRequest};
 use self::latency_tracker::LatencyTracker;
 use crate::ClusterError;
 use crate::manifest_source::ManifestSource;
-use crate::message::{Candidate, FRAME_BYTES, Outcome, Task};
+use crate::message::{Candidate, FRAME_BYTES, ReplyOutcome, Task};
 use crate::reachability::Groups;
 
 /// Options of a gateway.
@@ -42,7 +42,7 @@ pub struct GatewayOptions {
 impl GatewayOptions {
     /// Default options for this map.
     pub fn new(map: &str) -> Self {
-        Self { map: map.to_owned(), regions: ASKED, watch: Duration::from_secs(2) }
+        Self { map: map.to_owned(), regions: DEFAULT_SEARCHED_REGIONS, watch: Duration::from_secs(2) }
     }
 }
 
@@ -156,7 +156,7 @@ impl Inner {
     async fn describe(&self, manifest: &Manifest) -> Result<MapDescription, ClusterError> {
         let object = manifest.profile;
         let folder = self.source.fetch(vec![object]).await?;
-        let path = Folder::of(manifest.clone(), &folder).path_of(&object.sha256);
+        let path = RegionFolder::of(manifest.clone(), &folder).path_of(&object.sha256);
         let io = |source| ClusterError::from(MapError::Io { path: path.clone(), source });
         let bytes = std::fs::read(&path).map_err(io)?;
         let wrong = |source| ClusterError::Profile { object: object.sha256, source };
@@ -189,7 +189,7 @@ impl Inner {
         let candidates = self.search(active, query).await?;
         let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
         let (mut answers, mut searched) = (Vec::new(), 0);
-        for round in rounds(ranked, self.options.regions) {
+        for round in search_rounds(ranked, self.options.regions) {
             searched += round.len();
             answers.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
             if answers.iter().any(|answer| matches!(answer, Ok(answer) if answer.trusted)) {
@@ -207,9 +207,11 @@ impl Inner {
     ) -> Result<Vec<Candidate>, LocalizeFailure> {
         let task = Task::Search { globals: query.globals.clone() };
         match self.query_group(&active.groups.index, query, task, &self.searches).await? {
-            Outcome::Regions(candidates) => Ok(candidates),
-            Outcome::Failed(why) => Err(why),
-            Outcome::Here | Outcome::Pose(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
+            ReplyOutcome::Regions(candidates) => Ok(candidates),
+            ReplyOutcome::Failed(why) => Err(why),
+            ReplyOutcome::Here | ReplyOutcome::Pose(_) | ReplyOutcome::Rejected(_) => {
+                Err(LocalizeFailure::Broken)
+            }
         }
     }
 
@@ -223,9 +225,11 @@ impl Inner {
         let group = active.groups.regions.get(region).ok_or(LocalizeFailure::Broken)?;
         let task = query.pose.clone();
         match self.query_group(group, query, task, &self.poses).await? {
-            Outcome::Pose(answer) => Ok(*answer),
-            Outcome::Failed(why) => Err(why),
-            Outcome::Here | Outcome::Regions(_) | Outcome::Rejected(_) => Err(LocalizeFailure::Broken),
+            ReplyOutcome::Pose(answer) => Ok(*answer),
+            ReplyOutcome::Failed(why) => Err(why),
+            ReplyOutcome::Here | ReplyOutcome::Regions(_) | ReplyOutcome::Rejected(_) => {
+                Err(LocalizeFailure::Broken)
+            }
         }
     }
 
@@ -235,7 +239,7 @@ impl Inner {
         query: &Query,
         task: Task,
         latency: &LatencyTracker,
-    ) -> Result<Outcome, LocalizeFailure> {
+    ) -> Result<ReplyOutcome, LocalizeFailure> {
         let dispatcher = Dispatcher { bus: &self.bus, counts: &self.counts, latency };
         dispatcher.dispatch(&GroupRequest { group, name: query.name, task, deadline: query.deadline }).await
     }

@@ -1,6 +1,6 @@
 //! Selects the best answer of several regions.
 
-use veiloc_map::regions::is_better;
+use veiloc_map::regions::is_better_pose;
 use veiloc_protocol::Answer;
 use veiloc_service::LocalizeFailure;
 
@@ -13,7 +13,7 @@ pub(crate) fn best(results: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answ
     for result in results {
         match result {
             Ok(answer) => {
-                if best.as_ref().is_none_or(|known| is_better(rank_key(&answer), rank_key(known))) {
+                if best.as_ref().is_none_or(|known| is_better_pose(rank_key(&answer), rank_key(known))) {
                     best = Some(answer);
                 }
             }

@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::object_store::{Cache, Storage};
+use crate::object_store::{ObjectCache, Storage};
 use tokio::runtime::Handle;
 use veiloc_map::regions::{ObjectId, ObjectRef};
 
-use super::{Fetching, ManifestSource, Published};
+use super::{ManifestSource, PublishedManifest, SourceFuture};
 
 /// Maps that were published to object storage.
 #[derive(Debug, Clone)]
@@ -18,30 +18,30 @@ pub struct ObjectStoreSource(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     storage: Storage,
-    cache: Cache,
+    cache: ObjectCache,
     folder: PathBuf,
     /// The last manifest of each map, by name, so that it is not read again.
-    latest: Mutex<BTreeMap<String, Arc<Published>>>,
+    latest: Mutex<BTreeMap<String, Arc<PublishedManifest>>>,
     /// The objects of the last [`ManifestSource::retain`].
     retained: Mutex<BTreeSet<ObjectId>>,
 }
 
 impl ObjectStoreSource {
-    /// Opens this storage, with a cache in this folder of at most `most_bytes`.
+    /// Opens this storage, with a cache in this folder of at most `max_bytes`.
     ///
     /// # Errors
     /// [`ClusterError`]: no such storage, or the folder cannot be created.
-    pub fn open(url: &str, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
-        Self::of(Storage::open(url)?, cache, most_bytes)
+    pub fn open(url: &str, cache: &Path, max_bytes: u64) -> Result<Self, ClusterError> {
+        Self::of(Storage::open(url)?, cache, max_bytes)
     }
 
     /// As [`Self::open`], for a given storage.
     ///
     /// # Errors
     /// [`ClusterError`]: the folder cannot be created.
-    pub fn of(storage: Storage, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
+    pub fn of(storage: Storage, cache: &Path, max_bytes: u64) -> Result<Self, ClusterError> {
         let folder = cache.to_owned();
-        let cache = Cache::open(cache, most_bytes)?;
+        let cache = ObjectCache::open(cache, max_bytes)?;
         Ok(Self(Arc::new(Inner {
             storage,
             cache,
@@ -53,11 +53,11 @@ impl ObjectStoreSource {
 }
 
 impl Inner {
-    fn latest(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Published>>> {
+    fn latest(&self) -> MutexGuard<'_, BTreeMap<String, Arc<PublishedManifest>>> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    async fn current(&self, map: &str) -> Result<Arc<Published>, ClusterError> {
+    async fn current(&self, map: &str) -> Result<Arc<PublishedManifest>, ClusterError> {
         let id = match self.storage.current(map).await {
             Ok(id) => id,
             Err(error) if error.is_transient() => self.last(map).ok_or(error)?,
@@ -68,9 +68,9 @@ impl Inner {
             return Ok(known);
         }
         let manifest = self.cache.manifest(&self.storage, map, id).await?;
-        let published = Arc::new(Published { id, manifest });
+        let published = Arc::new(PublishedManifest { id, manifest });
         // Without this record a machine cannot start while storage is unreachable; everything else works.
-        if let Err(error) = self.cache.remember(map, id) {
+        if let Err(error) = self.cache.record_manifest(map, id) {
             tracing::warn!(%error, map, "the id of the current manifest cannot be stored in the cache");
         }
         self.latest().insert(map.to_owned(), published.clone());
@@ -80,7 +80,7 @@ impl Inner {
     /// For a machine that starts while storage is unreachable: the manifest that was current before. A running
     /// machine already has one.
     fn last(&self, map: &str) -> Option<ObjectId> {
-        let id = self.cache.remembered(map).filter(|_| !self.latest().contains_key(map))?;
+        let id = self.cache.recorded_manifest(map).filter(|_| !self.latest().contains_key(map))?;
         tracing::warn!(map, manifest = %id, "the storage cannot be reached; the last manifest is taken from the cache");
         Some(id)
     }
@@ -89,7 +89,7 @@ impl Inner {
         self.cache.check_room(objects.iter().map(|object| object.bytes).sum())?;
         let mut needed = self.retained.lock().unwrap_or_else(PoisonError::into_inner).clone();
         needed.extend(objects.iter().map(|object| object.sha256));
-        self.cache.make_room(objects, &needed)?;
+        self.cache.trim_for(objects, &needed)?;
         for object in objects {
             self.cache.object(&self.storage, object).await?;
         }
@@ -109,12 +109,12 @@ async fn on_blocking_thread<T: Send + 'static>(
 }
 
 impl ManifestSource for ObjectStoreSource {
-    fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
+    fn current<'a>(&'a self, map: &'a str) -> SourceFuture<'a, Arc<PublishedManifest>> {
         let (inner, map) = (self.0.clone(), map.to_owned());
         Box::pin(on_blocking_thread(async move || inner.current(&map).await))
     }
 
-    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
+    fn fetch(&self, objects: Vec<ObjectRef>) -> SourceFuture<'_, PathBuf> {
         let inner = self.0.clone();
         Box::pin(on_blocking_thread(async move || inner.fetch(&objects).await))
     }

@@ -5,7 +5,7 @@ use veiloc_protocol::{AnswerPose, AnswerTimes};
 
 use super::*;
 
-const NAME: RequestName = [7; 16];
+const NAME: RequestIdBytes = [7; 16];
 
 fn object() -> ObjectId {
     ObjectId::of(b"region")
@@ -36,12 +36,12 @@ fn answer() -> Answer {
     }
 }
 
-fn all_outcomes() -> Vec<Outcome> {
+fn all_outcomes() -> Vec<ReplyOutcome> {
     let retry_after = NonZeroU64::new(7).expect("not zero");
     let mut all = vec![
-        Outcome::Here,
-        Outcome::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
-        Outcome::Pose(Box::new(answer())),
+        ReplyOutcome::Here,
+        ReplyOutcome::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
+        ReplyOutcome::Pose(Box::new(answer())),
     ];
     let why = [
         LocalizeFailure::WrongProfile,
@@ -64,12 +64,12 @@ fn all_outcomes() -> Vec<Outcome> {
         RejectReason::Undecodable,
         RejectReason::Broken,
     ];
-    all.extend(why.map(Outcome::Failed));
-    all.extend(reject_reasons.map(Outcome::Rejected));
+    all.extend(why.map(ReplyOutcome::Failed));
+    all.extend(reject_reasons.map(ReplyOutcome::Rejected));
     all
 }
 
-fn reply(outcome: Outcome) -> Reply {
+fn reply(outcome: ReplyOutcome) -> Reply {
     Reply { name: NAME, outcome, worked: Duration::from_micros(31_415), waited: Duration::from_micros(9) }
 }
 
@@ -95,7 +95,10 @@ fn replies_round_trip_with_equal_length() {
     for outcome in all_outcomes() {
         let reply = reply(outcome);
         let bytes = reply.encode();
-        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Failed(_) | Outcome::Rejected(_)) {
+        if matches!(
+            reply.outcome,
+            ReplyOutcome::Pose(_) | ReplyOutcome::Failed(_) | ReplyOutcome::Rejected(_)
+        ) {
             assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.outcome);
         }
         assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);
@@ -123,7 +126,7 @@ fn invalid_frames_name_the_field() {
     assert_eq!(request(&|f| f.near = vec![1.0, 2.0, 3.0, 0.0]), field("near"));
 
     let reply = |change: &dyn Fn(&mut ReplyFrame)| {
-        let good = reply(Outcome::Pose(Box::new(answer()))).encode();
+        let good = reply(ReplyOutcome::Pose(Box::new(answer()))).encode();
         let mut frame = ReplyFrame::decode(good).expect("a frame");
         change(&mut frame);
         Reply::decode(frame.encode_to_vec().into(), &NAME).expect_err("refused").to_string()
@@ -135,7 +138,7 @@ fn invalid_frames_name_the_field() {
     assert_eq!(reply(&|f| f.outcome = 22), field("retry_after"));
     assert_eq!(reply(&|f| (f.outcome, f.retry_after) = (32, 61)), field("retry_after"));
     assert_eq!(reply(&|f| (f.outcome, f.regions) = (REGIONS, vec![1])), field("regions"));
-    let many = vec![0; MOST_REGIONS + 1];
+    let many = vec![0; MAX_REGIONS + 1];
     assert_eq!(
         reply(&|f| (f.outcome, f.regions, f.held) = (REGIONS, many.clone(), many.clone())),
         field("regions")

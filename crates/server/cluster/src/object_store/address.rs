@@ -81,7 +81,7 @@ fn cloud(url: &Url) -> Result<StorageLocation, Option<object_store::Error>> {
     // Only the first installed provider counts; an existing one is kept.
     let _ = rustls::crypto::ring::default_provider().install_default();
     // Downloading a region may take long; stalls are detected by the reader.
-    let client = ClientOptions::new().with_timeout(LONGEST_REQUEST).with_allow_http(
+    let client = ClientOptions::new().with_timeout(MAX_REQUEST_TIME).with_allow_http(
         std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| v.eq_ignore_ascii_case("true") || v == "1"),
     );
     let location = path::Path::from_url_path(url.path()).map_err(object_store::Error::from)?;
@@ -123,7 +123,7 @@ const fn cloud(_: &Url) -> Result<StorageLocation, Option<object_store::Error>> 
 const RETRIES: usize = 6;
 
 #[cfg(feature = "clouds")]
-const LONGEST_REQUEST: std::time::Duration = std::time::Duration::from_secs(3600);
+const MAX_REQUEST_TIME: std::time::Duration = std::time::Duration::from_secs(3600);
 
 #[cfg(test)]
 mod tests {

@@ -12,11 +12,11 @@ use tokio::io::AsyncWriteExt as _;
 use veiloc_map::MapError;
 use veiloc_map::is_map_name;
 use veiloc_map::regions::{
-    Folder, MOST_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, verify_file,
+    MAX_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, RegionFolder, verify_file,
 };
 
 use crate::ClusterError;
-use crate::object_store::pointer::Pointer;
+use crate::object_store::pointer::ManifestPointer;
 use crate::object_store::storage::{REMEDY_REPUBLISH, Storage};
 
 /// A folder of fetched objects, `objects/<sha256>`, manifests, `manifests/<id>.json`, and the last pointers,
@@ -25,15 +25,15 @@ use crate::object_store::storage::{REMEDY_REPUBLISH, Storage};
 /// A file has the name of an object only if its content is that object: it is written under another name, verified,
 /// and renamed. It is verified again on each use, and fetched again if damaged. Several programs may share a folder.
 #[derive(Debug)]
-pub struct Cache {
+pub struct ObjectCache {
     folder: PathBuf,
-    most_bytes: u64,
+    max_bytes: u64,
 }
 
 /// Result of trimming a cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
-pub struct Trimmed {
+pub struct TrimSummary {
     /// Removed objects.
     pub removed: usize,
     /// Bytes of the remaining objects.
@@ -47,29 +47,29 @@ const PARTIAL: &str = ".partial";
 /// Age after which an unfinished download is considered abandoned.
 const DEAD_AFTER: Duration = Duration::from_secs(3600);
 
-impl Cache {
+impl ObjectCache {
     /// Opens a cache in this folder, which is created if missing, with this limit of object bytes.
     ///
     /// # Errors
     /// [`ClusterError::Io`]: the folder cannot be created.
-    pub fn open(folder: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
+    pub fn open(folder: &Path, max_bytes: u64) -> Result<Self, ClusterError> {
         for part in [OBJECTS_FOLDER, MANIFESTS_FOLDER, POINTERS_FOLDER] {
             let path = folder.join(part);
             fs::create_dir_all(&path).map_err(ClusterError::io(&path))?;
         }
-        Ok(Self { folder: folder.to_owned(), most_bytes })
+        Ok(Self { folder: folder.to_owned(), max_bytes })
     }
 
     /// A cache for objects only, without a limit.
     pub(crate) fn open_objects(folder: &Path) -> Result<Self, ClusterError> {
         let path = folder.join(OBJECTS_FOLDER);
         fs::create_dir_all(&path).map_err(ClusterError::io(&path))?;
-        Ok(Self { folder: folder.to_owned(), most_bytes: u64::MAX })
+        Ok(Self { folder: folder.to_owned(), max_bytes: u64::MAX })
     }
 
     /// The folder that contains the objects of a manifest once they are fetched.
-    pub fn folder_of(&self, manifest: Manifest) -> Folder {
-        Folder::of(manifest, &self.folder)
+    pub fn folder_of(&self, manifest: Manifest) -> RegionFolder {
+        RegionFolder::of(manifest, &self.folder)
     }
 
     /// The manifest of a map with this id, from the cache or fetched.
@@ -84,7 +84,7 @@ impl Cache {
     ) -> Result<Manifest, ClusterError> {
         let path = self.folder.join(MANIFESTS_FOLDER).join(format!("{id}.json"));
         // A file that is too long or damaged is ignored.
-        let is_short = fs::metadata(&path).is_ok_and(|m| m.len() <= MOST_MANIFEST_BYTES as u64);
+        let is_short = fs::metadata(&path).is_ok_and(|m| m.len() <= MAX_MANIFEST_BYTES as u64);
         let stored = is_short.then(|| fs::read(&path).ok()).flatten();
         let stored = stored.and_then(|bytes| Manifest::decode_as(&bytes, id).ok());
         if let Some(manifest) = stored.filter(|manifest| manifest.map == map) {
@@ -99,16 +99,16 @@ impl Cache {
     ///
     /// # Errors
     /// [`ClusterError::Io`].
-    pub fn remember(&self, map: &str, id: ObjectId) -> Result<(), ClusterError> {
+    pub fn record_manifest(&self, map: &str, id: ObjectId) -> Result<(), ClusterError> {
         let path = self.pointer(map);
-        veiloc_map::atomic_file::write_atomic(&path, &Pointer::new(map, id).encode())
+        veiloc_map::atomic_file::write_atomic(&path, &ManifestPointer::new(map, id).encode())
             .map_err(ClusterError::io(&path))
     }
 
     /// The last recorded manifest of a map, for starting while storage is unreachable.
-    pub fn remembered(&self, map: &str) -> Option<ObjectId> {
+    pub fn recorded_manifest(&self, map: &str) -> Option<ObjectId> {
         let bytes = fs::read(self.pointer(map)).ok().filter(|_| is_map_name(map))?;
-        Pointer::decode(&bytes, map).ok().map(|pointer| pointer.manifest)
+        ManifestPointer::decode(&bytes, map).ok().map(|pointer| pointer.manifest)
     }
 
     fn pointer(&self, map: &str) -> PathBuf {
@@ -145,29 +145,29 @@ impl Cache {
     ///
     /// # Errors
     /// [`ClusterError::Io`]: the folder cannot be read.
-    pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<Trimmed, ClusterError> {
-        self.trim_to(needed, self.most_bytes)
+    pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<TrimSummary, ClusterError> {
+        self.trim_to(needed, self.max_bytes)
     }
 
     /// As [`Self::trim`], with space for these objects, which are fetched next.
     ///
     /// # Errors
     /// [`ClusterError::Io`]: the folder cannot be read.
-    pub fn make_room(
+    pub fn trim_for(
         &self,
         objects: &[ObjectRef],
         needed: &BTreeSet<ObjectId>,
-    ) -> Result<Trimmed, ClusterError> {
+    ) -> Result<TrimSummary, ClusterError> {
         let folder = self.folder.join(OBJECTS_FOLDER);
         let is_missing = |object: &&ObjectRef| !folder.join(object.sha256.to_string()).exists();
         let coming: u64 = objects.iter().filter(is_missing).map(|object| object.bytes).sum();
-        self.trim_to(needed, self.most_bytes.saturating_sub(coming))
+        self.trim_to(needed, self.max_bytes.saturating_sub(coming))
     }
 
-    fn trim_to(&self, needed: &BTreeSet<ObjectId>, most_bytes: u64) -> Result<Trimmed, ClusterError> {
+    fn trim_to(&self, needed: &BTreeSet<ObjectId>, max_bytes: u64) -> Result<TrimSummary, ClusterError> {
         let folder = self.folder.join(OBJECTS_FOLDER);
         let mut others = Vec::new();
-        let mut trimmed = Trimmed::default();
+        let mut trimmed = TrimSummary::default();
         for entry in fs::read_dir(&folder).map_err(ClusterError::io(&folder))?.flatten() {
             let Ok(metadata) = entry.metadata() else { continue };
             let name = entry.file_name();
@@ -184,7 +184,7 @@ impl Cache {
         }
         others.sort_unstable();
         for (_, id, bytes) in others {
-            if trimmed.bytes <= most_bytes {
+            if trimmed.bytes <= max_bytes {
                 break;
             }
             // Another program may have removed it first.
@@ -200,10 +200,10 @@ impl Cache {
     /// # Errors
     /// [`ClusterError::CacheTooSmall`].
     pub fn check_room(&self, needed: u64) -> Result<(), ClusterError> {
-        if needed <= self.most_bytes {
+        if needed <= self.max_bytes {
             return Ok(());
         }
-        Err(ClusterError::CacheTooSmall { path: self.folder.clone(), needed, most: self.most_bytes })
+        Err(ClusterError::CacheTooSmall { path: self.folder.clone(), needed, most: self.max_bytes })
     }
 
     /// Whether the object exists and is valid; updates its time of use. A damaged file is removed.

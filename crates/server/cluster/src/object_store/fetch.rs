@@ -5,14 +5,14 @@ use std::path::Path;
 use veiloc_map::regions::{MANIFEST_FILE, ObjectId};
 
 use crate::ClusterError;
-use crate::object_store::cache::Cache;
-use crate::object_store::publish::Watch;
+use crate::object_store::cache::ObjectCache;
+use crate::object_store::publish::ProgressCallback;
 use crate::object_store::storage::Storage;
 
 /// Result of a fetch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Fetched {
+pub struct FetchSummary {
     /// Id of the manifest.
     pub manifest: ObjectId,
     /// Fetched objects.
@@ -29,18 +29,18 @@ pub struct Fetched {
 /// folder stays complete until then.
 ///
 /// # Errors
-/// As [`Cache::object`] and [`Storage::manifest`].
+/// As [`ObjectCache::object`] and [`Storage::manifest`].
 pub async fn fetch_folder(
     storage: &Storage,
     map: &str,
     id: ObjectId,
     folder: &Path,
-    watch: Watch<'_>,
-) -> Result<Fetched, ClusterError> {
+    watch: ProgressCallback<'_>,
+) -> Result<FetchSummary, ClusterError> {
     let manifest = storage.manifest(map, id).await?;
-    let cache = Cache::open_objects(folder)?;
+    let cache = ObjectCache::open_objects(folder)?;
     let total = manifest.byte_count();
-    let mut result = Fetched { manifest: id, fetched: 0, fetched_bytes: 0, there: 0, there_bytes: 0 };
+    let mut result = FetchSummary { manifest: id, fetched: 0, fetched_bytes: 0, there: 0, there_bytes: 0 };
     watch(0, total);
     for object in manifest.objects() {
         let (_, is_new) = cache.object_of(storage, &object).await?;

@@ -8,9 +8,9 @@
 //! ```
 //! - [`Storage`]: storage by its URL (`file://…` or a path; `s3://…`, `gs://…` and `az://…` with the cargo feature
 //!   `clouds`), and [`Storage::publish`].
-//! - [`Cache`]: verified objects on the local disk with a size limit; the least recently used are evicted.
+//! - [`ObjectCache`]: verified objects on the local disk with a size limit; the least recently used are evicted.
 //! - [`fetch_folder`]: fetches all regions of a map into a folder.
-//! - [`Pointer`]: names the current manifest of a map.
+//! - [`ManifestPointer`]: names the current manifest of a map.
 //!
 //! Storage is not trusted: names of objects are SHA-256 values, no more bytes are read than expected, and a file gets
 //! its name only after verification. So faulty or hostile storage can only withhold objects. `docs/reference/map-format.md`
@@ -19,10 +19,10 @@
 //! # Example
 //! ```
 //! # async fn run(url: &str) -> Result<(), veiloc_cluster::ClusterError> {
-//! use veiloc_cluster::object_store::{Cache, Storage};
+//! use veiloc_cluster::object_store::{ObjectCache, Storage};
 //!
 //! let storage = Storage::open(url)?;
-//! let cache = Cache::open(std::path::Path::new("cache"), 20 << 30)?;
+//! let cache = ObjectCache::open(std::path::Path::new("cache"), 20 << 30)?;
 //! let id = storage.current("kitchen").await?;
 //! let manifest = cache.manifest(&storage, "kitchen", id).await?;
 //! let region = cache.object(&storage, &manifest.regions[0].object()).await?;
@@ -41,8 +41,8 @@ pub(crate) mod refusal;
 mod retry;
 mod storage;
 
-pub use cache::{Cache, Trimmed};
-pub use fetch::{Fetched, fetch_folder};
-pub use pointer::Pointer;
-pub use publish::{Published, Watch};
+pub use cache::{ObjectCache, TrimSummary};
+pub use fetch::{FetchSummary, fetch_folder};
+pub use pointer::ManifestPointer;
+pub use publish::{ProgressCallback, PublishSummary};
 pub use storage::Storage;

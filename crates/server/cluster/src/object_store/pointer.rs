@@ -7,7 +7,7 @@ use veiloc_map::regions::ObjectId;
 /// Names the current manifest of a map: the only file in storage that changes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Pointer {
+pub struct ManifestPointer {
     version: u32,
     /// Name of the map.
     pub map: String,
@@ -17,9 +17,9 @@ pub struct Pointer {
 
 const VERSION: u32 = 1;
 
-impl Pointer {
+impl ManifestPointer {
     /// Maximum length, bytes.
-    pub(crate) const MOST_BYTES: u64 = 4096;
+    pub(crate) const MAX_BYTES: u64 = 4096;
 
     /// A pointer to this manifest of this map.
     pub fn new(map: &str, manifest: ObjectId) -> Self {
@@ -66,21 +66,21 @@ mod tests {
 
     #[test]
     fn pointer_checks_map_and_version() {
-        let pointer = Pointer::new("kitchen", ObjectId::of(b"manifest"));
+        let pointer = ManifestPointer::new("kitchen", ObjectId::of(b"manifest"));
         let bytes = pointer.encode();
-        assert_eq!(Pointer::decode(&bytes, "kitchen"), Ok(pointer));
-        assert!(Pointer::decode(&bytes, "hall").unwrap_err().contains("\"kitchen\""));
+        assert_eq!(ManifestPointer::decode(&bytes, "kitchen"), Ok(pointer));
+        assert!(ManifestPointer::decode(&bytes, "hall").unwrap_err().contains("\"kitchen\""));
         let text = String::from_utf8(bytes).unwrap();
         let newer = text.replace("\"version\": 1", "\"version\": 2, \"more\": 3");
-        assert!(Pointer::decode(newer.as_bytes(), "kitchen").unwrap_err().contains("version 2"));
+        assert!(ManifestPointer::decode(newer.as_bytes(), "kitchen").unwrap_err().contains("version 2"));
         for wrong in [
             text.replace("kitchen", "../kitchen"),
             text.replace("\"map\"", "\"more\": 1, \"map\""),
             String::new(),
         ] {
-            assert!(Pointer::decode(wrong.as_bytes(), "kitchen").is_err(), "{wrong}");
+            assert!(ManifestPointer::decode(wrong.as_bytes(), "kitchen").is_err(), "{wrong}");
         }
         let outside = text.replace(&ObjectId::of(b"manifest").to_string(), "../../secret");
-        assert!(Pointer::decode(outside.as_bytes(), "kitchen").is_err());
+        assert!(ManifestPointer::decode(outside.as_bytes(), "kitchen").is_err());
     }
 }

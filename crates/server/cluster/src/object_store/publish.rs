@@ -7,19 +7,19 @@ use futures_util::{StreamExt as _, TryStreamExt as _};
 use object_store::buffered::BufWriter;
 use object_store::{ObjectStoreExt as _, PutPayload};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use veiloc_map::regions::{Folder, ObjectId, ObjectRef, verify_file};
+use veiloc_map::regions::{ObjectId, ObjectRef, RegionFolder, verify_file};
 
 use crate::ClusterError;
-use crate::object_store::pointer::Pointer;
+use crate::object_store::pointer::ManifestPointer;
 use crate::object_store::storage::{Storage, StorageEntry};
 
 /// Progress callback: bytes done, and bytes in total.
-pub type Watch<'a> = &'a (dyn Fn(u64, u64) + Send + Sync);
+pub type ProgressCallback<'a> = &'a (dyn Fn(u64, u64) + Send + Sync);
 
 /// Result of publishing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Published {
+pub struct PublishSummary {
     /// Id of the manifest, which is now current.
     pub manifest: ObjectId,
     /// Uploaded objects.
@@ -48,7 +48,11 @@ impl Storage {
     /// # Errors
     /// [`ClusterError::Map`]: a file of the folder is damaged or missing; [`ClusterError::Storage`]. The previous
     /// manifest then stays current.
-    pub async fn publish(&self, folder: &Folder, watch: Watch<'_>) -> Result<Published, ClusterError> {
+    pub async fn publish(
+        &self,
+        folder: &RegionFolder,
+        watch: ProgressCallback<'_>,
+    ) -> Result<PublishSummary, ClusterError> {
         let manifest = folder.manifest();
         let (id, total) = (manifest.id(), manifest.byte_count());
         let done = AtomicU64::new(0);
@@ -64,17 +68,17 @@ impl Storage {
             .try_collect()
             .await?;
         self.put(&self.manifest_entry(id), manifest.encode()).await?;
-        self.put(&self.pointer(&manifest.map)?, Pointer::new(&manifest.map, id).encode()).await?;
+        self.put(&self.pointer(&manifest.map)?, ManifestPointer::new(&manifest.map, id).encode()).await?;
         let sum = |new: bool| {
             let own = objects.iter().filter(|(_, is_new)| *is_new == new);
             own.fold((0, 0), |(count, bytes), (object, _)| (count + 1, bytes + object.bytes))
         };
         let ((sent, sent_bytes), (there, there_bytes)) = (sum(true), sum(false));
-        Ok(Published { manifest: id, sent, sent_bytes, there, there_bytes })
+        Ok(PublishSummary { manifest: id, sent, sent_bytes, there, there_bytes })
     }
 
     /// Uploads an object if needed; returns whether it was uploaded.
-    async fn object(&self, folder: &Folder, object: &ObjectRef) -> Result<bool, ClusterError> {
+    async fn object(&self, folder: &RegionFolder, object: &ObjectRef) -> Result<bool, ClusterError> {
         let entry = self.object_entry(object.sha256);
         match self.retry_policy.await_next(self.store.head(&entry.location), &entry.address).await? {
             Ok(there) if there.size == object.bytes => return Ok(false),

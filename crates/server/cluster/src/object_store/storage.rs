@@ -6,12 +6,12 @@ use futures_util::StreamExt as _;
 use object_store::path::Path as Location;
 use object_store::{ObjectStore, ObjectStoreExt as _};
 use veiloc_map::is_map_name;
-use veiloc_map::regions::{MOST_MANIFEST_BYTES, Manifest, ObjectId};
+use veiloc_map::regions::{MAX_MANIFEST_BYTES, Manifest, ObjectId};
 use veiloc_map::{ManifestError, MapError};
 
 use crate::ClusterError;
 use crate::object_store::address::resolve;
-use crate::object_store::pointer::Pointer;
+use crate::object_store::pointer::ManifestPointer;
 use crate::object_store::refusal::{Refusal, refusal_of};
 use crate::object_store::retry::RetryPolicy;
 
@@ -78,8 +78,8 @@ impl Storage {
     pub async fn current(&self, map: &str) -> Result<ObjectId, ClusterError> {
         let entry = self.pointer(map)?;
         let remedy = "publish the map first with `veiloc map publish`, and check its name";
-        let bytes = self.read_small(&entry, Pointer::MOST_BYTES, remedy).await?;
-        let pointer = Pointer::decode(&bytes, map)
+        let bytes = self.read_small(&entry, ManifestPointer::MAX_BYTES, remedy).await?;
+        let pointer = ManifestPointer::decode(&bytes, map)
             .map_err(|reason| ClusterError::Pointer { address: entry.address.clone(), reason })?;
         Ok(pointer.manifest)
     }
@@ -91,7 +91,7 @@ impl Storage {
     /// [`ClusterError::Storage`].
     pub async fn manifest(&self, map: &str, id: ObjectId) -> Result<Manifest, ClusterError> {
         let entry = self.manifest_entry(id);
-        let bytes = self.read_small(&entry, MOST_MANIFEST_BYTES as u64, REMEDY_REPUBLISH).await?;
+        let bytes = self.read_small(&entry, MAX_MANIFEST_BYTES as u64, REMEDY_REPUBLISH).await?;
         let wrong = |source| ClusterError::Manifest { address: entry.address.clone(), source };
         let manifest = Manifest::decode_as(&bytes, id).map_err(wrong)?;
         if manifest.map != map {
@@ -148,8 +148,8 @@ impl Storage {
         remedy: &'static str,
     ) -> Result<futures_util::stream::BoxStream<'static, object_store::Result<bytes::Bytes>>, ClusterError>
     {
-        let asked = self.store.get(&entry.location);
-        let answer = self.retry_policy.await_next(asked, &entry.address).await?;
+        let request = self.store.get(&entry.location);
+        let answer = self.retry_policy.await_next(request, &entry.address).await?;
         Ok(answer.map_err(|source| entry.error(source, remedy))?.into_stream())
     }
 }

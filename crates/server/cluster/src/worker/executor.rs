@@ -10,7 +10,7 @@ use bytes::Bytes;
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_geometry::Point3;
 use veiloc_localization::LocalizeOptions;
-use veiloc_map::regions::{Index, ObjectId};
+use veiloc_map::regions::{ObjectId, RegionIndex};
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
@@ -18,7 +18,7 @@ use veiloc_service::worker_api::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure, LocalizeOutput};
 
 use super::content::Content;
-use crate::message::{Candidate, MOST_REGIONS, Outcome, RejectReason, Request, RequestName, Task};
+use crate::message::{Candidate, MAX_REGIONS, RejectReason, ReplyOutcome, Request, RequestIdBytes, Task};
 
 /// Approximate bytes per row of a query: the cost of a job is estimated before the query is decoded.
 const ROW_BYTES: usize = 132;
@@ -32,19 +32,19 @@ pub(crate) struct Executor {
     localize: LocalizeOptions,
     counts: Arc<WorkerCounts>,
     /// Requests in the queue or in progress: a second message of one is meant for another worker.
-    in_progress: Mutex<HashSet<(RequestName, ObjectId)>>,
+    in_progress: Mutex<HashSet<(RequestIdBytes, ObjectId)>>,
 }
 
 /// Result of a request.
 pub(crate) struct Done {
-    pub(crate) outcome: Outcome,
+    pub(crate) outcome: ReplyOutcome,
     pub(crate) worked: Duration,
     pub(crate) waited: Duration,
 }
 
 impl Done {
     /// A result that needed no work.
-    pub(crate) const fn at_once(outcome: Outcome) -> Self {
+    pub(crate) const fn at_once(outcome: ReplyOutcome) -> Self {
         Self { outcome, worked: Duration::ZERO, waited: Duration::ZERO }
     }
 }
@@ -77,14 +77,14 @@ impl Executor {
     }
 
     /// Counts a reply by its outcome.
-    pub(crate) fn count_reply(&self, outcome: &Outcome) {
+    pub(crate) fn count_reply(&self, outcome: &ReplyOutcome) {
         self.counts.reply(match outcome {
-            Outcome::Here | Outcome::Regions(_) | Outcome::Pose(_) => "answered",
-            Outcome::Failed(_) => "unanswered",
-            Outcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
-            Outcome::Rejected(RejectReason::InProgress) => "twin",
-            Outcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "unread",
-            Outcome::Rejected(RejectReason::Broken) => "broken",
+            ReplyOutcome::Here | ReplyOutcome::Regions(_) | ReplyOutcome::Pose(_) => "answered",
+            ReplyOutcome::Failed(_) => "unanswered",
+            ReplyOutcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
+            ReplyOutcome::Rejected(RejectReason::InProgress) => "twin",
+            ReplyOutcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "unread",
+            ReplyOutcome::Rejected(RejectReason::Broken) => "broken",
         });
     }
 
@@ -94,7 +94,7 @@ impl Executor {
         match task {
             Task::Ping => {
                 self.counts.request("ping");
-                Done::at_once(Outcome::Here)
+                Done::at_once(ReplyOutcome::Here)
             }
             Task::Search { globals } => {
                 self.counts.request("search");
@@ -103,7 +103,7 @@ impl Executor {
                 let spec = JobSpec { client: None, rows: 0, limit: within };
                 self.run_queued(&self.searches, name, spec, Stop::default(), move || {
                     let Content::Index(index) = &*content else {
-                        return Outcome::Rejected(RejectReason::NotHeld);
+                        return ReplyOutcome::Rejected(RejectReason::NotHeld);
                     };
                     search(index, &globals, retrieve)
                 })
@@ -112,7 +112,7 @@ impl Executor {
             Task::Pose { kind, body, near } => {
                 self.counts.request("pose");
                 let Some(_here) = InProgress::begin(self, name, object) else {
-                    return Done::at_once(Outcome::Rejected(RejectReason::InProgress));
+                    return Done::at_once(ReplyOutcome::Rejected(RejectReason::InProgress));
                 };
                 let spec = JobSpec { client: None, rows: body.len() / ROW_BYTES, limit: within };
                 let mut options = self.localize.clone();
@@ -121,7 +121,7 @@ impl Executor {
                 let content = content.clone();
                 self.run_queued(&self.pool, name, spec, stop, move || {
                     let Content::Region(map) = &*content else {
-                        return Outcome::Rejected(RejectReason::NotHeld);
+                        return ReplyOutcome::Rejected(RejectReason::NotHeld);
                     };
                     pose(map, kind, &body, near, options)
                 })
@@ -135,10 +135,10 @@ impl Executor {
     async fn run_queued(
         &self,
         pool: &Pool,
-        name: RequestName,
+        name: RequestIdBytes,
         spec: JobSpec,
         stop: Stop,
-        work: impl FnOnce() -> Outcome + Send + 'static,
+        work: impl FnOnce() -> ReplyOutcome + Send + 'static,
     ) -> Done {
         let counts = self.counts.clone();
         let begun = Arc::new(AtomicBool::new(false));
@@ -149,7 +149,7 @@ impl Executor {
             let started = Instant::now();
             let outcome = with_request(RequestId::from_bytes(name), work);
             let worked = started.elapsed();
-            counts.worked(worked);
+            counts.add_busy_time(worked);
             // The times in an answer are those of the worker; the gateway adds its own.
             Done { outcome: with_wait(outcome, waited), worked, waited }
         };
@@ -158,7 +158,7 @@ impl Executor {
             Ok(result) => result,
             Err(refused) => {
                 cancel_on_drop.ended = true;
-                return Done::at_once(Outcome::Rejected(match refused {
+                return Done::at_once(ReplyOutcome::Rejected(match refused {
                     Rejected::Full { retry_after } | Rejected::Late { retry_after } => {
                         RejectReason::Busy { retry_after }
                     }
@@ -174,13 +174,13 @@ impl Executor {
                 tracing::error!(
                     "localization panicked; this is a bug in veiloc, the line before has the location"
                 );
-                Done::at_once(Outcome::Rejected(RejectReason::Broken))
+                Done::at_once(ReplyOutcome::Rejected(RejectReason::Broken))
             }
-            Err(_) => Done::at_once(Outcome::Failed(LocalizeFailure::TimedOut)),
+            Err(_) => Done::at_once(ReplyOutcome::Failed(LocalizeFailure::TimedOut)),
         }
     }
 
-    fn in_progress(&self) -> MutexGuard<'_, HashSet<(RequestName, ObjectId)>> {
+    fn in_progress(&self) -> MutexGuard<'_, HashSet<(RequestIdBytes, ObjectId)>> {
         self.in_progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -209,12 +209,12 @@ const SEARCH_QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
 /// Marks a request as in progress until it is dropped.
 struct InProgress<'a> {
     executor: &'a Executor,
-    request: (RequestName, ObjectId),
+    request: (RequestIdBytes, ObjectId),
 }
 
 impl<'a> InProgress<'a> {
     /// `None` if the request is already in progress.
-    fn begin(executor: &'a Executor, name: RequestName, object: ObjectId) -> Option<Self> {
+    fn begin(executor: &'a Executor, name: RequestIdBytes, object: ObjectId) -> Option<Self> {
         let request = (name, object);
         let is_first = executor.in_progress().insert(request);
         // Created only in this case, because dropping the guard removes the mark.
@@ -228,22 +228,22 @@ impl Drop for InProgress<'_> {
     }
 }
 
-fn with_wait(outcome: Outcome, waited: Duration) -> Outcome {
+fn with_wait(outcome: ReplyOutcome, waited: Duration) -> ReplyOutcome {
     match outcome {
-        Outcome::Pose(mut answer) => {
+        ReplyOutcome::Pose(mut answer) => {
             answer.times.queue_ms = waited.as_secs_f64() * 1e3;
-            Outcome::Pose(answer)
+            ReplyOutcome::Pose(answer)
         }
         other => other,
     }
 }
 
 /// The regions for these images; for several images the sums of retrieved images.
-fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
+fn search(index: &RegionIndex, globals: &[Bytes], retrieve: usize) -> ReplyOutcome {
     let mut candidates: Vec<Candidate> = Vec::new();
     for codes in globals {
         if codes.len() != index.global_len() {
-            return Outcome::Failed(LocalizeFailure::WrongProfile);
+            return ReplyOutcome::Failed(LocalizeFailure::WrongProfile);
         }
         let global = GlobalDescriptor::new(codes.iter().map(|code| code.cast_signed()).collect());
         for ranked in index.rank(&global, retrieve) {
@@ -256,8 +256,8 @@ fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
     }
     // The sort is stable: equal regions keep the order of the first image.
     candidates.sort_by_key(|candidate| std::cmp::Reverse(candidate.held));
-    candidates.truncate(MOST_REGIONS);
-    Outcome::Regions(candidates)
+    candidates.truncate(MAX_REGIONS);
+    ReplyOutcome::Regions(candidates)
 }
 
 fn pose(
@@ -266,17 +266,17 @@ fn pose(
     body: &[u8],
     near: Option<PositionHint>,
     mut options: LocalizeOptions,
-) -> Outcome {
+) -> ReplyOutcome {
     // The gateway has decoded it; otherwise the versions differ.
     let Ok(request) = DecodedRequest::decode(kind, body) else {
-        return Outcome::Rejected(RejectReason::Undecodable);
+        return ReplyOutcome::Rejected(RejectReason::Undecodable);
     };
     if let Some(near) = near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     match request.localize(map, &options, 0.0) {
-        Ok(LocalizeOutput { answer, .. }) => Outcome::Pose(Box::new(answer)),
-        Err(why) => Outcome::Failed(why),
+        Ok(LocalizeOutput { answer, .. }) => ReplyOutcome::Pose(Box::new(answer)),
+        Err(why) => ReplyOutcome::Failed(why),
     }
 }

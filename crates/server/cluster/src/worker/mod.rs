@@ -19,7 +19,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};
+use veiloc_map::regions::{Manifest, ObjectId, ObjectRef, RegionFolder};
 use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
 use veiloc_service::worker_api::{Controllable, HealthProbe};
 
@@ -29,7 +29,7 @@ use self::subscription::Subscription;
 use crate::ClusterError;
 use crate::manifest_source::ManifestSource;
 use crate::reachability::Groups;
-use crate::share::Share;
+use crate::share::RegionShare;
 use crate::subjects;
 
 /// Options of a worker.
@@ -39,7 +39,7 @@ pub struct WorkerOptions {
     /// Name of the map.
     pub map: String,
     /// The regions to hold.
-    pub share: Share,
+    pub share: RegionShare,
     /// Whether to hold the index too. Default: true.
     pub index: bool,
     /// Threads that localize. Default: one per core.
@@ -64,7 +64,7 @@ impl WorkerOptions {
     pub fn new(map: &str) -> Self {
         Self {
             map: map.to_owned(),
-            share: Share::All,
+            share: RegionShare::All,
             index: true,
             threads: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
@@ -158,10 +158,10 @@ impl HealthProbe for WorkerHandle {
 
 /// Pause after a further failure: doubles up to a minute, or to the polling interval if that is longer.
 fn next_pause(pause: Duration, watch: Duration) -> Duration {
-    (pause * 2).min(watch.max(LONGEST_PAUSE))
+    (pause * 2).min(watch.max(MAX_PAUSE))
 }
 
-const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+const MAX_PAUSE: Duration = Duration::from_secs(60);
 
 impl Worker {
     /// Fetches and opens its share of the published map, and joins the groups.
@@ -205,7 +205,7 @@ impl Worker {
     }
 
     /// Number of held regions and indexes.
-    pub fn held(&self) -> usize {
+    pub fn held_count(&self) -> usize {
         self.subscriptions.len()
     }
 
@@ -222,7 +222,7 @@ impl Worker {
             // A fetch in progress must not delay the shutdown.
             tokio::select! {
                 followed = self.follow() => {
-                    self.counts.failing(followed.is_err());
+                    self.counts.set_activation_failing(followed.is_err());
                     // A manifest that cannot be loaded, for example on a full disk, may have been fetched almost
                     // completely: do not retry at every poll.
                     pause = if followed.is_ok() { self.options.watch } else { next_pause(pause, self.options.watch) };
@@ -272,7 +272,7 @@ impl Worker {
     /// The objects of its share, with the numbers of those that are regions.
     fn assigned_objects(&self, manifest: &Manifest) -> Vec<(ObjectRef, Option<usize>)> {
         let regions =
-            manifest.regions.iter().enumerate().filter(|(number, _)| self.options.share.takes(*number));
+            manifest.regions.iter().enumerate().filter(|(number, _)| self.options.share.contains(*number));
         let index = self.options.index.then_some((manifest.index, None));
         index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
     }
@@ -286,7 +286,7 @@ impl Worker {
         let missing = assigned.iter().filter(|(object, _)| !self.subscriptions.contains_key(&object.sha256));
         let missing: Vec<(ObjectRef, Option<usize>)> = missing.copied().collect();
         let folder = self.source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
-        let folder = Folder::of(manifest.clone(), &folder);
+        let folder = RegionFolder::of(manifest.clone(), &folder);
         for (object, number) in missing {
             let (folder, memory) = (folder.clone(), self.options.memory);
             // Large files are opened on another thread than messages are served.

@@ -9,7 +9,7 @@ use veiloc_map::regions::ObjectId;
 
 use super::content::Content;
 use super::executor::{Done, Executor};
-use crate::message::{Outcome, RejectReason, Reply, Request};
+use crate::message::{RejectReason, Reply, ReplyOutcome, Request};
 
 /// A held object, and the task that answers its requests.
 pub(crate) struct Subscription {
@@ -82,10 +82,10 @@ async fn answer(responder: Arc<Responder>, mut incoming: Incoming) {
                 () = incoming.cancelled() => return,
             }
         }
-        Ok(request) => (request.name, Done::at_once(Outcome::Rejected(RejectReason::NotHeld))),
+        Ok(request) => (request.name, Done::at_once(ReplyOutcome::Rejected(RejectReason::NotHeld))),
         Err(error) => {
             tracing::warn!(%error, "an invalid request was received");
-            ([0; 16], Done::at_once(Outcome::Rejected(RejectReason::Undecodable)))
+            ([0; 16], Done::at_once(ReplyOutcome::Rejected(RejectReason::Undecodable)))
         }
     };
     responder.executor.count_reply(&done.outcome);

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use common::service::{Running, truth};
 use common::{
-    LONG, MAP, Machines, OFTEN, Town, eventually, fake_member, localize_locally, region, without_times,
-    worker_options,
+    MAP, POLL_INTERVAL, PublishedMap, STEP_TIMEOUT, TestCluster, eventually, fake_member, localize_locally,
+    region, without_times, worker_options,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
-use veiloc_cluster::message::{Outcome, RejectReason, Reply, Request, Task};
+use veiloc_cluster::message::{RejectReason, Reply, ReplyOutcome, Request, Task};
 use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
 use veiloc_service::worker_api::HealthProbe as _;
 use veiloc_service::{
@@ -35,7 +35,7 @@ fn hold_clock() -> std::sync::mpsc::Sender<()> {
 }
 
 /// The reply of a worker to this request.
-fn reply(request: &Request, outcome: Outcome) -> bytes::Bytes {
+fn reply(request: &Request, outcome: ReplyOutcome) -> bytes::Bytes {
     Reply { name: request.name, outcome, worked: Duration::ZERO, waited: Duration::ZERO }.encode()
 }
 
@@ -54,13 +54,18 @@ async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool)
 }
 
 /// Sends a request directly to the worker of region 0.
-fn ask_worker(town: &Town, machines: &Machines, name: u8, body: &[u8]) -> JoinHandle<Outcome> {
+fn ask_worker(
+    published: &PublishedMap,
+    cluster: &TestCluster,
+    name: u8,
+    body: &[u8],
+) -> JoinHandle<ReplyOutcome> {
     let task = Task::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
-    let object = town.folder().manifest().regions[0].sha256;
-    let request = Request { name: [name; 16], object, within: LONG, task };
-    let (bus, subject) = (machines.bus.clone(), town.subject(0));
+    let object = published.folder().manifest().regions[0].sha256;
+    let request = Request { name: [name; 16], object, within: STEP_TIMEOUT, task };
+    let (bus, subject) = (cluster.bus.clone(), published.subject(0));
     tokio::spawn(async move {
-        let reply = bus.request_cancellable(&subject, request.encode(), LONG).await;
+        let reply = bus.request_cancellable(&subject, request.encode(), STEP_TIMEOUT).await;
         Reply::decode(reply.expect("a reply"), &request.name).expect("a reply").outcome
     })
 }
@@ -71,13 +76,13 @@ fn decode_request(incoming: &veiloc_cluster::bus::Incoming) -> Request {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn pose_equals_that_of_the_map_bit_for_bit() {
-    let town = Town::new(10);
-    let folder = town.folder();
+    let published = PublishedMap::new(10);
+    let folder = published.folder();
     assert_eq!(folder.manifest().regions.len(), 1);
-    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
-    let (whole, only) = (town.map(10), region(&folder, 0));
-    for query in town.queries(6) {
-        let answer = without_times(machines.ask(&query).await.expect("a pose"));
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
+    let (whole, only) = (published.map(10), region(&folder, 0));
+    for query in published.queries(6) {
+        let answer = without_times(cluster.ask(&query).await.expect("a pose"));
         assert!(answer.trusted);
         assert_eq!(answer, without_times(localize_locally(&only, &query).expect("a pose")));
         // A region stores rounded covariances of its points; the pose equals that of the whole map.
@@ -91,13 +96,13 @@ async fn pose_equals_that_of_the_map_bit_for_bit() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn trusted_pose_with_highest_evidence_wins() {
-    let town = Town::new(4);
-    let folder = town.folder();
+    let published = PublishedMap::new(4);
+    let folder = published.folder();
     let count = folder.manifest().regions.len();
     assert!(count >= 3, "{count} regions");
-    let machines = Machines::start(&town, Bus::in_process(), &["1/2", "2/2"]).await;
-    for query in town.queries(6) {
-        let answer = without_times(machines.ask(&query).await.expect("a pose"));
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["1/2", "2/2"]).await;
+    for query in published.queries(6) {
+        let answer = without_times(cluster.ask(&query).await.expect("a pose"));
         let index = folder.open_index(veiloc_map::MapMemory::Copied).expect("an index");
         let DecodedRequest::Query(sealed) = DecodedRequest::decode(BodyKind::Query, &query).expect("sealed")
         else {
@@ -116,10 +121,10 @@ async fn trusted_pose_with_highest_evidence_wins() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn sessions_are_localized() {
-    let town = Town::new(10);
-    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
+    let published = PublishedMap::new(10);
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
     let frame = |pose| veiloc_protocol::SealedFrame {
-        query: veiloc_protocol::SealedQuery::decode(&town.query(&pose)).expect("sealed"),
+        query: veiloc_protocol::SealedQuery::decode(&published.query(&pose)).expect("sealed"),
         cam_from_rig: veiloc_geometry::CameraFromRig::from_quaternion([1.0, 0.0, 0.0, 0.0], [0.0; 3])
             .expect("a pose"),
         rotation_sd_deg: 0.0,
@@ -128,25 +133,25 @@ async fn sessions_are_localized() {
     let bytes = veiloc_protocol::RigMessage { frames: vec![frame(truth())] }.encode();
     let decoded = || DecodedRequest::decode(BodyKind::Rig, &bytes).expect("a session");
     let options = veiloc_localization::LocalizeOptions::default();
-    let expected = decoded().localize(&region(&town.folder(), 0), &options, 0.0).expect("a pose").answer;
-    let mut request = machines.request(&town.query(&truth()), LONG);
+    let expected = decoded().localize(&region(&published.folder(), 0), &options, 0.0).expect("a pose").answer;
+    let mut request = cluster.request(&published.query(&truth()), STEP_TIMEOUT);
     (request.decoded, request.bytes) = (decoded(), bytes.clone());
     assert_eq!(
-        without_times(machines.gateway.localize(request).await.expect("a pose")),
+        without_times(cluster.gateway.localize(request).await.expect("a pose")),
         without_times(expected)
     );
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn http_answers_equal_those_of_a_local_map() {
-    let town = Town::new(10);
-    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
+    let published = PublishedMap::new(10);
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
     let mut options = ServerOptions::new(Vec::new());
     options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
-    let backend = Arc::new(machines.gateway.clone());
+    let backend = Arc::new(cluster.gateway.clone());
     options.remote_maps = vec![RemoteMap { name: MAP.to_owned(), backend }];
-    let (query, other) = (town.query(&truth()), common::service::TestScene::new(5).sealed(&truth()));
-    let featureless = town.scene.sealed_without_features();
+    let (query, other) = (published.query(&truth()), common::service::TestScene::new(5).sealed(&truth()));
+    let featureless = published.scene.sealed_without_features();
     // The server blocks its own thread, not those of the cluster.
     let statuses = tokio::task::spawn_blocking(move || {
         let server = Running::start(options);
@@ -169,13 +174,13 @@ async fn http_answers_equal_those_of_a_local_map() {
 #[tokio::test(start_paused = true)]
 async fn requests_to_a_silent_member_are_hedged() {
     let _held = hold_clock();
-    let town = Town::new(10);
+    let published = PublishedMap::new(10);
     let bus = Bus::in_process();
-    let machines = Machines::start(&town, bus.clone(), &["all"]).await;
+    let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
     let (ask, mut received) = tokio::sync::mpsc::unbounded_channel();
     let cancelled = Arc::new(AtomicUsize::new(0));
     let count = cancelled.clone();
-    let _silent = fake_member(&bus, &town.subject(0), move |mut incoming| {
+    let _silent = fake_member(&bus, &published.subject(0), move |mut incoming| {
         ask.send(()).expect("the test receives");
         let cancelled = count.clone();
         tokio::spawn(async move {
@@ -186,8 +191,8 @@ async fn requests_to_a_silent_member_are_hedged() {
     })
     .await;
     let mut silent_requests = 0;
-    for query in town.queries(8) {
-        let mut answer = std::pin::pin!(machines.ask(&query));
+    for query in published.queries(8) {
+        let mut answer = std::pin::pin!(cluster.ask(&query));
         loop {
             tokio::select! {
                 answer = &mut answer => {
@@ -202,7 +207,7 @@ async fn requests_to_a_silent_member_are_hedged() {
         }
     }
     assert!(silent_requests >= 4, "members take turns, and the silent one got {silent_requests} requests");
-    assert_eq!(machines.metric("veiloc_cluster_hedges_total"), silent_requests);
+    assert_eq!(cluster.metric("veiloc_cluster_hedges_total"), silent_requests);
     while cancelled.load(Ordering::Relaxed) < silent_requests as usize {
         tokio::task::yield_now().await;
     }
@@ -211,33 +216,33 @@ async fn requests_to_a_silent_member_are_hedged() {
 /// An incomplete new map is not activated: the old one stays in use until the new one is complete.
 #[tokio::test(flavor = "multi_thread")]
 async fn missing_object_delays_the_new_map_but_no_query() {
-    let town = Town::new(5);
-    let old = town.folder().manifest().id();
-    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
-    let worker = machines.handle();
-    let moved = town.regions().join("moved");
-    let new = town.publish_spoilt(9, 4, |objects, manifest| {
+    let published = PublishedMap::new(5);
+    let old = published.folder().manifest().id();
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
+    let worker = cluster.handle();
+    let moved = published.regions().join("moved");
+    let new = published.publish_spoilt(9, 4, |objects, manifest| {
         let region = objects.join(manifest.regions[0].sha256.to_string());
         std::fs::rename(region, &moved).expect("it was there");
     });
     let failing = || common::value(&worker.metrics(), "veiloc_reload_failing");
     eventually("the failure gauge", || failing() == 1).await;
-    for query in town.queries(6) {
-        assert!(machines.ask(&query).await.expect("a pose").trusted);
+    for query in published.queries(6) {
+        assert!(cluster.ask(&query).await.expect("a pose").trusted);
     }
-    assert_eq!(machines.gateway.manifest(), Some(old));
-    let region = town.regions().join("objects").join(new.regions[0].sha256.to_string());
+    assert_eq!(cluster.gateway.manifest(), Some(old));
+    let region = published.regions().join("objects").join(new.regions[0].sha256.to_string());
     std::fs::rename(&moved, region).expect("back");
-    eventually("the new manifest", || machines.gateway.manifest() == Some(new.id())).await;
+    eventually("the new manifest", || cluster.gateway.manifest() == Some(new.id())).await;
     eventually("the failure gauge", || failing() == 0).await;
-    assert!(machines.ask(&town.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
 }
 
 /// If storage is unreachable, a machine starts with the map in its cache, and fails only if it has none.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
 async fn machines_start_from_the_cache_without_storage() {
-    let town = Town::new(4);
+    let published = PublishedMap::new(4);
     let folder = tempfile::tempdir().expect("temporary folder");
     let (store, cache) = (folder.path().join("store"), folder.path().join("cache"));
     let url = store.to_str().expect("text");
@@ -249,8 +254,8 @@ async fn machines_start_from_the_cache_without_storage() {
         )
     };
     tokio::task::block_in_place(|| {
-        let published = veiloc_cluster::object_store::Storage::create(url).expect("a folder");
-        Handle::current().block_on(published.publish(&town.folder(), &|_, _| ())).expect("published");
+        let storage = veiloc_cluster::object_store::Storage::create(url).expect("a folder");
+        Handle::current().block_on(storage.publish(&published.folder(), &|_, _| ())).expect("published");
     });
     let source = |cache: &Path| Arc::new(ObjectStoreSource::of(storage(), cache, 1 << 30).expect("a cache"));
     let bus = Bus::in_process();
@@ -258,7 +263,7 @@ async fn machines_start_from_the_cache_without_storage() {
         let counts = veiloc_service::telemetry::WorkerCounts::new("test", 2, 32);
         Worker::start(bus.clone(), source(cache), WorkerOptions::new(MAP), counts).await
     };
-    let held = worker(&cache).await.expect("a worker").held();
+    let held = worker(&cache).await.expect("a worker").held_count();
     let pointer = store.join(format!("{MAP}.json"));
     std::fs::remove_file(&pointer).expect("it was there");
     // A removed map is an error: a withdrawn map must not be used any more.
@@ -267,10 +272,10 @@ async fn machines_start_from_the_cache_without_storage() {
     // A link to itself: neither found nor not found.
     std::os::unix::fs::symlink(&pointer, &pointer).expect("a link");
     let again = worker(&cache).await.expect("a worker");
-    assert_eq!(again.held(), held);
+    assert_eq!(again.held_count(), held);
     let counts = veiloc_service::telemetry::GatewayCounts::default();
     let gateway = Gateway::start(bus.clone(), source(&cache), GatewayOptions::new(MAP), counts).await;
-    assert_eq!(gateway.expect("a gateway").manifest(), Some(town.folder().manifest().id()));
+    assert_eq!(gateway.expect("a gateway").manifest(), Some(published.folder().manifest().id()));
     assert!(worker(&folder.path().join("another cache")).await.is_err(), "a machine without a cache");
 }
 
@@ -278,22 +283,24 @@ async fn machines_start_from_the_cache_without_storage() {
 #[tokio::test(flavor = "multi_thread")]
 async fn abandoned_work_is_dropped_and_counted() {
     const WAITING: u8 = 20;
-    let town = Town::new(10);
+    let published = PublishedMap::new(10);
     let mut options = worker_options("all");
     // A query without consensus occupies its thread for ever; others end by confidence.
     options.localize.pose.max_hypotheses = usize::MAX;
-    let machines = Machines::start_with(&town, Bus::in_process(), vec![options]).await;
-    let worker = machines.handle();
-    let ask = |name: u8, body: &[u8]| ask_worker(&town, &machines, name, body);
+    let cluster = TestCluster::start_with(&published, Bus::in_process(), vec![options]).await;
+    let worker = cluster.handle();
+    let ask = |name: u8, body: &[u8]| ask_worker(&published, &cluster, name, body);
     let metric = |what: &str| common::value(&worker.metrics(), what);
     let is = |busy: u64, queued: u64| {
         metric("veiloc_workers_busy") == busy && metric("veiloc_queue_length") == queued
     };
-    let cancelled =
-        || ["waiting", "working"].map(|when| metric(&format!("veiloc_cancelled_total{{when=\"{when}\"}}")));
-    let answered = || metric("veiloc_said_total{said=\"answered\"}");
+    let cancelled = || {
+        ["queued", "running"]
+            .map(|state| metric(&format!("veiloc_worker_cancellations_total{{state=\"{state}\"}}")))
+    };
+    let answered = || metric("veiloc_worker_replies_total{outcome=\"answered\"}");
     let before = answered();
-    let (endless, query) = (town.scene.sealed_without_consensus(), town.query(&truth()));
+    let (endless, query) = (published.scene.sealed_without_consensus(), published.query(&truth()));
     let at_work = [ask(1, &endless), ask(2, &endless)];
     eventually("work on both threads", || is(2, 0)).await;
     let mut waiting: Vec<_> = (0..WAITING).map(|i| ask(3 + i, &query)).collect();
@@ -302,31 +309,31 @@ async fn abandoned_work_is_dropped_and_counted() {
     waiting.iter().for_each(JoinHandle::abort);
     eventually("an end of those that wait", || cancelled() == [u64::from(WAITING) - 1, 0]).await;
     at_work.iter().for_each(JoinHandle::abort);
-    assert!(matches!(awaited.await.expect("it ends"), Outcome::Pose(_)));
+    assert!(matches!(awaited.await.expect("it ends"), ReplyOutcome::Pose(_)));
     eventually("an end of those at work", || cancelled() == [u64::from(WAITING) - 1, 2] && is(0, 0)).await;
     assert_eq!(answered(), before + 1);
     // Later requests are answered normally.
-    assert!(matches!(ask(99, &query).await.expect("it ends"), Outcome::Pose(_)));
+    assert!(matches!(ask(99, &query).await.expect("it ends"), ReplyOutcome::Pose(_)));
 }
 
 /// Every member receives exactly the bytes that the device sent.
 #[tokio::test(flavor = "multi_thread")]
 async fn all_messages_contain_the_same_sealed_bytes() {
-    let town = Town::new(10);
+    let published = PublishedMap::new(10);
     let bus = Bus::in_process();
-    let machines = Machines::start(&town, bus.clone(), &["all"]).await;
+    let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
     let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
     let keep = seen.clone();
-    let _listener = fake_member(&bus, &town.subject(0), move |incoming| {
+    let _listener = fake_member(&bus, &published.subject(0), move |incoming| {
         if let Task::Pose { body, .. } = decode_request(&incoming).task {
             keep.lock().expect("whole").push(body.to_vec());
         }
         std::future::ready(())
     })
     .await;
-    let query = town.query(&truth());
+    let query = published.query(&truth());
     for _ in 0..6 {
-        machines.ask(&query).await.expect("a pose");
+        cluster.ask(&query).await.expect("a pose");
     }
     let seen = seen.lock().expect("whole");
     assert!(!seen.is_empty() && seen.iter().all(|body| *body == query), "{} messages", seen.len());
@@ -334,8 +341,8 @@ async fn all_messages_contain_the_same_sealed_bytes() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn invalid_replies_are_retried_and_never_used() {
-    let town = Town::new(10);
-    let query = town.query(&truth());
+    let published = PublishedMap::new(10);
+    let query = published.query(&truth());
     type InvalidReply = fn(&Request) -> bytes::Bytes;
     let all: [(&str, InvalidReply); 6] = [
         ("garbage", |_| b"\xff\xff garbage".to_vec().into()),
@@ -343,17 +350,17 @@ async fn invalid_replies_are_retried_and_never_used() {
         ("much", |_| vec![0; 8 << 20].into()),
         ("another request's", |request| {
             let other = Request { name: [9; 16], ..request.clone() };
-            reply(&other, Outcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)))
+            reply(&other, ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)))
         }),
-        ("an unexpected outcome", |request| reply(request, Outcome::Here)),
-        ("regions", |request| reply(request, Outcome::Regions(Vec::new()))),
+        ("an unexpected outcome", |request| reply(request, ReplyOutcome::Here)),
+        ("regions", |request| reply(request, ReplyOutcome::Regions(Vec::new()))),
     ];
     for (what, invalid_reply) in all {
         let bus = Bus::in_process();
-        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ONLY]).await;
+        let cluster = TestCluster::start(&published, bus.clone(), &["all", INDEX_ONLY]).await;
         let invalid_replies = Arc::new(AtomicUsize::new(0));
         let count = invalid_replies.clone();
-        let faulty_member = fake_member(&bus, &town.subject(0), move |incoming| {
+        let faulty_member = fake_member(&bus, &published.subject(0), move |incoming| {
             let count = count.clone();
             async move {
                 let request = decode_request(&incoming);
@@ -364,24 +371,24 @@ async fn invalid_replies_are_retried_and_never_used() {
         })
         .await;
         for _ in 0..4 {
-            assert!(machines.ask(&query).await.expect(what).trusted, "{what}");
+            assert!(cluster.ask(&query).await.expect(what).trusted, "{what}");
         }
         eventually("members take turns", || invalid_replies.load(Ordering::Relaxed) > 0).await;
-        assert!(machines.leave().await, "{what}");
-        let without_worker = machines.ask(&query).await;
+        assert!(cluster.leave().await, "{what}");
+        let without_worker = cluster.ask(&query).await;
         assert!(
             matches!(without_worker, Err(LocalizeFailure::Unreached { .. })),
             "{what}: {without_worker:?}"
         );
-        assert!(machines.metric("veiloc_cluster_messages_total{end=\"bad-reply\"}") > 0, "{what}");
+        assert!(cluster.metric("veiloc_cluster_messages_total{outcome=\"invalid-reply\"}") > 0, "{what}");
         faulty_member.abort();
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn rejected_requests_are_retried_and_the_reason_reported() {
-    let town = Town::new(10);
-    let query = town.query(&truth());
+    let published = PublishedMap::new(10);
+    let query = published.query(&truth());
     let seven = 7.try_into().expect("not zero");
     let cases = [
         (RejectReason::Busy { retry_after: seven }, LocalizeFailure::Busy { retry_after: seven }),
@@ -390,17 +397,17 @@ async fn rejected_requests_are_retried_and_the_reason_reported() {
     ];
     for (why, expected) in cases {
         let bus = Bus::in_process();
-        let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ONLY]).await;
-        let busy = fake_member(&bus, &town.subject(0), move |incoming| async move {
+        let cluster = TestCluster::start(&published, bus.clone(), &["all", INDEX_ONLY]).await;
+        let busy = fake_member(&bus, &published.subject(0), move |incoming| async move {
             let request = decode_request(&incoming);
-            incoming.answer(reply(&request, Outcome::Rejected(why))).await.expect("sent");
+            incoming.answer(reply(&request, ReplyOutcome::Rejected(why))).await.expect("sent");
         })
         .await;
         for _ in 0..4 {
-            assert!(machines.ask(&query).await.expect("a pose").trusted);
+            assert!(cluster.ask(&query).await.expect("a pose").trusted);
         }
-        assert!(machines.leave().await);
-        assert_eq!(machines.ask(&query).await.expect_err("no other worker"), expected);
+        assert!(cluster.leave().await);
+        assert_eq!(cluster.ask(&query).await.expect_err("no other worker"), expected);
         busy.abort();
     }
 }
@@ -408,30 +415,30 @@ async fn rejected_requests_are_retried_and_the_reason_reported() {
 /// A stopped worker answers its requests first; a dropped one does not, and another is tried.
 #[tokio::test(flavor = "multi_thread")]
 async fn joining_and_leaving_workers_lose_no_query() {
-    let town = Arc::new(Town::new(4));
+    let published = Arc::new(PublishedMap::new(4));
     let bus = Bus::in_process();
-    let machines = Arc::new(Machines::start(&town, bus, &["all", "all"]).await);
+    let cluster = Arc::new(TestCluster::start(&published, bus, &["all", "all"]).await);
     let (stop, answered) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicUsize::new(0)));
     let clients: Vec<_> = (0..3)
         .map(|client| {
-            let (machines, town) = (machines.clone(), town.clone());
+            let (cluster, published) = (cluster.clone(), published.clone());
             let (stop, answered) = (stop.clone(), answered.clone());
             tokio::spawn(async move {
-                let queries = town.queries(5);
+                let queries = published.queries(5);
                 for query in queries.iter().cycle().skip(client) {
                     if stop.load(Ordering::Relaxed) {
                         return;
                     }
-                    assert!(machines.ask(query).await.expect("a pose").trusted);
+                    assert!(cluster.ask(query).await.expect("a pose").trusted);
                     answered.fetch_add(1, Ordering::Relaxed);
                 }
             })
         })
         .collect();
     for _ in 0..4 {
-        machines.add(&town, "all").await;
+        cluster.add(&published, "all").await;
         let before = answered.load(Ordering::Relaxed);
-        assert!(machines.leave().await, "it finishes its requests");
+        assert!(cluster.leave().await, "it finishes its requests");
         eventually("more answers", || answered.load(Ordering::Relaxed) > before + 3).await;
     }
     stop.store(true, Ordering::Relaxed);
@@ -445,26 +452,26 @@ async fn joining_and_leaving_workers_lose_no_query() {
 async fn new_manifest_is_activated_without_a_lost_query() {
     const DAY: Duration = Duration::from_secs(86_400);
     let _held = hold_clock();
-    let town = Arc::new(Town::new(5));
+    let published = Arc::new(PublishedMap::new(5));
     let bus = Bus::in_process();
     let workers = ["1/2", "2/2"].map(|share| {
         let mut options = worker_options(share);
         options.grace = Duration::from_secs(3600);
         options
     });
-    let machines = Arc::new(Machines::start_with(&town, bus.clone(), workers.into()).await);
+    let cluster = Arc::new(TestCluster::start_with(&published, bus.clone(), workers.into()).await);
     let stop = Arc::new(AtomicBool::new(false));
     let clients: Vec<_> = (0..3)
         .map(|client| {
-            let (machines, town, stop) = (machines.clone(), town.clone(), stop.clone());
+            let (cluster, published, stop) = (cluster.clone(), published.clone(), stop.clone());
             tokio::spawn(async move {
-                let (queries, mut answered) = (town.queries(5), 0);
+                let (queries, mut answered) = (published.queries(5), 0);
                 for query in queries.iter().cycle().skip(client) {
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    let request = machines.request(query, DAY);
-                    assert!(machines.gateway.localize(request).await.expect("a pose").trusted);
+                    let request = cluster.request(query, DAY);
+                    assert!(cluster.gateway.localize(request).await.expect("a pose").trusted);
                     answered += 1;
                 }
                 answered
@@ -472,10 +479,11 @@ async fn new_manifest_is_activated_without_a_lost_query() {
         })
         .collect();
     for (images, of_region) in [(9, 4), (10, 3), (8, 8)] {
-        let old = town.subject(0);
-        let manifest = town.publish(images, of_region);
-        pass_until(OFTEN, "the new manifest", || machines.gateway.manifest() == Some(manifest.id())).await;
-        let description = machines.gateway.describe().expect("held");
+        let old = published.subject(0);
+        let manifest = published.publish(images, of_region);
+        pass_until(POLL_INTERVAL, "the new manifest", || cluster.gateway.manifest() == Some(manifest.id()))
+            .await;
+        let description = cluster.gateway.describe().expect("held");
         assert_eq!(description.images, images as usize);
         // Unused regions are finally left.
         let left =
@@ -493,59 +501,62 @@ async fn new_manifest_is_activated_without_a_lost_query() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn manifest_is_activated_when_all_regions_are_reachable() {
-    let town = Town::new(4);
-    let query = town.query(&truth());
-    let machines = Machines::start(&town, Bus::in_process(), &["1/2"]).await;
-    assert!(machines.gateway.describe().is_none());
-    assert!(matches!(machines.ask(&query).await, Err(LocalizeFailure::Unreached { .. })));
-    machines.add(&town, "2/2").await;
-    eventually("all regions", || machines.gateway.describe().is_some()).await;
-    assert!(machines.ask(&query).await.expect("a pose").trusted);
+    let published = PublishedMap::new(4);
+    let query = published.query(&truth());
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["1/2"]).await;
+    assert!(cluster.gateway.describe().is_none());
+    assert!(matches!(cluster.ask(&query).await, Err(LocalizeFailure::Unreached { .. })));
+    cluster.add(&published, "2/2").await;
+    eventually("all regions", || cluster.gateway.describe().is_some()).await;
+    assert!(cluster.ask(&query).await.expect("a pose").trusted);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn queries_for_another_map_reach_no_worker() {
-    let town = Town::new(10);
-    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
+    let published = PublishedMap::new(10);
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
     let other = common::service::TestScene::new(5).sealed(&truth());
-    assert_eq!(machines.ask(&other).await.expect_err("refused"), LocalizeFailure::WrongProfile);
-    assert_eq!(machines.metric("veiloc_cluster_messages_total{end=\"answered\"}"), 0);
+    assert_eq!(cluster.ask(&other).await.expect_err("refused"), LocalizeFailure::WrongProfile);
+    assert_eq!(cluster.metric("veiloc_cluster_messages_total{outcome=\"answered\"}"), 0);
 }
 
 /// The same request three times to one worker: the first is queued, the later ones are rejected and do not disturb
 /// it.
 #[tokio::test(flavor = "multi_thread")]
 async fn duplicate_requests_are_rejected_while_in_progress() {
-    let town = Town::new(10);
+    let published = PublishedMap::new(10);
     let mut options = worker_options("all");
     options.localize.pose.max_hypotheses = usize::MAX;
-    let machines = Machines::start_with(&town, Bus::in_process(), vec![options]).await;
-    let worker = machines.handle();
-    let ask = |name: u8, body: &[u8]| ask_worker(&town, &machines, name, body);
-    let endless = town.scene.sealed_without_consensus();
+    let cluster = TestCluster::start_with(&published, Bus::in_process(), vec![options]).await;
+    let worker = cluster.handle();
+    let ask = |name: u8, body: &[u8]| ask_worker(&published, &cluster, name, body);
+    let endless = published.scene.sealed_without_consensus();
     let at_work = [ask(1, &endless), ask(2, &endless)];
     let is = |what: &str, count: u64| common::value(&worker.metrics(), what) == count;
     eventually("work on both threads", || is("veiloc_workers_busy", 2)).await;
-    let query = town.query(&truth());
+    let query = published.query(&truth());
     let first = ask(5, &query);
     eventually("a queue", || is("veiloc_queue_length", 1)).await;
     for _ in 0..2 {
         let twin = ask(5, &query).await.expect("it ends");
-        assert!(matches!(twin, Outcome::Rejected(RejectReason::InProgress)), "{twin:?}");
+        assert!(matches!(twin, ReplyOutcome::Rejected(RejectReason::InProgress)), "{twin:?}");
     }
     at_work.iter().for_each(JoinHandle::abort);
-    assert!(matches!(first.await.expect("it ends"), Outcome::Pose(_)));
-    assert!(matches!(ask(5, &query).await.expect("it ends"), Outcome::Pose(_)), "not in progress any more");
+    assert!(matches!(first.await.expect("it ends"), ReplyOutcome::Pose(_)));
+    assert!(
+        matches!(ask(5, &query).await.expect("it ends"), ReplyOutcome::Pose(_)),
+        "not in progress any more"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn request_times_out() {
-    let town = Town::new(10);
+    let published = PublishedMap::new(10);
     let bus = Bus::in_process();
-    let machines = Machines::start(&town, bus.clone(), &["all"]).await;
-    assert!(machines.leave().await);
-    let _silent = fake_member(&bus, &town.subject(0), |_| std::future::ready(())).await;
-    let _index = fake_member(&bus, &town.index_subject(), |_| std::future::ready(())).await;
-    let request: RemoteRequest = machines.request(&town.query(&truth()), Duration::from_millis(200));
-    assert_eq!(machines.gateway.localize(request).await.expect_err("no reply"), LocalizeFailure::TimedOut);
+    let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
+    assert!(cluster.leave().await);
+    let _silent = fake_member(&bus, &published.subject(0), |_| std::future::ready(())).await;
+    let _index = fake_member(&bus, &published.index_subject(), |_| std::future::ready(())).await;
+    let request: RemoteRequest = cluster.request(&published.query(&truth()), Duration::from_millis(200));
+    assert_eq!(cluster.gateway.localize(request).await.expect_err("no reply"), LocalizeFailure::TimedOut);
 }

@@ -10,7 +10,7 @@ use veiloc_features::Features;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_localization::{GravityUse, Localization, LocalizeOptions, localize};
-use veiloc_map::{Down, MapFile, MapModel};
+use veiloc_map::{GravityDirection, MapFile, MapModel};
 use veiloc_obfuscation::seal;
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, SealedQuery};
@@ -21,12 +21,12 @@ const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 /// The gravity direction of the scene: its cameras are roughly upright.
 const DOWN: [f64; 3] = [0.1, 0.9, -0.2];
 
-fn map(down: Option<Down>) -> MapFile {
-    open(&MapModel { down, ..common::place(1).map(8) })
+fn map(down: Option<GravityDirection>) -> MapFile {
+    open(&MapModel { down, ..common::random_scene(1).map(8) })
 }
 
-fn down() -> Down {
-    Down::new(DOWN).expect("a direction")
+fn down() -> GravityDirection {
+    GravityDirection::new(DOWN).expect("a direction")
 }
 
 /// The measured gravity direction, rotated by an error in degrees.
@@ -38,10 +38,10 @@ fn measured(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity
 }
 
 fn sealed(scheme: &str, features: Features, gravity: Option<CoarseGravity>) -> SealedQuery {
-    let place = common::place(1);
+    let scene = common::random_scene(1);
     let options = options(scheme).with_gravity(gravity);
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let query = seal(features, &place.camera, &place.profile, &options, &mut rng).expect("sealed");
+    let query = seal(features, &scene.camera, &scene.profile, &options, &mut rng).expect("sealed");
     SealedQuery::decode(&query.encode()).expect("decodes")
 }
 
@@ -59,7 +59,7 @@ fn use_of_gravity_is_reported() {
         (gravity, None, GravityUse::UnknownInMap),
         (gravity, Some(down()), GravityUse::Used),
     ] {
-        let query = sealed("dcl", common::place(1).features(&truth), gravity);
+        let query = sealed("dcl", common::random_scene(1).features(&truth), gravity);
         let found = found(&query, &map(down)).expect("localized");
         assert_eq!(found.gravity, used);
         assert_eq!(found.state, State::Trusted);
@@ -73,7 +73,7 @@ fn gravity_is_ignored_without_gravity_in_the_map() {
     let truth = pose_in_scene(0.13, 0.2);
     let map = map(None);
     let pose_of = |gravity| {
-        found(&sealed("dcl", common::place(1).features(&truth), gravity), &map)
+        found(&sealed("dcl", common::random_scene(1).features(&truth), gravity), &map)
             .expect("localized")
             .cam_from_world
     };
@@ -82,7 +82,7 @@ fn gravity_is_ignored_without_gravity_in_the_map() {
 
 /// Few keypoints, shifted by some pixels, as in a dark or occluded image.
 fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
-    let all = common::place(1).features(truth);
+    let all = common::random_scene(1).features(truth);
     let selected: Vec<usize> =
         (0..all.keypoints.len()).filter(|i| (i * 7 + seed).is_multiple_of(19)).collect();
     let mut few = Features {

@@ -14,14 +14,14 @@ use veiloc_testing::pose_in_scene;
 
 #[test]
 fn sessions_are_localized_and_invalid_ones_refused() {
-    let place = common::place(1);
-    let map = open(&place.map(8));
+    let scene = common::random_scene(1);
+    let map = open(&scene.map(8));
     let truth = pose_in_scene(0.13, 0.2);
     // The first frame is the rig; the device turned and moved between the others.
     let sealed = |scheme: &str, k: u64| {
         let cam = pose_in_scene(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
         let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
-        let query = seal(place.features(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
+        let query = seal(scene.features(&cam), &scene.camera, &scene.profile, &options(scheme), &mut rng);
         SealedFrame {
             query: query.expect("sealed"),
             cam_from_rig: Rigid3::new(
@@ -36,7 +36,7 @@ fn sessions_are_localized_and_invalid_ones_refused() {
         let frames: Vec<SealedFrame> = (0..4).map(|k| sealed(scheme, k)).collect();
         let found = localize_rig(&frames, &map, &LocalizeOptions::default()).expect("localized");
         assert!(found.frames[0].cam_from_world.translation_error(&truth) < 0.02, "{scheme}");
-        assert_eq!((found.frames.len(), found.frames_that_agree()), (4, 4));
+        assert_eq!((found.frames.len(), found.inlier_frame_count()), (4, 4));
         assert!(found.frames.iter().all(|f| f.inliers > 100 && f.inliers <= f.matches), "{scheme}");
         let single_frame = localize_rig(&frames[..1], &map, &LocalizeOptions::default()).expect("localized");
         let of_query = localize(&frames[0].query, &map, &LocalizeOptions::default()).expect("localized");
@@ -45,7 +45,7 @@ fn sessions_are_localized_and_invalid_ones_refused() {
     }
     let none = localize_rig(&[], &map, &LocalizeOptions::default()).expect_err("no frame");
     assert!(none.to_string().contains("rig without frames"), "{none}");
-    let other = open(&common::place(2).map(8));
+    let other = open(&common::random_scene(2).map(8));
     let frames = [sealed("dcl", 0), sealed("dcl", 1)];
     let wrong = localize_rig(&frames, &other, &LocalizeOptions::default()).expect_err("another map");
     assert!(wrong.to_string().starts_with("frame 0: "), "{wrong}");
@@ -53,8 +53,8 @@ fn sessions_are_localized_and_invalid_ones_refused() {
 
 #[test]
 fn every_scheme_localizes() {
-    let place = common::place(1);
-    let map = open(&place.map(8));
+    let scene = common::random_scene(1);
+    let map = open(&scene.map(8));
     let truth = pose_in_scene(0.13, 0.2);
     for (scheme, bound) in [
         ("points", 0.01),
@@ -66,7 +66,7 @@ fn every_scheme_localizes() {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         let options = options(scheme);
         let sealed =
-            seal(place.features(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
+            seal(scene.features(&truth), &scene.camera, &scene.profile, &options, &mut rng).expect("sealed");
         let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
         let found = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
         let error = found.cam_from_world.translation_error(&truth);
@@ -82,8 +82,8 @@ fn every_scheme_localizes() {
 fn rows_with_several_points_are_counted_once() {
     // Every map point twice, each observed by half of the images, as unfinished tracks leave them: a row has two
     // pairs.
-    let place = common::place(1);
-    let whole = place.map(8);
+    let scene = common::random_scene(1);
+    let whole = scene.map(8);
     let mut halves = whole.clone();
     halves.points = whole
         .points
@@ -99,9 +99,9 @@ fn rows_with_several_points_are_counted_once() {
         let options = options(scheme);
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         let sealed = seal(
-            place.features(&pose_in_scene(0.13, 0.2)),
-            &place.camera,
-            &place.profile,
+            scene.features(&pose_in_scene(0.13, 0.2)),
+            &scene.camera,
+            &scene.profile,
             &options,
             &mut rng,
         )
@@ -121,8 +121,8 @@ fn rows_with_several_points_are_counted_once() {
 
 #[test]
 fn query_for_another_map_is_refused() {
-    let (place, other) = (common::place(1), common::place(2));
-    let map = open(&place.map(8));
+    let (scene, other) = (common::random_scene(1), common::random_scene(2));
+    let map = open(&scene.map(8));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let sealed = seal(
         other.features(&pose_in_scene(0.0, 0.0)),
@@ -140,27 +140,27 @@ fn query_for_another_map_is_refused() {
 #[test]
 fn out_of_map_query_is_not_localized() {
     // The same vocabulary, but points of another scene: matches exist, a pose must not.
-    let place = common::place(1);
-    let map = open(&place.map(8));
-    let mut negative = common::place(2);
-    negative.profile = place.profile.clone();
+    let scene = common::random_scene(1);
+    let map = open(&scene.map(8));
+    let mut negative = common::random_scene(2);
+    negative.profile = scene.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let options = SealOptions::unprotected_points();
     let query = negative.features(&pose_in_scene(0.0, 0.0));
-    let sealed = seal(query, &negative.camera, &place.profile, &options, &mut rng).expect("sealed");
+    let sealed = seal(query, &negative.camera, &scene.profile, &options, &mut rng).expect("sealed");
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
 }
 
 #[test]
 fn empty_map_is_reported() {
-    let place = common::place(1);
-    let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
+    let scene = common::random_scene(1);
+    let map = open(&MapModel::empty(scene.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let sealed = seal(
-        place.features(&pose_in_scene(0.0, 0.0)),
-        &place.camera,
-        &place.profile,
+        scene.features(&pose_in_scene(0.0, 0.0)),
+        &scene.camera,
+        &scene.profile,
         &SealOptions::default(),
         &mut rng,
     )

@@ -3,15 +3,15 @@
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{CompressedRecord, PointSummaryRecord};
-use crate::compressed::{Compressed, Remembered};
+use crate::compressed::{PointSummary, WholeMapSummary};
 
 /// Encodes the section with these point summaries: all of them, or none in a packed map, which has them in its own
 /// section.
-pub(super) fn encode(compressed: &Compressed, summaries: &[Remembered]) -> Vec<u8> {
-    let Compressed { bytes, keypoints, points, of_points: _, packed_from: _ } = compressed;
+pub(super) fn encode(compressed: &WholeMapSummary, summaries: &[PointSummary]) -> Vec<u8> {
+    let WholeMapSummary { bytes, keypoints, points, of_points: _, packed_from: _ } = compressed;
     let head = CompressedRecord { bytes: *bytes, keypoints: *keypoints, points: *points };
     let mut encoded = head.as_bytes().to_vec();
-    for Remembered { seen_by, covariance } in summaries {
+    for PointSummary { seen_by, covariance } in summaries {
         let record = PointSummaryRecord { seen_by: *seen_by, covariance: *covariance };
         encoded.extend_from_slice(record.as_bytes());
     }
@@ -22,11 +22,11 @@ pub(super) fn encode(compressed: &Compressed, summaries: &[Remembered]) -> Vec<u
 pub(super) fn decode(
     bytes: &[u8],
     track_lengths: impl ExactSizeIterator<Item = usize>,
-) -> Result<Compressed, String> {
+) -> Result<WholeMapSummary, String> {
     let (head, rest) = head(bytes)?;
     let records = <[PointSummaryRecord]>::ref_from_bytes(rest).map_err(|_| "not whole records".to_owned())?;
-    let summary = |r: &PointSummaryRecord| Remembered { seen_by: r.seen_by, covariance: r.covariance };
-    let compressed = Compressed {
+    let summary = |r: &PointSummaryRecord| PointSummary { seen_by: r.seen_by, covariance: r.covariance };
+    let compressed = WholeMapSummary {
         bytes: head.bytes,
         keypoints: head.keypoints,
         points: head.points,
@@ -45,11 +45,11 @@ fn head(bytes: &[u8]) -> Result<(CompressedRecord, &[u8]), String> {
 /// Decodes the section of a packed map, whose point summaries are in another section.
 pub(super) fn decode_packed(
     bytes: &[u8],
-    of_points: Vec<Remembered>,
+    of_points: Vec<PointSummary>,
     origin: [f64; 3],
-) -> Result<Compressed, String> {
+) -> Result<WholeMapSummary, String> {
     match head(bytes)? {
-        (head, []) => Ok(Compressed {
+        (head, []) => Ok(WholeMapSummary {
             bytes: head.bytes,
             keypoints: head.keypoints,
             points: head.points,

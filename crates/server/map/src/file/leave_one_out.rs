@@ -6,12 +6,12 @@ use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
 use super::view::{ImageView, MapFile};
-use crate::compressed::Remembered;
+use crate::compressed::PointSummary;
 use crate::model::{Observation, PointId};
 
 /// The changes of a map when one of its images is left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Without {
+pub struct LeaveOneOut {
     /// Index of the image.
     pub image: usize,
     /// The points that the image observes, as they are without it; `None` for a removed point. All other points are
@@ -25,16 +25,16 @@ pub struct LeaveOneOutPoint {
     /// Position, map units.
     pub position: Point3<World>,
     /// The remaining evidence for the position.
-    pub evidence: Evidence,
+    pub evidence: PointEvidence,
 }
 
 /// Evidence for the position of a point.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Evidence {
+pub enum PointEvidence {
     /// Its observations, in ascending order.
     Track(Vec<Observation>),
     /// The summary of the whole map, in a compressed map.
-    Remembered(Remembered),
+    Summary(PointSummary),
 }
 
 /// A map file, whole or with one image left out. Indices of images and points are those of the file.
@@ -43,7 +43,7 @@ pub enum Evidence {
 #[derive(Debug, Clone, Copy)]
 pub struct MapView<'a> {
     map: &'a MapFile,
-    without: Option<&'a Without>,
+    without: Option<&'a LeaveOneOut>,
 }
 
 impl<'a> From<&'a MapFile> for MapView<'a> {
@@ -55,7 +55,7 @@ impl<'a> From<&'a MapFile> for MapView<'a> {
 
 impl<'a> MapView<'a> {
     /// The map without one image.
-    pub const fn without(map: &'a MapFile, without: &'a Without) -> Self {
+    pub const fn without(map: &'a MapFile, without: &'a LeaveOneOut) -> Self {
         Self { map, without: Some(without) }
     }
 
@@ -96,8 +96,8 @@ impl<'a> MapView<'a> {
     /// Number of images that observe a point; in a compressed map, of the whole map.
     pub fn seen_by(&self, id: PointId) -> usize {
         match self.evidence(id) {
-            Some(Evidence::Track(track)) => track.len(),
-            Some(Evidence::Remembered(summary)) => summary.seen_by as usize,
+            Some(PointEvidence::Track(track)) => track.len(),
+            Some(PointEvidence::Summary(summary)) => summary.seen_by as usize,
             None => self.map.seen_by(id),
         }
     }
@@ -105,14 +105,16 @@ impl<'a> MapView<'a> {
     /// Covariance of a point's position; see [`MapFile::point_covariance`].
     pub fn point_covariance(&self, id: PointId) -> [[f64; 3]; 3] {
         match self.evidence(id) {
-            Some(Evidence::Track(track)) => self.map.covariance_of(&self.point(id), track.iter().copied()),
-            Some(Evidence::Remembered(summary)) => summary.covariance(),
+            Some(PointEvidence::Track(track)) => {
+                self.map.covariance_of(&self.point(id), track.iter().copied())
+            }
+            Some(PointEvidence::Summary(summary)) => summary.covariance(),
             None => self.map.point_covariance(id),
         }
     }
 
     /// Evidence for a point that the left-out image observes; `None` for all others.
-    fn evidence(&self, id: PointId) -> Option<&'a Evidence> {
+    fn evidence(&self, id: PointId) -> Option<&'a PointEvidence> {
         self.changed(id).and_then(|point| point.as_ref()).map(|point| &point.evidence)
     }
 

@@ -15,7 +15,7 @@ mod view;
 mod write;
 
 pub use layout::FORMAT_VERSION;
-pub use leave_one_out::{Evidence, LeaveOneOutPoint, MapView, Without};
+pub use leave_one_out::{LeaveOneOut, LeaveOneOutPoint, MapView, PointEvidence};
 pub use open::MapMemory;
 pub use view::{ImageView, MapFile};
 pub use write::{MapLock, byte_count, write};

@@ -19,9 +19,9 @@ use super::layout::{
 use super::view::{ImageEntry, LargeSections, MapFile};
 use super::write::{IN_MEMORY, MapEncoding, byte_count, in_memory};
 use super::{compressed, region, self_test};
-use crate::compressed::Compressed;
+use crate::compressed::WholeMapSummary;
 use crate::error::MapError;
-use crate::gravity::Down;
+use crate::gravity::GravityDirection;
 use crate::model::{MapModel, is_name, is_rigid};
 use crate::region::Region;
 use crate::self_test::SelfTest;
@@ -118,8 +118,8 @@ struct Parts {
     cameras: Vec<Intrinsics>,
     images: Vec<ImageEntry>,
     self_test: Option<SelfTest>,
-    down: Option<Down>,
-    compressed: Option<Compressed>,
+    down: Option<GravityDirection>,
+    compressed: Option<WholeMapSummary>,
     region: Option<Region>,
     large: LargeSections,
 }
@@ -245,10 +245,10 @@ impl<'a> Parser<'a> {
         sections[Section::SelfTest as usize - 1].clone().map(decode).transpose()
     }
 
-    pub(super) fn down(&self, sections: &Sections) -> Result<Option<Down>, MapError> {
+    pub(super) fn down(&self, sections: &Sections) -> Result<Option<GravityDirection>, MapError> {
         let decode = |range: Range<usize>| {
             let vector: &[f64; 3] = self.record(&range, Section::Down)?;
-            Down::from_stored(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
+            GravityDirection::from_stored(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
         };
         sections[Section::Down as usize - 1].clone().map(decode).transpose()
     }

@@ -10,11 +10,11 @@ use veiloc_geometry::frames::World;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use super::layout::{PackedKeypointRecord, PackedPointRecord, PackedRecord};
-use crate::compressed::Remembered;
+use crate::compressed::PointSummary;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 
 /// Encodes the section of a compressed and packed model.
-pub(super) fn encode(model: &MapModel, origin: [f64; 3], of_points: &[Remembered]) -> Vec<u8> {
+pub(super) fn encode(model: &MapModel, origin: [f64; 3], of_points: &[PointSummary]) -> Vec<u8> {
     let keypoints = model.images.iter().map(|i| i.keypoints.len() as u64).sum();
     let head = PackedRecord { origin, points: model.points.len() as u64, keypoints };
     let mut bytes = head.as_bytes().to_vec();
@@ -47,7 +47,7 @@ pub(super) struct Unpacked {
     pub(super) origin: [f64; 3],
     pub(super) images: Vec<MapImage>,
     pub(super) points: Vec<MapPoint>,
-    pub(super) of_points: Vec<Remembered>,
+    pub(super) of_points: Vec<PointSummary>,
 }
 
 /// Number of keypoints of the section.
@@ -134,7 +134,7 @@ fn has_codes(global: &GlobalDescriptor) -> bool {
     global.as_codes().iter().any(|code| *code != 0)
 }
 
-fn point_record(point: &MapPoint, summary: &Remembered, origin: &[f64; 3]) -> PackedPointRecord {
+fn point_record(point: &MapPoint, summary: &PointSummary, origin: &[f64; 3]) -> PackedPointRecord {
     let [x, y, z]: [f64; 3] = point.position.coords.into();
     let (log_sds, correlations) = packed_covariance(summary);
     PackedPointRecord {
@@ -157,19 +157,19 @@ impl PackedPointRecord {
         }
     }
 
-    fn point_summary(&self) -> Remembered {
+    fn point_summary(&self) -> PointSummary {
         let sd = self.log_sds.map(|step| (f64::from(step) * LOG_STEP + SMALLEST_LOG_SD).exp());
         let [xy, xz, yz] = self.correlations.map(|c| f64::from(c) / CORRELATION_STEPS);
         let [xx, yy, zz] = [0, 1, 2].map(|i| (sd[i] * sd[i]) as f32);
         let of = |r: f64, i: usize, j: usize| (r * sd[i] * sd[j]) as f32;
         let covariance = [xx, of(xy, 0, 1), of(xz, 0, 2), yy, of(yz, 1, 2), zz];
-        Remembered { seen_by: self.seen_by.into(), covariance }
+        PointSummary { seen_by: self.seen_by.into(), covariance }
     }
 }
 
 /// Logarithms of the standard deviations, and the correlations; the correlations are shrunk slightly if rounding
 /// would make the matrix indefinite.
-fn packed_covariance(summary: &Remembered) -> ([u16; 3], [i16; 3]) {
+fn packed_covariance(summary: &PointSummary) -> ([u16; 3], [i16; 3]) {
     let c = summary.covariance();
     let sd = [0, 1, 2].map(|i| c[i][i].max(0.0).sqrt());
     let log =

@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::view::MapFile;
-use crate::compressed::{Compressed, Remembered};
+use crate::compressed::{PointSummary, WholeMapSummary};
 use crate::error::{MapError, ModelRecord};
 use crate::model::{MapModel, MapPoint, Observation, PointId};
 use crate::region::Region;
 
-impl Compressed {
+impl WholeMapSummary {
     /// The data that a map with these points of `whole` keeps about it.
     pub fn of(whole: &MapFile, kept: impl IntoIterator<Item = PointId>) -> Self {
-        let summary = |id: PointId| Remembered::new(whole.seen_by(id) as u32, &whole.point_covariance(id));
+        let summary = |id: PointId| PointSummary::new(whole.seen_by(id) as u32, &whole.point_covariance(id));
         Self {
             bytes: whole.byte_count(),
             keypoints: whole.images().map(|image| image.keypoints().len() as u64).sum(),
@@ -61,7 +61,7 @@ impl MapFile {
             }
             images.push(copy);
         }
-        let compressed = Compressed::of(self, tracks.keys().copied());
+        let compressed = WholeMapSummary::of(self, tracks.keys().copied());
         let points = tracks.into_iter().map(|(id, track)| MapPoint {
             position: self.point(id),
             track,

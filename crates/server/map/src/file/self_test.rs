@@ -4,7 +4,7 @@ use veiloc_protocol::Scheme;
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{SchemeTestRecord, SelfTestRecord};
-use crate::self_test::{Calibration, Coverage, SchemeTest, SelfTest};
+use crate::self_test::{ConfidenceCoverage, CovarianceCalibration, SchemeTest, SelfTest};
 
 pub(super) fn encode(test: &SelfTest) -> Vec<u8> {
     let head = SelfTestRecord {
@@ -69,9 +69,9 @@ fn scheme_test(record: &SchemeTestRecord) -> Result<SchemeTest, String> {
         median_rotation_deg: record.median_rotation_deg,
         median_translation: record.median_translation,
         median_noise_px: record.median_noise_px,
-        before: Coverage { center: record.center_before, pose: record.pose_before },
-        after: Coverage { center: record.center_after, pose: record.pose_after },
-        calibration: Calibration {
+        before: ConfidenceCoverage { center: record.center_before, pose: record.pose_before },
+        after: ConfidenceCoverage { center: record.center_after, pose: record.pose_after },
+        calibration: CovarianceCalibration {
             factor: record.factor,
             rotation_floor: record.rotation_floor,
             translation_floor: record.translation_floor,

@@ -18,7 +18,7 @@
 //! counts as [`MAP_FREEDOM`] degrees of freedom.
 //!
 //! The covariance does not include errors of poses and intrinsics, which points share. These are part of the
-//! [`Calibration`](crate::Calibration) of a map.
+//! [`CovarianceCalibration`](crate::CovarianceCalibration) of a map.
 
 use std::sync::OnceLock;
 

@@ -12,8 +12,8 @@ use veiloc_simd::MappedFile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
-use crate::compressed::{Compressed, Remembered};
-use crate::gravity::Down;
+use crate::compressed::{PointSummary, WholeMapSummary};
+use crate::gravity::GravityDirection;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 use crate::region::Region;
 use crate::self_test::SelfTest;
@@ -34,8 +34,8 @@ pub struct MapFile {
     pub(super) cameras: Vec<Intrinsics>,
     pub(super) images: Vec<ImageEntry>,
     pub(super) self_test: Option<SelfTest>,
-    pub(super) down: Option<Down>,
-    pub(super) compressed: Option<Compressed>,
+    pub(super) down: Option<GravityDirection>,
+    pub(super) compressed: Option<WholeMapSummary>,
     pub(super) region: Option<Region>,
     pub(super) large: LargeSections,
     /// Built on first use.
@@ -101,12 +101,12 @@ impl MapFile {
     }
 
     /// The direction of gravity, if the builder of the map gave it.
-    pub const fn down(&self) -> Option<Down> {
+    pub const fn down(&self) -> Option<GravityDirection> {
         self.down
     }
 
     /// Data about the whole map, if this is a compressed map.
-    pub const fn compressed(&self) -> Option<&Compressed> {
+    pub const fn compressed(&self) -> Option<&WholeMapSummary> {
         self.compressed.as_ref()
     }
 
@@ -151,7 +151,7 @@ impl MapFile {
     pub fn global_index(&self) -> Option<&GlobalIndex> {
         let codes = self.profile.global_model().global_len();
         let make = || GlobalIndex::new(self.records(&self.large.globals), codes);
-        (self.images.len() >= GlobalIndex::WORTHWHILE).then(|| self.index.get_or_init(make))
+        (self.images.len() >= GlobalIndex::MIN_IMAGES).then(|| self.index.get_or_init(make))
     }
 
     /// Position of a point, map units.
@@ -170,7 +170,7 @@ impl MapFile {
         self.point_summary(id).map_or_else(|| self.track_length(id), |r| r.seen_by as usize)
     }
 
-    pub(super) fn point_summary(&self, id: PointId) -> Option<&Remembered> {
+    pub(super) fn point_summary(&self, id: PointId) -> Option<&PointSummary> {
         self.compressed.as_ref().and_then(|c| c.of_points.get(id.index()))
     }
 

@@ -13,7 +13,7 @@ use super::layout::{
     ObservationRecord, PointRecord, Section, SectionEntry, SettingsRecord, header_checksum,
 };
 use super::{compressed, packed, region, self_test};
-use crate::compressed::Compressed;
+use crate::compressed::WholeMapSummary;
 use crate::error::MapError;
 use crate::model::MapModel;
 use crate::settings::BuildSettings;
@@ -158,13 +158,13 @@ impl<'a> Sections<'a> {
                 }
                 Section::Down => model.down.iter().map(|down| owned(&down.in_world())).collect(),
                 Section::Compressed => {
-                    let here = |c: &'a Compressed| {
+                    let here = |c: &'a WholeMapSummary| {
                         if encoding == MapEncoding::Packed { &[][..] } else { &c.of_points[..] }
                     };
                     model.compressed.iter().map(|c| Piece::Owned(compressed::encode(c, here(c)))).collect()
                 }
                 Section::Packed => {
-                    let encode = |c: &Compressed| {
+                    let encode = |c: &WholeMapSummary| {
                         Some(Piece::Owned(packed::encode(model, c.packed_from?, &c.of_points)))
                     };
                     model.compressed.iter().filter_map(encode).collect()

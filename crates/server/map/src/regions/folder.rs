@@ -12,8 +12,8 @@ use crate::{MapFile, MapMemory, Region};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::regions::index::Index;
-use crate::regions::manifest::{MOST_MANIFEST_BYTES, Manifest, RegionEntry};
+use crate::regions::index::RegionIndex;
+use crate::regions::manifest::{MAX_MANIFEST_BYTES, Manifest, RegionEntry};
 use crate::regions::object::{ObjectId, ObjectRef};
 use crate::{ManifestError, MapError};
 
@@ -81,7 +81,7 @@ impl<'a> FolderWriter<'a> {
     pub fn finish(self, regions: &[Region], entries: Vec<RegionEntry>) -> Result<Manifest, MapError> {
         let path = self.folder.join(MANIFEST_FILE);
         let profile = self.object(&self.map.profile().encode())?;
-        let index = self.object(&Index::encode(self.map, regions))?;
+        let index = self.object(&RegionIndex::encode(self.map, regions))?;
         let (images, points) = (self.map.image_count() as u64, self.map.point_count() as u64);
         let manifest = Manifest::new(self.name, images, points, profile, index, entries)
             .map_err(|source| manifest_error(&path, source))?;
@@ -127,12 +127,12 @@ impl<'a> FolderWriter<'a> {
 
 /// A folder of regions with its manifest.
 #[derive(Debug, Clone)]
-pub struct Folder {
+pub struct RegionFolder {
     folder: PathBuf,
     manifest: Manifest,
 }
 
-impl Folder {
+impl RegionFolder {
     /// Opens a folder of [`FolderWriter`]; reads only its manifest.
     ///
     /// # Errors
@@ -147,7 +147,7 @@ impl Folder {
             Err(source) => return Err(MapError::Io { path, source }),
         };
         let mut bytes = Vec::new();
-        file.take(MOST_MANIFEST_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(MapError::io(&path))?;
+        file.take(MAX_MANIFEST_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(MapError::io(&path))?;
         let manifest = Manifest::decode(&bytes).map_err(|source| manifest_error(&path, source))?;
         Ok(Self { folder: folder.to_owned(), manifest })
     }
@@ -170,10 +170,10 @@ impl Folder {
     /// Opens the index, and checks it against the manifest.
     ///
     /// # Errors
-    /// As [`Index::open`], and [`MapError::Mismatch`].
-    pub fn open_index(&self, memory: MapMemory) -> Result<Index, MapError> {
+    /// As [`RegionIndex::open`], and [`MapError::Mismatch`].
+    pub fn open_index(&self, memory: MapMemory) -> Result<RegionIndex, MapError> {
         let path = self.path_of(&self.manifest.index.sha256);
-        let index = Index::open(&path, memory)?;
+        let index = RegionIndex::open(&path, memory)?;
         let profile = &self.manifest.profile.sha256.as_bytes()[..16];
         let matches_manifest = index.region_count() == self.manifest.regions.len()
             && index.image_count() as u64 == self.manifest.images

@@ -15,10 +15,10 @@ pub const MANIFEST_VERSION: u32 = 1;
 
 /// Maximum length of a manifest, bytes: about two hundred thousand regions. It bounds the memory that a hostile
 /// manifest can use.
-pub const MOST_MANIFEST_BYTES: usize = 64 << 20;
+pub const MAX_MANIFEST_BYTES: usize = 64 << 20;
 
 /// Maximum length of an object, bytes: beyond any region, and beyond an index of a hundred million images.
-pub const MOST_OBJECT_BYTES: u64 = 1 << 40;
+pub const MAX_OBJECT_BYTES: u64 = 1 << 40;
 
 /// The parts of a cut map: its regions, the index of its images and its profile, each an object named by its SHA-256.
 ///
@@ -38,7 +38,7 @@ pub struct Manifest {
     /// The profile with which devices seal queries, the same for the whole map and every region. The first half of
     /// its SHA-256 is its id.
     pub profile: ObjectRef,
-    /// The [`Index`](crate::regions::Index).
+    /// The [`RegionIndex`](crate::regions::RegionIndex).
     pub index: ObjectRef,
     /// The regions, each a map file; the index refers to them by their position here.
     pub regions: Vec<RegionEntry>,
@@ -101,8 +101,8 @@ impl Manifest {
     /// # Errors
     /// [`ManifestError`]: too long, not a manifest, of another version, inconsistent, or not in canonical form.
     pub fn decode(bytes: &[u8]) -> Result<Self, ManifestError> {
-        if bytes.len() > MOST_MANIFEST_BYTES {
-            return Err(ManifestError::TooLong { most: MOST_MANIFEST_BYTES });
+        if bytes.len() > MAX_MANIFEST_BYTES {
+            return Err(ManifestError::TooLong { most: MAX_MANIFEST_BYTES });
         }
         // The version is read first, so that a newer manifest is reported as such.
         let Head { version } = serde_json::from_slice(bytes)?;
@@ -123,7 +123,7 @@ impl Manifest {
     /// As [`Self::decode`], and [`ManifestError::OtherId`].
     pub fn decode_as(bytes: &[u8], expected: ObjectId) -> Result<Self, ManifestError> {
         // Too long input is not hashed.
-        if bytes.len() <= MOST_MANIFEST_BYTES {
+        if bytes.len() <= MAX_MANIFEST_BYTES {
             let found = ObjectId::of(bytes);
             if found != expected {
                 return Err(ManifestError::OtherId { expected, found });
@@ -189,7 +189,7 @@ impl Manifest {
                 self.images
             ));
         }
-        match self.objects().find(|object| !(1..=MOST_OBJECT_BYTES).contains(&object.bytes)) {
+        match self.objects().find(|object| !(1..=MAX_OBJECT_BYTES).contains(&object.bytes)) {
             Some(object) => Err(format!("an object of {} bytes", object.bytes)),
             None => Ok(()),
         }
@@ -274,7 +274,7 @@ mod tests {
         assert!(refused(&|m| m.regions[1].sha256 = m.regions[0].sha256).contains("twice"));
         assert!(refused(&|m| m.regions[1].bytes = u64::MAX).contains("an object of"));
         assert!(refused(&|m| m.index.bytes = 0).contains("an object of 0"));
-        let long = vec![b' '; MOST_MANIFEST_BYTES + 1];
+        let long = vec![b' '; MAX_MANIFEST_BYTES + 1];
         assert!(matches!(Manifest::decode(&long), Err(ManifestError::TooLong { .. })));
     }
 

@@ -6,10 +6,10 @@
 //!                              └─ index: globals, who is where ┴─ manifest: names them all by SHA-256
 //! ```
 //! - [`cut()`]: assigns images to regions. Every image is in the core of exactly one region; regions overlap.
-//! - [`FolderWriter`], [`Folder`]: a folder of `manifest.json` and `objects/<sha256>`, as `veiloc map split` writes it.
+//! - [`FolderWriter`], [`RegionFolder`]: a folder of `manifest.json` and `objects/<sha256>`, as `veiloc map split` writes it.
 //! - [`Manifest`]: the parts of a cut map. Its id is the SHA-256 of its bytes, and every object is named by its
 //!   SHA-256.
-//! - [`Index`]: global descriptors of all images, and the regions of each image, for selecting regions.
+//! - [`RegionIndex`]: global descriptors of all images, and the regions of each image, for selecting regions.
 //! - [`ObjectId`], [`ObjectRef`]: names that cannot leave their folder, and the expected content.
 //!
 //! A region is an ordinary map file ([`crate::Region`]) with the profile of the whole map, so a query sealed for the
@@ -19,10 +19,10 @@
 //! # From a folder to a pose
 //! ```no_run
 //! use veiloc_map::MapMemory;
-//! use veiloc_map::regions::Folder;
+//! use veiloc_map::regions::RegionFolder;
 //!
 //! # fn of_query() -> veiloc_descriptor::GlobalDescriptor { unimplemented!() }
-//! let folder = Folder::open(std::path::Path::new("kitchen"))?;
+//! let folder = RegionFolder::open(std::path::Path::new("kitchen"))?;
 //! let index = folder.open_index(MapMemory::Mapped)?;
 //! // The region that holds most of what whole-map retrieval would give.
 //! let best = index.rank(&of_query(), 10)[0].region;
@@ -37,13 +37,13 @@ mod folder;
 mod index;
 mod manifest;
 mod object;
-mod rounds;
+mod search_rounds;
 mod verify;
 
 pub use cut::{SplitOptions, cut};
-pub use folder::{Folder, FolderWriter, MANIFEST_FILE, OBJECTS_FOLDER};
-pub use index::{INDEX_VERSION, Index, Ranked};
-pub use manifest::{MANIFEST_VERSION, MOST_MANIFEST_BYTES, MOST_OBJECT_BYTES, Manifest, RegionEntry};
+pub use folder::{FolderWriter, MANIFEST_FILE, OBJECTS_FOLDER, RegionFolder};
+pub use index::{INDEX_VERSION, RankedRegion, RegionIndex};
+pub use manifest::{MANIFEST_VERSION, MAX_MANIFEST_BYTES, MAX_OBJECT_BYTES, Manifest, RegionEntry};
 pub use object::{ObjectId, ObjectRef};
-pub use rounds::{ASKED, is_better, rounds};
+pub use search_rounds::{DEFAULT_SEARCHED_REGIONS, is_better_pose, search_rounds};
 pub use verify::verify_file;

@@ -44,16 +44,16 @@ impl fmt::Debug for ObjectId {
 /// The text is not the name of an object.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("not a SHA-256: expected 64 digits 0 to 9 and a to f")]
-pub struct NotAnObjectId;
+pub struct InvalidObjectId;
 
 impl FromStr for ObjectId {
-    type Err = NotAnObjectId;
+    type Err = InvalidObjectId;
 
     /// From 64 digits, lower case only, so that an object has one name.
-    fn from_str(text: &str) -> Result<Self, NotAnObjectId> {
+    fn from_str(text: &str) -> Result<Self, InvalidObjectId> {
         let digits = text.as_bytes();
         if digits.len() != 64 || !digits.iter().all(|d| matches!(d, b'0'..=b'9' | b'a'..=b'f')) {
-            return Err(NotAnObjectId);
+            return Err(InvalidObjectId);
         }
         let mut bytes = [0; 32];
         for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
@@ -65,9 +65,9 @@ impl FromStr for ObjectId {
 }
 
 impl TryFrom<String> for ObjectId {
-    type Error = NotAnObjectId;
+    type Error = InvalidObjectId;
 
-    fn try_from(text: String) -> Result<Self, NotAnObjectId> {
+    fn try_from(text: String) -> Result<Self, InvalidObjectId> {
         text.parse()
     }
 }
@@ -109,9 +109,9 @@ mod tests {
         for wrong in
             ["", "..", "../../etc/passwd", &name[1..], &format!("{name}0"), &capital, &"g".repeat(64)]
         {
-            assert_eq!(wrong.parse::<ObjectId>(), Err(NotAnObjectId), "{wrong}");
+            assert_eq!(wrong.parse::<ObjectId>(), Err(InvalidObjectId), "{wrong}");
         }
         let multibyte = "ä".repeat(32);
-        assert_eq!((multibyte.len(), multibyte.parse::<ObjectId>()), (64, Err(NotAnObjectId)));
+        assert_eq!((multibyte.len(), multibyte.parse::<ObjectId>()), (64, Err(InvalidObjectId)));
     }
 }

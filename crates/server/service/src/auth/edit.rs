@@ -1,6 +1,6 @@
 //! Edits the text of a token file. All other lines stay unchanged, comments included.
 
-use crate::auth::entry::Entry;
+use crate::auth::entry::TokenEntry;
 use crate::auth::error::TokensError;
 use crate::auth::list::{Line, TokenList};
 
@@ -9,7 +9,7 @@ use crate::auth::list::{Line, TokenList};
 /// # Errors
 /// [`TokensError`]: the name or the token exists already, or the text is not a valid token file. Empty text is
 /// accepted.
-pub fn added(text: &str, entry: &Entry) -> Result<String, TokensError> {
+pub fn added(text: &str, entry: &TokenEntry) -> Result<String, TokensError> {
     entry.check()?;
     let list = match TokenList::parse(text.as_bytes()) {
         Err(TokensError::Empty) => TokenList::default(),
@@ -30,7 +30,7 @@ pub fn added(text: &str, entry: &Entry) -> Result<String, TokensError> {
 
 /// Result of revoking a token.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Revoked {
+pub struct Revocation {
     /// The new text.
     pub text: String,
     /// Number of removed lines; older files may have several lines per name.
@@ -44,7 +44,7 @@ pub struct Revoked {
 ///
 /// # Errors
 /// [`TokensError`]: no token has this name, or the text is not a valid token file.
-pub fn revoked(text: &str, name: &str) -> Result<Revoked, TokensError> {
+pub fn revoked(text: &str, name: &str) -> Result<Revocation, TokensError> {
     let count = TokenList::parse(text.as_bytes())?.entries().len();
     let (mut text, lines) = without(text, |line| matches!(line, Line::Token(entry) if entry.name() == name));
     if lines == 0 {
@@ -57,7 +57,7 @@ pub fn revoked(text: &str, name: &str) -> Result<Revoked, TokensError> {
         }
         text += "nobody\n";
     }
-    Ok(Revoked { text, lines, was_last })
+    Ok(Revocation { text, lines, was_last })
 }
 
 /// The text without the matching lines, and their number.
@@ -79,8 +79,8 @@ mod tests {
     use super::*;
     use crate::auth::key::TokenKey;
 
-    fn entry(name: &str) -> Entry {
-        Entry::new(name, TokenKey::of_token(name.as_bytes())).expect("a name")
+    fn entry(name: &str) -> TokenEntry {
+        TokenEntry::new(name, TokenKey::of_token(name.as_bytes())).expect("a name")
     }
 
     #[test]
@@ -90,7 +90,7 @@ mod tests {
         let two = added(&text, &entry("b")).expect("added");
         assert_eq!(two, format!("{text}\n{}\n", entry("b")));
         assert_eq!(added(&two, &entry("b")), Err(TokensError::NameTaken));
-        let again = Entry::new("c", entry("a").key()).expect("a name");
+        let again = TokenEntry::new("c", entry("a").key()).expect("a name");
         assert_eq!(added(&two, &again), Err(TokensError::TokenTaken));
         let one = revoked(&two, "a").expect("revoked");
         assert_eq!(one.text, format!("# phones\r\n\n# the end\n{}\n", entry("b")));
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn revoking_removes_all_lines_of_a_name() {
-        let second = Entry::new("a", TokenKey::of_token(b"second")).expect("a name");
+        let second = TokenEntry::new("a", TokenKey::of_token(b"second")).expect("a name");
         let text = format!("{}\n{second}", entry("a"));
         let removed = revoked(&text, "a").expect("revoked");
         assert_eq!((removed.text.as_str(), removed.lines, removed.was_last), ("nobody\n", 2, true));
@@ -124,7 +124,7 @@ mod tests {
         bound.grant_maps(["m"]).expect("names");
         assert!(matches!(added("", &bound), Err(TokensError::Fault(_))));
         for bad in ["", "nobody", "a b", "#a", "a\nb", "ä", &"x".repeat(65)] {
-            assert_eq!(Entry::new(bad, TokenKey::of_token(b"x")), Err(TokensError::Name), "{bad:?}");
+            assert_eq!(TokenEntry::new(bad, TokenKey::of_token(b"x")), Err(TokensError::Name), "{bad:?}");
         }
     }
 }

@@ -4,16 +4,16 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
-use crate::auth::error::{LineFault, TokensError};
+use crate::auth::error::{LineError, TokensError};
 use crate::auth::key::TokenKey;
-use crate::auth::timestamp::Moment;
+use crate::auth::timestamp::Timestamp;
 use veiloc_map::is_map_name;
 
 use crate::auth::names::is_token_name;
 
 /// A line of the token file. Its `Display` is that line, hash included.
 #[derive(Clone, PartialEq, Eq)]
-pub struct Entry {
+pub struct TokenEntry {
     name: String,
     key: TokenKey,
     /// Whether it may read the metrics.
@@ -21,10 +21,10 @@ pub struct Entry {
     /// The maps it may use; `None` for all maps, never empty.
     maps: Option<BTreeSet<String>>,
     /// End of validity.
-    pub expires: Option<Moment>,
+    pub expires: Option<Timestamp>,
 }
 
-impl Entry {
+impl TokenEntry {
     /// A client token for all maps that never expires.
     ///
     /// # Errors
@@ -39,11 +39,11 @@ impl Entry {
     /// Restricts the token to these maps.
     ///
     /// # Errors
-    /// [`LineFault`]: no map is given, or a name is not a valid map name.
-    pub fn grant_maps<'a>(&mut self, maps: impl IntoIterator<Item = &'a str>) -> Result<(), LineFault> {
+    /// [`LineError`]: no map is given, or a name is not a valid map name.
+    pub fn grant_maps<'a>(&mut self, maps: impl IntoIterator<Item = &'a str>) -> Result<(), LineError> {
         let maps: BTreeSet<String> = maps.into_iter().map(str::to_owned).collect();
         if maps.is_empty() || !maps.iter().all(|map| is_map_name(map)) {
-            return Err(LineFault::Maps);
+            return Err(LineError::Maps);
         }
         self.maps = Some(maps);
         Ok(())
@@ -70,17 +70,17 @@ impl Entry {
     }
 
     /// Whether the token has expired.
-    pub fn has_expired(&self, now: Moment) -> bool {
+    pub fn has_expired(&self, now: Timestamp) -> bool {
         self.expires.is_some_and(|end| now >= end)
     }
 
     /// The metrics cover all maps, so an operator token cannot be restricted to some.
-    pub(crate) fn check(&self) -> Result<(), LineFault> {
-        if self.operator && self.maps.is_some() { Err(LineFault::OperatorOfSome) } else { Ok(()) }
+    pub(crate) fn check(&self) -> Result<(), LineError> {
+        if self.operator && self.maps.is_some() { Err(LineError::OperatorOfSome) } else { Ok(()) }
     }
 }
 
-impl fmt::Display for Entry {
+impl fmt::Display for TokenEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.name, self.key.hex())?;
         if self.operator {
@@ -98,30 +98,30 @@ impl fmt::Display for Entry {
 }
 
 // The hash is not printed.
-impl fmt::Debug for Entry {
+impl fmt::Debug for TokenEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Entry").field("name", &self.name).finish_non_exhaustive()
     }
 }
 
-impl FromStr for Entry {
-    type Err = LineFault;
+impl FromStr for TokenEntry {
+    type Err = LineError;
 
-    fn from_str(line: &str) -> Result<Self, LineFault> {
+    fn from_str(line: &str) -> Result<Self, LineError> {
         let mut words = line.split_whitespace();
-        let (Some(name), Some(hex)) = (words.next(), words.next()) else { return Err(LineFault::TooShort) };
-        let key = TokenKey::of_hex(hex).ok_or(LineFault::Hash)?;
+        let (Some(name), Some(hex)) = (words.next(), words.next()) else { return Err(LineError::TooShort) };
+        let key = TokenKey::of_hex(hex).ok_or(LineError::Hash)?;
         let mut entry = Self { name: name.to_owned(), key, operator: false, maps: None, expires: None };
         for word in words {
             match word.split_once('=') {
                 None if word == "operator" && !entry.operator => entry.operator = true,
                 Some(("maps", maps)) if entry.maps.is_none() => entry.grant_maps(maps.split(','))?,
                 Some(("expires", end)) if entry.expires.is_none() => {
-                    entry.expires = Some(end.parse().map_err(|_| LineFault::Expires)?);
+                    entry.expires = Some(end.parse().map_err(|_| LineError::Expires)?);
                 }
-                None if word == "operator" => return Err(LineFault::WordTwice),
-                Some(("maps" | "expires", _)) => return Err(LineFault::WordTwice),
-                _ => return Err(LineFault::Word),
+                None if word == "operator" => return Err(LineError::WordTwice),
+                Some(("maps" | "expires", _)) => return Err(LineError::WordTwice),
+                _ => return Err(LineError::Word),
             }
         }
         entry.check()?;

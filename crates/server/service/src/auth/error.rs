@@ -3,7 +3,7 @@
 /// What is wrong with a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum LineFault {
+pub enum LineError {
     /// The file is not UTF-8.
     #[error("the file is not UTF-8 text")]
     NoText,
@@ -48,7 +48,7 @@ pub enum TokensError {
         /// From 1.
         line: usize,
         /// What is wrong with it.
-        fault: LineFault,
+        fault: LineError,
     },
     /// The file has neither a token nor the line `nobody`.
     #[error(
@@ -69,5 +69,5 @@ pub enum TokensError {
     Unknown,
     /// The new line would be invalid.
     #[error(transparent)]
-    Fault(#[from] LineFault),
+    Fault(#[from] LineError),
 }

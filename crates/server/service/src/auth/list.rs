@@ -2,15 +2,15 @@
 
 use std::collections::HashMap;
 
-use crate::auth::entry::Entry;
-use crate::auth::error::{LineFault, TokensError};
+use crate::auth::entry::TokenEntry;
+use crate::auth::error::{LineError, TokensError};
 use crate::auth::key::TokenKey;
 
 /// All tokens, indexed by hash.
 #[derive(Debug, Default)]
 pub struct TokenList {
     /// In file order.
-    entries: Vec<Entry>,
+    entries: Vec<TokenEntry>,
     of_key: HashMap<TokenKey, usize>,
 }
 
@@ -20,11 +20,11 @@ pub(crate) enum Line {
     Nothing,
     /// The line `nobody`: the file has no tokens on purpose.
     Nobody,
-    Token(Entry),
+    Token(TokenEntry),
 }
 
 impl Line {
-    pub(crate) fn parse(line: &str) -> Result<Self, LineFault> {
+    pub(crate) fn parse(line: &str) -> Result<Self, LineError> {
         match line.trim() {
             "" => Ok(Self::Nothing),
             comment if comment.starts_with('#') => Ok(Self::Nothing),
@@ -43,7 +43,7 @@ impl TokenList {
         let at = |line, fault| TokensError::Line { line, fault };
         let text = std::str::from_utf8(bytes).map_err(|error| {
             let before = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
-            at(1 + before.matches('\n').count(), LineFault::NoText)
+            at(1 + before.matches('\n').count(), LineError::NoText)
         })?;
         let mut list = Self::default();
         let mut nobody = None;
@@ -53,26 +53,26 @@ impl TokenList {
                 Line::Nobody => nobody = Some(number),
                 Line::Token(entry) => {
                     if list.of_key.insert(entry.key(), list.entries.len()).is_some() {
-                        return Err(at(number, LineFault::TokenTwice));
+                        return Err(at(number, LineError::TokenTwice));
                     }
                     list.entries.push(entry);
                 }
             }
         }
         match (nobody, list.entries.is_empty()) {
-            (Some(line), false) => Err(at(line, LineFault::NobodyAndTokens)),
+            (Some(line), false) => Err(at(line, LineError::NobodyAndTokens)),
             (None, true) => Err(TokensError::Empty),
             _ => Ok(list),
         }
     }
 
     /// All tokens in file order; empty for the line `nobody`.
-    pub fn entries(&self) -> &[Entry] {
+    pub fn entries(&self) -> &[TokenEntry] {
         &self.entries
     }
 
     /// The token with this hash.
-    pub fn find(&self, key: &TokenKey) -> Option<&Entry> {
+    pub fn find(&self, key: &TokenKey) -> Option<&TokenEntry> {
         self.of_key.get(key).map(|at| &self.entries[*at])
     }
 }
@@ -98,10 +98,10 @@ mod tests {
         assert_eq!((ops.name(), ops.operator), ("ops", true));
         for entry in [phone, ops] {
             assert!(
-                entry.allows_map("anything") && !entry.has_expired(crate::auth::Moment::of_unix(i64::MAX))
+                entry.allows_map("anything") && !entry.has_expired(crate::auth::Timestamp::of_unix(i64::MAX))
             );
         }
-        assert_eq!(list.find(&TokenKey::of_token(b"secret")).map(Entry::name), Some("phone"));
+        assert_eq!(list.find(&TokenKey::of_token(b"secret")).map(TokenEntry::name), Some("phone"));
         assert!(list.find(&TokenKey::of_token(SECRET.as_bytes())).is_none(), "a hash is no token");
         assert!(read("# closed\nnobody\n").expect("nobody").entries().is_empty());
     }
@@ -112,14 +112,16 @@ mod tests {
         let phone = &list.entries()[0];
         assert_eq!(phone.maps().expect("some").collect::<Vec<_>>(), ["a", "b"]);
         assert!(phone.allows_map("a") && !phone.allows_map("c") && !phone.allows_map(""));
-        let end: crate::auth::Moment = "2027-01-31T00:00:00Z".parse().expect("a moment");
-        assert!(phone.has_expired(end) && !phone.has_expired(crate::auth::Moment::of_unix(end.unix() - 1)));
+        let end: crate::auth::Timestamp = "2027-01-31T00:00:00Z".parse().expect("a timestamp");
+        assert!(
+            phone.has_expired(end) && !phone.has_expired(crate::auth::Timestamp::of_unix(end.unix() - 1))
+        );
         assert_eq!(phone.to_string(), format!("phone {SECRET} maps=a,b expires=2027-01-31T00:00:00Z"));
     }
 
     #[test]
     fn invalid_lines_are_numbered_and_not_repeated() {
-        use LineFault as F;
+        use LineError as F;
         for (text, line, fault) in [
             ("phone".to_owned(), 1, F::TooShort),
             ("\nphone hunter2".to_owned(), 2, F::Hash),

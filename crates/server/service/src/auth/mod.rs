@@ -1,9 +1,9 @@
 //! The token file: which clients may query which maps, and until when. Independent of HTTP and of clocks.
 //!
-//! - [`TokenList`]: the content of a token file; [`Entry`] is one line of it.
+//! - [`TokenList`]: the content of a token file; [`TokenEntry`] is one line of it.
 //! - [`TokenFile`]: the locked file, for adding and revoking tokens.
 //! - [`Secret`]: a token, which is printed once and never stored; [`TokenKey`]: its hash, by which it is recognized.
-//! - [`Moment`]: a second in UTC, the end of validity of a token.
+//! - [`Timestamp`]: a second in UTC, the end of validity of a token.
 //!
 //! # The file
 //! One token per line: a name, the SHA-256 of the token in hexadecimal, then in any order its permissions: `operator`
@@ -20,16 +20,16 @@
 //! does not depend on the number of tokens (`scripts/service/many_tokens.py`).
 //!
 //! ```
-//! use veiloc_service::auth::{Entry, Moment, Secret, TokenList};
+//! use veiloc_service::auth::{TokenEntry, Timestamp, Secret, TokenList};
 //!
 //! let secret = Secret::of_random([7; 32]); // in real use from the generator of the system
-//! let mut entry = Entry::new("phone", secret.key())?;
+//! let mut entry = TokenEntry::new("phone", secret.key())?;
 //! entry.grant_maps(["lobby"])?;
 //! entry.expires = Some("2027-01-31".parse()?);
 //! let list = TokenList::parse(entry.to_string().as_bytes())?;
 //! let found = list.find(&secret.key()).expect("its token");
 //! assert!(found.allows_map("lobby") && !found.allows_map("garage"));
-//! assert!(found.has_expired("2027-01-31T00:00:00Z".parse::<Moment>()?));
+//! assert!(found.has_expired("2027-01-31T00:00:00Z".parse::<Timestamp>()?));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
@@ -44,12 +44,12 @@ mod secret;
 mod store;
 mod timestamp;
 
-pub use edit::{Revoked, added, revoked};
-pub use entry::Entry;
-pub use error::{LineFault, TokensError};
+pub use edit::{Revocation, added, revoked};
+pub use entry::TokenEntry;
+pub use error::{LineError, TokensError};
 pub use key::TokenKey;
 pub use list::TokenList;
 pub use names::is_token_name;
 pub use secret::Secret;
 pub use store::TokenFile;
-pub use timestamp::{InvalidTimestamp, Moment};
+pub use timestamp::{InvalidTimestamp, Timestamp};

@@ -8,14 +8,14 @@ use time::{Date, Duration, OffsetDateTime, Time};
 
 /// A second, counted from the beginning of 1970 in UTC without leap seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Moment(i64);
+pub struct Timestamp(i64);
 
 /// The text is not a valid time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected a day (2027-01-31) or a second in UTC (2027-01-31T00:00:00Z)")]
 pub struct InvalidTimestamp;
 
-impl Moment {
+impl Timestamp {
     /// From seconds since the beginning of 1970.
     pub const fn of_unix(seconds: i64) -> Self {
         Self(seconds)
@@ -58,7 +58,7 @@ impl Moment {
     }
 }
 
-impl fmt::Display for Moment {
+impl fmt::Display for Timestamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Beyond the calendar there is no form that could be parsed again.
         let Some(time) = self.calendar() else { return write!(f, "{} s after 1970", self.0) };
@@ -68,7 +68,7 @@ impl fmt::Display for Moment {
     }
 }
 
-impl FromStr for Moment {
+impl FromStr for Timestamp {
     type Err = InvalidTimestamp;
 
     fn from_str(text: &str) -> Result<Self, InvalidTimestamp> {
@@ -111,13 +111,13 @@ mod tests {
             ("2100-03-01", 4_107_542_400),
             ("9999-12-31T23:59:59Z", 253_402_300_799),
         ] {
-            let moment: Moment = text.parse().expect("a moment");
-            assert_eq!(moment.unix(), seconds, "{text}");
-            assert!(moment.to_string().starts_with(text), "{moment}");
+            let timestamp: Timestamp = text.parse().expect("a timestamp");
+            assert_eq!(timestamp.unix(), seconds, "{text}");
+            assert!(timestamp.to_string().starts_with(text), "{timestamp}");
         }
-        let leap: Moment = "2016-12-31T23:59:60Z".parse().expect("a moment");
+        let leap: Timestamp = "2016-12-31T23:59:60Z".parse().expect("a timestamp");
         assert_eq!(leap.to_string(), "2017-01-01T00:00:00Z");
-        let last: Moment = "9999-12-31".parse().expect("a moment");
+        let last: Timestamp = "9999-12-31".parse().expect("a timestamp");
         assert!(last.plus_days(0).is_some() && last.plus_days(1).is_none());
     }
 
@@ -141,7 +141,7 @@ mod tests {
             "2027-01-31-",
             "never",
         ] {
-            assert_eq!(bad.parse::<Moment>(), Err(InvalidTimestamp), "{bad}");
+            assert_eq!(bad.parse::<Timestamp>(), Err(InvalidTimestamp), "{bad}");
         }
     }
 }

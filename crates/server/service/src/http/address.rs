@@ -18,7 +18,7 @@ pub enum ListenAddress {
 /// The text is neither form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected ADDRESS:PORT (127.0.0.1:8080, [::]:8443) or unix:PATH (unix:/run/veiloc/veiloc.sock)")]
-pub struct BadAddress;
+pub struct InvalidAddress;
 
 /// Why an address cannot be bound.
 #[derive(Debug, thiserror::Error)]
@@ -63,13 +63,13 @@ impl From<SocketAddr> for ListenAddress {
 }
 
 impl FromStr for ListenAddress {
-    type Err = BadAddress;
+    type Err = InvalidAddress;
 
-    fn from_str(text: &str) -> Result<Self, BadAddress> {
+    fn from_str(text: &str) -> Result<Self, InvalidAddress> {
         match text.strip_prefix("unix:") {
-            Some("") => Err(BadAddress),
+            Some("") => Err(InvalidAddress),
             Some(path) => Ok(Self::Unix(path.into())),
-            None => text.parse().map(Self::Tcp).map_err(|_| BadAddress),
+            None => text.parse().map(Self::Tcp).map_err(|_| InvalidAddress),
         }
     }
 }
@@ -101,7 +101,7 @@ mod tests {
             assert_eq!((address.to_string().as_str(), address.is_local()), (text, local));
         }
         for bad in ["", "8080", "localhost:80", "unix:", "unix", "/run/v.sock", "127.0.0.1"] {
-            assert_eq!(bad.parse::<ListenAddress>(), Err(BadAddress), "{bad}");
+            assert_eq!(bad.parse::<ListenAddress>(), Err(InvalidAddress), "{bad}");
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// Pause after the first failure; it doubles with every further one.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// Longest pause.
-const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+const MAX_PAUSE: Duration = Duration::from_secs(60);
 
 /// The versions of a file that were tried. A version counts as read only if it was read completely.
 #[derive(Debug)]
@@ -51,7 +51,7 @@ impl<S: PartialEq> ReloadAttempts<S> {
             Some(before) if before.state == state => before.times.saturating_add(1),
             _ => 1,
         };
-        let pause = FIRST_PAUSE.saturating_mul(1 << (times - 1).min(16)).min(LONGEST_PAUSE);
+        let pause = FIRST_PAUSE.saturating_mul(1 << (times - 1).min(16)).min(MAX_PAUSE);
         self.failed = Some(Failed { state, times, again: now + pause });
     }
 

@@ -4,7 +4,7 @@
 //! notBefore, notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with
 //! seconds.
 
-use crate::auth::Moment;
+use crate::auth::Timestamp;
 
 /// End of validity, seconds since 1970; `None` if the bytes are not a certificate.
 pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
@@ -36,8 +36,8 @@ pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
         return None;
     }
     let two = |at: usize| number(rest.get(at..at + 2)?);
-    let moment = Moment::of_calendar([year, two(0)?, two(2)?], [two(4)?, two(6)?, two(8)?])?;
-    Some(moment.unix())
+    let timestamp = Timestamp::of_calendar([year, two(0)?, two(2)?], [two(4)?, two(6)?, two(8)?])?;
+    Some(timestamp.unix())
 }
 
 const INTEGER: u8 = 0x02;

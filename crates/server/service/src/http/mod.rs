@@ -21,7 +21,7 @@ mod tls;
 mod unix;
 mod write_timeout;
 
-pub use address::{BadAddress, ListenAddress, ListenError};
+pub use address::{InvalidAddress, ListenAddress, ListenError};
 pub use attempts::ReloadAttempts;
 pub use connection::{ConnectionTimeouts, serve_connection};
 pub use listener::Listener;

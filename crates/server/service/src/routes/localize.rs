@@ -32,7 +32,7 @@ use crate::problem::Problem;
 use crate::queue::Connection;
 use crate::remote::RemoteRequest;
 use crate::state::App;
-use crate::telemetry::{Outcome, RequestContext, RequestId, Stage};
+use crate::telemetry::{LocalizationOutcome, RequestContext, RequestId, RequestStage};
 use crate::tokens::Caller;
 
 /// The pose of a sealed query.
@@ -133,7 +133,7 @@ async fn answer(
     let CheckedRequest { caller, loaded, format, request_options } = request;
     let (started, begun) = (Instant::now(), context.elapsed());
     let bytes = body::read(body, loaded.longest(kind), app.options.timeouts.body).await?;
-    let read = Stage { name: "read", within: None, begun, took: started.elapsed() };
+    let read = RequestStage { name: "read", within: None, begun, took: started.elapsed() };
     app.metrics.stage(read.name, read.took);
     context.stage(read);
     let request = DecodedRequest::decode(kind, &bytes).map_err(|e| Problem::of_query(&e))?;
@@ -146,13 +146,13 @@ async fn answer(
         compute(app, context, &caller, loaded.clone(), ReadBody { request, bytes }, request_options).await?;
     let LocalizeOutput { answer, times } = result.map_err(|why| {
         if matches!(why, LocalizeFailure::NoPose(_)) {
-            app.metrics.localization(&loaded.name, Outcome::NotLocalized);
+            app.metrics.localization(&loaded.name, LocalizationOutcome::NotLocalized);
         }
         Problem::of_failure(why, app.options.timeouts.localize)
     })?;
     let outcome = match answer.state() {
-        AnswerState::Trusted => Outcome::Trusted,
-        AnswerState::Doubtful => Outcome::Doubtful,
+        AnswerState::Trusted => LocalizationOutcome::Trusted,
+        AnswerState::Doubtful => LocalizationOutcome::Doubtful,
     };
     app.metrics.localization(&loaded.name, outcome);
     for (stage, ms) in stage_durations(&times) {
@@ -188,11 +188,11 @@ struct JobResult {
 impl JobResult {
     /// Records the stages in the request context; `begun`: when the job was submitted.
     fn record_stages(&self, context: &RequestContext, begun: Duration) {
-        context.stage(Stage { name: "queue", within: None, begun, took: self.waited });
+        context.stage(RequestStage { name: "queue", within: None, begun, took: self.waited });
         let mut begun = begun + self.waited;
-        context.stage(Stage { name: "localize", within: None, begun, took: self.took });
+        context.stage(RequestStage { name: "localize", within: None, begun, took: self.took });
         for (name, took) in self.result.iter().flat_map(|found| stage_durations(&found.times)) {
-            context.stage(Stage { name, within: Some("localize"), begun, took });
+            context.stage(RequestStage { name, within: Some("localize"), begun, took });
             begun += took;
         }
     }

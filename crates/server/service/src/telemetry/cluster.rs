@@ -210,12 +210,12 @@ impl WorkerCounts {
     }
 
     /// Adds the busy time of a thread.
-    pub fn worked(&self, took: Duration) {
+    pub fn add_busy_time(&self, took: Duration) {
         self.busy_seconds.inc_by(took.as_secs_f64());
     }
 
     /// Sets whether the newest manifest cannot be activated.
-    pub fn failing(&self, failing: bool) {
+    pub fn set_activation_failing(&self, failing: bool) {
         self.failing.set(failing.into());
     }
 
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn metrics_exist_at_zero_from_the_start() {
         let worker = WorkerCounts::new("1.2.3", 2, 32);
-        worker.worked(Duration::from_millis(1500));
+        worker.add_busy_time(Duration::from_millis(1500));
         worker.reply("busy");
         let text = worker.text(&WorkerGauges { held: 3, ready: true, ..WorkerGauges::default() });
         for line in [

@@ -55,7 +55,7 @@ impl LogQueue {
     }
 
     /// Enqueues a line that is not a log event.
-    pub fn say(&self, text: impl fmt::Display) {
+    pub fn plain_line(&self, text: impl fmt::Display) {
         self.send(format!("{text}\n").into_bytes());
     }
 
@@ -225,12 +225,12 @@ mod tests {
         let (full, (sender, written)) = (Arc::new(AtomicBool::new(true)), channel());
         let log = LogQueue::start(Broken(full.clone(), sender)).expect("a thread");
         for _ in 0..5 {
-            log.say("lost");
+            log.plain_line("lost");
         }
         assert!(log.flush(Duration::from_secs(120)));
         assert_eq!(log.dropped(), 5);
         full.store(false, Ordering::SeqCst);
-        log.say("written");
+        log.plain_line("written");
         assert!(log.flush(Duration::from_secs(120)));
         assert_eq!(log.dropped(), 5);
         drop(log);

@@ -33,12 +33,12 @@ const TOKENS: usize = 256;
 /// Label of all token names beyond the first [`TOKENS`].
 const OTHER: &str = "other";
 
-/// Stages of a request, see [`crate::telemetry::Stage`].
+/// Stages of a request, see [`crate::telemetry::RequestStage`].
 const STAGES: [&str; 5] = ["read", "queue", "retrieve", "match", "pose"];
 
 /// How a localization ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub enum LocalizationOutcome {
     /// A pose without doubts.
     Trusted,
     /// A pose with doubts.
@@ -47,7 +47,7 @@ pub enum Outcome {
     NotLocalized,
 }
 
-impl Outcome {
+impl LocalizationOutcome {
     const ALL: [Self; 3] = [Self::Trusted, Self::Doubtful, Self::NotLocalized];
 
     /// Its name.
@@ -304,7 +304,7 @@ impl Metrics {
     /// Creates the series of a map that is served or configured.
     pub fn register_map(&self, name: &str) {
         self.register_file("map", name);
-        for outcome in Outcome::ALL {
+        for outcome in LocalizationOutcome::ALL {
             drop(self.localizations.get_or_create(&localization_labels(name, outcome)));
         }
     }
@@ -343,13 +343,13 @@ impl Metrics {
         self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]).inc();
     }
 
-    /// Records the duration of a stage, see [`crate::telemetry::Stage`].
+    /// Records the duration of a stage, see [`crate::telemetry::RequestStage`].
     pub fn stage(&self, stage: &'static str, time: Duration) {
         self.stages.get_or_create(&vec![("stage", Cow::Borrowed(stage))]).observe(time.as_secs_f64());
     }
 
     /// Counts a localization by map and outcome.
-    pub fn localization(&self, map: &str, outcome: Outcome) {
+    pub fn localization(&self, map: &str, outcome: LocalizationOutcome) {
         self.localizations.get_or_create(&localization_labels(map, outcome)).inc();
     }
 
@@ -365,7 +365,7 @@ impl Metrics {
     }
 
     /// Removes the failure gauge of a map that is no longer served.
-    pub fn forget_map(&self, name: &str) {
+    pub fn remove_map_gauge(&self, name: &str) {
         self.failing.remove(&failing_labels("map", name));
     }
 
@@ -395,7 +395,7 @@ fn labels_of(kind: &RequestKind<'_>) -> Labels {
     ]
 }
 
-fn localization_labels(map: &str, outcome: Outcome) -> Labels {
+fn localization_labels(map: &str, outcome: LocalizationOutcome) -> Labels {
     vec![("map", Cow::Owned(map.to_owned())), ("outcome", Cow::Borrowed(outcome.name()))]
 }
 
@@ -435,7 +435,7 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "{line}\n{text}");
         }
-        metrics.forget_map("lobby");
+        metrics.remove_map_gauge("lobby");
         assert!(!metrics.text(&GaugeValues::default()).contains("veiloc_reload_failing{file=\"map\""));
         if cfg!(target_os = "linux") {
             assert!(

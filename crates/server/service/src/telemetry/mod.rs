@@ -33,8 +33,8 @@ mod traces;
 
 pub use cluster::{GatewayCounts, WorkerCounts, WorkerGauges};
 pub use log::{LogLine, LogQueue};
-pub use metrics::{ConnectionFault, GaugeValues, Metrics, MetricsOptions, Outcome};
-pub use request_context::{RequestContext, RequestKind, Stage};
+pub use metrics::{ConnectionFault, GaugeValues, LocalizationOutcome, Metrics, MetricsOptions};
+pub use request_context::{RequestContext, RequestKind, RequestStage};
 pub use request_id::{RequestId, RequestIds};
 #[cfg(feature = "opentelemetry")]
 pub use traces::Traces;

@@ -8,7 +8,7 @@ use crate::telemetry::request_id::RequestId;
 
 /// A stage of the work on a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stage {
+pub struct RequestStage {
     /// `read`, `queue`, `localize`, or a part of `localize`: `retrieve`, `match`, `pose`.
     pub name: &'static str,
     /// The parent stage; `None`: the request.
@@ -38,7 +38,7 @@ pub struct RequestContext {
     begun_at: SystemTime,
     token: OnceLock<Arc<str>>,
     map: OnceLock<Arc<str>>,
-    stages: Mutex<Vec<Stage>>,
+    stages: Mutex<Vec<RequestStage>>,
 }
 
 impl RequestContext {
@@ -90,12 +90,12 @@ impl RequestContext {
     }
 
     /// Records a finished stage.
-    pub fn stage(&self, stage: Stage) {
+    pub fn stage(&self, stage: RequestStage) {
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).push(stage);
     }
 
     /// All finished stages.
-    pub fn stages(&self) -> Vec<Stage> {
+    pub fn stages(&self) -> Vec<RequestStage> {
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

@@ -29,11 +29,11 @@ use flate2::write::GzEncoder;
 
 use crate::error::ServerError;
 pub use content::Content;
-pub use points::thinned;
+pub use points::subsampled_points;
 
 /// Maximum number of files of a page, and of their bytes together.
-const MOST_FILES: usize = 256;
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_FILES: usize = 256;
+const MAX_BYTES: u64 = 64 << 20;
 /// Required files.
 const NEEDED: [&str; 2] = ["index.html", "veiloc.wasm"];
 /// Allowed files: extension, media type, and whether to compress. Other files of the folder are ignored.
@@ -76,7 +76,7 @@ impl Page {
     pub fn read(folder: &Path) -> Result<Self, ServerError> {
         let io = |source| ServerError::Io { path: folder.to_owned(), source };
         let mut page = Self::default();
-        let mut left = MOST_BYTES;
+        let mut left = MAX_BYTES;
         for entry in std::fs::read_dir(folder).map_err(io)? {
             let path = entry.map_err(io)?.path();
             let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
@@ -88,7 +88,7 @@ impl Page {
             std::fs::File::open(&path).map_err(io)?.take(left + 1).read_to_end(&mut bytes).map_err(io)?;
             left = left
                 .checked_sub(bytes.len() as u64)
-                .filter(|_| page.files.len() < MOST_FILES)
+                .filter(|_| page.files.len() < MAX_FILES)
                 .ok_or_else(|| ServerError::PageTooLarge { path: folder.to_owned() })?;
             page.add(name, bytes)?;
         }

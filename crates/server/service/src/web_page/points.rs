@@ -10,7 +10,7 @@ use crate::web_page::Content;
 /// At most `most` points, spread evenly over the map: x, y, z as 32-bit floats, little endian, map units.
 ///
 /// Deterministic; a smaller subset is part of each larger one.
-pub fn thinned(map: &MapFile, most: usize) -> Content {
+pub fn subsampled_points(map: &MapFile, most: usize) -> Content {
     let count = map.point_count();
     let shown = order(count).take(most.min(count));
     let numbers = shown.flat_map(|index| {

@@ -1,6 +1,6 @@
 //! `--progressive`, for all commands that send queries.
 
-use veiloc_protocol::Enough;
+use veiloc_protocol::StopCriterion;
 
 /// How many rows of a sealed query are sent.
 #[derive(clap::Args)]
@@ -13,17 +13,17 @@ pub(crate) struct ProgressiveArgs {
     /// Continue until the standard deviation of the position in its least certain direction is at most this value, map
     /// units. Default: stop at the first trusted pose.
     #[arg(long, value_name = "UNITS", requires = "progressive", value_parser = accuracy)]
-    accuracy: Option<Enough>,
+    accuracy: Option<StopCriterion>,
 }
 
-fn accuracy(text: &str) -> Result<Enough, String> {
+fn accuracy(text: &str) -> Result<StopCriterion, String> {
     let number = text.parse::<f64>().ok();
-    number.and_then(Enough::accurate_to).ok_or_else(|| "a number above 0 is needed".to_owned())
+    number.and_then(StopCriterion::accurate_to).ok_or_else(|| "a number above 0 is needed".to_owned())
 }
 
 impl ProgressiveArgs {
     /// Returns the stop criterion; `None` if all rows are sent at once.
-    pub(crate) fn stop_criterion(&self) -> Option<Enough> {
-        self.progressive.then(|| self.accuracy.unwrap_or(Enough::TRUSTED))
+    pub(crate) fn stop_criterion(&self) -> Option<StopCriterion> {
+        self.progressive.then(|| self.accuracy.unwrap_or(StopCriterion::TRUSTED))
     }
 }

@@ -45,7 +45,7 @@ const PREFIX: &str = "VEILOC_";
 
 /// Where a value comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Origin {
+pub enum SettingOrigin {
     /// The default of the flag, or no value.
     Default,
     /// A line of the file.
@@ -74,7 +74,7 @@ struct Setting {
     help: String,
     /// Empty if not given; `true` or `false` for a switch.
     values: Vec<OsString>,
-    origin: Origin,
+    origin: SettingOrigin,
 }
 
 /// The merged settings of a command.
@@ -156,11 +156,14 @@ impl Settings {
 
     /// Returns a command line with all settings that differ from their defaults.
     pub fn arguments(&self) -> impl Iterator<Item = OsString> {
-        self.all.iter().filter(|setting| setting.origin != Origin::Default).flat_map(Setting::arguments)
+        self.all
+            .iter()
+            .filter(|setting| setting.origin != SettingOrigin::Default)
+            .flat_map(Setting::arguments)
     }
 
     /// Returns the keys and the origin of each value.
-    pub fn origins(&self) -> impl Iterator<Item = (&str, &Origin)> {
+    pub fn origins(&self) -> impl Iterator<Item = (&str, &SettingOrigin)> {
         self.all.iter().map(|setting| (setting.key.as_str(), &setting.origin))
     }
 
@@ -188,13 +191,21 @@ impl Setting {
         let paths = PathPosition::of(argument);
         let address = kind::is_address(argument);
         let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
-        let mut setting =
-            Self { key, kind, several, paths, address, help, values: Vec::new(), origin: Origin::Default };
+        let mut setting = Self {
+            key,
+            kind,
+            several,
+            paths,
+            address,
+            help,
+            values: Vec::new(),
+            origin: SettingOrigin::Default,
+        };
         // The file's value is checked even if a flag overrides it: otherwise the error would appear as soon as the flag
         // is removed.
         let in_file = file.get(&setting.key).filter(|entry| !entry.values.is_empty());
         let in_file = in_file.map(|entry| {
-            let origin = Origin::File { path: file.path().to_owned(), line: entry.line };
+            let origin = SettingOrigin::File { path: file.path().to_owned(), line: entry.line };
             let values: Vec<OsString> =
                 entry.values.iter().map(|value| paths.join(&file.folder(), value.as_ref())).collect();
             (values, origin)
@@ -206,12 +217,12 @@ impl Setting {
         }
         let id = argument.get_id().as_str();
         if matches.value_source(id) == Some(ValueSource::CommandLine) {
-            setting.origin = Origin::Flag;
+            setting.origin = SettingOrigin::Flag;
             setting.values = matches.get_raw(id).into_iter().flatten().map(ToOwned::to_owned).collect();
         } else if let Some(value) =
             variables(&setting.key).filter(|v| !several || !split_values(v).is_empty())
         {
-            setting.origin = Origin::Variable(variable(&setting.key));
+            setting.origin = SettingOrigin::Variable(variable(&setting.key));
             setting.values = if several { split_values(&value) } else { vec![value] };
             for value in &setting.values {
                 check(argument, kind, value, &setting.origin)?;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::audit::{
-    Attack, AttackEvaluation, FrameChoice, Measured, NeighbourSource, ServerKnowledge, attacks_table,
-    evaluate_attacks,
+    Attack, AttackEvaluation, FrameChoice, MeasuredKeypoints, NeighbourSource, ServerKnowledge,
+    attacks_table, evaluate_attacks,
 };
 use veiloc_protocol::{AngleBits, Scheme};
 
@@ -87,7 +87,7 @@ pub(super) struct AdversaryArgs {
     private: Option<f64>,
     /// With --known: the keypoints on which errors are measured.
     #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
-    measure: MeasuredKeypoints,
+    measure: MeasureArg,
     /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
     /// resting-camera; several values give a curve.
     #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
@@ -131,7 +131,7 @@ enum FrameSelection {
 
 /// Keypoints on which errors are measured.
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum MeasuredKeypoints {
+enum MeasureArg {
     /// Keypoints whose position the server does not know from its map.
     Hidden,
     /// All keypoints; the server knows the position of the matched ones.
@@ -171,9 +171,9 @@ impl AdversaryArgs {
                 problems: self.known.clone(),
                 private: self.private.map(|percent| percent / 100.0),
                 measured: match self.measure {
-                    MeasuredKeypoints::Hidden => Measured::Hidden,
-                    MeasuredKeypoints::All => Measured::All,
-                    MeasuredKeypoints::Matched => Measured::Matched,
+                    MeasureArg::Hidden => MeasuredKeypoints::Hidden,
+                    MeasureArg::All => MeasuredKeypoints::All,
+                    MeasureArg::Matched => MeasuredKeypoints::Matched,
                 },
             }),
             frames: self.frames.clone(),

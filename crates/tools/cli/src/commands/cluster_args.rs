@@ -47,8 +47,8 @@ impl ClusterArgs {
         let cache = self.cache.clone().or_else(own_cache).ok_or_else(|| {
             Failure::with_help("there is no cache folder for fetched objects", "give one with --cache")
         })?;
-        let most_bytes = (self.cache_gb * 1e9) as u64;
-        Ok(Arc::new(ObjectStoreSource::open(store, &cache, most_bytes)?))
+        let max_bytes = (self.cache_gb * 1e9) as u64;
+        Ok(Arc::new(ObjectStoreSource::open(store, &cache, max_bytes)?))
     }
 
     /// Connects to the servers at these comma-separated addresses.

@@ -49,7 +49,7 @@ impl Logger {
         if self.json {
             tracing::info!("{text}");
         } else if !self.quiet {
-            self.log.say(text);
+            self.log.plain_line(text);
         }
     }
 
@@ -57,7 +57,7 @@ impl Logger {
         if self.json {
             tracing::error!("{text}");
         } else {
-            self.log.say(format_args!("error: {text}"));
+            self.log.plain_line(format_args!("error: {text}"));
         }
     }
 

@@ -14,10 +14,10 @@ use crate::args::extraction_args::ExtractionArgs;
 use crate::args::feature_args::MapFeatureArgs;
 use crate::args::global_args::MapGlobalArgs;
 use veiloc_map::colmap::{read_model, read_posed};
-use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
+use veiloc_map::{GravityDirection, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{read_pairs, write_pairs};
-use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
+use veiloc_mapping::{Input, MappingError, OnBadImage, VocabularyUpdate};
 
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
@@ -68,7 +68,7 @@ struct OutputArgs {
     /// Direction of gravity (down) in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). It
     /// is used with the gravity of queries (`seal --gravity`). Default: not known; the gravity of queries is not used.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    down: Option<Down>,
+    down: Option<GravityDirection>,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
@@ -288,13 +288,13 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         ui.info(format!("{}: {} pairs", path.display(), report.pairs.len()));
     }
     model.down = args.written.down;
-    args.self_test.test(&mut model, &mut report.doubts, ui)?;
-    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
+    args.self_test.test(&mut model, &mut report.warnings, ui)?;
+    args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
     let output = InfoOutput {
         json: args.written.json,
         skipped: report.skipped,
-        doubts: report.doubts,
+        warnings: report.warnings,
         ..InfoOutput::default()
     };
     output.print(&args.written.out, ui)
@@ -309,13 +309,13 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
         veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
     model.down = args.written.down;
     ui.info(&report);
-    args.self_test.test(&mut model, &mut report.doubts, ui)?;
-    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
+    args.self_test.test(&mut model, &mut report.warnings, ui)?;
+    args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
     let output = InfoOutput {
         json: args.written.json,
         skipped: report.skipped,
-        doubts: report.doubts,
+        warnings: report.warnings,
         ..InfoOutput::default()
     };
     output.print(&args.written.out, ui)
@@ -332,12 +332,12 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
         input = input.with_global(global);
     }
     let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_skip_bad)?;
-    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    args.self_test.test(&mut model, &mut report.warnings, ui)?;
     edit.write(&model)?;
     let output = InfoOutput {
         json: args.json,
         skipped: report.skipped,
-        doubts: report.doubts,
+        warnings: report.warnings,
         ..InfoOutput::default()
     };
     output.print(edit.out, ui)
@@ -346,29 +346,29 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
 fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
-    let words = if args.retrain { Words::Retrain } else { Words::Keep };
+    let words = if args.retrain { VocabularyUpdate::Retrain } else { VocabularyUpdate::Keep };
     let profile = model.profile.id();
     veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
-    let mut doubts = Vec::new();
-    args.self_test.test(&mut model, &mut doubts, ui)?;
+    let mut warnings = Vec::new();
+    args.self_test.test(&mut model, &mut warnings, ui)?;
     edit.write(&model)?;
     ui.info(match words {
-        Words::Keep => {
+        VocabularyUpdate::Keep => {
             "The images still contribute to the words of the vocabulary, which are means of descriptors \
              of many images and are published in the profile. --retrain trains the vocabulary without \
              these images. Copies and backups of the old map still contain the images' keypoints."
         }
-        Words::Retrain if model.profile.id() == profile => {
+        VocabularyUpdate::Retrain if model.profile.id() == profile => {
             "The profile is unchanged: nothing in it was trained on the images. Copies and backups of the \
              old map still contain the images' keypoints."
         }
-        Words::Retrain => {
+        VocabularyUpdate::Retrain => {
             "The vocabulary was trained again without the images, so the map has a new profile: publish \
              it, and let devices fetch it; queries sealed with the old one are refused. Copies and \
              backups of the old map still contain the images' keypoints."
         }
     });
-    InfoOutput { json: args.json, doubts, ..InfoOutput::default() }.print(edit.out, ui)
+    InfoOutput { json: args.json, warnings, ..InfoOutput::default() }.print(edit.out, ui)
 }
 
 /// A map that is being changed; it is locked against other writers from reading to writing.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use crate::args::feature_args::models;
 use serde::Serialize;
-use veiloc_features::learned::{Found, FoundGlobal};
+use veiloc_features::learned::{GlobalModelFiles, ModelFile};
 
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
@@ -51,8 +51,8 @@ struct GlobalDocument {
 }
 
 impl GlobalDocument {
-    fn of(found: &FoundGlobal<'_>) -> Self {
-        let FoundGlobal { description, files } = found;
+    fn of(found: &GlobalModelFiles<'_>) -> Self {
+        let GlobalModelFiles { description, files } = found;
         Self {
             name: description.name().to_owned(),
             about: description.about().to_owned(),
@@ -104,8 +104,8 @@ struct ModelDocument {
 }
 
 impl ModelDocument {
-    fn of(found: &Found<'_>) -> Self {
-        let Found { description, file } = found;
+    fn of(found: &ModelFile<'_>) -> Self {
+        let ModelFile { description, file } = found;
         Self {
             name: description.name().to_owned(),
             about: description.about().to_owned(),

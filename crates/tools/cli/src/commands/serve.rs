@@ -14,7 +14,7 @@ use veiloc_service::RemoteMap;
 #[cfg(feature = "cluster")]
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
-    ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles, run_prepared,
+    CorsOrigin, ListenAddress, MapSource, RateLimit, ServerOptions, ShutdownSummary, TlsFiles, run_prepared,
 };
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
@@ -102,7 +102,7 @@ pub(crate) struct Args {
     insecure_http: bool,
     /// Origin whose pages may send requests from a browser (CORS); may be given several times. Default: none.
     #[arg(long, value_name = "https://HOST")]
-    cors_origin: Vec<Origin>,
+    cors_origin: Vec<CorsOrigin>,
     /// Token file, as written by `veiloc token`; only its tokens may send requests.
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
@@ -239,20 +239,20 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
         }
     });
     let exit = match ended {
-        Ok(Stopped { answered, given_up: 0, .. }) => {
+        Ok(ShutdownSummary { answered, given_up: 0, .. }) => {
             logger.info(format!(
                 "stopped; all accepted requests were answered, {answered} of them after the stop signal"
             ));
             Exit::Success
         }
-        Ok(Stopped { answered, given_up, forced: true }) => {
+        Ok(ShutdownSummary { answered, given_up, forced: true }) => {
             logger.error(format!(
                 "stopped at once by a second signal: {given_up} connections were closed; {answered} \
                  requests were answered after the first signal"
             ));
             Exit::Refused
         }
-        Ok(Stopped { answered, given_up, forced: false }) => {
+        Ok(ShutdownSummary { answered, given_up, forced: false }) => {
             logger.error(format!(
                 "{given_up} connections did not end within {} s and were closed; {answered} requests were \
                  answered in that time; allow more time with --grace if those requests are important",

@@ -8,7 +8,7 @@ use std::time::SystemTime;
 use serde::Serialize;
 use veiloc_map::is_map_name;
 use veiloc_service::ServerError;
-use veiloc_service::auth::{Entry, Moment, Secret, TokenFile, TokenList, added, revoked};
+use veiloc_service::auth::{Secret, Timestamp, TokenEntry, TokenFile, TokenList, added, revoked};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -36,7 +36,7 @@ pub(crate) struct NewArgs {
     maps: Vec<String>,
     /// Expiry: a day, which begins in UTC, or a second. Default: never.
     #[arg(long, value_name = "DATE", conflicts_with = "days")]
-    expires: Option<Moment>,
+    expires: Option<Timestamp>,
     /// Days until expiry. Default: never.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     days: Option<u32>,
@@ -81,7 +81,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 }
 
 fn new(args: &NewArgs, ui: &Ui) -> Outcome {
-    let now = Moment::of(SystemTime::now());
+    let now = Timestamp::of(SystemTime::now());
     let expires = match args.days {
         Some(days) => Some(now.plus_days(days).ok_or_else(|| expiry_too_far(days))?),
         None => args.expires,
@@ -98,7 +98,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     let secret = Secret::of_random(random);
     let wrong =
         |error: &dyn std::fmt::Display| Failure::refused(format!("{}: {error}", args.tokens.display()));
-    let mut entry = Entry::new(&args.name, secret.key()).map_err(Failure::refused)?;
+    let mut entry = TokenEntry::new(&args.name, secret.key()).map_err(Failure::refused)?;
     entry.operator = args.operator;
     entry.expires = expires;
     if !args.maps.is_empty() {
@@ -137,7 +137,7 @@ fn write_error(error: ServerError) -> Failure {
 }
 
 /// Describes the permissions of a token in words.
-fn describe_permissions(entry: &Entry) -> String {
+fn describe_permissions(entry: &TokenEntry) -> String {
     let mut text = String::new();
     if let Some(maps) = entry.maps() {
         let _ = write!(text, " for {}", maps.collect::<Vec<_>>().join(", "));
@@ -173,8 +173,8 @@ struct ListDocument {
 
 fn list(args: &ListArgs, ui: &Ui) -> Outcome {
     let list = read(&args.tokens)?;
-    let now = Moment::of(SystemTime::now());
-    let listed = |entry: &Entry| ListedToken {
+    let now = Timestamp::of(SystemTime::now());
+    let listed = |entry: &TokenEntry| ListedToken {
         name: entry.name().to_owned(),
         hash: entry.key().beginning(),
         operator: entry.operator,

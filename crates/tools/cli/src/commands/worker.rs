@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use veiloc_cluster::{ClusterError, Share, Worker, WorkerOptions};
+use veiloc_cluster::{ClusterError, RegionShare, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
 use veiloc_service::telemetry::WorkerCounts;
-use veiloc_service::worker_api::{Signals, own_process, probes};
+use veiloc_service::worker_api::{Signals, hide_panic_messages, probes};
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::commands::cluster_args::{ClusterArgs, map_name};
@@ -47,7 +47,7 @@ pub(crate) struct Args {
     /// Regions to hold: all, 1/3 for the first of three shares, or numbers separated by commas. Every region needs a
     /// worker; several workers may hold the same region.
     #[arg(long, default_value = "all", value_name = "SHARE")]
-    regions: Share,
+    regions: RegionShare,
     /// Do not hold the index that selects regions; at least one worker must hold it.
     #[arg(long)]
     no_index: bool,
@@ -110,7 +110,7 @@ fn run_worker(args: &Args, logger: &Logger) -> Outcome {
     let options = options(args);
     let counts = WorkerCounts::new(env!("CARGO_PKG_VERSION"), options.threads.get(), options.queue.get());
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    own_process();
+    hide_panic_messages();
     let finished = runtime.block_on(async {
         let bus = args.cluster.bus(required_value(args.nats.as_ref()), "veiloc worker").await?;
         let worker = Worker::start(bus, source, options, counts).await?;
@@ -123,7 +123,7 @@ fn run_worker(args: &Args, logger: &Logger) -> Outcome {
         logger.info(format_args!("probes and metrics on http://{admin}"));
         logger.info(format_args!(
             "holds {} regions and indexes of {}",
-            worker.held(),
+            worker.held_count(),
             required_value(args.map.as_ref())
         ));
         let listening = tokio::spawn(signals.handle_signals(handle));

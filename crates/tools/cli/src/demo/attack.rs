@@ -6,8 +6,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_evaluation::audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, Gallery, ImageGroup, ShownImage,
-    Stage, attack_groups,
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
+    ShownImage, ShownImages, attack_groups,
 };
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
@@ -108,13 +108,13 @@ fn sent_keypoints(
 
 /// Stores the positions of the first image, and reports progress.
 struct AttackRecorder<'a> {
-    gallery: Gallery,
-    stage: Stage<'a>,
+    gallery: ShownImages,
+    stage: AttackProgress<'a>,
 }
 
 impl<'a> AttackRecorder<'a> {
     fn new(progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: Gallery::keeping(1), stage: Stage::new(progress, stage) }
+        Self { gallery: ShownImages::keeping(1), stage: AttackProgress::new(progress, stage) }
     }
 }
 

@@ -18,7 +18,7 @@ use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
 
 use veiloc_evaluation::audit::AttackDocument;
-use veiloc_evaluation::results::Evaluation;
+use veiloc_evaluation::results::EvaluationDocument;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
@@ -31,7 +31,7 @@ pub(crate) use views::{HiddenViews, map_scene};
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct DemoDocument {
     /// Localization of the hidden views.
-    pub evaluation: Evaluation,
+    pub evaluation: EvaluationDocument,
     /// Results of the attacks: graph attack and several sealed queries on the views that the report draws, other
     /// attacks on all hidden views.
     pub attacks: AttackDocument,

@@ -6,9 +6,9 @@ use veiloc_map::MapFile;
 
 use veiloc_evaluation::audit::Attack;
 use veiloc_evaluation::results::tables::TableData;
-use veiloc_evaluation::results::{Evaluation, SchemeSummary};
+use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
 use veiloc_report::{
-    Card, DemoReport, LengthUnit, LocalizationReport, QueryDrawing, SceneView, SeenQuery, worst_first,
+    Card, DemoReport, DeviceQuery, LengthUnit, LocalizationReport, QueryDrawing, SceneView, worst_first,
 };
 
 use crate::demo::attack::AttackResults;
@@ -24,7 +24,7 @@ pub(crate) struct DemoResults<'a> {
     pub(crate) scene: &'a RenderedScene,
     pub(crate) map: &'a MapFile,
     pub(crate) scene_evaluation: &'a SceneEvaluation,
-    pub(crate) evaluation: &'a Evaluation,
+    pub(crate) evaluation: &'a EvaluationDocument,
     pub(crate) attacked: &'a AttackResults,
 }
 
@@ -70,16 +70,16 @@ pub(crate) fn page(
     })
 }
 
-fn seen(query: &DrawnQuery) -> Result<SeenQuery, DemoError> {
+fn seen(query: &DrawnQuery) -> Result<DeviceQuery, DemoError> {
     let image = image(&query.path)?;
-    Ok(SeenQuery { name: query.name.clone(), image, keypoints: query.keypoints.clone() })
+    Ok(DeviceQuery { name: query.name.clone(), image, keypoints: query.keypoints.clone() })
 }
 
-fn find<'a>(evaluation: &'a Evaluation, scheme: &str) -> Option<&'a SchemeSummary> {
+fn find<'a>(evaluation: &'a EvaluationDocument, scheme: &str) -> Option<&'a SchemeSummary> {
     evaluation.schemes.iter().find(|s| s.scheme == scheme)
 }
 
-fn cards(evaluation: &Evaluation, attacked: &AttackResults) -> Vec<Card> {
+fn cards(evaluation: &EvaluationDocument, attacked: &AttackResults) -> Vec<Card> {
     let mut cards = Vec::new();
     if let Some(dcl) = find(evaluation, "dcl") {
         cards.push(Card {
@@ -88,7 +88,7 @@ fn cards(evaluation: &Evaluation, attacked: &AttackResults) -> Vec<Card> {
             note: "The server got lines, never keypoints.".to_owned(),
         });
         cards.push(Card {
-            value: dcl.median_translation.map_or("–".to_owned(), |t| LengthUnit::Metres.in_words(t)),
+            value: dcl.median_translation.map_or("–".to_owned(), |t| LengthUnit::Metres.with_unit(t)),
             label: "median error of the position".to_owned(),
             note: "Half of the views have a smaller error, in a room of several metres.".to_owned(),
         });
@@ -115,7 +115,7 @@ fn cards(evaluation: &Evaluation, attacked: &AttackResults) -> Vec<Card> {
     cards
 }
 
-fn facts(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)> {
+fn facts(evaluation: &EvaluationDocument, options: &DemoOptions) -> Vec<(String, String)> {
     let mut facts = vec![
         ("Command".to_owned(), format!("veiloc demo --seed {}", options.seed)),
         ("Version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

@@ -6,7 +6,7 @@ use image::RgbImage;
 use veiloc_features::Progress;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::demo::error::DemoError;
 use crate::demo::options::DemoOptions;
@@ -40,7 +40,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
     }
 
     progress.start("Rendering textures", 1);
-    let scene = Place::generate(options.seed);
+    let scene = RenderedRoom::generate(options.seed);
     progress.advance(1);
     let path = scene.camera_path(&PathOptions::with_counts(options.map_views, options.query_views));
     let named = |kind: &str, poses: &[CameraFromWorld]| {

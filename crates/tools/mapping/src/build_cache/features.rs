@@ -10,7 +10,7 @@ use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_map::atomic_file::write_atomic;
 
-use crate::build_cache::key::Key;
+use crate::build_cache::key::CacheKey;
 
 /// Bytes of the header: number of keypoints, length of the global descriptor.
 const HEADER_BYTES: usize = 16;
@@ -23,11 +23,11 @@ const HASH_BYTES: usize = 32;
 #[derive(Debug)]
 pub(crate) struct FeatureFolder {
     folder: PathBuf,
-    base: Key,
+    base: CacheKey,
 }
 
 impl FeatureFolder {
-    pub(crate) const fn new(folder: PathBuf, base: Key) -> Self {
+    pub(crate) const fn new(folder: PathBuf, base: CacheKey) -> Self {
         Self { folder, base }
     }
 
@@ -135,14 +135,14 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let image = folder.path().join("a.png");
         fs::write(&image, b"one").expect("written");
-        let cache = FeatureFolder::new(folder.path().to_owned(), Key::new("features"));
+        let cache = FeatureFolder::new(folder.path().to_owned(), CacheKey::new("features"));
         let request = request(&image, false);
         assert_eq!(cache.get(&request), None);
         cache.store(&request, &some(None)).expect("kept");
         assert_eq!(cache.get(&request), Some(some(None)));
         assert_eq!(cache.get(&FeatureRequest { size: (3, 4), ..request }), None);
         assert_eq!(cache.get(&FeatureRequest { global: true, ..request }), None);
-        let other = FeatureFolder::new(folder.path().to_owned(), Key::new("other weights"));
+        let other = FeatureFolder::new(folder.path().to_owned(), CacheKey::new("other weights"));
         assert_eq!(other.get(&request), None);
         fs::write(&image, b"two").expect("written");
         assert_eq!(cache.get(&request), None);

@@ -4,9 +4,9 @@ use sha2::{Digest as _, Sha256};
 
 /// Hash of the inputs of a computation; the version of this program is part of it.
 #[derive(Debug, Clone)]
-pub struct Key(Sha256);
+pub struct CacheKey(Sha256);
 
-impl Key {
+impl CacheKey {
     /// Begins the hash for a computation with this name.
     pub fn new(what: &str) -> Self {
         let mut key = Self(Sha256::new());

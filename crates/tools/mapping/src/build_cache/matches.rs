@@ -12,7 +12,7 @@ use veiloc_descriptor::{Match, MatchOptions};
 use veiloc_map::atomic_file::TargetLock;
 
 use crate::MappingError;
-use crate::build_cache::key::Key;
+use crate::build_cache::key::CacheKey;
 
 /// Bytes before the matches of a record: key, number of matches, hash of the matches.
 const HEADER_BYTES: usize = 16 + 8 + 8;
@@ -166,7 +166,7 @@ fn record(key: PairKey, matches: &[Match]) -> Vec<u8> {
 }
 
 fn key_of(a: &[u8; 32], b: &[u8; 32], options: &MatchOptions) -> PairKey {
-    let mut key = Key::new("matches");
+    let mut key = CacheKey::new("matches");
     key.bytes(a);
     key.bytes(b);
     key.debug(options);

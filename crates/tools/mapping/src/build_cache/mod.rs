@@ -33,11 +33,11 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use crate::{BuildOptions, Cache, ExtractedFeatures, FeatureRequest, MappingError};
+use crate::{BuildCache, BuildOptions, ExtractedFeatures, FeatureRequest, MappingError};
 use veiloc_descriptor::{DescriptorView, Match, MatchOptions};
 
 use features::FeatureFolder;
-pub use key::Key;
+pub use key::CacheKey;
 use matches::MatchFiles;
 
 /// Cache of map builds in a folder.
@@ -57,7 +57,7 @@ impl FolderCache {
     pub fn in_folder(folder: &Path, options: &BuildOptions) -> Result<Self, MappingError> {
         let features = folder.join("features");
         fs::create_dir_all(&features).map_err(MappingError::io(&features))?;
-        let mut key = Key::new("features");
+        let mut key = CacheKey::new("features");
         pattern::add_extractor_output(&mut key, options)?;
         Ok(Self {
             features: FeatureFolder::new(features, key),
@@ -81,7 +81,7 @@ impl FolderCache {
     }
 }
 
-impl Cache for FolderCache {
+impl BuildCache for FolderCache {
     fn features(&self, request: &FeatureRequest<'_>) -> Option<ExtractedFeatures> {
         self.features.get(request)
     }
@@ -91,7 +91,7 @@ impl Cache for FolderCache {
     }
 
     fn key(&self, descriptors: DescriptorView<'_>) -> [u8; 32] {
-        let mut key = Key::new("descriptors");
+        let mut key = CacheKey::new("descriptors");
         key.debug(&descriptors.kind());
         key.bytes(descriptors.as_bytes());
         key.digest()

@@ -3,7 +3,7 @@
 use crate::BuildOptions;
 use veiloc_features::{FeatureError, GrayImage, Image};
 
-use crate::build_cache::key::Key;
+use crate::build_cache::key::CacheKey;
 
 /// Width and height of the pattern, pixels.
 const SIZE: (u32, u32) = (160, 120);
@@ -11,7 +11,7 @@ const SIZE: (u32, u32) = (160, 120);
 const MAX_FEATURES: usize = 64;
 
 /// Adds the output of the local and global extractors on the pattern to the key.
-pub(crate) fn add_extractor_output(key: &mut Key, options: &BuildOptions) -> Result<(), FeatureError> {
+pub(crate) fn add_extractor_output(key: &mut CacheKey, options: &BuildOptions) -> Result<(), FeatureError> {
     let extractor = options.extractors.named(&options.features)?;
     let image = Image::from(pattern()?);
     key.text(&options.features);
@@ -56,7 +56,7 @@ mod tests {
     #[test]
     fn other_extractors_give_other_keys() {
         let of = |name: &str| {
-            let mut key = Key::new("");
+            let mut key = CacheKey::new("");
             let mut options = BuildOptions::default();
             name.clone_into(&mut options.features);
             add_extractor_output(&mut key, &options).expect("built in");

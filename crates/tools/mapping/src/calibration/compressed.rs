@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 
 use crate::MappingError;
-use crate::{CompressOptions, Compression, LeaveOut, Progress, compress};
+use crate::{CompressOptions, CompressedMap, LeaveOneOutMap, Progress, compress};
 use veiloc_map::{
-    Evidence, LeaveOneOutPoint, MapFile, MapModel, MapView, PointId, Remembered, SelfTest, Without,
+    LeaveOneOut, LeaveOneOutPoint, MapFile, MapModel, MapView, PointEvidence, PointId, PointSummary, SelfTest,
 };
 
 use crate::calibration::run::{SelfTestOptions, self_test, test_in};
@@ -20,26 +20,26 @@ use crate::calibration::run::{SelfTestOptions, self_test, test_in};
 /// As for [`self_test`].
 pub fn self_test_compressed(
     whole: &MapModel,
-    small: &Compression,
+    small: &CompressedMap,
     options: &SelfTestOptions,
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
     let (file, whole_file) = (MapFile::of_model(&small.model)?, MapFile::of_model(whole)?);
-    let leave_out = LeaveOut::of(whole);
+    let leave_out = LeaveOneOutMap::of(whole);
     let id_of: BTreeMap<PointId, PointId> =
         small.kept_points.iter().copied().zip((0..).map(PointId)).collect();
     let without = |image: usize| {
         let in_whole = leave_out.without(image);
         let view = MapView::without(&whole_file, &in_whole);
         let moved = |(id, point): (&PointId, &Option<LeaveOneOutPoint>)| {
-            let remembered = || Remembered::new(view.seen_by(*id) as u32, &view.point_covariance(*id));
+            let remembered = || PointSummary::new(view.seen_by(*id) as u32, &view.point_covariance(*id));
             let point = point.as_ref().map(|point| LeaveOneOutPoint {
                 position: point.position,
-                evidence: Evidence::Remembered(remembered()),
+                evidence: PointEvidence::Summary(remembered()),
             });
             Some((*id_of.get(id)?, point))
         };
-        Without { image, points: in_whole.points.iter().filter_map(moved).collect() }
+        LeaveOneOut { image, points: in_whole.points.iter().filter_map(moved).collect() }
     };
     test_in(whole, &file, &without, options, progress)
 }
@@ -57,7 +57,7 @@ pub fn smallest_within(
     compress_options: &CompressOptions,
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Option<Compression>, MappingError> {
+) -> Result<Option<CompressedMap>, MappingError> {
     let of_whole = match &whole.self_test {
         Some(test) => test.clone(),
         None => self_test(whole, options, progress)?,

@@ -1,8 +1,8 @@
 //! Calibration of a map's pose covariances, fitted to the observed pose errors.
 //!
 //! Let `e` be the step from a trusted pose to the true one and `C` the estimator's covariance. The parameters `a`,
-//! `s_r` and `s_t` of [`Calibration`] maximize the posterior probability under `e ~ N(0, a C + diag(s_r² I, s_t² I))`
-//! with log-normal priors about [`Calibration::unmeasured`]. The priors count like one or two images, so that a handful
+//! `s_r` and `s_t` of [`CovarianceCalibration`] maximize the posterior probability under `e ~ N(0, a C + diag(s_r² I, s_t² I))`
+//! with log-normal priors about [`CovarianceCalibration::unmeasured`]. The priors count like one or two images, so that a handful
 //! of images cannot dominate.
 //!
 //! # Outliers
@@ -10,18 +10,18 @@
 //! freedom) finds the poses beyond [`MAX_SQUARED_DISTANCE`]; the second fit leaves them out, but at most a tenth of
 //! all: frequent errors are not outliers, and the covariances must cover them.
 
-use veiloc_map::Calibration;
+use veiloc_map::CovarianceCalibration;
 
 use crate::calibration::minimum::minimum;
-use crate::calibration::trial::Trial;
+use crate::calibration::trial::SelfTestTrial;
 
 /// Fits the calibration of a scheme; `scale` is the typical distance of observed points, map units.
 ///
 /// Trials that are not trusted, or leave a direction unconstrained, are ignored. Without usable trials the result is
-/// [`Calibration::unmeasured`].
-pub fn fit(trials: &[Trial], scale: f64) -> Calibration {
-    let prior = Calibration::unmeasured(scale);
-    let usable: Vec<&Trial> = trials.iter().filter(|t| t.is_usable()).collect();
+/// [`CovarianceCalibration::unmeasured`].
+pub fn fit(trials: &[SelfTestTrial], scale: f64) -> CovarianceCalibration {
+    let prior = CovarianceCalibration::unmeasured(scale);
+    let usable: Vec<&SelfTestTrial> = trials.iter().filter(|t| t.is_usable()).collect();
     if usable.is_empty() || !(prior.translation_floor > 0.0) {
         return prior;
     }
@@ -36,8 +36,12 @@ enum Tail {
     Heavy,
 }
 
-fn most_probable(trials: &[&Trial], prior: &Calibration, tail: Tail) -> Calibration {
-    let at = |log: &[f64; 3]| Calibration {
+fn most_probable(
+    trials: &[&SelfTestTrial],
+    prior: &CovarianceCalibration,
+    tail: Tail,
+) -> CovarianceCalibration {
+    let at = |log: &[f64; 3]| CovarianceCalibration {
         factor: prior.factor * log[0].exp(),
         rotation_floor: prior.rotation_floor * log[1].exp(),
         translation_floor: prior.translation_floor * log[2].exp(),
@@ -60,8 +64,11 @@ fn most_probable(trials: &[&Trial], prior: &Calibration, tail: Tail) -> Calibrat
 }
 
 /// Leaves out the trials beyond [`MAX_SQUARED_DISTANCE`] under a first calibration, at most a tenth.
-fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<&'a Trial> {
-    let mut ranked: Vec<(f64, &'a Trial)> = trials
+fn without_outliers<'a>(
+    trials: &[&'a SelfTestTrial],
+    calibration: &CovarianceCalibration,
+) -> Vec<&'a SelfTestTrial> {
+    let mut ranked: Vec<(f64, &'a SelfTestTrial)> = trials
         .iter()
         .map(|t| (t.squared_distances(calibration).map_or(f64::INFINITY, |d| d.pose), *t))
         .collect();

@@ -3,15 +3,15 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
-use veiloc_map::Calibration;
+use veiloc_map::CovarianceCalibration;
 use veiloc_synthetic::problems::normal;
 
 use crate::calibration::fit::fit;
-use crate::calibration::trial::Trial;
+use crate::calibration::trial::SelfTestTrial;
 
 /// Poses with correlated standard deviations of about a thousandth of a radian and a hundredth of a unit, with errors
 /// drawn from the calibrated covariance.
-fn trials(count: usize, truth: &Calibration, seed: u64) -> Vec<Trial> {
+fn trials(count: usize, truth: &CovarianceCalibration, seed: u64) -> Vec<SelfTestTrial> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..count)
         .map(|_| {
@@ -22,12 +22,13 @@ fn trials(count: usize, truth: &Calibration, seed: u64) -> Vec<Trial> {
             let errs = truth.apply(&covariance);
             let root = Matrix6::from_fn(|i, j| errs[i][j]).cholesky().expect("a covariance").l();
             let step = root * Vector6::from_fn(|_, _| normal(&mut rng));
-            Trial { step: step.into(), covariance, trusted: true, noise_px: 1.0 }
+            SelfTestTrial { step: step.into(), covariance, trusted: true, noise_px: 1.0 }
         })
         .collect()
 }
 
-const TRUTH: Calibration = Calibration { factor: 4.0, rotation_floor: 2e-3, translation_floor: 0.01 };
+const TRUTH: CovarianceCalibration =
+    CovarianceCalibration { factor: 4.0, rotation_floor: 2e-3, translation_floor: 0.01 };
 
 #[test]
 fn fit_recovers_true_calibration() {
@@ -73,13 +74,13 @@ fn frequent_errors_are_not_outliers() {
 
 #[test]
 fn few_images_stay_near_the_default() {
-    let default = Calibration::unmeasured(10.0);
+    let default = CovarianceCalibration::unmeasured(10.0);
     assert_eq!(fit(&[], 10.0), default);
-    let mut doubted = trials(5, &TRUTH, 2);
-    for t in &mut doubted {
+    let mut has = trials(5, &TRUTH, 2);
+    for t in &mut has {
         t.trusted = false;
     }
-    assert_eq!(fit(&doubted, 10.0), default);
+    assert_eq!(fit(&has, 10.0), default);
     let mut free = trials(3, &TRUTH, 2);
     for t in &mut free {
         t.covariance[4][4] = f64::INFINITY;

@@ -12,7 +12,7 @@
 //!
 //! # What is left out
 //! The image is not retrieved or matched, and the points it observes are triangulated again without it, or dropped
-//! ([`crate::LeaveOut`]). Its share in the words of the vocabulary and in the merging of other images' keypoints
+//! ([`crate::LeaveOneOutMap`]). Its share in the words of the vocabulary and in the merging of other images' keypoints
 //! remains.
 //!
 //! # The query
@@ -39,5 +39,5 @@ mod trial;
 pub use compressed::{self_test_compressed, smallest_within};
 pub use fit::fit;
 pub use run::{SelfTestOptions, chosen, is_testable, self_test, summarize_trials, trials};
-pub use trial::Trial;
-pub use veiloc_map::{Calibration, SelfTest};
+pub use trial::SelfTestTrial;
+pub use veiloc_map::{CovarianceCalibration, SelfTest};

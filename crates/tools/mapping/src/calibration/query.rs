@@ -6,7 +6,7 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_descriptor::{GlobalDescriptor, GlobalModel, NamedGlobal};
 use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Keypoint, SharedGlobal};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_localization::Matched;
+use veiloc_localization::MatchResult;
 use veiloc_map::{MapImage, MapModel};
 use veiloc_obfuscation::{SealError, SealOptions, seal};
 use veiloc_protocol::{Profile, Scheme, SealedQuery};
@@ -79,7 +79,11 @@ pub(crate) fn sealed(
 
 /// Transfers the matches of a query to another query of the same image: its rows have the same descriptors in another
 /// order, and matching takes most of the time. `None` if the descriptors differ, which is always the case for decoys.
-pub(crate) fn transfer_matches(matched: &Matched, from: &SealedQuery, to: &SealedQuery) -> Option<Matched> {
+pub(crate) fn transfer_matches(
+    matched: &MatchResult,
+    from: &SealedQuery,
+    to: &SealedQuery,
+) -> Option<MatchResult> {
     let mut rows: BTreeMap<&[u8], Option<usize>> = BTreeMap::new();
     for row in 0..to.len() {
         // Duplicate descriptors are ambiguous.

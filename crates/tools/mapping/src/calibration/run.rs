@@ -1,16 +1,16 @@
 //! Runs a self-test: chooses the images, leaves each out, seals and localizes it under each scheme.
 
-use crate::{LeaveOut, MappingError, Progress};
+use crate::{LeaveOneOutMap, MappingError, Progress};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
-use veiloc_localization::{LocalizeOptions, Matched, localize_matched, match_in};
-use veiloc_map::{MapFile, MapModel, MapView, PointId, SelfTest, Without};
+use veiloc_localization::{LocalizeOptions, MatchResult, localize_matched, match_in};
+use veiloc_map::{LeaveOneOut, MapFile, MapModel, MapView, PointId, SelfTest};
 use veiloc_protocol::{Scheme, SealedQuery};
 
 use crate::calibration::query::{options_for, sealed, stored_features, transfer_matches};
 use crate::calibration::summary::{median, summarize};
-use crate::calibration::trial::Trial;
+use crate::calibration::trial::SelfTestTrial;
 
 /// Options of a self-test.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ pub fn self_test(
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
     let file = MapFile::of_model(model)?;
-    let leave_out = LeaveOut::of(model);
+    let leave_out = LeaveOneOutMap::of(model);
     test_in(model, &file, &|image| leave_out.without(image), options, progress)
 }
 
@@ -60,7 +60,7 @@ pub fn self_test(
 pub(crate) fn test_in(
     model: &MapModel,
     file: &MapFile,
-    without: &(dyn Fn(usize) -> Without + Sync),
+    without: &(dyn Fn(usize) -> LeaveOneOut + Sync),
     options: &SelfTestOptions,
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
@@ -84,21 +84,21 @@ pub fn trials(
     images: &[usize],
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<Option<Trial>>>, MappingError> {
+) -> Result<Vec<Vec<Option<SelfTestTrial>>>, MappingError> {
     let file = MapFile::of_model(model)?;
-    let leave_out = LeaveOut::of(model);
+    let leave_out = LeaveOneOutMap::of(model);
     run_trials(model, &file, &|image| leave_out.without(image), images, options, progress)
 }
 
 /// Summarizes the trials of all [`chosen`] images, in their order: the result of a distributed [`self_test`].
 pub fn summarize_trials(
     model: &MapModel,
-    trials: &[Vec<Option<Trial>>],
+    trials: &[Vec<Option<SelfTestTrial>>],
     options: &SelfTestOptions,
 ) -> SelfTest {
     let scale = scale(model);
     let of_scheme = |(index, scheme): (usize, &Scheme)| {
-        let of_images: Vec<Option<Trial>> =
+        let of_images: Vec<Option<SelfTestTrial>> =
             trials.iter().map(|of_image| of_image.get(index).cloned().flatten()).collect();
         summarize(*scheme, &of_images, scale)
     };
@@ -113,11 +113,11 @@ pub fn summarize_trials(
 fn run_trials(
     model: &MapModel,
     file: &MapFile,
-    without: &(dyn Fn(usize) -> Without + Sync),
+    without: &(dyn Fn(usize) -> LeaveOneOut + Sync),
     images: &[usize],
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<Option<Trial>>>, MappingError> {
+) -> Result<Vec<Vec<Option<SelfTestTrial>>>, MappingError> {
     for scheme in &options.schemes {
         options_for(*scheme, &model.profile).bounded(&model.profile)?;
     }
@@ -136,13 +136,13 @@ fn run_trials(
 fn trials_of(
     model: &MapModel,
     file: &MapFile,
-    without: &Without,
+    without: &LeaveOneOut,
     image: usize,
     options: &SelfTestOptions,
-) -> Vec<Option<Trial>> {
+) -> Vec<Option<SelfTestTrial>> {
     let view = MapView::without(file, without);
     let truth = &model.images[image].cam_from_world;
-    let mut first: Option<(SealedQuery, Matched)> = None;
+    let mut first: Option<(SealedQuery, MatchResult)> = None;
     let mut trial = |scheme: &Scheme| {
         let seal_options = options_for(*scheme, &model.profile);
         let (features, camera) = stored_features(model, &model.images[image], &seal_options).ok()?;
@@ -158,7 +158,7 @@ fn trials_of(
         };
         let found = localize_matched(&query, view, matched.clone(), &options.localize);
         first.get_or_insert((query, matched));
-        Some(Trial::of(&found.ok()?, truth))
+        Some(SelfTestTrial::of(&found.ok()?, truth))
     };
     options.schemes.iter().map(&mut trial).collect()
 }

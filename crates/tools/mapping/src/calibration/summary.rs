@@ -1,21 +1,22 @@
 //! Summarizes the trials of a scheme.
 
 use veiloc_geometry::statistics::upper_median;
-use veiloc_map::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest};
+use veiloc_map::{ABSOLUTE, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest};
 use veiloc_protocol::Scheme;
 
 use crate::calibration::fit::fit;
-use crate::calibration::trial::{Distances, Trial};
+use crate::calibration::trial::{Distances, SelfTestTrial};
 
 /// Summarizes all tested images; `None` marks an image without pose.
-pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) -> SchemeTest {
-    let found: Vec<Trial> = trials.iter().flatten().cloned().collect();
-    let trusted: Vec<Trial> = found.iter().filter(|t| t.is_usable()).cloned().collect();
+pub(crate) fn summarize(scheme: Scheme, trials: &[Option<SelfTestTrial>], scale: f64) -> SchemeTest {
+    let found: Vec<SelfTestTrial> = trials.iter().flatten().cloned().collect();
+    let trusted: Vec<SelfTestTrial> = found.iter().filter(|t| t.is_usable()).cloned().collect();
     let within = |translation: f64, degrees: f64| {
         found.iter().filter(|t| t.translation() <= translation && t.rotation_deg() <= degrees).count() as u32
     };
-    let of_all =
-        |of: fn(&Trial) -> f64| median(trials.iter().map(|t| t.as_ref().map_or(f64::INFINITY, of)).collect());
+    let of_all = |of: fn(&SelfTestTrial) -> f64| {
+        median(trials.iter().map(|t| t.as_ref().map_or(f64::INFINITY, of)).collect())
+    };
     let noise = median(trusted.iter().map(|t| t.noise_px).collect());
     SchemeTest {
         scheme,
@@ -23,8 +24,8 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) ->
         trusted: found.iter().filter(|t| t.trusted).count() as u32,
         within_of_scale: RELATIVE.map(|(share, degrees)| within(share * scale, degrees)),
         within: ABSOLUTE.map(|(units, degrees)| within(units, degrees)),
-        median_rotation_deg: of_all(Trial::rotation_deg),
-        median_translation: of_all(Trial::translation),
+        median_rotation_deg: of_all(SelfTestTrial::rotation_deg),
+        median_translation: of_all(SelfTestTrial::translation),
         median_noise_px: if noise.is_finite() { noise } else { 0.0 },
         before: coverage(trusted.iter().map(|t| t.squared_distances(&AS_ESTIMATED))),
         after: coverage(cross_validated(&trusted, scale).into_iter()),
@@ -33,13 +34,14 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) ->
 }
 
 /// The estimator's own covariances.
-const AS_ESTIMATED: Calibration = Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 };
+const AS_ESTIMATED: CovarianceCalibration =
+    CovarianceCalibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 };
 
 /// Cross-validation: each trial under a calibration fitted to the other four fifths.
-fn cross_validated(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
+fn cross_validated(trials: &[SelfTestTrial], scale: f64) -> Vec<Option<Distances>> {
     let mut distances = vec![None; trials.len()];
     for part in 0..PARTS {
-        let others: Vec<Trial> =
+        let others: Vec<SelfTestTrial> =
             trials.iter().enumerate().filter(|(i, _)| i % PARTS != part).map(|(_, t)| t.clone()).collect();
         let calibration = fit(&others, scale);
         for i in (part..trials.len()).step_by(PARTS) {
@@ -49,12 +51,12 @@ fn cross_validated(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
     distances
 }
 
-fn coverage(distances: impl Iterator<Item = Option<Distances>>) -> Coverage {
+fn coverage(distances: impl Iterator<Item = Option<Distances>>) -> ConfidenceCoverage {
     let distances: Vec<Distances> = distances.flatten().collect();
     let share = |of: fn(&Distances) -> f64, radius: f64| {
         distances.iter().filter(|d| of(d) <= radius).count() as f64 / distances.len().max(1) as f64
     };
-    Coverage {
+    ConfidenceCoverage {
         center: SQUARED_RADII_3.map(|radius| share(|d| d.center, radius)),
         pose: SQUARED_RADII_6.map(|radius| share(|d| d.pose, radius)),
     }

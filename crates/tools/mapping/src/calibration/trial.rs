@@ -3,11 +3,11 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_localization::Localization;
-use veiloc_map::Calibration;
+use veiloc_map::CovarianceCalibration;
 
 /// An estimated pose of an image, and its error.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trial {
+pub struct SelfTestTrial {
     /// Step from the estimated pose to the true one, in the chart of [`CameraFromWorld::perturbed`]: radians, then map
     /// units.
     pub step: [f64; 6],
@@ -19,7 +19,7 @@ pub struct Trial {
     pub noise_px: f64,
 }
 
-impl Trial {
+impl SelfTestTrial {
     pub(crate) fn of(found: &Localization, truth: &CameraFromWorld) -> Self {
         Self {
             step: found.cam_from_world.step_to(truth),
@@ -44,13 +44,17 @@ impl Trial {
         self.trusted
             && self.step.iter().chain(self.covariance.iter().flatten()).all(|v| v.is_finite())
             && self
-                .squared_distances(&Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 })
+                .squared_distances(&CovarianceCalibration {
+                    factor: 1.0,
+                    rotation_floor: 0.0,
+                    translation_floor: 0.0,
+                })
                 .is_some()
     }
 
     /// Squared error in units of the calibrated covariance, for the centre and for the pose, and half the logarithm of
     /// the covariance's determinant; `None` if the matrix is not a covariance.
-    pub(crate) fn squared_distances(&self, calibration: &Calibration) -> Option<Distances> {
+    pub(crate) fn squared_distances(&self, calibration: &CovarianceCalibration) -> Option<Distances> {
         let c = calibration.apply(&self.covariance);
         let pose = Matrix6::from_fn(|i, j| c[i][j]).cholesky()?;
         let center = pose_center(&c).cholesky()?;
@@ -68,7 +72,7 @@ impl Trial {
     }
 }
 
-/// See [`Trial::squared_distances`].
+/// See [`SelfTestTrial::squared_distances`].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Distances {
     pub(crate) center: f64,

@@ -10,7 +10,7 @@
 //! keypoints of a point those with the most representative descriptors stay ([`represent`]).
 //!
 //! Positions stay the same up to the rounding of a packed file, and for each point the number of observing images and
-//! the covariance are stored ([`Compressed`]): match weights are the same as in the whole map.
+//! the covariance are stored ([`WholeMapSummary`]): match weights are the same as in the whole map.
 
 mod choose;
 mod represent;
@@ -18,7 +18,7 @@ mod represent;
 use std::collections::BTreeMap;
 
 use veiloc_descriptor::Descriptors;
-use veiloc_map::{Compressed, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, byte_count};
+use veiloc_map::{MapFile, MapImage, MapModel, MapPoint, Observation, PointId, WholeMapSummary, byte_count};
 
 use self::choose::choose;
 use self::represent::represent;
@@ -50,7 +50,7 @@ impl CompressOptions {
 
 /// A compressed map.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Compression {
+pub struct CompressedMap {
     /// The compressed map; it has no self-test yet.
     pub model: MapModel,
     /// `[P]`, the indices of its points in the whole map, ascending.
@@ -70,7 +70,7 @@ pub fn compress(
     model: &MapModel,
     options: &CompressOptions,
     progress: &dyn Progress,
-) -> Result<Compression, MappingError> {
+) -> Result<CompressedMap, MappingError> {
     refuse_compressed(model)?;
     let file = MapFile::of_model(model)?;
     let bare = byte_count(&without_points(model, file.byte_count())) + RESERVE;
@@ -85,7 +85,7 @@ pub fn compress(
     let kept_of = represent(model, &chosen, limit, progress);
     let mut small = assemble(model, &file, &kept_of);
     small.pack()?;
-    Ok(Compression { model: small, kept_points: kept_of.into_keys().collect() })
+    Ok(CompressedMap { model: small, kept_points: kept_of.into_keys().collect() })
 }
 
 /// Maximum size of section gaps and a self-test, bytes.
@@ -112,7 +112,7 @@ fn without_points(model: &MapModel, bytes: u64) -> MapModel {
         profile: model.profile.clone(),
         self_test: None,
         down: model.down,
-        compressed: Some(Compressed {
+        compressed: Some(WholeMapSummary {
             bytes,
             keypoints: 0,
             points: model.points.len() as u64,
@@ -148,6 +148,6 @@ fn assemble(model: &MapModel, file: &MapFile, kept_of: &BTreeMap<PointId, Vec<Ob
         })
         .collect();
     small.link_keypoints();
-    small.compressed = Some(Compressed::of(file, kept_of.keys().copied()));
+    small.compressed = Some(WholeMapSummary::of(file, kept_of.keys().copied()));
     small
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use veiloc_map::{BuildSettings, MapFile, MapModel, PointId, byte_count};
 
 use super::synthetic::{known_scene, map_of};
-use crate::change::{Words, remove};
+use crate::change::{VocabularyUpdate, remove};
 use crate::compress::{CompressOptions, compress};
 use crate::error::MappingError;
 
@@ -109,7 +109,7 @@ fn impossible_sizes_and_changes_are_refused() {
     assert!(matches!(again, MappingError::Compressed), "{again}");
     let before = small.clone();
     let names = [small.images[3].name.clone()];
-    let refused = remove(&mut small, &names, Words::Keep, &()).unwrap_err();
+    let refused = remove(&mut small, &names, VocabularyUpdate::Keep, &()).unwrap_err();
     assert!(matches!(refused, MappingError::Compressed), "{refused}");
     assert_eq!(small, before);
 }

@@ -12,7 +12,8 @@ use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;
 use crate::{
-    BadReason, BuildOptions, Doubt, Input, InputMistake, MappingError, Words, add, build, import, remove,
+    BadReason, BuildOptions, Input, InputMistake, MapWarning, MappingError, VocabularyUpdate, add, build,
+    import, remove,
 };
 
 /// COLMAP's conventions of pixels, poses and distortion are ours: the recomputed errors equal the stored ones to the
@@ -85,7 +86,7 @@ fn image_is_removed_from_and_added_to_redkitchen_map(data: &Path) {
     options.settings.vocabulary_words = 16;
     let input = Input::new(&posed, &images);
     let (before, report) = build(&input.with_names(&names), &options, &()).unwrap();
-    assert!(report.doubts.is_empty(), "{report:?}");
+    assert!(report.warnings.is_empty(), "{report:?}");
     before.validate().unwrap();
     assert!(before.points.len() > 500, "{} points", before.points.len());
     assert!(before.mean_track_length() > 3.5, "{}", before.mean_track_length());
@@ -97,7 +98,7 @@ fn image_is_removed_from_and_added_to_redkitchen_map(data: &Path) {
         add(&mut model, &input.with_names(&one), &()),
         Err(MappingError::BadImages(bad)) if matches!(bad.images[0].reason, BadReason::AlreadyInMap)
     ));
-    remove(&mut model, &one, Words::Keep, &()).unwrap();
+    remove(&mut model, &one, VocabularyUpdate::Keep, &()).unwrap();
     model.validate().unwrap();
     assert!(model.points.len() < before.points.len());
     let untouched = before.points.iter().filter(|p| p.track.iter().all(|o| o.image < 3)).count();
@@ -126,14 +127,14 @@ fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
     let mut options = BuildOptions::default();
     options.settings.extraction.max_keypoints = 1000;
     options.settings.vocabulary_words = 16;
-    let doubts = |change: fn(&mut PosedImage)| -> Result<Vec<Doubt>, MappingError> {
+    let warnings = |change: fn(&mut PosedImage)| -> Result<Vec<MapWarning>, MappingError> {
         let mut images = right.images().to_vec();
         images.iter_mut().for_each(change);
         let posed = PosedImages::new(images, Vec::new()).unwrap();
         let folder = data.join("redkitchen/images");
         let (model, report) = build(&Input::new(&posed, &folder).with_names(&names), &options, &())?;
         eprintln!("{} points, {report:?}", model.points.len());
-        Ok(report.doubts)
+        Ok(report.warnings)
     };
     let inverted = |image: &mut PosedImage| {
         let world_from_cam = image.cam_from_world.inverse();
@@ -147,7 +148,7 @@ fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
             format!("PINHOLE,{},{},{fx},{fy},{},{}", p.width, p.height, p.principal[0], p.principal[1]);
         image.camera = camera.parse().unwrap();
     };
-    assert_eq!(doubts(|_| {}).unwrap(), []);
+    assert_eq!(warnings(|_| {}).unwrap(), []);
     let opengl = |image: &mut PosedImage| {
         let flip = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let pose = image.cam_from_world;
@@ -158,14 +159,14 @@ fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
         (opengl, InputMistake::AxesUpAndBack),
         (doubled, InputMistake::FocalLength { percent: 200 }),
     ] {
-        let stated = match doubts(change) {
-            Ok(doubts) => doubts,
+        let stated = match warnings(change) {
+            Ok(warnings) => warnings,
             Err(MappingError::NoPoints { cause, .. }) => cause.into_iter().collect(),
             Err(error) => panic!("{error}"),
         };
         let named: Vec<InputMistake> = stated
             .iter()
-            .filter_map(|d| if let Doubt::LikelyCause { fault, .. } = d { Some(*fault) } else { None })
+            .filter_map(|d| if let MapWarning::LikelyCause { fault, .. } = d { Some(*fault) } else { None })
             .collect();
         assert_eq!(named, [cause], "{stated:?}");
     }

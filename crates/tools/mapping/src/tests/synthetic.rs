@@ -10,7 +10,7 @@ use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
 use crate::cache::ExtractedFeatures;
-use crate::change::{Words, integrate, remove};
+use crate::change::{VocabularyUpdate, integrate, remove};
 use crate::complete::grow;
 use crate::error::MappingError;
 use crate::scene::Scene;
@@ -168,7 +168,7 @@ fn removed_and_re_added_images_give_similar_points() {
     let before = map_of(&known_scene, &BuildSettings::default());
     let mut model = before.clone();
     let names = ["15.jpg".to_owned(), "14.jpg".to_owned()];
-    remove(&mut model, &names, Words::Keep, &()).unwrap();
+    remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.images.len(), 14);
     let unseen = |p: &&MapPoint| p.track.iter().all(|o| o.image < 14);
@@ -202,7 +202,7 @@ fn emptied_map_can_be_extended_again() {
     let known_scene = known_scene(8, 150);
     let mut model = map_of(&known_scene, &BuildSettings::default());
     let names: Vec<String> = model.images.iter().map(|i| i.name.clone()).collect();
-    remove(&mut model, &names, Words::Keep, &()).unwrap();
+    remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap();
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
     let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
@@ -223,7 +223,7 @@ fn invalid_removals_leave_map_unchanged() {
         (vec!["nobody.jpg", "none.jpg"], "nobody.jpg, none.jpg are not in the map"),
     ] {
         let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
-        let error = remove(&mut model, &names, Words::Keep, &()).unwrap_err().to_string();
+        let error = remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
         assert_eq!(model, before);
     }
@@ -238,7 +238,7 @@ fn changes_use_the_build_settings() {
         let all = map_of(&known_scene, &BuildSettings::default());
         let mut model = MapModel { settings: *settings, ..all.clone() };
         let names: Vec<String> = all.images.iter().map(|i| i.name.clone()).collect();
-        remove(&mut model, &names, Words::Keep, &()).unwrap();
+        remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap();
         assert_eq!(model.settings, *settings);
         let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
         integrate(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
@@ -271,11 +271,11 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
     let leaving = [7, 8, 9].map(|i| format!("{i}.jpg"));
 
     let mut not_retrained = whole.clone();
-    remove(&mut not_retrained, &leaving, Words::Keep, &()).unwrap();
+    remove(&mut not_retrained, &leaving, VocabularyUpdate::Keep, &()).unwrap();
     assert_eq!(not_retrained.profile, whole.profile, "queries sealed for the map are still valid");
 
     let mut retrained = whole.clone();
-    remove(&mut retrained, &leaving, Words::Retrain, &()).unwrap();
+    remove(&mut retrained, &leaving, VocabularyUpdate::Retrain, &()).unwrap();
     retrained.validate().unwrap();
     assert_eq!(retrained.profile.vocabulary(), Some(&of_left));
     assert_ne!(retrained.profile.id(), whole.profile.id());
@@ -292,12 +292,12 @@ fn retrained_vocabulary_is_independent_of_removed_images() {
         let reversed: Vec<u8> = image.descriptors.as_bytes().iter().rev().copied().collect();
         image.descriptors = Descriptors::new(image.descriptors.kind(), reversed).unwrap();
     }
-    remove(&mut other, &leaving, Words::Retrain, &()).unwrap();
+    remove(&mut other, &leaving, VocabularyUpdate::Retrain, &()).unwrap();
     assert_eq!(other, retrained);
 
     let all: Vec<String> = whole.images.iter().map(|i| i.name.clone()).collect();
     let mut none = whole.clone();
-    let error = remove(&mut none, &all, Words::Retrain, &()).unwrap_err();
+    let error = remove(&mut none, &all, VocabularyUpdate::Retrain, &()).unwrap_err();
     assert!(matches!(error, MappingError::NothingLeft), "{error}");
     assert_eq!(none, whole);
 }

@@ -2,7 +2,7 @@
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
-use veiloc_synthetic::{PathOptions, Place, RenderOptions, Rendering};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom, Rendering};
 
 fn camera() -> Intrinsics {
     "PINHOLE,320,240,262.5,262.5,160,120".parse().expect("valid")
@@ -55,7 +55,7 @@ fn compare(a: &Rendering, b: &Rendering) -> (Vec<f64>, usize) {
 
 #[test]
 fn a_point_has_the_same_colour_in_two_views() {
-    let scene = Place::generate(3);
+    let scene = RenderedRoom::generate(3);
     let path = scene.camera_path(&PathOptions::with_counts(40, 0));
     let render = |k: usize| scene.render(&path.mapping[k], &camera(), &quiet());
     let (first, next, far) = (render(0), render(1), render(20));
@@ -74,7 +74,7 @@ fn a_point_has_the_same_colour_in_two_views() {
 
 #[test]
 fn depth_does_not_depend_on_the_lens() {
-    let scene = Place::generate(4);
+    let scene = RenderedRoom::generate(4);
     let pose = scene.camera_path(&PathOptions::with_counts(3, 0)).mapping[1];
     let bent: Intrinsics = "OPENCV,320,240,262,263,158,122,-0.2,0.05,0.001,-0.001".parse().expect("valid");
     let straight = scene.render(&pose, &camera(), &quiet());
@@ -90,7 +90,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
     let image = |seed: u64, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
-            let scene = Place::generate(seed);
+            let scene = RenderedRoom::generate(seed);
             let pose = scene.camera_path(&PathOptions::with_counts(1, 1)).queries[0];
             scene.render(&pose, &small, &RenderOptions::with_seed(5))
         })
@@ -103,7 +103,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 #[test]
 fn cameras_keep_clearance_and_queries_differ() {
     for seed in 0..2 {
-        let scene = Place::generate(seed);
+        let scene = RenderedRoom::generate(seed);
         let path = scene.camera_path(&PathOptions::default());
         assert_eq!((path.mapping.len(), path.queries.len()), (40, 12));
         let free = |pose: &CameraFromWorld| scene.is_free(pose.center().coords.into(), 0.3);
@@ -113,7 +113,7 @@ fn cameras_keep_clearance_and_queries_differ() {
             assert!(gap > 0.005 && gap < 0.8, "seed {seed}: nearest mapping view {gap} m away");
         }
     }
-    let scene = Place::generate(0);
+    let scene = RenderedRoom::generate(0);
     assert!(!scene.is_free([0.0, 0.0, 0.42], 0.05), "inside the table");
     assert!(!scene.is_free([9.0, 0.0, 1.0], 0.0) && !scene.is_free([f64::NAN, 0.0, 1.0], 0.0));
     assert!(scene.camera_path(&PathOptions::with_counts(0, 0)).mapping.is_empty());
@@ -121,7 +121,7 @@ fn cameras_keep_clearance_and_queries_differ() {
 
 #[test]
 fn rays_outside_the_room_or_undefined_do_not_panic() {
-    let scene = Place::generate(0);
+    let scene = RenderedRoom::generate(0);
     let outside = CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [50.0, 0.0, 0.0]).expect("finite");
     let small: Intrinsics = "SIMPLE_PINHOLE,16,12,20,8,6".parse().expect("valid");
     let view = scene.render(&outside, &small, &quiet());

@@ -1,6 +1,9 @@
 //! A user-defined attack: a value beside those of the table.
 
-use veiloc::audit::{Answers, Attack, AttackEvaluation, ImageGroup, Needs, attack_groups, attacks_table};
+use veiloc::audit::{
+    Attack, AttackEvaluation, AttackRequirements, ImageGroup, RecoveredPositions, attack_groups,
+    attacks_table,
+};
 use veiloc::geometry::Pixel;
 use veiloc::query::Scheme;
 
@@ -9,7 +12,7 @@ const NEIGHBOUR_MEAN: Attack = Attack {
     name: "middle-of-neighbours",
     words: "mean of the neighbours' prior-only positions",
     holds: "",
-    needs: Needs::NEIGHBOURS,
+    needs: AttackRequirements::NEIGHBOURS,
     run: |a, _| {
         let prior = a.prior_only();
         let middle = |i: usize| {
@@ -25,7 +28,7 @@ const NEIGHBOUR_MEAN: Attack = Attack {
             let middle = Pixel::new(sum.0, sum.1);
             a.observations[i].lines()[0].map_or(middle, |line| line.closest_point(middle))
         };
-        Ok(Answers::from((0..prior.len()).map(middle).collect::<Vec<_>>()))
+        Ok(RecoveredPositions::from((0..prior.len()).map(middle).collect::<Vec<_>>()))
     },
 };
 

@@ -8,7 +8,7 @@ use veiloc::device::{
     FeatureError, GlobalExtractor, Image, SealError, SealOptions, SealedQuery, SharedGlobal, extract, seal,
 };
 use veiloc::server::{
-    BuildOptions, Input, LocalizeOptions, MapFile, Words, add, build, localize, remove, write_map,
+    BuildOptions, Input, LocalizeOptions, MapFile, VocabularyUpdate, add, build, localize, remove, write_map,
 };
 use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
 
@@ -44,7 +44,7 @@ fn map_with_user_defined_global_descriptor_retrieves_and_localizes() {
 
     // Removing and adding an image: works with the map's own extractor, and not without it.
     let name = vec![scene.posed.names()[3].clone()];
-    remove(&mut model, &name, Words::Keep, &()).expect("removed");
+    remove(&mut model, &name, VocabularyUpdate::Keep, &()).expect("removed");
     let input = Input::new(&scene.posed, &scene.folder).with_names(&name);
     let lacking = add(&mut model, &input, &()).expect_err("no extractor of whole images");
     assert!(lacking.to_string().contains("thumbnail"), "{lacking}");

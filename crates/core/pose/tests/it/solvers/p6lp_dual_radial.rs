@@ -72,7 +72,7 @@ fn found_shares(
                 let p = pose.transform(point).coords;
                 let n = half.normal().normalize();
                 assert!(n.dot(&p).abs() < 1e-5 * (1.0 + p.norm()), "{name}: {}", n.dot(&p));
-                assert!(half.leads_to(&p), "{name}: {half:?} {p:?}");
+                assert!(half.contains(&p), "{name}: {half:?} {p:?}");
             }
         }
         returned += poses.len();
@@ -130,7 +130,7 @@ fn poses_equal_those_of_p6lp_in_the_half_planes() {
         let mut all = ArrayVec::new();
         p6lp(&lines, &sample.points, &mut all);
         let on_halves = |p: &&CameraFromWorld| {
-            halves.iter().zip(&sample.points).all(|(h, x)| h.leads_to(&p.transform(x).coords))
+            halves.iter().zip(&sample.points).all(|(h, x)| h.contains(&p.transform(x).coords))
         };
         let ours = sample.solve();
         let slow: Vec<_> = all.iter().filter(on_halves).collect();

@@ -19,12 +19,12 @@ use veiloc_features::learned::Tensor;
 use veiloc_geometry::Pixel;
 
 use super::description::{DescribedNetwork, NetworkKind};
-use crate::{AttackError, Descriptors, Observation};
+use crate::{AttackError, DecodedDescriptors, Observation};
 
 /// Allowed numbers of cells along the longer side.
 const SIDES: std::ops::RangeInclusive<usize> = 16..=2048;
 /// Maximum number of values in a grid: one gibibyte.
-const MOST_NUMBERS: usize = 1 << 28;
+const MAX_NUMBERS: usize = 1 << 28;
 
 /// Size of a grid, cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,8 +100,8 @@ impl InversionNetwork {
             return Err(network.description_error(format!("its multiple, {multiple}, must divide its side")));
         }
         let channels = network.dimension() + 1;
-        if channels * side * side > MOST_NUMBERS {
-            let reason = format!("a grid of side {side} exceeds {MOST_NUMBERS} values");
+        if channels * side * side > MAX_NUMBERS {
+            let reason = format!("a grid of side {side} exceeds {MAX_NUMBERS} values");
             return Err(network.description_error(reason));
         }
         network.check(&[("features", &[Some(1), Some(channels), None, None])], &["image"])?;
@@ -148,7 +148,7 @@ impl InversionNetwork {
     /// [`AttackError::Features`] when the network cannot run.
     pub fn invert(
         &self,
-        descriptors: &Descriptors,
+        descriptors: &DecodedDescriptors,
         size: [u32; 2],
         known: PositionKnowledge<'_>,
         times: u32,
@@ -195,7 +195,7 @@ impl InversionNetwork {
 }
 
 /// Descriptors accumulated in their cells, `[1, dimension + 1, H, W]`.
-fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[cells::CellShare]) -> Tensor {
+fn placed_on(grid: Grid, descriptors: &DecodedDescriptors, shares: &[cells::CellShare]) -> Tensor {
     let (cells, dimension) = (grid.cells(), descriptors.dimension());
     let mut full = vec![0.0f32; cells];
     for (_, cell, share) in shares {
@@ -217,7 +217,7 @@ fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[cells::CellShare])
 }
 
 /// All descriptors in all cells with equal shares: the information of descriptors without positions.
-fn spread_over(grid: Grid, descriptors: &Descriptors) -> Tensor {
+fn spread_over(grid: Grid, descriptors: &DecodedDescriptors) -> Tensor {
     let (cells, dimension) = (grid.cells(), descriptors.dimension());
     let full = descriptors.len() as f32 / cells as f32;
     let share = (dimension as f32).sqrt() / cells as f32 / full.max(1.0);
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn cells_hold_weighted_means_and_occupancy() {
-        let descriptors = Descriptors::new(&[3, 4, 0, 0, 8, 6], 2).expect("three of them");
+        let descriptors = DecodedDescriptors::new(&[3, 4, 0, 0, 8, 6], 2).expect("three of them");
         let grid = Grid { width: 2, height: 1 };
         // The first and the last share a cell; the middle one is all zeros, so only its share is visible.
         let shares = [(0, 0, 1.0), (2, 0, 0.5), (1, 1, 0.25)];

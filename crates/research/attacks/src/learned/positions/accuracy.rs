@@ -22,16 +22,16 @@ pub struct PositionAccuracy {
     /// Mean over keypoints of `log2(p / p₀)` for the bin that holds the keypoint: `p` is the network's probability,
     /// `p₀` that of the prior-only baseline. 0 for the baseline.
     pub information: f64,
-    /// Errors of [`Estimate::pixel`](super::Estimate::pixel), pixels.
+    /// Errors of [`PositionEstimate::pixel`](super::PositionEstimate::pixel), pixels.
     pub errors: ErrorSummary,
     /// Errors of the prior-only baseline, pixels.
     pub prior: ErrorSummary,
     /// [`bits_over_prior`] of [`Self::errors`].
     pub bits: f64,
-    /// [`bits_over_prior`] of [`Estimate::mean`](super::Estimate::mean).
+    /// [`bits_over_prior`] of [`PositionEstimate::mean`](super::PositionEstimate::mean).
     pub bits_of_mean: f64,
     /// [`bits_over_prior`] of the posterior median of an untrained network: the gain of the median over the mean
-    /// alone, which is large for rows with several stretches.
+    /// alone, which is large for rows with several spans.
     pub bits_untrained: f64,
     /// [`Self::information`] of each image.
     pub by_image: Vec<f64>,

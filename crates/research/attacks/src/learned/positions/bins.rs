@@ -1,6 +1,6 @@
 //! The possible positions of a keypoint, divided into bins with the exact probabilities of `crate::prior_only`.
 //!
-//! Each candidate of an observation (a stretch of a line of a pencil, or one of two lines) is divided into bins of
+//! Each candidate of an observation (a span of a line of a pencil, or one of two lines) is divided into bins of
 //! equal prior probability; the number of bins of a candidate is proportional to its share, at least one. A bin is
 //! represented by its expected position, so the mean over all bins equals the prior-only baseline exactly.
 

@@ -23,10 +23,10 @@ use veiloc_protocol::Scheme;
 
 use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
-use crate::{AttackError, Descriptors, Observation};
+use crate::{AttackError, DecodedDescriptors, Observation};
 
 pub use accuracy::{PositionAccuracy, position_accuracy};
-pub use recover::{Estimate, recover};
+pub use recover::{PositionEstimate, recover};
 
 use bins::Bins;
 
@@ -92,7 +92,7 @@ impl PositionNetwork {
     /// Posterior probability of each bin of each row, `[bins]`.
     fn shares(
         &self,
-        descriptors: &Descriptors,
+        descriptors: &DecodedDescriptors,
         bins: &Bins,
         size: [u32; 2],
     ) -> Result<Vec<f32>, AttackError> {
@@ -173,7 +173,7 @@ mod tests {
         ];
         let fields = [4, 0, 11];
         let bytes: Vec<u8> = fields.iter().flat_map(|f| (0..12).map(move |i| u8::from(i == *f))).collect();
-        let descriptors = Descriptors::new(&bytes, 12).expect("three");
+        let descriptors = DecodedDescriptors::new(&bytes, 12).expect("three");
         let bins = Bins::of(&rows, size, 20);
         let shares = network.shares(&descriptors, &bins, size).expect("it runs");
         for (row, field) in fields.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! The attack: posterior position of each keypoint of an obfuscated image.
 
-use crate::{AttackError, Descriptors, Observation};
+use crate::{AttackError, DecodedDescriptors, Observation};
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 
@@ -12,7 +12,7 @@ const BINS: usize = 160;
 
 /// Estimated position of a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
+pub struct PositionEstimate {
     /// The position with the smallest expected distance to the keypoint; on one line, the median.
     pub pixel: Pixel,
     /// Expected distance between keypoint and `pixel`, pixels.
@@ -31,10 +31,10 @@ pub struct Estimate {
 pub fn recover(
     network: &PositionNetwork,
     observations: &[Observation],
-    descriptors: &Descriptors,
+    descriptors: &DecodedDescriptors,
     width: u32,
     height: u32,
-) -> Result<Vec<Estimate>, AttackError> {
+) -> Result<Vec<PositionEstimate>, AttackError> {
     if descriptors.len() != observations.len() {
         let (keypoints, descriptors) = (observations.len(), descriptors.len());
         return Err(AttackError::DescriptorCount { keypoints, descriptors });
@@ -55,13 +55,13 @@ pub fn recover(
 }
 
 /// The estimates of an untrained network.
-pub(super) fn of_prior(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
+pub(super) fn of_prior(observations: &[Observation], size: [u32; 2]) -> Vec<PositionEstimate> {
     let bins = Bins::of(observations, size, BINS);
     let shares: Vec<f32> = bins.log_prior.iter().map(|g| g.exp()).collect();
     estimates(&bins, &shares)
 }
 
-fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
+fn estimates(bins: &Bins, shares: &[f32]) -> Vec<PositionEstimate> {
     let estimate = |row: usize| {
         let own = bins.of_row(row);
         best(&bins.positions[own.clone()], &shares[own])
@@ -70,7 +70,7 @@ fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
 }
 
 /// Estimate from positions with these probabilities.
-fn best(positions: &[Pixel], shares: &[f32]) -> Estimate {
+fn best(positions: &[Pixel], shares: &[f32]) -> PositionEstimate {
     let (mut u, mut v, mut whole) = (0.0, 0.0, 0.0);
     for (position, share) in positions.iter().zip(shares) {
         let share = f64::from(*share);
@@ -83,5 +83,5 @@ fn best(positions: &[Pixel], shares: &[f32]) -> Estimate {
     let errors = positions.iter().map(|p| (error(p), *p));
     let (expected_error, pixel) =
         errors.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, Pixel::new(f64::NAN, f64::NAN)));
-    Estimate { pixel, expected_error, mean: Pixel::new(u / whole, v / whole) }
+    PositionEstimate { pixel, expected_error, mean: Pixel::new(u / whole, v / whole) }
 }

@@ -8,7 +8,7 @@ use veiloc_attacks::multi_view::{
     select_frames,
 };
 use veiloc_attacks::{
-    AttackError, Descriptors, ErrorSummary, Observation, bits_over_prior, lift, prior_only,
+    AttackError, DecodedDescriptors, ErrorSummary, Observation, bits_over_prior, lift, prior_only,
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PlanePoint, Point3};
@@ -23,7 +23,7 @@ struct Scene {
     points: Vec<Point3<World>>,
     pixels: Vec<Vec<Pixel>>,
     lines: Vec<Vec<Observation>>,
-    descriptors: Vec<Descriptors>,
+    descriptors: Vec<DecodedDescriptors>,
     /// Depth limits that the attacker assumes.
     depths: [f64; 2],
 }
@@ -60,7 +60,7 @@ impl Scene {
             }
         }
         let bytes: Vec<u8> = (0..200 * 16).map(|_| rng.random()).collect();
-        let descriptors = vec![Descriptors::new(&bytes, 16).expect("whole"); frames];
+        let descriptors = vec![DecodedDescriptors::new(&bytes, 16).expect("whole"); frames];
         let mut scene =
             Self { poses, points, pixels: Vec::new(), lines: Vec::new(), descriptors, depths: [0.5, 20.0] };
         scene.project();
@@ -400,7 +400,7 @@ fn known_keypoints_are_kept_unmatched_have_no_answer_and_invalid_frames_are_refu
         observations: lines,
         descriptors: &scene.descriptors[0],
     };
-    let nothing = Descriptors::new(&[], 16).expect("whole");
+    let nothing = DecodedDescriptors::new(&[], 16).expect("whole");
     let blind = Frame { observations: &[], descriptors: &nothing, ..frame(&scene.lines[0]) };
     let found = multi_view_attack(&[frame(&scene.lines[0]), blind], &options).expect("they fit");
     assert!(found.iter().enumerate().all(|(i, s)| s.pixel.is_some() == (i == 7)));
@@ -410,7 +410,7 @@ fn known_keypoints_are_kept_unmatched_have_no_answer_and_invalid_frames_are_refu
     assert_eq!(alone, Err(AttackError::TooFewFrames { frames: 1 }));
     let short = multi_view_attack(&[frame(&scene.lines[0]), frame(&scene.lines[1][1..])], &options);
     assert_eq!(short, Err(AttackError::FrameDescriptors { frame: 1, observations: 199, descriptors: 200 }));
-    let two = Descriptors::new(&[1; 400], 2).expect("whole");
+    let two = DecodedDescriptors::new(&[1; 400], 2).expect("whole");
     let other = Frame { descriptors: &two, ..frame(&scene.lines[1]) };
     let mixed = multi_view_attack(&[frame(&scene.lines[0]), other], &options);
     assert_eq!(mixed, Err(AttackError::Dimensions { expected: 16, found: 2 }));

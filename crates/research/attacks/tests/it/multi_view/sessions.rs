@@ -7,7 +7,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::{Frame, FramesOptions, RestingOptions, multi_view_attack, resting_camera};
-use veiloc_attacks::{Descriptors, Observation, bits_over_prior, prior_only};
+use veiloc_attacks::{DecodedDescriptors, Observation, bits_over_prior, prior_only};
 use veiloc_descriptor::{DescriptorKind, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::frames::World;
@@ -45,7 +45,7 @@ struct Sealed {
     truth: SealTruth,
     pose: CameraFromWorld,
     lines: Vec<Observation>,
-    descriptors: Descriptors,
+    descriptors: DecodedDescriptors,
 }
 
 fn camera() -> Intrinsics {
@@ -111,7 +111,8 @@ fn sealed(trajectory: Trajectory, scheme: &str, options: SessionOptions, seed: u
                 .seal_with_truth(features, &camera(), &profile, &seal_options, &held, &mut device)
                 .expect("it can be sealed");
             let lines = Observation::of_sent(&query.observations());
-            let descriptors = Descriptors::new(query.descriptors().as_bytes(), 128).expect("whole rows");
+            let descriptors =
+                DecodedDescriptors::new(query.descriptors().as_bytes(), 128).expect("whole rows");
             Sealed { query, truth, pose, lines, descriptors }
         })
         .collect()

@@ -5,7 +5,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_synthetic::problems::normal;
 
-use crate::results::metrics::PoseError;
+use crate::results::metrics::PoseErrors;
 
 /// Errors of `draws` poses from the normal distribution around the truth with this Fisher information, in the chart
 /// of [`CameraFromWorld::perturbed`]; `None` when the information is singular.
@@ -14,14 +14,14 @@ pub(crate) fn predicted_errors<R: Rng>(
     information: &[[f64; 6]; 6],
     draws: usize,
     rng: &mut R,
-) -> Option<Vec<PoseError>> {
+) -> Option<Vec<PoseErrors>> {
     let information = Matrix6::from_fn(|i, j| information[i][j]);
     // F = L Lᵀ, so L⁻ᵀ z has covariance F⁻¹.
     let upper = information.cholesky()?.l().transpose();
     (0..draws)
         .map(|_| {
             let step = upper.solve_upper_triangular(&Vector6::from_fn(|_, _| normal(rng)))?;
-            Some(PoseError::of(&truth.perturbed(&step.into()), truth))
+            Some(PoseErrors::of(&truth.perturbed(&step.into()), truth))
         })
         .collect()
 }

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use crate::EvalError;
 use crate::results::coverage::{NormalizedError, shares};
 use crate::results::metrics::finite;
-use crate::results::metrics::{PoseError, mean, median};
+use crate::results::metrics::{PoseErrors, mean, median};
 use rayon::prelude::*;
 use serde::Serialize;
 use trial::Trial;
@@ -94,7 +94,7 @@ pub struct BoundEvaluation {
     /// One entry per scene, scheme, noise and share of outliers.
     pub cells: Vec<BoundCell>,
     /// One entry per scene, scheme and noise, over all shares of outliers.
-    pub coverage: Vec<Coverage>,
+    pub coverage: Vec<BoundCoverage>,
 }
 
 /// Problems of one scene, scheme, noise and share of outliers.
@@ -141,7 +141,7 @@ pub struct BoundCell {
 /// Share of poses whose truth lies in the 50, 90 and 99 % regions of the estimated covariance, over the problems that
 /// were found.
 #[derive(Debug, Clone, Serialize)]
-pub struct Coverage {
+pub struct BoundCoverage {
     /// Scene; `all` for all scenes and noises of a scheme together.
     pub scene: String,
     /// Obfuscation scheme.
@@ -225,9 +225,9 @@ fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
     }
     // With fewer true matches the bound would be infinite.
     let right = |share: f64| ((1.0 - share) * evaluation.matches as f64).round() as usize;
-    if let Some(share) = evaluation.outlier_shares.iter().find(|s| right(**s) < FEWEST_RIGHT) {
+    if let Some(share) = evaluation.outlier_shares.iter().find(|s| right(**s) < MIN_INLIERS) {
         return refuse(format!(
-            "{} matches with {:.0} % outliers leave {} right ones, but at least {FEWEST_RIGHT} are needed; use more matches",
+            "{} matches with {:.0} % outliers leave {} right ones, but at least {MIN_INLIERS} are needed; use more matches",
             evaluation.matches,
             100.0 * share,
             right(*share)
@@ -237,7 +237,7 @@ fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
 }
 
 /// Minimum number of true matches of a problem: about the smallest consensus that the estimator accepts.
-const FEWEST_RIGHT: usize = 12;
+const MIN_INLIERS: usize = 12;
 
 fn cell(condition: &Condition, scheme: Scheme, trials: &[Trial]) -> BoundCell {
     let all: Vec<&Trial> = trials.iter().collect();
@@ -272,7 +272,7 @@ struct Medians {
 }
 
 impl Medians {
-    fn of(trials: &[&Trial], error: impl Fn(&PoseError) -> f64) -> Self {
+    fn of(trials: &[&Trial], error: impl Fn(&PoseErrors) -> f64) -> Self {
         let measured: Vec<f64> = trials.iter().map(|t| error(&t.error)).collect();
         let predicted: Vec<f64> = trials.iter().flat_map(|t| t.predicted.iter().map(&error)).collect();
         Self { measured: finite(median(&measured)), predicted: finite(median(&predicted)) }
@@ -283,12 +283,12 @@ impl Medians {
     }
 }
 
-fn coverage(scene: &str, scheme: Scheme, noise_px: Option<f64>, trials: &[Trial]) -> Coverage {
+fn coverage(scene: &str, scheme: Scheme, noise_px: Option<f64>, trials: &[Trial]) -> BoundCoverage {
     let found: Vec<&Trial> = trials.iter().filter(|t| t.found()).collect();
     let of = |region: fn(&NormalizedError) -> f64| {
         shares(&found.iter().map(|t| region(&t.normalized)).collect::<Vec<_>>())
     };
-    Coverage {
+    BoundCoverage {
         scene: scene.to_owned(),
         scheme: scheme.to_string(),
         noise_px,

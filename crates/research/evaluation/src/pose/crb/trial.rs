@@ -11,7 +11,7 @@ use super::{Condition, SyntheticEvaluation, bound, noise};
 use crate::pose::evaluate::pose_problem;
 use crate::pose::floor::runs_through;
 use crate::results::coverage::NormalizedError;
-use crate::results::metrics::PoseError;
+use crate::results::metrics::PoseErrors;
 use veiloc_datasets::problem_files::Problem;
 use veiloc_datasets::problem_files::seed_for;
 
@@ -24,10 +24,10 @@ const FOUND_SHARE: f64 = 0.5;
 /// Results of one problem.
 #[derive(Debug, Clone)]
 pub(super) struct Trial {
-    /// Error of the estimate; [`PoseError::NOT_LOCALIZED`] without an estimate.
-    pub(super) error: PoseError,
+    /// Error of the estimate; [`PoseErrors::NOT_LOCALIZED`] without an estimate.
+    pub(super) error: PoseErrors,
     /// Errors that the bound predicts; empty when the true matches do not determine the pose.
-    pub(super) predicted: Vec<PoseError>,
+    pub(super) predicted: Vec<PoseErrors>,
     /// Whether there is an estimate.
     pub(super) localized: bool,
     /// Share of the true correspondences among the estimate's inliers.
@@ -63,7 +63,7 @@ pub(super) fn run(
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&name, &scheme.to_string()]));
     let camera = &problem.camera;
     let unsolved = Trial {
-        error: PoseError::NOT_LOCALIZED,
+        error: PoseErrors::NOT_LOCALIZED,
         predicted: Vec::new(),
         localized: false,
         inliers_found: 0.0,
@@ -98,7 +98,7 @@ fn predict(
     problem: &PoseProblem,
     right: &[bool],
     rng: &mut ChaCha8Rng,
-) -> Vec<PoseError> {
+) -> Vec<PoseErrors> {
     let pose = &truth.cam_from_world;
     let noise = noise::observation_noise(problem, pose, right, condition.noise_px, evaluation.angle_bits);
     fisher_information(problem, pose, right, noise)
@@ -112,7 +112,7 @@ fn assess(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Tria
     let all = right.iter().filter(|r| **r).count();
     let agreed = right.iter().zip(&estimate.inliers).filter(|(right, inlier)| **right && **inlier).count();
     Trial {
-        error: PoseError::of(pose, &truth.cam_from_world),
+        error: PoseErrors::of(pose, &truth.cam_from_world),
         predicted: Vec::new(),
         localized: true,
         inliers_found: agreed as f64 / all.max(1) as f64,

@@ -88,7 +88,7 @@ impl Adversary {
     pub const fn attacks(self) -> &'static [&'static str] {
         match self {
             // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/results/privacy.md`):
-            // it is never the best attack and takes longest; see `thorough`.
+            // it is never the best attack and takes longest; see `slow_attacks`.
             Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
             Self::OutsiderNetwork => &["trained-positions"],
             Self::MapServer => &["transfer"],
@@ -101,7 +101,7 @@ impl Adversary {
     }
 
     /// Additional attacks if time does not matter: seconds per image each.
-    pub const fn thorough(self) -> &'static [&'static str] {
+    pub const fn slow_attacks(self) -> &'static [&'static str] {
         match self {
             Self::OutsiderStatistic | Self::OutsiderNeighbours => {
                 &["closed-form", "graph", "graph-near-angles"]
@@ -150,7 +150,7 @@ mod tests {
     fn attacks_of_adversaries_exist() {
         for adversary in Adversary::ALL {
             assert_eq!(adversary.name().parse(), Ok(adversary));
-            for attack in adversary.attacks().iter().chain(adversary.thorough()) {
+            for attack in adversary.attacks().iter().chain(adversary.slow_attacks()) {
                 let needs = attack.parse::<Attack>().expect(attack).needs;
                 let knows_pose = adversary >= Adversary::PoseServer && adversary <= Adversary::SeveralFrames;
                 assert_eq!(needs.pose, knows_pose, "{adversary} {attack}");

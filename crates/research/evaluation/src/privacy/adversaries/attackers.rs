@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::EvalError;
 use crate::audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, ImageGroup, Measured,
-    NeighbourSource, ServerKnowledge, Stage, attack_groups,
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackSummary, ImageGroup,
+    MeasuredKeypoints, NeighbourSource, ServerKnowledge, attack_groups,
 };
 use serde::Serialize;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
@@ -33,7 +33,7 @@ pub(crate) struct Attackers<'a> {
     /// Position networks, one per scheme.
     pub(crate) positions: &'a [PathBuf],
     /// Whether to run [`Adversary::thorough`] too.
-    pub(crate) thorough: bool,
+    pub(crate) slow_attacks: bool,
     /// Neighbours per keypoint.
     pub(crate) k: usize,
     /// Seed of all draws.
@@ -48,7 +48,7 @@ pub(crate) struct Gain {
     /// The prior-only baseline on the same keypoints.
     pub(crate) prior: AttackSummary,
     /// All its attacks, in the order they ran.
-    pub(crate) tried: Vec<TriedAttack>,
+    pub(crate) tried: Vec<AttackGain>,
     /// Precision of its predicted neighbours; `None` for an oracle, and if no neighbours are used.
     pub(crate) precision: Option<f64>,
     /// Share of all keypoints on which errors are measured.
@@ -57,7 +57,7 @@ pub(crate) struct Gain {
 
 /// One attack of an adversary with its gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct TriedAttack {
+pub struct AttackGain {
     /// Its name.
     pub attack: String,
     /// Frames or seals that it used; absent for attacks on one query.
@@ -69,7 +69,7 @@ pub struct TriedAttack {
     pub bits_over_prior: f64,
 }
 
-impl TriedAttack {
+impl AttackGain {
     fn of(summary: &AttackSummary) -> Self {
         Self {
             attack: summary.attack.to_string(),
@@ -96,7 +96,7 @@ impl Attackers<'_> {
         progress: &dyn Progress,
     ) -> Result<BTreeMap<String, Gain>, EvalError> {
         let mut attack = self.evaluation();
-        let extra = if self.thorough { adversary.thorough() } else { &[] };
+        let extra = if self.slow_attacks { adversary.slow_attacks() } else { &[] };
         attack.attacks =
             adversary.attacks().iter().chain(extra).filter_map(|name| name.parse::<Attack>().ok()).collect();
         let Some(images) = self.set_resources(adversary, &mut attack)? else { return Ok(BTreeMap::new()) };
@@ -144,7 +144,7 @@ impl Attackers<'_> {
             scene.map(|scene| ServerKnowledge {
                 problems: vec![scene.problems.clone()],
                 private: None,
-                measured: Measured::Hidden,
+                measured: MeasuredKeypoints::Hidden,
             })
         };
         let map = || scene.map_or(&[][..], |scene| &scene.map).iter().cloned();
@@ -213,7 +213,7 @@ fn gain(found: &AttackDocument, scheme: &str) -> Option<(String, Gain)> {
     let gain = Gain {
         best: best.clone(),
         prior: prior.clone(),
-        tried: tried().map(TriedAttack::of).collect(),
+        tried: tried().map(AttackGain::of).collect(),
         precision: found.precision,
         measured: found.server.iter().find(|s| s.scheme == scheme).map_or(1.0, |s| s.measured),
     };
@@ -227,11 +227,11 @@ fn run(
     progress: &dyn Progress,
 ) -> Result<AttackDocument, EvalError> {
     let group = ImageGroup { name: "queries".to_owned(), images };
-    attack_groups(attack, vec![group], &mut ProgressObserver(Stage::new(progress, stage)))
+    attack_groups(attack, vec![group], &mut ProgressObserver(AttackProgress::new(progress, stage)))
 }
 
 /// Reports progress.
-struct ProgressObserver<'a>(Stage<'a>);
+struct ProgressObserver<'a>(AttackProgress<'a>);
 
 impl AttackObserver for ProgressObserver<'_> {
     fn advance(&mut self, _done: usize, total: usize) {

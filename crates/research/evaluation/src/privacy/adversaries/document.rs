@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::adversary::Adversary;
-use super::attackers::{Gain, TriedAttack};
+use super::attackers::{AttackGain, Gain};
 use super::options::AdversariesEvaluation;
 
 /// The document that `veiloc eval adversaries --json` prints.
@@ -60,7 +60,7 @@ pub struct AdversaryRow {
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
     /// All its attacks.
-    pub tried: Vec<TriedAttack>,
+    pub tried: Vec<AttackGain>,
 }
 
 impl AdversariesDocument {

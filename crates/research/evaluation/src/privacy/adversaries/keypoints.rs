@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::EvalError;
 use crate::privacy::spread::spread;
-use crate::{MadeProblem, ProblemSource, folder_name, make_problems};
+use crate::{GeneratedProblem, ProblemSource, folder_name, make_problems};
 use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
 use veiloc_features::Progress;
@@ -44,7 +44,7 @@ impl AttackedKeypoints {
         let listed = [queries, source.map_list].concat();
         let data = folder_name(source.images);
         let source = ProblemSource { query_list: &listed, ..*source };
-        let mut made: Vec<MadeProblem> = make_problems(&source, progress)?;
+        let mut made: Vec<GeneratedProblem> = make_problems(&source, progress)?;
         let map: Vec<KeypointImage> =
             made.split_off(queries.len()).into_iter().map(|m| m.keypoints).collect();
         let temporary = |source| EvalError::Io { path: std::env::temp_dir(), source };

@@ -17,9 +17,9 @@ pub(crate) use keypoints::AttackedKeypoints;
 use veiloc_features::Progress;
 
 pub use adversary::{Adversary, UnknownAdversary};
-pub use attackers::TriedAttack;
+pub use attackers::AttackGain;
 pub use document::{AdversariesDocument, AdversaryRow};
-pub use options::{AdversariesEvaluation, Place};
+pub use options::{AdversariesEvaluation, AdversaryScene};
 pub use table::adversaries_table;
 
 /// Attacks queries of a scene, or images of files without a map, as every adversary whose resources are available.
@@ -32,15 +32,15 @@ pub fn evaluate_adversaries(
 ) -> Result<AdversariesDocument, EvalError> {
     evaluation.check()?;
     let mut sets = Vec::new();
-    if let Some(place) = &evaluation.place {
+    if let Some(scene) = &evaluation.scene {
         let source = ProblemSource {
-            posed: &place.posed,
-            images: &place.images,
-            map_list: &place.map_list,
-            query_list: &place.query_list,
-            build: &place.build,
-            localize: &place.localize,
-            masks: &masks_of(&place.query_list, place.masks.as_deref()),
+            posed: &scene.posed,
+            images: &scene.images,
+            map_list: &scene.map_list,
+            query_list: &scene.query_list,
+            build: &scene.build,
+            localize: &scene.localize,
+            masks: &masks_of(&scene.query_list, scene.masks.as_deref()),
             seed: evaluation.seed,
         };
         sets.push(AttackedKeypoints::of_scene(&source, evaluation.attacked, progress)?);
@@ -56,7 +56,7 @@ pub fn evaluate_adversaries(
             train: &evaluation.train,
             network: evaluation.network.as_deref(),
             positions: &evaluation.positions,
-            thorough: evaluation.thorough,
+            slow_attacks: evaluation.slow_attacks,
             k: evaluation.k,
             seed: evaluation.seed,
         };

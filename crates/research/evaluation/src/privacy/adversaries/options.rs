@@ -13,7 +13,7 @@ use crate::EvalError;
 
 /// A scene with known poses, split into map and queries.
 #[derive(Debug, Clone)]
-pub struct Place {
+pub struct AdversaryScene {
     /// Cameras and poses.
     pub posed: PosedImages,
     /// Folder of the images.
@@ -35,7 +35,7 @@ pub struct Place {
 #[non_exhaustive]
 pub struct AdversariesEvaluation {
     /// A scene whose map servers know; `None` for files alone.
-    pub place: Option<Place>,
+    pub scene: Option<AdversaryScene>,
     /// Keypoint files of images without a map.
     pub files: Vec<PathBuf>,
     /// Schemes, in the order of the table. Schemes that send positions are skipped.
@@ -51,7 +51,7 @@ pub struct AdversariesEvaluation {
     /// Number of attacked images of a scene or file, spread evenly; `None` for all.
     pub attacked: Option<usize>,
     /// Whether to run attacks that take seconds per image.
-    pub thorough: bool,
+    pub slow_attacks: bool,
     /// Neighbours per keypoint.
     pub k: usize,
     /// Seed of every draw.
@@ -62,7 +62,7 @@ impl AdversariesEvaluation {
     /// All schemes that hide positions, all images; the data must still be set.
     pub fn new() -> Self {
         Self {
-            place: None,
+            scene: None,
             files: Vec::new(),
             schemes: Scheme::ALL.into_iter().filter(|s| s.hides_positions()).collect(),
             adversaries: Adversary::ALL.to_vec(),
@@ -70,7 +70,7 @@ impl AdversariesEvaluation {
             network: None,
             positions: Vec::new(),
             attacked: None,
-            thorough: true,
+            slow_attacks: true,
             k: 20,
             seed: 0,
         }
@@ -78,7 +78,7 @@ impl AdversariesEvaluation {
 
     pub(super) fn check(&self) -> Result<(), EvalError> {
         let refuse = |why: &str| Err(EvalError::Options(why.to_owned()));
-        if self.place.as_ref().is_none_or(|place| place.query_list.is_empty()) && self.files.is_empty() {
+        if self.scene.as_ref().is_none_or(|scene| scene.query_list.is_empty()) && self.files.is_empty() {
             return refuse("nothing to attack: give a scene with queries, or keypoint files");
         }
         if !self.schemes.iter().any(|s| s.hides_positions()) {

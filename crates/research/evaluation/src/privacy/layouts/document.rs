@@ -53,7 +53,7 @@ pub struct LayoutRow {
     /// Gain of each adversary's best attack over the prior-only baseline, bits per keypoint.
     pub bits: BTreeMap<&'static str, f64>,
     /// Whether the baseline's error is at least that under the paper's layout, and no realistic adversary gains more
-    /// than [`LEEWAY_BITS`] above its gain there, with negative gains counted as zero; null when the paper's layout
+    /// than [`TOLERANCE_BITS`] above its gain there, with negative gains counted as zero; null when the paper's layout
     /// was not evaluated.
     pub protects_as_paper: Option<bool>,
     /// The same adversaries with details.
@@ -63,7 +63,7 @@ pub struct LayoutRow {
 }
 
 /// Accepted additional gain of an adversary over the paper's layout, bits.
-pub const LEEWAY_BITS: f64 = 0.05;
+pub const TOLERANCE_BITS: f64 = 0.05;
 
 impl LayoutRow {
     pub(super) fn of(layout: DclLayout, accuracy: Accuracy, privacy: &Privacy) -> Self {
@@ -94,7 +94,7 @@ impl LayoutRow {
         // An adversary with a negative gain would use the prior-only baseline instead.
         let gain = |bits: f64| bits.max(0.0);
         let holds = |a: &AdversaryFigures| {
-            other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + LEEWAY_BITS)
+            other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + TOLERANCE_BITS)
         };
         prior && self.adversaries.iter().filter(|a| a.realistic).all(holds)
     }

@@ -24,7 +24,7 @@ use accuracy::Accuracy;
 use privacy::Privacy;
 
 pub use accuracy::ConditionFigures;
-pub use document::{LEEWAY_BITS, LayoutRow, LayoutsDocument};
+pub use document::{LayoutRow, LayoutsDocument, TOLERANCE_BITS};
 pub use options::LayoutsEvaluation;
 pub use privacy::AdversaryFigures;
 pub use table::layouts_table;

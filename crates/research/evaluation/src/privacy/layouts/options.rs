@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::EvalError;
-use crate::stress::{Stress, StressEvaluation};
+use crate::stress::{StressCondition, StressEvaluation};
 use veiloc_map::PosedImages;
 use veiloc_protocol::{DclLayout, Scheme};
 
@@ -45,7 +45,7 @@ impl LayoutsEvaluation {
     /// [`Self::DEFAULT`] on unmodified and half-hidden queries and in a sparse map; four queries are attacked.
     pub fn new(posed: PosedImages, images: PathBuf, map_list: Vec<String>, query_list: Vec<String>) -> Self {
         let mut stress = StressEvaluation::new(posed, images, map_list, query_list);
-        stress.stresses = vec![Stress::HalfHidden, Stress::SparseMap];
+        stress.stresses = vec![StressCondition::HalfHidden, StressCondition::SparseMap];
         Self {
             stress,
             layouts: Self::DEFAULT.iter().filter_map(|text| layout(text).ok()).collect(),

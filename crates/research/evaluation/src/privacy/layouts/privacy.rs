@@ -76,7 +76,7 @@ impl Privacy {
             train: &train,
             network: evaluation.network.as_deref(),
             positions: &evaluation.positions,
-            thorough: false,
+            slow_attacks: false,
             k: evaluation.k,
             seed: evaluation.stress.seed,
         };

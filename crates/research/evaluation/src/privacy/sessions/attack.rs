@@ -19,7 +19,7 @@ use super::motion::Motion;
 /// The attacked keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Measured {
+pub(super) enum AttackedKeypoints {
     /// Keypoints of a person-like region that is missing from the map; the server knows the other keypoints that it
     /// matched.
     Private,
@@ -27,7 +27,7 @@ pub(super) enum Measured {
     Matched,
 }
 
-impl Measured {
+impl AttackedKeypoints {
     pub(super) const ALL: [Self; 2] = [Self::Private, Self::Matched];
 }
 
@@ -75,7 +75,7 @@ pub(super) fn attack(
     others: &[usize],
 ) -> Result<Vec<AttackErrors>, EvalError> {
     let methods =
-        || Measured::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
+        || AttackedKeypoints::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
     let Some(posed) = &localized[own].posed else {
         return Ok(methods()
             .flat_map(|_| evaluation.frames.iter().map(|_| AttackErrors::default()))
@@ -122,15 +122,15 @@ struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    fn new(posed: &'a TrustedFrame, measured: Measured) -> Self {
+    fn new(posed: &'a TrustedFrame, measured: AttackedKeypoints) -> Self {
         let known_to_server =
-            |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !posed.private[i]);
+            |i: usize| posed.known[i].filter(|_| measured == AttackedKeypoints::Private && !posed.private[i]);
         let observations = (0..posed.lines.len())
             .map(|i| known_to_server(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
             .collect();
         let attacked = match measured {
-            Measured::Private => posed.private.clone(),
-            Measured::Matched => {
+            AttackedKeypoints::Private => posed.private.clone(),
+            AttackedKeypoints::Matched => {
                 (0..posed.lines.len()).map(|i| posed.known[i].is_some() && posed.truth[i].is_some()).collect()
             }
         };

@@ -46,7 +46,7 @@ pub(super) fn sealed_in_session(
     map: &MapFile,
     gravity_source: &SimulatedGravity,
 ) -> (Vec<Result<Sealed, String>>, u32) {
-    let seed = evaluation.place.seed;
+    let seed = evaluation.scene.seed;
     let first = frames.first().map_or("", |f| &f.name);
     let text = scheme.to_string();
     let mut key = ChaCha20Rng::seed_from_u64(seed_for(seed, &[first, &text, "session"]));

@@ -8,7 +8,7 @@ use veiloc_obfuscation::SessionAnchors;
 use veiloc_protocol::Scheme;
 
 use super::SessionsEvaluation;
-use super::attack::{AttackErrors, Measured, Method};
+use super::attack::{AttackErrors, AttackedKeypoints, Method};
 use super::device::{Gyroscope, Sealed};
 use super::motion::Motion;
 
@@ -45,12 +45,12 @@ impl SessionsDocument {
             version: 1,
             command: "eval sessions",
             map,
-            images: evaluation.place.query_list.len(),
+            images: evaluation.scene.query_list.len(),
             private: evaluation.private,
             band_deg: evaluation.session.band_deg,
             step: evaluation.session.step,
             memory: evaluation.session.memory,
-            seed: evaluation.place.seed,
+            seed: evaluation.scene.seed,
             frames: Vec::new(),
             rows: Vec::new(),
         }
@@ -116,7 +116,7 @@ pub struct SessionRow {
     pub drift_deg: f64,
     /// Attacked keypoints: `private`, a person-like region missing from the map, or `matched`, the keypoints that the
     /// map knows, with their positions withheld.
-    measured: Measured,
+    measured: AttackedKeypoints,
     /// `several-frames` or `resting-camera`.
     method: Method,
     /// Attacked images with a pose that the server trusts.
@@ -151,7 +151,7 @@ impl SessionRow {
         gyroscope: &Gyroscope,
     ) -> Vec<Self> {
         let mut rows = Vec::new();
-        for measured in Measured::ALL {
+        for measured in AttackedKeypoints::ALL {
             for method in Method::of(motion) {
                 rows.extend(evaluation.frames.iter().map(|frames| Self {
                     scheme: scheme.to_string(),
@@ -212,8 +212,8 @@ impl SessionRow {
     /// The attacked keypoints, as one word.
     pub const fn attacked_keypoints(&self) -> &'static str {
         match self.measured {
-            Measured::Private => "private",
-            Measured::Matched => "matched",
+            AttackedKeypoints::Private => "private",
+            AttackedKeypoints::Matched => "matched",
         }
     }
 

@@ -6,7 +6,7 @@ use crate::pipeline::{PosedQuery, localize_one};
 use crate::results::QueryResult;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::{Descriptors, Observation};
+use veiloc_attacks::{DecodedDescriptors, Observation};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint};
 use veiloc_localization::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
@@ -30,7 +30,7 @@ pub(super) struct TrustedFrame {
     pub(super) cam_from_world: CameraFromWorld,
     /// `[N]`: the sent observations.
     pub(super) lines: Vec<Observation>,
-    pub(super) descriptors: Descriptors,
+    pub(super) descriptors: DecodedDescriptors,
     /// The sealed query.
     pub(super) query: SealedQuery,
     /// `[N]`: position and depth of the map point of each row that agrees with the pose, pixels and map units.
@@ -97,7 +97,7 @@ impl TrustedFrame {
         Some(Self {
             camera: query.camera(),
             cam_from_world: found.cam_from_world,
-            descriptors: Descriptors::of(query.descriptors()),
+            descriptors: DecodedDescriptors::of(query.descriptors()),
             known,
             private: sealed
                 .truth

@@ -47,7 +47,7 @@ pub use table::table;
 #[derive(Debug, Clone)]
 pub struct SessionsEvaluation {
     /// The scene, its schemes, and localization; the queries in the order in which they were taken.
-    pub place: SceneEvaluation,
+    pub scene: SceneEvaluation,
     /// Reference frames of anchors.
     pub anchors: Vec<SessionAnchors>,
     /// How the frames of an attack are chosen.
@@ -90,7 +90,7 @@ impl SessionsEvaluation {
         if let Some(x) = numbers.into_iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
             return refuse(format!("{x} is not a standard deviation or distance: it must not be below 0"));
         }
-        if let Some(scheme) = self.place.schemes.iter().find(|s| !s.hides_positions()) {
+        if let Some(scheme) = self.scene.schemes.iter().find(|s| !s.hides_positions()) {
             return refuse(format!("{scheme} hides no position, so there is nothing to attack"));
         }
         Ok(())
@@ -115,24 +115,24 @@ pub fn evaluate_sessions(
     progress: &dyn Progress,
 ) -> Result<SessionsDocument, EvalError> {
     evaluation.check()?;
-    let place = &evaluation.place;
+    let scene = &evaluation.scene;
     let queries = queries_of_scene(
-        &place.posed,
-        &place.images,
-        &place.map_list,
-        &place.query_list,
-        &place.query_cameras,
+        &scene.posed,
+        &scene.images,
+        &scene.map_list,
+        &scene.query_list,
+        &scene.query_cameras,
     )?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let attacked = attacked(evaluation, &poses)?;
-    let gravity_source = SimulatedGravity::of(&place.posed, &place.map_list, 1.0)?;
-    let input = Input::new(&place.posed, &place.images).with_names(&place.map_list);
+    let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, 1.0)?;
+    let input = Input::new(&scene.posed, &scene.images).with_names(&scene.map_list);
     let SceneMap { file: map, summary, .. } =
-        &SceneMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
+        &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());
     let mut trajectory: Vec<DeviceFrame> = Vec::with_capacity(queries.len());
     for query in &queries {
-        trajectory.push(device_frame(query, map, evaluation.private, place.seed)?);
+        trajectory.push(device_frame(query, map, evaluation.private, scene.seed)?);
         progress.advance(1);
     }
     progress.finish();
@@ -147,14 +147,14 @@ pub fn evaluate_sessions(
                 longest,
                 evaluation.sensor_noise,
                 map,
-                place.seed,
+                scene.seed,
             )?);
             progress.advance(1);
         }
         progress.finish();
     }
 
-    let conditions: Vec<(Scheme, SessionAnchors, Gyroscope)> = place
+    let conditions: Vec<(Scheme, SessionAnchors, Gyroscope)> = scene
         .schemes
         .iter()
         .flat_map(|s| evaluation.anchors.iter().map(move |a| (*s, *a)))
@@ -173,7 +173,7 @@ pub fn evaluate_sessions(
             let frames = sealed.par_iter().zip(shown).zip(of);
             frames
                 .map(|((sealed, shown), query)| {
-                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
+                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, &scene.localize)
                 })
                 .collect()
         };
@@ -187,7 +187,7 @@ pub fn evaluate_sessions(
             Vec::new()
         };
         let results: Vec<QueryResult> = localized_frames.iter().map(|s| s.result.clone()).collect();
-        let summary = summarize(&results.iter().collect::<Vec<_>>(), &place.thresholds);
+        let summary = summarize(&results.iter().collect::<Vec<_>>(), &scene.thresholds);
         document.frames.push(FramesFigures::new(anchors, &gyroscope, starts, &sealed, summary));
         progress.advance(1);
         for motion in &evaluation.motions {

@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::EvalError;
-use crate::results::metrics::{PoseError, Threshold, finite, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, finite, median, recall};
 use crate::results::text_table::TextTable;
 use run::{Query, Row};
 
@@ -145,7 +145,7 @@ impl Measure {
         let median_of = |of: fn(&Query) -> f64| median(&queries.iter().map(of).collect::<Vec<_>>());
         match self {
             Self::Recall(threshold) => {
-                let errors: Vec<PoseError> = queries.iter().map(|q| q.error).collect();
+                let errors: Vec<PoseErrors> = queries.iter().map(|q| q.error).collect();
                 recall(&errors, &threshold)
             }
             Self::Translation => median_of(|q| q.error.translation),

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::EvalError;
-use crate::results::metrics::{PoseError, Threshold};
+use crate::results::metrics::{PoseErrors, Threshold};
 
 /// Commands whose documents can be compared.
 const COMMANDS: [&str; 5] = ["eval scene", "eval pose", "eval 7scenes", "eval cambridge", "eval aachen"];
@@ -20,7 +20,7 @@ pub(super) type Row = BTreeMap<Key, Query>;
 /// Result of one query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Query {
-    pub(super) error: PoseError,
+    pub(super) error: PoseErrors,
     /// Total time of all stages.
     pub(super) ms: f64,
 }
@@ -97,8 +97,8 @@ impl One {
 
     fn query(&self) -> Query {
         let error = match (self.rotation_error_deg, self.translation_error) {
-            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
-            _ => PoseError::NOT_LOCALIZED,
+            (Some(rotation_deg), Some(translation)) => PoseErrors { rotation_deg, translation },
+            _ => PoseErrors::NOT_LOCALIZED,
         };
         Query { error, ms: self.ms.values().sum() }
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::EvalError;
-use crate::results::data_set::{PlaceFacts, PlaceQuery};
+use crate::results::data_set::{SceneInfo, SceneQuery};
 use crate::results::document::QueryResult;
 use crate::results::metrics::median;
 use crate::results::table::STAGES;
@@ -27,7 +27,7 @@ pub struct TableData {
     pub(super) data_set: String,
     /// The scenes in order, and whether each is the published one.
     pub(super) places: Vec<(String, bool)>,
-    pub(super) queries: Vec<PlaceQuery>,
+    pub(super) queries: Vec<SceneQuery>,
 }
 
 #[derive(Deserialize)]
@@ -36,8 +36,8 @@ struct ParsedDocument {
     command: String,
     data: Vec<String>,
     #[serde(default)]
-    places: Vec<PlaceFacts>,
-    queries: Vec<PlaceQuery>,
+    places: Vec<SceneInfo>,
+    queries: Vec<SceneQuery>,
 }
 
 impl TableData {
@@ -115,7 +115,7 @@ impl TableData {
 
     /// The judged queries of a row and column.
     pub(super) fn cell(&self, row: &str, column: &str) -> Vec<&QueryResult> {
-        let of_column = |query: &&PlaceQuery| {
+        let of_column = |query: &&SceneQuery| {
             query.condition.as_deref().or(query.place.as_deref()) == Some(column) && query.result.is_judged
         };
         let results = self.queries.iter().filter(of_column).map(|query| &query.result);

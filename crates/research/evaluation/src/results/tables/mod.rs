@@ -10,7 +10,7 @@ mod published;
 use std::str::FromStr;
 
 use crate::results::document::QueryResult;
-use crate::results::metrics::{PoseError, Threshold, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, median, recall};
 use crate::results::table::STAGES;
 use interval::interval;
 use layout::FormattedTable;
@@ -100,7 +100,7 @@ fn thresholds_of(data: &TableData, options: &TableOptions) -> Vec<Threshold> {
 }
 
 /// Errors of the queries of a cell.
-fn errors_of(results: &[&QueryResult]) -> Vec<PoseError> {
+fn errors_of(results: &[&QueryResult]) -> Vec<PoseErrors> {
     results.iter().map(|result| result.pose_error()).collect()
 }
 
@@ -115,16 +115,16 @@ fn digits(value: f64, digits: usize) -> String {
     }
 }
 
-fn centimetres(errors: &[PoseError]) -> f64 {
+fn centimetres(errors: &[PoseErrors]) -> f64 {
     100.0 * median(&errors.iter().map(|e| e.translation).collect::<Vec<_>>())
 }
 
-fn degrees(errors: &[PoseError]) -> f64 {
+fn degrees(errors: &[PoseErrors]) -> f64 {
     median(&errors.iter().map(|e| e.rotation_deg).collect::<Vec<_>>())
 }
 
 /// A cell with these contents and decimals.
-fn figures(errors: &[PoseError], cells: Cells, thresholds: &[Threshold]) -> String {
+fn figures(errors: &[PoseErrors], cells: Cells, thresholds: &[Threshold]) -> String {
     if errors.is_empty() {
         return String::new();
     }
@@ -239,7 +239,7 @@ fn ablation(data: &TableData, options: &TableOptions) -> Option<FormattedTable> 
     for row in rows {
         let by_column: Vec<Vec<&QueryResult>> =
             columns.iter().map(|column| data.cell(&row, column)).collect();
-        let mean = |of: fn(&[PoseError]) -> f64| {
+        let mean = |of: fn(&[PoseErrors]) -> f64| {
             let each: Vec<f64> =
                 by_column.iter().filter(|c| !c.is_empty()).map(|c| of(&errors_of(c))).collect();
             each.iter().sum::<f64>() / each.len() as f64

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::EvalError;
-use crate::results::data_set::PlaceQuery;
+use crate::results::data_set::SceneQuery;
 use crate::results::summary::tests::query;
 
 fn result(name: &str, scheme: &str, error: Option<(f64, f64)>) -> QueryResult {
@@ -19,7 +19,7 @@ fn document(official: bool) -> String {
                 if found.is_none() && scheme == "dcl" {
                     result.sealed_bytes = Some(0);
                 }
-                queries.push(PlaceQuery { place: Some(place.to_owned()), condition: None, result });
+                queries.push(SceneQuery { place: Some(place.to_owned()), condition: None, result });
             }
         }
     }

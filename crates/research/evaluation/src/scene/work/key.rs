@@ -5,7 +5,7 @@ use std::path::Path;
 
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_mapping::build_cache::Key;
+use veiloc_mapping::build_cache::CacheKey;
 
 use super::io;
 use crate::error::EvalError;
@@ -25,7 +25,7 @@ pub(super) trait EvaluationKey {
     fn features(&mut self, features: &Features);
 }
 
-impl EvaluationKey for Key {
+impl EvaluationKey for CacheKey {
     fn pose(&mut self, pose: Option<&CameraFromWorld>) {
         self.debug(&pose.is_some());
         if let Some(pose) = pose {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::results::MapSummary;
 use veiloc_map::atomic_file::write_atomic;
-use veiloc_mapping::build_cache::Key;
+use veiloc_mapping::build_cache::CacheKey;
 
 use super::key::EvaluationKey as _;
 use super::{Work, io};
@@ -20,7 +20,7 @@ impl Work {
         evaluation: &SceneEvaluation,
         gravity_source: Option<&SimulatedGravity>,
     ) -> Result<StoredMap, EvalError> {
-        let mut key = Key::new("map");
+        let mut key = CacheKey::new("map");
         let build = &evaluation.build;
         key.text(&build.features);
         key.debug(&build.settings);

@@ -10,7 +10,7 @@ use crate::results::QueryResult;
 use serde::{Deserialize, Serialize};
 use veiloc_features::mask_in;
 use veiloc_map::MapFile;
-use veiloc_mapping::build_cache::Key;
+use veiloc_mapping::build_cache::CacheKey;
 
 use super::key::EvaluationKey as _;
 use super::{QUERIES, Work, io};
@@ -25,13 +25,13 @@ impl Work {
         map: &MapFile,
         evaluation: &SceneEvaluation,
     ) -> Result<Finished, EvalError> {
-        let mut base = Key::new("query");
+        let mut base = CacheKey::new("query");
         base.file(map.path())?;
         base.behaviour(evaluation)?;
         base.debug(&evaluation.schemes);
         base.debug(&evaluation.scores);
         base.debug(&evaluation.localize);
-        base.debug(&evaluation.sending);
+        base.debug(&evaluation.transmission);
         base.debug(&evaluation.gravity_sd_deg);
         base.debug(&evaluation.masks.is_some());
         base.debug(&evaluation.seed);
@@ -72,7 +72,7 @@ struct Line {
 
 /// Finished queries, and the file to which new ones are appended.
 pub(in crate::scene) struct Finished {
-    base: Key,
+    base: CacheKey,
     done: BTreeMap<String, Vec<QueryResult>>,
     path: PathBuf,
     file: Mutex<File>,

@@ -1,4 +1,4 @@
-//! Degradation of images in memory: what a device's camera would have recorded under a [`Stress`].
+//! Degradation of images in memory: what a device's camera would have recorded under a [`StressCondition`].
 //!
 //! The degradation is applied to the gray image of feature extraction, whose samples are treated as sRGB-encoded
 //! luminance. The pose of a query stays valid: motion is centred on the middle of the exposure, and no degradation
@@ -16,31 +16,44 @@ use veiloc_datasets::problem_files::seed_for;
 use veiloc_features::GrayImage;
 use veiloc_geometry::Intrinsics;
 
-use super::condition::Stress;
+use super::condition::StressCondition;
 
 /// The image under a stress; `None` if the stress does not change images. Equal seeds and names give equal images.
-pub(super) fn degraded(image: &GrayImage, stress: Stress, name: &str, seed: u64) -> Option<GrayImage> {
+pub(super) fn degraded(
+    image: &GrayImage,
+    stress: StressCondition,
+    name: &str,
+    seed: u64,
+) -> Option<GrayImage> {
     let mut rng = rng_of(stress, name, seed);
     match stress {
-        Stress::None | Stress::SparseMap | Stress::FewKeypoints | Stress::Focal(_) => None,
-        Stress::Dark => Some(dark::dark(image, &mut rng)),
-        Stress::Motion => Some(motion::motion_blurred(image, &mut rng)),
-        Stress::HalfHidden => Some(half_hidden::half_hidden(image, &mut rng)),
-        Stress::SideHidden => Some(half_hidden::side_hidden(image, &mut rng)),
-        Stress::LowResolution => Some(low_resolution::low_resolution(image)),
+        StressCondition::None
+        | StressCondition::SparseMap
+        | StressCondition::FewKeypoints
+        | StressCondition::Focal(_) => None,
+        StressCondition::Dark => Some(dark::dark(image, &mut rng)),
+        StressCondition::Motion => Some(motion::motion_blurred(image, &mut rng)),
+        StressCondition::HalfHidden => Some(half_hidden::half_hidden(image, &mut rng)),
+        StressCondition::SideHidden => Some(half_hidden::side_hidden(image, &mut rng)),
+        StressCondition::LowResolution => Some(low_resolution::low_resolution(image)),
     }
 }
 
 /// The camera that a device assumes under a stress; `None` when it is right. Too long and too short are equally
 /// likely.
-pub(super) fn wrong_camera(camera: &Intrinsics, stress: Stress, name: &str, seed: u64) -> Option<Intrinsics> {
-    let Stress::Focal(percent) = stress else { return None };
+pub(super) fn wrong_camera(
+    camera: &Intrinsics,
+    stress: StressCondition,
+    name: &str,
+    seed: u64,
+) -> Option<Intrinsics> {
+    let StressCondition::Focal(percent) = stress else { return None };
     let factor = 1.0 + f64::from(percent) / 100.0;
     let longer = rng_of(stress, name, seed).random();
     Some(camera.zoomed(if longer { factor } else { factor.recip() }))
 }
 
-fn rng_of(stress: Stress, name: &str, seed: u64) -> ChaCha8Rng {
+fn rng_of(stress: StressCondition, name: &str, seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, &stress.to_string()]))
 }
 
@@ -67,11 +80,14 @@ mod tests {
     #[test]
     fn degradation_depends_on_seed() {
         let image = texture(96, 64);
-        for stress in Stress::DEFAULT {
+        for stress in StressCondition::DEFAULT {
             let of = |name: &str, seed| degraded(&image, stress, name, seed);
             assert!(of("a", 1) == of("a", 1), "{stress}");
             let Some(worse) = of("a", 1) else {
-                assert!(matches!(stress, Stress::None | Stress::SparseMap | Stress::FewKeypoints));
+                assert!(matches!(
+                    stress,
+                    StressCondition::None | StressCondition::SparseMap | StressCondition::FewKeypoints
+                ));
                 continue;
             };
             assert_eq!((worse.width(), worse.height()), (96, 64), "{stress}");
@@ -79,7 +95,7 @@ mod tests {
             let random = (0..8).any(|seed| of("a", seed) != of("a", 1))
                 && ["b", "c", "d", "e", "f", "g", "h", "i"].iter().any(|name| of(name, 1) != of("a", 1));
             // There are only two sides, so nine names or seeds do not all give different images.
-            assert_eq!(random, stress != Stress::LowResolution, "{stress}");
+            assert_eq!(random, stress != StressCondition::LowResolution, "{stress}");
         }
     }
 
@@ -88,19 +104,19 @@ mod tests {
         let camera = Intrinsics::new("OPENCV", 640, 480, &[500.0, 510.0, 320.0, 240.0, 0.1, 0.0, 0.0, 0.0])
             .expect("a camera");
         let factors: Vec<f64> = (0..20)
-            .filter_map(|seed| wrong_camera(&camera, Stress::Focal(10), "a", seed))
+            .filter_map(|seed| wrong_camera(&camera, StressCondition::Focal(10), "a", seed))
             .map(|wrong| wrong.pinhole().mean_focal() / camera.pinhole().mean_focal())
             .collect();
         let count = |factor: f64| factors.iter().filter(|f| (*f / factor - 1.0).abs() < 1e-12).count();
         assert!(count(1.1) > 4 && count(1.0 / 1.1) > 4 && count(1.1) + count(1.0 / 1.1) == 20, "{factors:?}");
-        assert_eq!(wrong_camera(&camera, Stress::Dark, "a", 0), None);
+        assert_eq!(wrong_camera(&camera, StressCondition::Dark, "a", 0), None);
     }
 
     /// One-pixel images are valid input.
     #[test]
     fn one_pixel_images_are_valid() {
         let image = GrayImage::new(1, 1, vec![0.5]).expect("an image");
-        for stress in Stress::DEFAULT {
+        for stress in StressCondition::DEFAULT {
             let worse = degraded(&image, stress, "a", 0);
             assert!(worse.is_none_or(|w| w.data().len() == 1), "{stress}");
         }

@@ -10,7 +10,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, Measured, NeighbourSource,
+    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, MeasuredKeypoints, NeighbourSource,
     ServerKnowledge, evaluate_attacks,
 };
 use veiloc_geometry::frames::World;
@@ -110,7 +110,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
         server: Some(ServerKnowledge {
             problems: vec![problems.to_owned()],
             private: None,
-            measured: Measured::Hidden,
+            measured: MeasuredKeypoints::Hidden,
         }),
         frames: vec![3],
         choice: FrameChoice::default(),
@@ -161,7 +161,7 @@ fn server_knows_inliers_and_recovers_others() {
 
     // With the known keypoints included, half of the errors are those of projections.
     options.attacks = vec![named("iterative")];
-    options.server.as_mut().expect("set").measured = Measured::All;
+    options.server.as_mut().expect("set").measured = MeasuredKeypoints::All;
     let all = run(&options).expect("attacked");
     assert_eq!(all.server[0].measured, 1.0);
     assert!(row(&all, named("iterative"), None).mean_px < mean(named("iterative")));
@@ -173,7 +173,7 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
     let (_folder, [keypoints, problems]) = files(6, Matches::Right);
     let mut options = evaluation(&keypoints, &problems, &[named("several-frames")]);
     options.frames = vec![2, 6];
-    options.server.as_mut().expect("set").measured = Measured::Matched;
+    options.server.as_mut().expect("set").measured = MeasuredKeypoints::Matched;
     let document = run(&options).expect("attacked");
     let server = &document.server[0];
     assert!((server.measured - server.known).abs() < 1e-9 && server.known > 0.4, "{server:?}");

@@ -16,7 +16,7 @@ fn names(list: &Path, every: usize) -> Vec<String> {
 
 fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
-    let place = SceneEvaluation {
+    let scene = SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
@@ -26,7 +26,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         )
     };
     SessionsEvaluation {
-        place,
+        scene,
         anchors: vec![SessionAnchors::Image, SessionAnchors::World],
         motions: vec![Motion::Turning, Motion::Walking, Motion::Resting],
         frames: vec![2, 4],
@@ -34,7 +34,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         drift_deg: vec![0.0],
         attacked: Some(2),
         private: 0.1,
-        reach: 0.5,
+        max_distance: 0.5,
         sensor_noise: 2.0,
         session: SessionOptions::default(),
     }
@@ -86,6 +86,6 @@ fn invalid_options_are_refused(data: &Path) {
     assert!(refused(&|e| e.frames = vec![2, 20]).contains("6 images"));
     assert!(refused(&|e| e.private = 1.0).contains("private region"));
     assert!(refused(&|e| e.gyro_deg = vec![f64::NAN]).contains("NaN"));
-    assert!(refused(&|e| e.place.schemes = vec![Scheme::Points]).contains("points"));
+    assert!(refused(&|e| e.scene.schemes = vec![Scheme::Points]).contains("points"));
     assert!(refused(&|e| e.anchors.clear()).contains("nothing"));
 }

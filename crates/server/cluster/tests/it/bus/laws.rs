@@ -13,7 +13,7 @@ use servers::Servers;
 use veiloc_cluster::ClusterError;
 use veiloc_cluster::bus::{Bus, NatsOptions, Subject};
 
-const LONG: Duration = Duration::from_secs(60);
+const STEP_TIMEOUT: Duration = Duration::from_secs(60);
 
 fn subject(word: &str) -> Subject {
     Subject::new(["test", word]).expect("a subject")
@@ -32,7 +32,7 @@ async fn echo(bus: &Bus, subject: &Subject, name: &'static str) -> tokio::task::
 
 async fn check_guarantees(bus: &Bus) {
     let one = subject("one");
-    let empty_group = bus.request(&one, "x".into(), LONG).await;
+    let empty_group = bus.request(&one, "x".into(), STEP_TIMEOUT).await;
     assert!(matches!(empty_group, Err(ClusterError::NoResponders { subject }) if subject == one));
 
     // Each request goes to one member, and all members get some.
@@ -41,7 +41,7 @@ async fn check_guarantees(bus: &Bus) {
     // The choice of the member may be random, but must reach all.
     for i in 0.. {
         let text = i.to_string();
-        let reply = bus.request(&one, text.clone().into(), LONG).await.expect("a reply");
+        let reply = bus.request(&one, text.clone().into(), STEP_TIMEOUT).await.expect("a reply");
         assert_eq!(&reply[2..], text.as_bytes());
         *by_member.entry(reply[0]).or_default() += 1;
         if by_member.len() == 2 && by_member.values().all(|n| *n > 20) {
@@ -54,7 +54,7 @@ async fn check_guarantees(bus: &Bus) {
         let (bus, one) = (bus.clone(), one.clone());
         tokio::spawn(async move {
             let text = format!("at once {i}");
-            let reply = bus.request(&one, text.clone().into(), LONG).await.expect("a reply");
+            let reply = bus.request(&one, text.clone().into(), STEP_TIMEOUT).await.expect("a reply");
             assert_eq!(&reply[2..], text.as_bytes());
         })
     });
@@ -69,7 +69,7 @@ async fn check_guarantees(bus: &Bus) {
     let mut leaving = bus.join(&two).await.expect("joined");
     let received = {
         let (bus, two) = (bus.clone(), two.clone());
-        tokio::spawn(async move { bus.request(&two, "before".into(), LONG).await })
+        tokio::spawn(async move { bus.request(&two, "before".into(), STEP_TIMEOUT).await })
     };
     let incoming = leaving.next().await.expect("a request");
     leaving.leave().await;
@@ -78,7 +78,7 @@ async fn check_guarantees(bus: &Bus) {
     assert_eq!(received.await.expect("it ends").expect("a reply"), Bytes::from_static(b"after all"));
     assert!(leaving.next().await.is_none());
     drop(leaving);
-    let gone = bus.request(&two, "after".into(), LONG).await;
+    let gone = bus.request(&two, "after".into(), STEP_TIMEOUT).await;
     assert!(matches!(gone, Err(ClusterError::NoResponders { .. })), "{gone:?}");
 
     // A silent member gives a timeout; its late reply reaches no other request.
@@ -99,7 +99,10 @@ async fn check_guarantees(bus: &Bus) {
             incoming.answer("in time".into()).await.expect("sent");
         }
     });
-    assert_eq!(bus.request(&three, "x".into(), LONG).await.expect("a reply"), Bytes::from_static(b"in time"));
+    assert_eq!(
+        bus.request(&three, "x".into(), STEP_TIMEOUT).await.expect("a reply"),
+        Bytes::from_static(b"in time")
+    );
     member.abort();
 
     // A cancellation reaches the member that received the request and no other; a third party cannot cancel it.
@@ -107,7 +110,7 @@ async fn check_guarantees(bus: &Bus) {
     let mut members = [bus.join(&five).await.expect("joined"), bus.join(&five).await.expect("joined")];
     let ask = || {
         let (bus, five) = (bus.clone(), five.clone());
-        tokio::spawn(async move { bus.request_cancellable(&five, "work".into(), LONG).await })
+        tokio::spawn(async move { bus.request_cancellable(&five, "work".into(), STEP_TIMEOUT).await })
     };
     let (abandoned, awaited) = (ask(), ask());
     let mut received = Vec::new();
@@ -132,7 +135,7 @@ async fn check_guarantees(bus: &Bus) {
     tokio::select! {
         () = first.cancelled() => cancelled += 1,
         () = second.cancelled() => cancelled += 2,
-        () = tokio::time::sleep(LONG) => panic!("the cancelled member was not notified"),
+        () = tokio::time::sleep(STEP_TIMEOUT) => panic!("the cancelled member was not notified"),
     }
     let still_awaited = &mut received[2 - cancelled];
     assert!(tokio::time::timeout(short, still_awaited.cancelled()).await.is_err(), "only one was cancelled");
@@ -149,7 +152,7 @@ async fn check_guarantees(bus: &Bus) {
             () = tokio::time::sleep(short) => {}
         }
     };
-    tokio::time::timeout(LONG, incoming.cancelled()).await.expect("cancelled");
+    tokio::time::timeout(STEP_TIMEOUT, incoming.cancelled()).await.expect("cancelled");
     drop(members);
 
     // Messages of all lengths up to the maximum, and none beyond.
@@ -158,10 +161,10 @@ async fn check_guarantees(bus: &Bus) {
     let longest = bus.max_payload();
     for length in [0, 1, 4096, 1_000_000, longest - 2] {
         let message = Bytes::from(vec![7; length]);
-        let reply = bus.request(&four, message.clone(), LONG).await.expect("a reply");
+        let reply = bus.request(&four, message.clone(), STEP_TIMEOUT).await.expect("a reply");
         assert!(reply[2..] == message, "{length} bytes");
     }
-    let too_long = bus.request(&four, vec![0; longest + 1].into(), LONG).await;
+    let too_long = bus.request(&four, vec![0; longest + 1].into(), STEP_TIMEOUT).await;
     assert!(matches!(too_long, Err(ClusterError::MessageTooLong { bytes, .. }) if bytes == longest + 1));
     member.abort();
 }

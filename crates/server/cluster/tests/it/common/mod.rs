@@ -1,4 +1,4 @@
-//! A town: the random points of the service's tests, mapped, cut into regions and published; and machines that
+//! A published map: the random points of the service's tests, mapped, cut into regions and published; and machines that
 //! communicate within this process, or over a given bus.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
@@ -11,10 +11,12 @@ use std::time::Duration;
 
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::{Bus, Incoming, Subject};
-use veiloc_cluster::{FolderSource, Gateway, GatewayOptions, Share, Worker, WorkerHandle, WorkerOptions};
+use veiloc_cluster::{
+    FolderSource, Gateway, GatewayOptions, RegionShare, Worker, WorkerHandle, WorkerOptions,
+};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
-use veiloc_map::regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
+use veiloc_map::regions::{FolderWriter, Manifest, RegionFolder, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::Answer;
 use veiloc_service::telemetry::{
@@ -28,22 +30,23 @@ use service::{TestScene, pose};
 pub const MAP: &str = "town";
 
 /// Longer than any step on any machine.
-pub const LONG: Duration = Duration::from_secs(120);
+pub const STEP_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Short polling interval, so that tests are short.
-pub const OFTEN: Duration = Duration::from_millis(20);
+pub const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-pub struct Town {
+pub struct PublishedMap {
     folder: tempfile::TempDir,
     pub scene: TestScene,
 }
 
-impl Town {
-    /// A town with a map of ten images, in regions of at most this many images.
+impl PublishedMap {
+    /// A published map of ten images, in regions of at most this many images.
     pub fn new(images: usize) -> Self {
-        let town = Self { folder: tempfile::tempdir().expect("temporary folder"), scene: TestScene::new(1) };
-        town.publish(10, images);
-        town
+        let published =
+            Self { folder: tempfile::tempdir().expect("temporary folder"), scene: TestScene::new(1) };
+        published.publish(10, images);
+        published
     }
 
     pub fn regions(&self) -> PathBuf {
@@ -84,8 +87,8 @@ impl Town {
         manifest
     }
 
-    pub fn folder(&self) -> Folder {
-        Folder::open(&self.regions()).expect("published")
+    pub fn folder(&self) -> RegionFolder {
+        RegionFolder::open(&self.regions()).expect("published")
     }
 
     pub fn source(&self) -> Arc<FolderSource> {
@@ -115,7 +118,7 @@ impl Town {
 }
 
 /// A gateway and workers, with their metrics.
-pub struct Machines {
+pub struct TestCluster {
     pub bus: Bus,
     pub gateway: Gateway,
     counts: GatewayCounts,
@@ -123,29 +126,30 @@ pub struct Machines {
     workers: Mutex<Vec<(WorkerHandle, JoinHandle<bool>)>>,
 }
 
-impl Machines {
+impl TestCluster {
     /// Starts workers for these shares.
-    pub async fn start(town: &Town, bus: Bus, shares: &[&str]) -> Self {
-        Self::start_with(town, bus, shares.iter().map(|share| worker_options(share)).collect()).await
+    pub async fn start(published: &PublishedMap, bus: Bus, shares: &[&str]) -> Self {
+        Self::start_with(published, bus, shares.iter().map(|share| worker_options(share)).collect()).await
     }
 
     /// Starts workers with these options.
-    pub async fn start_with(town: &Town, bus: Bus, all: Vec<WorkerOptions>) -> Self {
+    pub async fn start_with(published: &PublishedMap, bus: Bus, all: Vec<WorkerOptions>) -> Self {
         let mut workers = Vec::new();
         for options in all {
-            workers.push(start_worker(town, &bus, options).await);
+            workers.push(start_worker(published, &bus, options).await);
         }
         let counts = GatewayCounts::default();
         let mut options = GatewayOptions::new(MAP);
-        options.watch = OFTEN;
-        let gateway =
-            Gateway::start(bus.clone(), town.source(), options, counts.clone()).await.expect("a gateway");
+        options.watch = POLL_INTERVAL;
+        let gateway = Gateway::start(bus.clone(), published.source(), options, counts.clone())
+            .await
+            .expect("a gateway");
         let ids = RequestIds::start().expect("randomness");
         Self { bus, gateway, counts, ids, workers: Mutex::new(workers) }
     }
 
-    pub async fn add(&self, town: &Town, share: &str) {
-        let worker = start_worker(town, &self.bus, worker_options(share)).await;
+    pub async fn add(&self, published: &PublishedMap, share: &str) {
+        let worker = start_worker(published, &self.bus, worker_options(share)).await;
         self.workers.lock().expect("whole").push(worker);
     }
 
@@ -167,7 +171,7 @@ impl Machines {
     }
 
     pub async fn ask(&self, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
-        self.gateway.localize(self.request(bytes, LONG)).await
+        self.gateway.localize(self.request(bytes, STEP_TIMEOUT)).await
     }
 
     /// A value of the gateway's metrics.
@@ -193,15 +197,19 @@ pub fn value(text: &str, what: &str) -> u64 {
 /// Options of a worker with two threads and this share.
 pub fn worker_options(share: &str) -> WorkerOptions {
     let mut options = WorkerOptions::new(MAP);
-    options.share = share.parse::<Share>().expect("a share");
+    options.share = share.parse::<RegionShare>().expect("a share");
     options.threads = 2.try_into().expect("not zero");
-    (options.watch, options.grace, options.finish) = (OFTEN, OFTEN * 10, LONG);
+    (options.watch, options.grace, options.finish) = (POLL_INTERVAL, POLL_INTERVAL * 10, STEP_TIMEOUT);
     options
 }
 
-async fn start_worker(town: &Town, bus: &Bus, options: WorkerOptions) -> (WorkerHandle, JoinHandle<bool>) {
+async fn start_worker(
+    published: &PublishedMap,
+    bus: &Bus,
+    options: WorkerOptions,
+) -> (WorkerHandle, JoinHandle<bool>) {
     let counts = WorkerCounts::new("test", 2, 32);
-    let worker = Worker::start(bus.clone(), town.source(), options, counts).await.expect("a worker");
+    let worker = Worker::start(bus.clone(), published.source(), options, counts).await.expect("a worker");
     (worker.handle(), tokio::spawn(worker.run()))
 }
 
@@ -225,7 +233,7 @@ pub fn localize_locally(map: &MapFile, bytes: &[u8]) -> Result<Answer, LocalizeF
     request.localize(map, &LocalizeOptions::default(), 0.0).map(|output| output.answer)
 }
 
-pub fn region(folder: &Folder, number: usize) -> MapFile {
+pub fn region(folder: &RegionFolder, number: usize) -> MapFile {
     folder.open_region(number, MapMemory::Copied).expect("a region")
 }
 
@@ -241,7 +249,7 @@ pub async fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
         if is_so() {
             return;
         }
-        tokio::time::sleep(OFTEN).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
     panic!("timed out waiting for {what}");
 }

@@ -8,21 +8,21 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use common::{Fault, no_progress, regions, run, storage};
+use common::{StorageFault, no_progress, regions, run, storage};
 use object_store::ObjectStoreExt as _;
 use object_store::memory::InMemory;
 use object_store::path::Path as Location;
 use veiloc_cluster::ClusterError;
-use veiloc_cluster::object_store::{Cache, Pointer};
+use veiloc_cluster::object_store::{ManifestPointer, ObjectCache};
 use veiloc_map::ManifestError;
-use veiloc_map::regions::{Folder, OBJECTS_FOLDER, ObjectId, ObjectRef};
+use veiloc_map::regions::{OBJECTS_FOLDER, ObjectId, ObjectRef, RegionFolder};
 
 /// A map of two rooms in storage.
-fn published() -> (Arc<InMemory>, Folder, tempfile::TempDir) {
+fn published() -> (Arc<InMemory>, RegionFolder, tempfile::TempDir) {
     let from = tempfile::tempdir().expect("a folder");
     let folder = regions(8, from.path());
     let memory = Arc::new(InMemory::new());
-    run(storage(&memory, Fault::None).publish(&folder, &no_progress)).expect("published");
+    run(storage(&memory, StorageFault::None).publish(&folder, &no_progress)).expect("published");
     (memory, folder, from)
 }
 
@@ -45,32 +45,33 @@ fn invalid_objects_are_refused_and_leave_no_files() {
     let good = fs::read(folder.path_of(&object.sha256)).expect("bytes");
     let name = format!("maps/objects/{}", object.sha256);
     let to = tempfile::tempdir().expect("a folder");
-    let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
+    let cache = ObjectCache::open(to.path(), 1 << 30).expect("a cache");
     let objects = to.path().join(OBJECTS_FOLDER);
     let mut other = good.clone();
     other[77] ^= 4;
     let longer = [&good[..], b"more"].concat();
     for wrong in [&other[..], &good[..good.len() - 1], &longer[..], b""] {
         put(&memory, &name, wrong);
-        let refused = run(cache.object(&storage(&memory, Fault::None), &object)).expect_err("wrong bytes");
+        let refused =
+            run(cache.object(&storage(&memory, StorageFault::None), &object)).expect_err("wrong bytes");
         assert!(matches!(refused, ClusterError::Object { .. }), "{refused}");
         assert!(refused.to_string().contains("memory://maps/objects/"), "{refused}");
         assert_eq!(files(&objects), [] as [String; 0]);
     }
     put(&memory, &name, good.clone());
     for (fault, is_right) in [
-        (Fault::Endless, (|e| matches!(e, ClusterError::Object { .. })) as fn(&ClusterError) -> bool),
-        (Fault::Stalls, |e| matches!(e, ClusterError::Stalled { .. })),
-        (Fault::First(9), |e| matches!(e, ClusterError::Storage { .. })),
+        (StorageFault::Endless, (|e| matches!(e, ClusterError::Object { .. })) as fn(&ClusterError) -> bool),
+        (StorageFault::Stalls, |e| matches!(e, ClusterError::Stalled { .. })),
+        (StorageFault::First(9), |e| matches!(e, ClusterError::Storage { .. })),
     ] {
         let refused = run(cache.object(&storage(&memory, fault), &object)).expect_err("no end");
         assert!(is_right(&refused), "{fault:?}: {refused}");
         assert_eq!(files(&objects), [] as [String; 0]);
     }
     let missing = ObjectRef::of(b"never published");
-    let refused = run(cache.object(&storage(&memory, Fault::None), &missing)).expect_err("not there");
+    let refused = run(cache.object(&storage(&memory, StorageFault::None), &missing)).expect_err("not there");
     assert!(matches!(refused, ClusterError::NotThere { .. }), "{refused}");
-    let path = run(cache.object(&storage(&memory, Fault::None), &object)).expect("sound again");
+    let path = run(cache.object(&storage(&memory, StorageFault::None), &object)).expect("sound again");
     assert_eq!(fs::read(path).expect("bytes"), good);
     drop(from);
 }
@@ -80,34 +81,37 @@ fn damaged_cache_files_are_fetched_again() {
     let (memory, folder, from) = published();
     let object = folder.manifest().regions[0].object();
     let to = tempfile::tempdir().expect("a folder");
-    let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
-    let path = run(cache.object(&storage(&memory, Fault::None), &object)).expect("fetched");
+    let cache = ObjectCache::open(to.path(), 1 << 30).expect("a cache");
+    let path = run(cache.object(&storage(&memory, StorageFault::None), &object)).expect("fetched");
     let good = fs::read(&path).expect("bytes");
     // A valid object is served from the cache even if storage fails.
-    run(cache.object(&storage(&memory, Fault::First(99)), &object)).expect("from the cache");
+    run(cache.object(&storage(&memory, StorageFault::First(99)), &object)).expect("from the cache");
     for damaged in [&good[1..], b""] {
         fs::write(&path, damaged).expect("damaged");
-        assert!(run(cache.object(&storage(&memory, Fault::First(99)), &object)).is_err(), "never used");
+        assert!(
+            run(cache.object(&storage(&memory, StorageFault::First(99)), &object)).is_err(),
+            "never used"
+        );
         fs::write(&path, damaged).expect("damaged");
-        run(cache.object(&storage(&memory, Fault::None), &object)).expect("fetched again");
+        run(cache.object(&storage(&memory, StorageFault::None), &object)).expect("fetched again");
         assert_eq!(fs::read(&path).expect("bytes"), good);
     }
     let id = folder.manifest().id();
     let manifest = |fault| run(cache.manifest(&storage(&memory, fault), "rooms", id));
-    assert_eq!(&manifest(Fault::None).expect("a manifest"), folder.manifest());
-    manifest(Fault::First(99)).expect("from the cache");
+    assert_eq!(&manifest(StorageFault::None).expect("a manifest"), folder.manifest());
+    manifest(StorageFault::First(99)).expect("from the cache");
     fs::write(to.path().join(format!("manifests/{id}.json")), "{}").expect("damaged");
-    assert!(manifest(Fault::First(99)).is_err());
-    assert_eq!(&manifest(Fault::None).expect("fetched again"), folder.manifest());
+    assert!(manifest(StorageFault::First(99)).is_err());
+    assert_eq!(&manifest(StorageFault::None).expect("fetched again"), folder.manifest());
     drop(from);
 }
 
 #[test]
 fn invalid_pointers_and_manifests_are_refused() {
     let (memory, folder, _from) = published();
-    let reader = || storage(&memory, Fault::None);
+    let reader = || storage(&memory, StorageFault::None);
     let id = folder.manifest().id();
-    let text = String::from_utf8(Pointer::new("rooms", id).encode()).expect("text");
+    let text = String::from_utf8(ManifestPointer::new("rooms", id).encode()).expect("text");
     for wrong in [
         text.replace(&id.to_string(), "../../../etc/passwd"),
         text.replace("rooms", "hall"),
@@ -120,7 +124,7 @@ fn invalid_pointers_and_manifests_are_refused() {
     }
     put(&memory, "maps/rooms.json", vec![b' '; 5000]);
     assert!(matches!(run(reader().current("rooms")), Err(ClusterError::ObjectTooLong { most: 4096, .. })));
-    let endless = run(storage(&memory, Fault::Endless).current("rooms"));
+    let endless = run(storage(&memory, StorageFault::Endless).current("rooms"));
     assert!(matches!(endless, Err(ClusterError::ObjectTooLong { .. })), "{endless:?}");
     for name in ["../rooms", "a/b", "", ".."] {
         assert!(matches!(run(reader().current(name)), Err(ClusterError::Map(_))), "{name}");
@@ -153,11 +157,11 @@ fn invalid_pointers_and_manifests_are_refused() {
 #[test]
 fn cache_stays_within_its_limit() {
     let (memory, folder, _from) = published();
-    let reader = storage(&memory, Fault::None);
+    let reader = storage(&memory, StorageFault::None);
     let objects: Vec<ObjectRef> = folder.manifest().objects().collect();
     let to = tempfile::tempdir().expect("a folder");
     let largest = objects.iter().map(|o| o.bytes).max().expect("some");
-    let cache = Cache::open(to.path(), largest * 2).expect("a cache");
+    let cache = ObjectCache::open(to.path(), largest * 2).expect("a cache");
     let huge = ObjectRef { bytes: 1 << 40, ..objects[0] };
     assert!(matches!(run(cache.object(&reader, &huge)), Err(ClusterError::CacheTooSmall { .. })));
     let hour = |hours: u64| SystemTime::now() - Duration::from_secs(3600 * hours);
@@ -200,40 +204,40 @@ fn cache_stays_within_its_limit() {
 #[test]
 fn space_is_freed_before_fetching() {
     let (memory, folder, _from) = published();
-    let reader = storage(&memory, Fault::None);
+    let reader = storage(&memory, StorageFault::None);
     let objects: Vec<ObjectRef> = folder.manifest().objects().collect();
     let bytes_of = |objects: &[ObjectRef]| objects.iter().map(|object| object.bytes).sum::<u64>();
     let (old, new) = objects.split_at(objects.len() / 2);
     let to = tempfile::tempdir().expect("a folder");
     let most = bytes_of(&objects) - 1;
-    let cache = Cache::open(to.path(), most).expect("a cache");
+    let cache = ObjectCache::open(to.path(), most).expect("a cache");
     for object in old {
         run(cache.object(&reader, object)).expect("fetched");
     }
     let ids = |objects: &[ObjectRef]| objects.iter().map(|object| object.sha256).collect::<BTreeSet<_>>();
     // Needed objects stay; others are evicted, and no more than necessary.
     let held = ids(&objects);
-    assert_eq!(cache.make_room(new, &held).expect("looked").removed, 0);
-    let made = cache.make_room(new, &ids(new)).expect("made");
+    assert_eq!(cache.trim_for(new, &held).expect("looked").removed, 0);
+    let made = cache.trim_for(new, &ids(new)).expect("made");
     assert!(made.removed == 1 && made.bytes + bytes_of(new) <= most, "{made:?}");
     // Existing objects need no space.
-    assert_eq!(cache.make_room(&old[1..], &ids(new)).expect("looked").removed, 0);
+    assert_eq!(cache.trim_for(&old[1..], &ids(new)).expect("looked").removed, 0);
 }
 
 #[test]
 fn last_manifest_is_recorded_and_damage_is_ignored() {
     let to = tempfile::tempdir().expect("a folder");
-    let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
-    assert_eq!(cache.remembered("rooms"), None);
+    let cache = ObjectCache::open(to.path(), 1 << 30).expect("a cache");
+    assert_eq!(cache.recorded_manifest("rooms"), None);
     for id in [ObjectId::of(b"one"), ObjectId::of(b"two")] {
-        cache.remember("rooms", id).expect("written");
-        assert_eq!(cache.remembered("rooms"), Some(id));
+        cache.record_manifest("rooms", id).expect("written");
+        assert_eq!(cache.recorded_manifest("rooms"), Some(id));
     }
-    assert_eq!((cache.remembered("hall"), cache.remembered("../pointers/rooms")), (None, None));
+    assert_eq!((cache.recorded_manifest("hall"), cache.recorded_manifest("../pointers/rooms")), (None, None));
     let path = to.path().join("pointers/rooms.json");
     let whole = fs::read_to_string(&path).expect("text");
     for damaged in [&whole[1..], "", &whole.replace("rooms", "hall")] {
         fs::write(&path, damaged).expect("written");
-        assert_eq!(cache.remembered("rooms"), None, "{damaged}");
+        assert_eq!(cache.recorded_manifest("rooms"), None, "{damaged}");
     }
 }

@@ -5,11 +5,11 @@ use super::common;
 use std::fs;
 use std::sync::Arc;
 
-use common::{Fault, no_progress, regions, run, storage};
+use common::{StorageFault, no_progress, regions, run, storage};
 use object_store::memory::InMemory;
 use veiloc_cluster::ClusterError;
 use veiloc_cluster::object_store::{Storage, fetch_folder};
-use veiloc_map::regions::{Folder, MANIFEST_FILE, ObjectId};
+use veiloc_map::regions::{MANIFEST_FILE, ObjectId, RegionFolder};
 
 #[test]
 fn published_folder_is_fetched_unchanged() {
@@ -42,16 +42,16 @@ fn published_folder_is_fetched_unchanged() {
     assert_eq!(run(reader.current("rooms")).expect("a pointer"), id);
     let fetched = run(fetch_folder(&reader, "rooms", id, to.path(), &no_progress)).expect("fetched");
     assert_eq!((fetched.fetched, fetched.there), (count, 0));
-    assert_eq!(Folder::open(to.path()).expect("regions").manifest(), manifest);
+    assert_eq!(RegionFolder::open(to.path()).expect("regions").manifest(), manifest);
     for object in manifest.objects() {
-        let [a, b] = [&folder, &Folder::open(to.path()).expect("regions")]
+        let [a, b] = [&folder, &RegionFolder::open(to.path()).expect("regions")]
             .map(|f| fs::read(f.path_of(&object.sha256)).expect("bytes"));
         assert_eq!(a, b);
     }
     let manifests = [&from, &to].map(|f| fs::read(f.path().join(MANIFEST_FILE)).expect("bytes"));
     assert_eq!(manifests[0], manifests[1]);
     // Only the damaged object is fetched again.
-    let region = Folder::open(to.path()).expect("regions").path_of(&manifest.regions[0].sha256);
+    let region = RegionFolder::open(to.path()).expect("regions").path_of(&manifest.regions[0].sha256);
     let mut bytes = fs::read(&region).expect("bytes");
     bytes[100] ^= 1;
     fs::write(&region, bytes).expect("damaged");
@@ -70,10 +70,10 @@ fn readers_see_the_old_or_the_new_map_completely() {
     let mut currents = Vec::new();
     for writes in 0..=all {
         let memory = Arc::new(InMemory::new());
-        run(storage(&memory, Fault::None).publish(&old, &no_progress)).expect("published");
-        let published = run(storage(&memory, Fault::WritesAfter(writes)).publish(&new, &no_progress));
+        run(storage(&memory, StorageFault::None).publish(&old, &no_progress)).expect("published");
+        let published = run(storage(&memory, StorageFault::WritesAfter(writes)).publish(&new, &no_progress));
         assert_eq!(published.is_ok(), writes == all, "{writes}");
-        let reader = storage(&memory, Fault::None);
+        let reader = storage(&memory, StorageFault::None);
         let current = run(reader.current("rooms")).expect("a pointer");
         let to = tempfile::tempdir().expect("a folder");
         run(fetch_folder(&reader, "rooms", current, to.path(), &no_progress)).expect("all of it is there");
@@ -90,8 +90,9 @@ fn transient_errors_are_retried_and_permanent_ones_reported() {
     let folder = regions(8, from.path());
     let id = folder.manifest().id();
     let memory = Arc::new(InMemory::new());
-    run(storage(&memory, Fault::First(2)).publish(&folder, &no_progress)).expect("at the third attempt");
-    for (fault, is_well) in [(Fault::First(2), true), (Fault::First(99), false)] {
+    run(storage(&memory, StorageFault::First(2)).publish(&folder, &no_progress))
+        .expect("at the third attempt");
+    for (fault, is_well) in [(StorageFault::First(2), true), (StorageFault::First(99), false)] {
         let to = tempfile::tempdir().expect("a folder");
         let reader = storage(&memory, fault);
         let fetched = run(fetch_folder(&reader, "rooms", id, to.path(), &no_progress));
@@ -107,7 +108,7 @@ fn damaged_regions_are_not_published() {
     let path = folder.path_of(&folder.manifest().regions[1].sha256);
     let bytes = fs::read(&path).expect("bytes");
     let memory = Arc::new(InMemory::new());
-    let storage = storage(&memory, Fault::None);
+    let storage = storage(&memory, StorageFault::None);
     let mut wrong = bytes.clone();
     wrong[99] ^= 1;
     for content in [Some(&wrong[..]), Some(&bytes[..50]), None] {

@@ -6,7 +6,7 @@ use veiloc_protocol::Scheme;
 use veiloc_testing::RandomScene;
 
 /// A scene of 1500 points, and a camera with distortion.
-pub(crate) fn place(seed: u64) -> RandomScene {
+pub(crate) fn random_scene(seed: u64) -> RandomScene {
     RandomScene::new(seed, 1500, 16, "OPENCV,640,480,520,521,322,238,-0.05,0.01,0.0005,-0.0003")
 }
 

@@ -3,14 +3,14 @@
 use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
-use crate::{Compressed, MapError, MapFile, MapModel, MapView, PointId, Remembered};
+use crate::{MapError, MapFile, MapModel, MapView, PointId, PointSummary, WholeMapSummary};
 
-fn compressed(points: usize) -> Compressed {
-    let summary = |i: usize| Remembered {
+fn compressed(points: usize) -> WholeMapSummary {
+    let summary = |i: usize| PointSummary {
         seen_by: 9 + i as u32,
         covariance: [0.25, 0.125, 0.0, 0.5, -0.0625, 2.0 + i as f32],
     };
-    Compressed {
+    WholeMapSummary {
         bytes: 123_456,
         keypoints: 789,
         points: 55,

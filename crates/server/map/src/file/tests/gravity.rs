@@ -4,10 +4,10 @@
 use super::{forged, known_answer, open_bytes, sample, section};
 use crate::file::layout::{Section, SectionEntry};
 use crate::file::write::to_bytes;
-use crate::{Down, MapError, MapFile, MapModel, SelfTest};
+use crate::{GravityDirection, MapError, MapFile, MapModel, SelfTest};
 
-fn down() -> Down {
-    Down::new([0.5, -2.0, 0.25]).unwrap()
+fn down() -> GravityDirection {
+    GravityDirection::new([0.5, -2.0, 0.25]).unwrap()
 }
 
 #[test]

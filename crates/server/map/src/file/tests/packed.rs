@@ -99,7 +99,7 @@ fn extreme_covariances_stay_valid() {
     for (id, of) in model.compressed.as_mut().unwrap().of_points.iter_mut().enumerate() {
         let c = [1e-30, 1e-9, 1.0, 1e25][id % 4];
         let needle = [[c, c, c], [c, c, c], [c, c, c]];
-        *of = crate::Remembered::new(9, &needle);
+        *of = crate::PointSummary::new(9, &needle);
     }
     model.pack().unwrap();
     assert_eq!(open_bytes(&to_bytes(&model)).unwrap().to_model(), model);

@@ -6,7 +6,7 @@ use veiloc_protocol::Scheme;
 use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
-use crate::{Calibration, Coverage, MapError, MapFile, MapModel, SchemeTest, SelfTest};
+use crate::{ConfidenceCoverage, CovarianceCalibration, MapError, MapFile, MapModel, SchemeTest, SelfTest};
 
 /// A self-test without default values.
 fn self_test() -> SelfTest {
@@ -21,9 +21,13 @@ fn self_test() -> SelfTest {
             median_rotation_deg: 0.25 * x,
             median_translation: if k == 3 { f64::INFINITY } else { 0.5 * x },
             median_noise_px: 1.5,
-            before: Coverage { center: [0.25, 0.5, 0.75], pose: [0.125, 0.25, 0.5] },
-            after: Coverage { center: [0.5, 0.875, 1.0], pose: [0.5, 0.75, 1.0] },
-            calibration: Calibration { factor: 2.0 * x, rotation_floor: 0.001 * x, translation_floor: 0.25 },
+            before: ConfidenceCoverage { center: [0.25, 0.5, 0.75], pose: [0.125, 0.25, 0.5] },
+            after: ConfidenceCoverage { center: [0.5, 0.875, 1.0], pose: [0.5, 0.75, 1.0] },
+            calibration: CovarianceCalibration {
+                factor: 2.0 * x,
+                rotation_floor: 0.001 * x,
+                translation_floor: 0.25,
+            },
         }
     };
     SelfTest {

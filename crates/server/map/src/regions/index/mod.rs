@@ -22,7 +22,7 @@ use crate::MapError;
 ///
 /// It is validated once when it is opened; accessors neither fail nor panic.
 #[derive(Debug)]
-pub struct Index {
+pub struct RegionIndex {
     path: PathBuf,
     bytes: MappedFile,
     layout: Layout,
@@ -32,7 +32,7 @@ pub struct Index {
 
 /// A region, and how many of the retrieved images it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ranked {
+pub struct RankedRegion {
     /// Its number in the manifest.
     pub region: usize,
     /// Number of retrieved images in its core or overlap.
@@ -41,7 +41,7 @@ pub struct Ranked {
     pub similarity: f32,
 }
 
-impl Index {
+impl RegionIndex {
     /// Opens an index. With [`MapMemory::Mapped`] the file must not be overwritten while it is open.
     ///
     /// # Errors
@@ -125,18 +125,19 @@ impl Index {
 
     /// The regions that hold any of the `count` images most similar to a query: those with most of them first, then
     /// those with the most similar image, then by number.
-    pub fn rank(&self, query: &GlobalDescriptor, count: usize) -> Vec<Ranked> {
-        let mut ranked: Vec<Ranked> = Vec::new();
+    pub fn rank(&self, query: &GlobalDescriptor, count: usize) -> Vec<RankedRegion> {
+        let mut ranked: Vec<RankedRegion> = Vec::new();
         for (image, similarity) in self.retrieve(query, count) {
             for region in std::iter::once(self.core_of(image)).chain(self.beside(image)) {
                 match ranked.iter_mut().find(|known| known.region == region) {
                     Some(known) => known.held += 1,
-                    None => ranked.push(Ranked { region, held: 1, similarity }),
+                    None => ranked.push(RankedRegion { region, held: 1, similarity }),
                 }
             }
         }
-        let worse =
-            |a: &Ranked, b: &Ranked| b.similarity.total_cmp(&a.similarity).then(a.region.cmp(&b.region));
+        let worse = |a: &RankedRegion, b: &RankedRegion| {
+            b.similarity.total_cmp(&a.similarity).then(a.region.cmp(&b.region))
+        };
         ranked.sort_by(|a, b| b.held.cmp(&a.held).then(worse(a, b)));
         ranked
     }
@@ -144,7 +145,7 @@ impl Index {
     /// As in the whole map: [`MapFile::global_index`].
     fn signs(&self) -> Option<&GlobalIndex> {
         let make = || GlobalIndex::new(self.globals(), self.layout.global);
-        (self.layout.images >= GlobalIndex::WORTHWHILE).then(|| self.signs.get_or_init(make))
+        (self.layout.images >= GlobalIndex::MIN_IMAGES).then(|| self.signs.get_or_init(make))
     }
 
     fn globals(&self) -> &[i8] {

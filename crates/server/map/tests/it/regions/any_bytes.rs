@@ -12,7 +12,9 @@ use std::path::{Path, PathBuf};
 
 use veiloc_map::MapError;
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, SplitOptions, cut};
+use veiloc_map::regions::{
+    FolderWriter, MANIFEST_FILE, Manifest, RegionFolder, RegionIndex, SplitOptions, cut,
+};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/regions").join(name)
@@ -27,7 +29,7 @@ fn known_answers() {
     let writer = FolderWriter::begin(&map, "two-rooms", folder.path()).expect("a folder");
     let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();
     let manifest = writer.finish(&regions, entries).expect("a manifest");
-    let index = Folder::open(folder.path()).expect("regions").path_of(&manifest.index.sha256);
+    let index = RegionFolder::open(folder.path()).expect("regions").path_of(&manifest.index.sha256);
     let files =
         [(folder.path().join(MANIFEST_FILE), "manifest/two-rooms.json"), (index, "index/two-rooms.index")];
     for (written, known) in files {
@@ -38,7 +40,7 @@ fn known_answers() {
     }
     let known = fs::read(data("manifest/two-rooms.json")).expect("known");
     assert_eq!(Manifest::decode(&known).expect("a manifest"), manifest);
-    let index = Index::open(&data("index/two-rooms.index"), MapMemory::Mapped).expect("an index");
+    let index = RegionIndex::open(&data("index/two-rooms.index"), MapMemory::Mapped).expect("an index");
     assert_eq!((index.image_count(), index.region_count()), (16, manifest.regions.len()));
 }
 
@@ -49,7 +51,7 @@ fn other_index_version_has_a_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("index");
     fs::write(&path, bytes).expect("room");
-    let error = Index::open(&path, MapMemory::Copied).expect_err("another version");
+    let error = RegionIndex::open(&path, MapMemory::Copied).expect_err("another version");
     assert!(matches!(error, MapError::IndexVersion { found: 2, supported: 1, .. }), "{error}");
     assert!(error.to_string().contains("publish the map again"), "{error}");
 }

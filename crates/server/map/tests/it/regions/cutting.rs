@@ -7,7 +7,8 @@ use std::path::Path;
 use proptest::prelude::*;
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::regions::{
-    Folder, FolderWriter, MANIFEST_FILE, Manifest, OBJECTS_FOLDER, ObjectId, SplitOptions, cut, verify_file,
+    FolderWriter, MANIFEST_FILE, Manifest, OBJECTS_FOLDER, ObjectId, RegionFolder, SplitOptions, cut,
+    verify_file,
 };
 use veiloc_map::{ManifestError, MapError, MapFile, MapMemory, MapModel, Region};
 use veiloc_testing::rooms;
@@ -118,7 +119,7 @@ fn folder_has_exactly_the_named_objects() {
         manifest.objects().map(|object| object.sha256.to_string()).collect()
     };
     assert_eq!(names(), named(&first));
-    let open = Folder::open(folder.path()).expect("regions");
+    let open = RegionFolder::open(folder.path()).expect("regions");
     assert_eq!(open.manifest(), &first);
     for object in first.objects() {
         verify_file(&open.path_of(&object.sha256), &object).expect("its content");
@@ -149,7 +150,7 @@ fn regions_and_index_agree() {
     let folder = tempfile::tempdir().expect("a folder");
     let regions = cut(&map, &options(10, 0.3)).expect("regions");
     write(&map, "rooms", &options(10, 0.3), folder.path());
-    let open = Folder::open(folder.path()).expect("regions");
+    let open = RegionFolder::open(folder.path()).expect("regions");
     for memory in [MapMemory::Copied, MapMemory::Mapped] {
         let index = open.open_index(memory).expect("an index");
         assert_eq!((index.image_count(), index.region_count()), (30, regions.len()));
@@ -175,7 +176,7 @@ fn ranking_follows_retrieval_in_the_whole_map() {
     let map = file(&rooms(1, 30));
     let folder = tempfile::tempdir().expect("a folder");
     write(&map, "rooms", &options(10, 0.3), folder.path());
-    let open = Folder::open(folder.path()).expect("regions");
+    let open = RegionFolder::open(folder.path()).expect("regions");
     let index = open.open_index(MapMemory::Copied).expect("an index");
     for image in [0, 14, 29] {
         let query = GlobalDescriptor::new(map.image(image).global().to_vec());
@@ -207,7 +208,7 @@ fn mismatched_objects_are_refused() {
     let map = file(&rooms(2, 15));
     let folder = tempfile::tempdir().expect("a folder");
     let manifest = write(&map, "rooms", &options(10, 0.3), folder.path());
-    let open = Folder::open(folder.path()).expect("regions");
+    let open = RegionFolder::open(folder.path()).expect("regions");
     let path = |number: usize| open.path_of(&manifest.regions[number].sha256);
     let good = fs::read(path(0)).expect("bytes");
     let refused = |number| open.open_region(number, MapMemory::Copied).expect_err("another file");
@@ -234,8 +235,8 @@ fn mismatched_objects_are_refused() {
 
     assert!(matches!(FolderWriter::begin(&map, "../x", folder.path()), Err(MapError::Name { .. })));
     let empty = tempfile::tempdir().expect("a folder");
-    assert!(matches!(Folder::open(empty.path()), Err(MapError::NoRegions { .. })));
+    assert!(matches!(RegionFolder::open(empty.path()), Err(MapError::NoRegions { .. })));
     fs::write(empty.path().join(MANIFEST_FILE), b"{}").expect("written");
-    let wrong = Folder::open(empty.path()).expect_err("no manifest");
+    let wrong = RegionFolder::open(empty.path()).expect_err("no manifest");
     assert!(matches!(wrong, MapError::Manifest { source: ManifestError::Json(_), .. }), "{wrong}");
 }

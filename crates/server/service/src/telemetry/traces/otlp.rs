@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
-use crate::telemetry::request_context::{RequestContext, RequestKind, Stage};
+use crate::telemetry::request_context::{RequestContext, RequestKind, RequestStage};
 use crate::telemetry::request_id::RequestId;
 
 /// `SPAN_KIND_INTERNAL` and `SPAN_KIND_SERVER`.
@@ -25,7 +25,7 @@ pub(super) struct Trace {
     problem: Option<&'static str>,
     token: Option<String>,
     map: Option<String>,
-    stages: Vec<Stage>,
+    stages: Vec<RequestStage>,
 }
 
 impl Trace {
@@ -134,7 +134,7 @@ mod tests {
             for (name, within, begun) in
                 [("read", None, 1), ("localize", None, 5), ("pose", Some("localize"), 7)]
             {
-                context.stage(Stage { name, within, begun: ms(begun), took: ms(2) });
+                context.stage(RequestStage { name, within, begun: ms(begun), took: ms(2) });
             }
             let kind = RequestKind { route: "/x", status: 504, problem: Some("timed-out") };
             let trace = Trace::of(&context, "POST", &kind);

@@ -21,7 +21,9 @@ use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{Profile, SealedQuery};
-use veiloc_service::{Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped, Timeouts};
+use veiloc_service::{
+    Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, ShutdownSummary, Timeouts,
+};
 
 use veiloc_testing::RandomScene;
 
@@ -216,7 +218,7 @@ pub struct Running {
     pub handle: ServerHandle,
     /// Control of a paused clock.
     time: Option<UnboundedSender<ClockCommand>>,
-    thread: Option<JoinHandle<Stopped>>,
+    thread: Option<JoinHandle<ShutdownSummary>>,
 }
 
 /// Command to a paused clock.
@@ -284,7 +286,7 @@ impl Running {
     fn of(
         started: mpsc::Receiver<(Listening, ServerHandle)>,
         time: Option<UnboundedSender<ClockCommand>>,
-        thread: JoinHandle<Stopped>,
+        thread: JoinHandle<ShutdownSummary>,
     ) -> Self {
         let (listening, handle) = started.recv().expect("the server starts");
         let address = listening.address().expect("a TCP listener");
@@ -317,7 +319,7 @@ impl Running {
     }
 
     /// Stops the server, waits, and returns how it ended.
-    pub fn stop(mut self) -> Stopped {
+    pub fn stop(mut self) -> ShutdownSummary {
         self.handle.stop();
         self.resume();
         self.thread.take().expect("running").join().expect("the server ends")

@@ -9,7 +9,7 @@ use std::path::Path;
 use clap::{Arg, ArgAction, Command};
 
 use super::error::SettingsError;
-use super::{Origin, resolve_path, unconstrained};
+use super::{SettingOrigin, resolve_path, unconstrained};
 
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,13 +71,13 @@ pub(super) fn check(
     argument: &Arg,
     kind: ValueKind,
     value: &OsStr,
-    origin: &Origin,
+    origin: &SettingOrigin,
 ) -> Result<(), SettingsError> {
     let wrong = |reason: String| {
         let location = match origin {
-            Origin::File { path, line } => format!("{}, line {line}", path.display()),
-            Origin::Variable(name) => name.clone(),
-            Origin::Flag | Origin::Default => "the command line".to_owned(),
+            SettingOrigin::File { path, line } => format!("{}, line {line}", path.display()),
+            SettingOrigin::Variable(name) => name.clone(),
+            SettingOrigin::Flag | SettingOrigin::Default => "the command line".to_owned(),
         };
         let key = argument.get_long().unwrap_or_default().to_owned();
         SettingsError::Value { location, key, reason }

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use super::error::SettingsError;
 use super::kind::ValueKind;
 use super::secret::{MASK, masked};
-use super::{Origin, Setting, variable};
+use super::{Setting, SettingOrigin, variable};
 
 /// `key = value # origin`; a comment for a flag without value.
 pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
@@ -29,11 +29,13 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
     let values: Vec<String> = setting.absolute().map(&mut shown).collect::<Result<_, _>>()?;
     let value = if setting.several { format!("[{}]", values.join(", ")) } else { values.concat() };
     let origin = match &setting.origin {
-        Origin::Default => "default".to_owned(),
+        SettingOrigin::Default => "default".to_owned(),
         // A file name may contain any character; a TOML comment may not.
-        Origin::File { path, line } => format!("{}, line {line}", path.display().to_string().escape_debug()),
-        Origin::Variable(_) => variable(&setting.key),
-        Origin::Flag => format!("--{}", setting.key),
+        SettingOrigin::File { path, line } => {
+            format!("{}, line {line}", path.display().to_string().escape_debug())
+        }
+        SettingOrigin::Variable(_) => variable(&setting.key),
+        SettingOrigin::Flag => format!("--{}", setting.key),
     };
     let remark = if hidden { "; write the secret in place of ***" } else { "" };
     Ok(format!("{} = {value} # {origin}{remark}\n", setting.key))

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::privacy::adversaries::{
-    AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
+    AdversariesEvaluation, Adversary, AdversaryScene, adversaries_table, evaluate_adversaries,
 };
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
@@ -92,7 +92,7 @@ Example: veiloc eval keypoints photos -o photos.jsonl.gz
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
     if let Some(scene) = args.posed_scene.given() {
-        evaluation.place = Some(Place {
+        evaluation.scene = Some(AdversaryScene {
             posed: read_posed(&scene.posed)?,
             images: scene.images,
             map_list: lists::read_list(&scene.map_list)?,
@@ -113,7 +113,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.network.clone_from(&args.model);
     evaluation.positions.clone_from(&args.positions);
     evaluation.attacked = args.max_attacked.map(|n| n as usize);
-    evaluation.thorough = !args.quick;
+    evaluation.slow_attacks = !args.quick;
     evaluation.k = args.k as usize;
     evaluation.seed = args.seed;
     let document = evaluate_adversaries(&evaluation, &Stages::new(ui))?;

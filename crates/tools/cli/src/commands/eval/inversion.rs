@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::keypoints_of_images;
 use veiloc_evaluation::inversion::{
-    Classifier, Detector, InversionEvaluation, InversionNetwork, Judges, PerceptualDistance, Realistic,
-    evaluate_inversion, evaluation_table,
+    Classifier, Detector, ImageMetrics, InversionEvaluation, InversionNetwork, PerceptualDistance,
+    RealisticAttackOptions, evaluate_inversion, evaluation_table,
 };
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
@@ -110,9 +110,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
     let network = InversionNetwork::open(&args.network)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
-    let judges = judges(args)?;
-    let mut realistic =
-        Realistic { elsewhere: args.elsewhere.clone(), positions: args.positions.clone(), map: Vec::new() };
+    let metrics = metrics(args)?;
+    let mut realistic = RealisticAttackOptions {
+        elsewhere: args.elsewhere.clone(),
+        positions: args.positions.clone(),
+        map: Vec::new(),
+    };
     let stages = Stages::new(ui);
     if let Some(list) = &args.map_list {
         let paths = listed(&args.images, list)?;
@@ -134,7 +137,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         seed: args.seed,
         shown: args.shown as usize,
     };
-    let (document, sheets) = evaluate_inversion(&evaluation, &judges, &stages)?;
+    let (document, sheets) = evaluate_inversion(&evaluation, &metrics, &stages)?;
     if let (Some(path), Some(sheet)) = (&args.sheet, sheets.first())
         && let Some(png) = sheet.png()?
     {
@@ -157,10 +160,10 @@ fn listed(folders: &[PathBuf], list: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(items.into_iter().map(|item| item.path).collect())
 }
 
-fn judges(args: &Args) -> Result<Judges, Failure> {
+fn metrics(args: &Args) -> Result<ImageMetrics, Failure> {
     let perceptual = args.perceptual.as_deref().map(PerceptualDistance::open).transpose()?;
     let classifier = args.classifier.as_deref().map(Classifier::open).transpose()?;
     let detector = args.detector.as_deref().map(Detector::open).transpose()?;
     let detector = detector.map(|detector| (detector, args.least_score));
-    Ok(Judges { perceptual, classifier, detector })
+    Ok(ImageMetrics { perceptual, classifier, detector })
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::privacy::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
-use veiloc_evaluation::stress::Stress;
+use veiloc_evaluation::stress::StressCondition;
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
@@ -34,7 +34,7 @@ pub(crate) struct Args {
     layouts: Vec<DclLayout>,
     /// Stress conditions of the localized queries, in addition to the unchanged images; see `eval stress`.
     #[arg(long, value_delimiter = ',', default_value = "half-hidden,sparse-map", value_name = "STRESS,…")]
-    stress: Vec<Stress>,
+    stress: Vec<StressCondition>,
     /// Keypoints to train the neighbour predictor on, as written by `eval keypoints`; attacked images among them are
     /// left out. Default: the images of the map.
     #[arg(long, value_name = "FILE")]

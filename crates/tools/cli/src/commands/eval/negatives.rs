@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use veiloc_evaluation::negatives::{
-    NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table,
+    NegativeImage, NegativesEvaluation, NegativesResult, evaluate_negatives, table,
 };
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
@@ -76,7 +76,7 @@ struct NegativesDocument {
     images: usize,
     failed: usize,
     #[serde(flatten)]
-    result: Negatives,
+    result: NegativesResult,
     faults: Vec<InputErrorDocument>,
 }
 
@@ -110,7 +110,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         global: args.global.extractor(&args.features.models(), map.profile())?,
     };
     let result = if evaluation.images.is_empty() {
-        Negatives::default()
+        NegativesResult::default()
     } else {
         evaluate_negatives(&map, &evaluation, &Stages::new(ui))?
     };

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use veiloc_evaluation::results::metrics::Threshold;
-use veiloc_evaluation::results::{Evaluation, table};
+use veiloc_evaluation::results::{EvaluationDocument, table};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
@@ -42,7 +42,7 @@ impl ReportArgs {
     }
 
     /// Prints the table and the document; refuses a result without any localized query.
-    pub(super) fn finish(&self, evaluation: &Evaluation, ui: &Ui) -> Outcome {
+    pub(super) fn finish(&self, evaluation: &EvaluationDocument, ui: &Ui) -> Outcome {
         self.json.print(&table(&evaluation.schemes), evaluation, ui)?;
         let localized = evaluation.schemes.iter().any(|s| s.localized > 0);
         Ok(if localized { Exit::Success } else { Exit::Refused })

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 
-use veiloc_evaluation::stress::Stress;
+use veiloc_evaluation::stress::StressCondition;
 use veiloc_evaluation::{RigEvaluation, evaluate_rig};
 
 use crate::commands::eval::scene::SceneArgs;
@@ -34,8 +34,8 @@ pub(crate) struct Args {
     reach: f64,
     /// Stress condition of all queries, as in `eval stress`: none, dark, motion, half-hidden, side-hidden,
     /// low-resolution, sparse-map, few-keypoints or focal-N.
-    #[arg(long, default_value_t = Stress::None, value_name = "STRESS")]
-    stress: Stress,
+    #[arg(long, default_value_t = StressCondition::None, value_name = "STRESS")]
+    stress: StressCondition,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         ));
     }
     let evaluation = RigEvaluation {
-        place: args.scene.evaluation()?,
+        scene: args.scene.evaluation()?,
         frames: args.frames.iter().map(|n| n.get()).collect(),
         rotation_sd_deg: args.rotation_noise,
         translation_sd: args.translation_noise,

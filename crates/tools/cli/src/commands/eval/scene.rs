@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use veiloc_evaluation::pipeline::Sending;
-use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::pipeline::QueryTransmission;
+use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
@@ -133,9 +133,9 @@ struct NegativeArgs {
 }
 
 impl NegativeArgs {
-    fn negatives(&self) -> Result<Option<Negatives>, Failure> {
+    fn negatives(&self) -> Result<Option<NegativeQueryImages>, Failure> {
         match (&self.posed, &self.images, &self.list) {
-            (Some(posed), Some(images), Some(list)) => Ok(Some(Negatives {
+            (Some(posed), Some(images), Some(list)) => Ok(Some(NegativeQueryImages {
                 posed: read_posed(posed)?,
                 images: images.clone(),
                 list: lists::read_list(list)?,
@@ -162,7 +162,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         jobs: args.jobs.into(),
         compress: args.compress,
         regions: args.regions(),
-        sending: args.progressive.stop_criterion().map_or(Sending::Whole, Sending::Progressive),
+        transmission: args
+            .progressive
+            .stop_criterion()
+            .map_or(QueryTransmission::Whole, QueryTransmission::Progressive),
         ..args.scene.evaluation()?
     };
     let report = args.html.begin(1, LengthUnit::Map)?;

@@ -1,7 +1,7 @@
 //! `veiloc eval stress`: queries of one scene under hard conditions.
 
 use veiloc_evaluation::results::metrics::Threshold;
-use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress, table};
+use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress, table};
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 
@@ -32,7 +32,7 @@ pub(crate) struct Args {
         default_value = "dark,motion,half-hidden,side-hidden,low-resolution,sparse-map,few-keypoints",
         value_name = "STRESS,…"
     )]
-    stress: Vec<Stress>,
+    stress: Vec<StressCondition>,
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,

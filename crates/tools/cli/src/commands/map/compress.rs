@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_map::{MapFile, MapModel};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test_compressed, smallest_within};
-use veiloc_mapping::{CompressOptions, Compression, compress};
+use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 
 use super::info::InfoOutput;
 use crate::exit::{Failure, Outcome};
@@ -89,7 +89,7 @@ impl CompressArgs {
         points: f64,
         options: &CompressOptions,
         stages: &Stages<'_>,
-    ) -> Result<Compression, Failure> {
+    ) -> Result<CompressedMap, Failure> {
         if !(0.0..=100.0).contains(&points) {
             let wrong = format!("--recall-loss is {points}");
             return Err(Failure::with_help(wrong, "give percentage points from 0 to 100"));

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use veiloc_map::MapFile;
-use veiloc_mapping::{BadImage, Doubt, SkippedImages};
+use veiloc_mapping::{BadImage, MapWarning, SkippedImages};
 
 use super::self_test::SelfTestInfo;
 use crate::exit::{Exit, Outcome};
@@ -84,7 +84,7 @@ pub(super) struct InfoOutput {
     pub(super) json: bool,
     pub(super) list: bool,
     pub(super) skipped: Vec<BadImage>,
-    pub(super) doubts: Vec<Doubt>,
+    pub(super) warnings: Vec<MapWarning>,
 }
 
 impl InfoOutput {
@@ -99,18 +99,18 @@ impl InfoOutput {
                 camera: image.camera().to_string(),
             })
             .collect();
-        let mut doubts = self.doubts;
+        let mut warnings = self.warnings;
         let seen: Vec<usize> = images.iter().map(|i| i.points_seen).collect();
-        let of_test = map.self_test().and_then(Doubt::of_self_test);
-        for doubt in Doubt::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
-            if !doubts.contains(&doubt) {
-                doubts.push(doubt);
+        let of_test = map.self_test().and_then(MapWarning::of_self_test);
+        for warning in MapWarning::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
+            if !warnings.contains(&warning) {
+                warnings.push(warning);
             }
         }
-        let warning = |d: &Doubt| Warning { name: d.name(), message: d.to_string() };
+        let warning = |d: &MapWarning| Warning { name: d.name(), message: d.to_string() };
         let skipped = |bad: &BadImage| Skipped { name: bad.name.clone(), reason: bad.reason.to_string() };
         let info = Info {
-            warnings: doubts.iter().map(warning).collect(),
+            warnings: warnings.iter().map(warning).collect(),
             skipped: self.skipped.iter().map(skipped).collect(),
             image_list: self.list.then_some(images),
             ..facts(&map, path)

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_cluster::object_store::{Fetched, Published, Storage, fetch_folder};
-use veiloc_map::regions::{Folder, ObjectId};
+use veiloc_cluster::object_store::{FetchSummary, PublishSummary, Storage, fetch_folder};
+use veiloc_map::regions::{ObjectId, RegionFolder};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::output::progress::Stage;
@@ -75,13 +75,13 @@ struct FetchedDocument<'a> {
 }
 
 pub(super) fn publish(args: &PublishArgs, ui: &Ui) -> Outcome {
-    let folder = Folder::open(&args.folder)?;
+    let folder = RegionFolder::open(&args.folder)?;
     let storage = Storage::create(&args.url)?;
     let stage = ui.stage("Publishing, MB", 0);
     let published = awaited(storage.publish(&folder, &watched(&stage)))?;
     stage.finish();
     let map = &folder.manifest().map;
-    let Published { manifest, sent, sent_bytes, there, there_bytes, .. } = published;
+    let PublishSummary { manifest, sent, sent_bytes, there, there_bytes, .. } = published;
     if args.json {
         ui.json(&PublishedDocument {
             version: 1,
@@ -115,7 +115,7 @@ pub(super) fn fetch(args: &FetchArgs, ui: &Ui) -> Outcome {
         fetch_folder(&storage, &args.map, id, &args.out, &watched(&stage)).await
     })?;
     stage.finish();
-    let Fetched { manifest, fetched, fetched_bytes, there, there_bytes, .. } = fetched;
+    let FetchSummary { manifest, fetched, fetched_bytes, there, there_bytes, .. } = fetched;
     if args.json {
         ui.json(&FetchedDocument {
             version: 1,

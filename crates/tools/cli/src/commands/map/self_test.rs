@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
-use veiloc_map::{ABSOLUTE, Coverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
+use veiloc_map::{ABSOLUTE, ConfidenceCoverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test};
-use veiloc_mapping::{Doubt, diagnose};
+use veiloc_mapping::{MapWarning, diagnose};
 
 use crate::exit::Failure;
 use crate::stages::Stages;
@@ -22,16 +22,21 @@ pub(super) struct SelfTestArgs {
 
 impl SelfTestArgs {
     /// Tests the map, stores the result in it, and adds the warnings that follow from it.
-    pub(super) fn test(&self, model: &mut MapModel, doubts: &mut Vec<Doubt>, ui: &Ui) -> Result<(), Failure> {
+    pub(super) fn test(
+        &self,
+        model: &mut MapModel,
+        warnings: &mut Vec<MapWarning>,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
         model.self_test = None;
         if self.no_self_test || !is_testable(model) {
             return Ok(());
         }
         let test = self_test(model, &SelfTestOptions::default(), &Stages::new(ui))?;
-        if let Some(doubt) = Doubt::of_self_test(&test) {
-            doubts.push(doubt);
-            if !doubts.iter().any(|d| matches!(d, Doubt::LikelyCause { .. })) {
-                doubts.extend(diagnose(model));
+        if let Some(warning) = MapWarning::of_self_test(&test) {
+            warnings.push(warning);
+            if !warnings.iter().any(|d| matches!(d, MapWarning::LikelyCause { .. })) {
+                warnings.extend(diagnose(model));
             }
         }
         model.self_test = Some(test);
@@ -52,15 +57,15 @@ impl KeepBrokenArgs {
     pub(super) fn allow(
         &self,
         model: &MapModel,
-        doubts: &[Doubt],
+        warnings: &[MapWarning],
         out: &Path,
         ui: &Ui,
     ) -> Result<(), Failure> {
-        if self.keep_broken || !is_broken(model, doubts) {
+        if self.keep_broken || !is_broken(model, warnings) {
             return Ok(());
         }
-        for doubt in doubts {
-            ui.info(format!("warning: {doubt}"));
+        for warning in warnings {
+            ui.info(format!("warning: {warning}"));
         }
         Err(Failure::with_help(
             format!(
@@ -75,13 +80,13 @@ impl KeepBrokenArgs {
 
 /// Detects a map with almost no points, or one that localizes few of its own images for a known reason. A low share
 /// alone proves nothing: if images are sparse, each left-out image may take all points with it.
-fn is_broken(model: &MapModel, doubts: &[Doubt]) -> bool {
-    let doubted = |which: fn(&Doubt) -> bool| doubts.iter().any(which);
-    let explained = doubted(|d| matches!(d, Doubt::LikelyCause { .. }));
-    let empty = doubted(|d| matches!(d, Doubt::FewPoints { .. }));
+fn is_broken(model: &MapModel, warnings: &[MapWarning]) -> bool {
+    let has = |which: fn(&MapWarning) -> bool| warnings.iter().any(which);
+    let explained = has(|d| matches!(d, MapWarning::LikelyCause { .. }));
+    let empty = has(|d| matches!(d, MapWarning::FewPoints { .. }));
     let failed = model.self_test.as_ref().is_some_and(SelfTest::failed);
     model.points.len() < MIN_POINTS
-        || (explained && doubted(|d| matches!(d, Doubt::SelfTest { .. })))
+        || (explained && has(|d| matches!(d, MapWarning::SelfTest { .. })))
         || (empty && failed)
 }
 
@@ -215,7 +220,7 @@ impl SchemeInfo {
     }
 }
 
-fn coverage(coverage: &Coverage) -> CoverageInfo {
+fn coverage(coverage: &ConfidenceCoverage) -> CoverageInfo {
     let levels = |shares: [f64; LEVELS.len()]| LEVELS.map(percent).into_iter().zip(shares).collect();
     CoverageInfo { center: levels(coverage.center), pose: levels(coverage.pose) }
 }

@@ -170,7 +170,9 @@ fn send(
     ));
     let refused = |error| match error {
         // Nothing was sent: the error names the image, not the service.
-        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
+        ClientError::UnbalancedAnchors(unbalanced) => {
+            Failure::refused(format!("{}: {unbalanced}", image.display()))
+        }
         error => failure(error),
     };
     let Some(enough) = args.progressive.stop_criterion() else {

@@ -29,7 +29,9 @@ pub(super) fn send(
     ));
     client.localize_rig(map, &message, request).map_err(|error| match error {
         // Nothing was sent: the error names the session, not the service.
-        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", rig.display())),
+        ClientError::UnbalancedAnchors(unbalanced) => {
+            Failure::refused(format!("{}: {unbalanced}", rig.display()))
+        }
         error => failure(error),
     })
 }

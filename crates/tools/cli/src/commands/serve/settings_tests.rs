@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
-use crate::args::settings::{Origin, Settings, is_setting, layered, variable};
+use crate::args::settings::{SettingOrigin, Settings, is_setting, layered, variable};
 use clap::FromArgMatches as _;
 
 use super::*;
@@ -104,14 +104,14 @@ fn every_option_round_trips_through_file_and_environment() {
     std::fs::write(&path, lines.join("\n")).expect("written");
     let by_file = merge(&line, &BTreeMap::new());
     for (i, (key, origin)) in by_file.origins().enumerate() {
-        assert_eq!(*origin, Origin::File { path: path.clone(), line: i + 1 }, "{key}");
+        assert_eq!(*origin, SettingOrigin::File { path: path.clone(), line: i + 1 }, "{key}");
     }
 
     let variables: BTreeMap<String, String> =
         VALUES.iter().map(|(key, _, value)| (variable(key), (*value).to_owned())).collect();
     let by_variables = merge(&line[..1], &variables);
     for (key, origin) in by_variables.origins() {
-        assert_eq!(*origin, Origin::Variable(variable(key)), "{key}");
+        assert_eq!(*origin, SettingOrigin::Variable(variable(key)), "{key}");
     }
     assert_eq!(values(&by_file), values(&by_variables));
     let by_default = merge(&line[..1], &BTreeMap::new());

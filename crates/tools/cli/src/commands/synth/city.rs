@@ -7,7 +7,7 @@ use veiloc_features::Progress as _;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
@@ -110,12 +110,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 }
 
 /// Returns a new room, or one that is similar to the room before it.
-fn rendered_room(args: &Args, room: u64) -> Place {
+fn rendered_room(args: &Args, room: u64) -> RenderedRoom {
     let seed = |room: u64| args.seed.wrapping_mul(1_000_003).wrapping_add(room);
     if room % SIMILAR_EVERY == SIMILAR_EVERY - 1 {
-        Place::similar_to(seed(room - 1), seed(room), args.differing)
+        RenderedRoom::similar_to(seed(room - 1), seed(room), args.differing)
     } else {
-        Place::generate(seed(room))
+        RenderedRoom::generate(seed(room))
     }
 }
 
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn city_poses_preserve_room_views() {
-        let room_scene = Place::generate(3);
+        let room_scene = RenderedRoom::generate(3);
         let pose = room_scene.camera_path(&PathOptions::with_counts(2, 1)).queries[0];
         for room in [0, 1, 27] {
             let moved = in_city(&pose, room);

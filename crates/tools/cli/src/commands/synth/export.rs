@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use veiloc_datasets::DatasetError;
-use veiloc_datasets::write::{Layout, Lens, Role, View, write};
+use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
 use veiloc_features::Progress as _;
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
@@ -22,7 +22,7 @@ const NIGHT: f32 = 0.25;
 pub(crate) struct Args {
     /// The layout: 7scenes, cambridge, aachen or aachen-v1.1.
     #[arg(long, value_name = "LAYOUT")]
-    layout: Layout,
+    layout: DatasetLayout,
     /// Output folder; it must be new or empty.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -45,26 +45,26 @@ pub(crate) struct Args {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     super::check_empty(&args.out)?;
-    let lens = Lens::of(args.layout, (args.width, args.width * 3 / 4));
+    let lens = DatasetCamera::of(args.layout, (args.width, args.width * 3 / 4));
     let camera = lens.camera().map_err(super::refused)?;
     let progress = Stages::new(ui);
     progress.start("Rendering textures", 1);
-    let room = Place::generate(args.seed);
+    let room = RenderedRoom::generate(args.seed);
     progress.advance(1);
     let path =
         room.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
-    let map = path.mapping.iter().map(|pose| View { cam_from_world: *pose, role: Role::Map });
-    let queries = path.queries.iter().enumerate().map(|(k, pose)| View {
+    let map = path.mapping.iter().map(|pose| DatasetView { cam_from_world: *pose, role: ViewRole::Map });
+    let queries = path.queries.iter().enumerate().map(|(k, pose)| DatasetView {
         cam_from_world: *pose,
-        role: if k % 3 == 2 { Role::NightQuery } else { Role::Query },
+        role: if k % 3 == 2 { ViewRole::NightQuery } else { ViewRole::Query },
     });
-    let views: Vec<View> = map.chain(queries).collect();
-    let knows_night = matches!(args.layout, Layout::Aachen | Layout::AachenV1_1);
+    let views: Vec<DatasetView> = map.chain(queries).collect();
+    let knows_night = matches!(args.layout, DatasetLayout::Aachen | DatasetLayout::AachenV1_1);
     progress.start("Rendering views", views.len());
     write(args.layout, &args.out, &args.scene, &lens, &views, &mut |index, file| {
         let view = &views[index];
         let mut options = RenderOptions::with_seed(args.seed.wrapping_add(index as u64));
-        if knows_night && view.role == Role::NightQuery {
+        if knows_night && view.role == ViewRole::NightQuery {
             options.exposure = NIGHT;
         }
         let rendered = room.render(&view.cam_from_world, &camera, &options);

@@ -61,7 +61,7 @@ pub fn scene() -> &'static TestScene {
         copy_folder(&whole, &folder).expect("copied");
         Box::leak(Box::new(TestScene {
             folder,
-            poses: views(&veiloc_synthetic::Place::generate(11)).concat(),
+            poses: views(&veiloc_synthetic::RenderedRoom::generate(11)).concat(),
         }))
     })
 }
@@ -71,7 +71,7 @@ pub fn scene() -> &'static TestScene {
 pub fn render_out_of_map_images(count: usize) {
     let folder = &scene().folder;
     let camera: Intrinsics = CAMERA.parse().expect("a camera");
-    let other = veiloc_synthetic::Place::generate(12);
+    let other = veiloc_synthetic::RenderedRoom::generate(12);
     let path = other.camera_path(&PathOptions::with_counts(4, count));
     fs::create_dir_all(folder.join("other/images")).expect("folder");
     let mut images = Vec::new();
@@ -109,7 +109,7 @@ impl TestScene {
     fn render(folder: PathBuf) -> Self {
         let camera: Intrinsics = CAMERA.parse().expect("a camera");
         fs::create_dir_all(folder.join("images")).expect("folder");
-        let scene = veiloc_synthetic::Place::generate(11);
+        let scene = veiloc_synthetic::RenderedRoom::generate(11);
         let [map_poses, query_poses] = views(&scene);
         write_list(&folder.join("map.txt"), &map_poses);
         write_list(&folder.join("queries.txt"), &query_poses);
@@ -176,7 +176,7 @@ impl TestScene {
 }
 
 /// Names and poses of the map's images, and of the queries.
-fn views(scene: &veiloc_synthetic::Place) -> [Vec<(String, CameraFromWorld)>; 2] {
+fn views(scene: &veiloc_synthetic::RenderedRoom) -> [Vec<(String, CameraFromWorld)>; 2] {
     let path = scene.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
     let mapping = path.mapping[..MAP_VIEWS].iter().enumerate();
     let queries = path.queries[..QUERIES].iter().enumerate();

@@ -15,7 +15,7 @@ const MAX_KEYPOINTS: usize = 1 << 17;
 
 /// Two matched keypoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Match {
+pub struct KeypointMatch {
     /// Index of the keypoint in the first image.
     pub first: u32,
     /// Index of the keypoint in the second image.
@@ -42,7 +42,7 @@ impl MatchesFile {
     ///
     /// # Errors
     /// [`MappingError::BadInFile`] for datasets that cannot be read or are not indices.
-    pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<Match>>, MappingError> {
+    pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<KeypointMatch>>, MappingError> {
         for separator in ['/', '_'] {
             for (a, b, turned) in [(first, second, false), (second, first, true)] {
                 let name = name_of_pair(a, b, separator);
@@ -59,7 +59,7 @@ impl MatchesFile {
         name: &str,
         group: &Group,
         turned: bool,
-    ) -> Result<Option<Vec<Match>>, MappingError> {
+    ) -> Result<Option<Vec<KeypointMatch>>, MappingError> {
         let bad = |what: &str, reason: String| Err(self.0.bad(&format!("{name}/{what}"), reason));
         let Some(partners) = self.0.numbers(name, group, MATCHES)? else { return Ok(None) };
         let scores = self.0.numbers(name, group, SCORES)?;
@@ -82,7 +82,7 @@ impl MatchesFile {
             }
             let (own, other) = (index as u32, *partner as u32);
             let (first, second) = if turned { (other, own) } else { (own, other) };
-            matches.push(Match { first, second, score });
+            matches.push(KeypointMatch { first, second, score });
         }
         Ok(Some(matches))
     }
@@ -101,7 +101,7 @@ fn name_of_pair(first: &str, second: &str, separator: char) -> String {
 /// [`MappingError::Io`].
 pub fn write_matches<'a>(
     path: &Path,
-    pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<Match>)>,
+    pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<KeypointMatch>)>,
 ) -> Result<(), MappingError> {
     let mut tree = GroupTree::default();
     for (first, second, keypoints, matches) in pairs {

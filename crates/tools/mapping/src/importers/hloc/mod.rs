@@ -2,7 +2,7 @@
 //! used there.
 //!
 //! - [`FeaturesFile`]: `feats-….h5`, keypoints and descriptors by image name; [`write_features`].
-//! - [`StoredFeatures`]: such a file instead of an extractor ([`veiloc_features::Stored`]).
+//! - [`StoredFeatures`]: such a file instead of an extractor ([`veiloc_features::FeatureStore`]).
 //! - [`MatchesFile`]: `matches-….h5`; [`write_matches`]. [`GlobalsFile`]: `global-feats-….h5`; [`write_globals`].
 //! - [`read_pairs`], [`write_pairs`]: lists of pairs.
 //!
@@ -59,7 +59,7 @@ pub use features::{FeaturesFile, ImageFeatures, Vectors, write_features};
 #[cfg(feature = "hloc")]
 pub use globals::{GlobalsFile, write_globals};
 #[cfg(feature = "hloc")]
-pub use matches::{Match, MatchesFile, write_matches};
+pub use matches::{KeypointMatch, MatchesFile, write_matches};
 pub use pairs::{read_pairs, write_pairs};
 #[cfg(feature = "hloc")]
 pub use stored::StoredFeatures;

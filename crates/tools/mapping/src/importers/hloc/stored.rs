@@ -3,7 +3,7 @@
 use std::path::{Component, Path};
 
 use veiloc_descriptor::{DescriptorKind, Encoding};
-use veiloc_features::{Extractor, FeatureError, Features, Image, Stored};
+use veiloc_features::{Extractor, FeatureError, FeatureStore, Features, Image};
 
 use crate::MappingError;
 use crate::importers::hloc::FeaturesFile;
@@ -87,18 +87,18 @@ impl Extractor for StoredFeatures {
         Err(FeatureError::Extractor { name: self.kind.name().to_owned(), reason })
     }
 
-    /// The receptive field of typical networks ([`Stored`] has the scale), because the file does not state one and
+    /// The receptive field of typical networks ([`FeatureStore`] has the scale), because the file does not state one and
     /// images were not padded by mirroring.
     fn reach(&self) -> f64 {
         RECEPTIVE_RADIUS
     }
 
-    fn stored(&self) -> Option<&dyn Stored> {
+    fn stored(&self) -> Option<&dyn FeatureStore> {
         Some(self)
     }
 }
 
-impl Stored for StoredFeatures {
+impl FeatureStore for StoredFeatures {
     fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError> {
         let refused = |reason: String| FeatureError::Extractor { name: self.kind.name().to_owned(), reason };
         let name = self.name_of(path).map_err(refused)?;

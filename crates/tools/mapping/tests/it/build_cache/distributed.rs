@@ -8,12 +8,12 @@ use veiloc_descriptor::DescriptorKind;
 use veiloc_features::{Compact, Extractor, Extractors, FeatureError, Features, Image};
 use veiloc_map::{MapModel, PosedImage, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
-use veiloc_mapping::{BuildOptions, Input, Share, Stage, build, prepare};
-use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+use veiloc_mapping::{BuildOptions, BuildStage, Input, StageShare, build, prepare};
+use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 /// A rendered scene of this many views, in `folder`.
 fn rendered(folder: &Path, views: usize) -> PosedImages {
-    let room = Place::generate(11);
+    let room = RenderedRoom::generate(11);
     let camera = "PINHOLE,320,240,262.4,262.4,160,120".parse().expect("a camera");
     let path = room.camera_path(&PathOptions::with_counts(views, 0));
     let images = path.mapping.iter().enumerate().map(|(k, pose)| {
@@ -68,7 +68,7 @@ fn distributed_build_equals_single_process_build() {
     let work = tempfile::tempdir().expect("a folder");
     let share = |stage, part, of| {
         let cache = FolderCache::in_folder(work.path(), &options).expect("a folder");
-        let share = Share::new(part, of).expect("a share");
+        let share = StageShare::new(part, of).expect("a share");
         let done = prepare(&input, &cache, &options, stage, share, &()).expect("prepared");
         cache.finish().expect("kept");
         done
@@ -81,10 +81,10 @@ fn distributed_build_equals_single_process_build() {
     };
 
     // Three workers, two with the same share and one without any.
-    let done: Vec<_> = [0, 1, 1].map(|part| share(Stage::Features, part, 3)).to_vec();
+    let done: Vec<_> = [0, 1, 1].map(|part| share(BuildStage::Features, part, 3)).to_vec();
     assert_eq!(done.iter().map(|d| (d.done, d.of_all)).collect::<Vec<_>>(), [(5, 14), (5, 14), (5, 14)]);
     assert_eq!(extracted.load(Ordering::Relaxed), 10);
-    for stage in [Stage::FirstPairs, Stage::Pairs] {
+    for stage in [BuildStage::FirstPairs, BuildStage::Pairs] {
         let done: Vec<_> = (0..2).map(|part| share(stage, part, 2)).collect();
         assert!(done[0].of_all > 10 && done[0].done + done[1].done == done[0].of_all, "{done:?}");
     }

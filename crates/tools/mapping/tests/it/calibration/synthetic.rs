@@ -6,7 +6,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, PlanePoint, Point3, Rigid3};
-use veiloc_map::{BuildSettings, Evidence, MapImage, MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation, PointEvidence};
 use veiloc_mapping::calibration::{
     SelfTest, SelfTestOptions, self_test, self_test_compressed, smallest_within,
 };
@@ -162,18 +162,18 @@ fn points_are_retriangulated_without_the_image() {
     // Along the ray of image 3, which therefore still agrees; the others do not.
     let center = model.images[3].cam_from_world.center().coords;
     bent.points[id.index()].position = Point3::from_vector(center + (truth.coords - center) * 1.5);
-    let without = veiloc_mapping::LeaveOut::of(&bent).without(3);
+    let without = veiloc_mapping::LeaveOneOutMap::of(&bent).without(3);
     assert_eq!(without.image, 3);
     let point = without.points[id].as_ref().expect("other images observe the point");
     assert!(point.position.distance(&truth) < 0.05, "{:?}", point.position);
-    let Evidence::Track(track) = &point.evidence else { panic!("{point:?}") };
+    let PointEvidence::Track(track) = &point.evidence else { panic!("{point:?}") };
     assert!(track.iter().all(|o| o.image != 3) && track.len() >= 3);
     let all = model.images[3].point_of_keypoint.iter().flatten().count();
     assert_eq!(without.points.len(), all, "only the points that it observes");
     // Two of three views remain, which is too few.
     let three = model.points.iter().position(|p| p.track.len() == 3).expect("a point with three views");
     let image = model.points[three].track[1].image as usize;
-    let without = veiloc_mapping::LeaveOut::of(&model).without(image);
+    let without = veiloc_mapping::LeaveOneOutMap::of(&model).without(image);
     assert_eq!(without.points[&veiloc_map::PointId(three as u32)], None);
 }
 

@@ -21,16 +21,16 @@ use object_store::{
 };
 use veiloc_cluster::object_store::Storage;
 use veiloc_map::MapFile;
-use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
+use veiloc_map::regions::{FolderWriter, RegionFolder, SplitOptions, cut};
 
 /// Regions of a map of two rooms with this many images each, in a folder.
-pub fn regions(images: u32, folder: &Path) -> Folder {
+pub fn regions(images: u32, folder: &Path) -> RegionFolder {
     let map = MapFile::of_model(&veiloc_testing::rooms(2, images)).expect("a map");
     let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
     let writer = FolderWriter::begin(&map, "rooms", folder).expect("a folder");
     let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();
     writer.finish(&regions, entries).expect("a manifest");
-    Folder::open(folder).expect("what was written")
+    RegionFolder::open(folder).expect("what was written")
 }
 
 /// Runs a future with a paused clock, which jumps to the next timer when idle, so that pauses take no time.
@@ -43,7 +43,7 @@ pub fn no_progress(_: u64, _: u64) {}
 
 /// Faults of storage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
+pub enum StorageFault {
     None,
     /// The first reads and writes fail.
     First(usize),
@@ -57,21 +57,21 @@ pub enum Fault {
 
 /// Storage in memory, with a fault.
 #[derive(Debug)]
-pub struct Faulty {
+pub struct FaultyStore {
     pub inner: Arc<InMemory>,
-    fault: Fault,
+    fault: StorageFault,
     requests: AtomicUsize,
 }
 
-impl fmt::Display for Faulty {
+impl fmt::Display for FaultyStore {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Faulty({:?})", self.fault)
     }
 }
 
 /// Storage over this memory with a fault.
-pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
-    let store = Faulty { inner: inner.clone(), fault, requests: AtomicUsize::new(0) };
+pub fn storage(inner: &Arc<InMemory>, fault: StorageFault) -> Storage {
+    let store = FaultyStore { inner: inner.clone(), fault, requests: AtomicUsize::new(0) };
     Storage::of(Arc::new(store), Location::from("maps"), "memory://maps").with_retry_policy(
         3,
         Duration::from_millis(500),
@@ -79,13 +79,14 @@ pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
     )
 }
 
-impl Faulty {
+impl FaultyStore {
     fn check_fault(&self, is_write: bool) -> Result<()> {
-        let requests =
-            self.requests.fetch_add(usize::from(is_write || self.fault != Fault::None), Ordering::SeqCst);
+        let requests = self
+            .requests
+            .fetch_add(usize::from(is_write || self.fault != StorageFault::None), Ordering::SeqCst);
         let fails = match self.fault {
-            Fault::First(count) => requests < count,
-            Fault::WritesAfter(count) => is_write && requests >= count,
+            StorageFault::First(count) => requests < count,
+            StorageFault::WritesAfter(count) => is_write && requests >= count,
             _ => false,
         };
         let failed = || Error::Generic { store: "faulty", source: "it broke".into() };
@@ -94,7 +95,7 @@ impl Faulty {
 }
 
 #[async_trait]
-impl ObjectStore for Faulty {
+impl ObjectStore for FaultyStore {
     async fn put_opts(
         &self,
         location: &Location,
@@ -116,7 +117,7 @@ impl ObjectStore for Faulty {
 
     async fn get_opts(&self, location: &Location, options: GetOptions) -> Result<GetResult> {
         let is_head = options.head;
-        if let Fault::First(_) = self.fault {
+        if let StorageFault::First(_) = self.fault {
             self.check_fault(false)?;
         }
         let there = self.inner.get_opts(location, options).await?;
@@ -124,11 +125,11 @@ impl ObjectStore for Faulty {
             return Ok(there);
         }
         let payload = match self.fault {
-            Fault::Endless => {
+            StorageFault::Endless => {
                 let piece = Bytes::from(vec![7; 1 << 16]);
                 GetResultPayload::Stream(futures_util::stream::repeat_with(move || Ok(piece.clone())).boxed())
             }
-            Fault::Stalls => GetResultPayload::Stream(futures_util::stream::pending().boxed()),
+            StorageFault::Stalls => GetResultPayload::Stream(futures_util::stream::pending().boxed()),
             _ => return Ok(there),
         };
         Ok(GetResult { payload, ..there })

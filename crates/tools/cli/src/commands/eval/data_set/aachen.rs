@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_datasets::aachen::{CONDITIONS, Version, read, read_poses};
+use veiloc_datasets::aachen::{AachenVersion, CONDITIONS, read, read_poses};
 
 use super::run::refused;
 use super::submission::write_submissions;
@@ -20,7 +20,7 @@ pub(crate) struct Args {
     data_set: DataSetArgs,
     /// Version of the data set, 1 (the paper's) or 1.1. Default: 1.1 if its model exists, otherwise 1.
     #[arg(long, value_name = "VERSION")]
-    version: Option<Version>,
+    version: Option<AachenVersion>,
     /// Query conditions, named as their lists.
     #[arg(long, value_delimiter = ',', default_values_t = CONDITIONS.map(str::to_owned), value_name = "CONDITION,…")]
     conditions: Vec<String>,
@@ -42,7 +42,7 @@ const DATA_SET: DataSet = DataSet {
 
 pub(in crate::commands::eval) fn run(args: &Args, ui: &Ui) -> Outcome {
     let root = &args.data_set.root;
-    let version = args.version.unwrap_or_else(|| Version::in_folder(root));
+    let version = args.version.unwrap_or_else(|| AachenVersion::in_folder(root));
     let truth = args.truth.as_deref().map(read_poses).transpose().map_err(refused)?;
     let conditions = &args.conditions;
     let read = |_: &str| read(root, version, conditions, truth.as_ref(), args.data_set.missing());

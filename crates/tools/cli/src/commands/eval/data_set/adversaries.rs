@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::privacy::adversaries::{
-    AdversariesDocument, AdversariesEvaluation, Place, adversaries_table, evaluate_adversaries,
+    AdversariesDocument, AdversariesEvaluation, AdversaryScene, adversaries_table, evaluate_adversaries,
 };
 
 use crate::exit::Failure;
@@ -39,7 +39,7 @@ impl AttackArgs {
     ) -> Result<(), Failure> {
         let Some(attacked) = self.attacked else { return Ok(()) };
         let mut evaluation = AdversariesEvaluation::new();
-        evaluation.place = Some(Place {
+        evaluation.scene = Some(AdversaryScene {
             posed: scene.posed.clone(),
             images: scene.images.clone(),
             map_list: scene.map_list.clone(),

@@ -1,6 +1,6 @@
 //! `veiloc eval cambridge`.
 
-use veiloc_datasets::cambridge::{LEFT_OUT, read_scene, scenes};
+use veiloc_datasets::cambridge::{EXCLUDED_SCENES, read_scene, scenes};
 use veiloc_geometry::Intrinsics;
 
 use super::run::{outcome, refused};
@@ -21,7 +21,7 @@ pub(crate) struct Args {
     scenes: Vec<String>,
     /// Scenes to leave out; the default are the scenes that the paper leaves out for their many geometric outliers; an
     /// empty text leaves out none.
-    #[arg(long, value_delimiter = ',', default_values_t = LEFT_OUT.map(str::to_owned), value_name = "SCENE,…")]
+    #[arg(long, value_delimiter = ',', default_values_t = EXCLUDED_SCENES.map(str::to_owned), value_name = "SCENE,…")]
     exclude: Vec<String>,
     /// One camera for all images, MODEL,WIDTH,HEIGHT,PARAMS…. Default: the cameras of `reconstruction.nvm`.
     #[arg(long, value_name = "CAMERA")]

@@ -1,10 +1,10 @@
 //! Evaluates the scenes of a data set one after another, and collects their results in one document.
 
-use veiloc_datasets::{DatasetError, Place};
+use veiloc_datasets::{DatasetError, DatasetScene};
 use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
 use veiloc_evaluation::results::{
-    DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
-    table,
+    DataSetEvaluation, EvaluationDocument, QueryResult, RunInfo, SceneInfo, SceneQuery, SceneSummary,
+    summarize, table,
 };
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
@@ -31,12 +31,12 @@ pub(in crate::commands::eval) struct DataSet {
 pub(in crate::commands::eval) fn evaluate(
     data_set: &DataSet,
     scenes: &[String],
-    read: &dyn Fn(&str) -> Result<Place, DatasetError>,
+    read: &dyn Fn(&str) -> Result<DatasetScene, DatasetError>,
     args: &DataSetArgs,
     ui: &Ui,
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
     // All scenes are read before the first is computed, so that missing files are reported at once.
-    let scenes: Vec<Place> =
+    let scenes: Vec<DatasetScene> =
         scenes.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
     let mut document = DataSetEvaluation {
         version: 1,
@@ -111,9 +111,9 @@ pub(in crate::commands::eval) fn outcome(found: Result<(DataSetEvaluation, Exit)
     found.map(|(_, exit)| exit)
 }
 
-fn facts(args: &DataSetArgs) -> RunFacts {
+fn facts(args: &DataSetArgs) -> RunInfo {
     let words = crate::output::command_line::arguments().into_iter();
-    RunFacts {
+    RunInfo {
         veiloc: env!("CARGO_PKG_VERSION").to_owned(),
         command_line: words.map(|word| word.to_string_lossy().into_owned()).collect(),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -123,7 +123,7 @@ fn facts(args: &DataSetArgs) -> RunFacts {
 }
 
 fn scene_evaluation(
-    scene: &Place,
+    scene: &DatasetScene,
     data_set: &DataSet,
     args: &DataSetArgs,
 ) -> Result<SceneEvaluation, Failure> {
@@ -166,8 +166,13 @@ fn scene_evaluation(
 }
 
 /// Adds the result of a scene.
-fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
-    document.places.push(PlaceFacts {
+fn add(
+    document: &mut DataSetEvaluation,
+    scene: &DatasetScene,
+    found: EvaluationDocument,
+    evaluation: &SceneEvaluation,
+) {
+    document.places.push(SceneInfo {
         name: scene.name.clone(),
         is_official: scene.is_official,
         queries: scene.queries.len(),
@@ -192,14 +197,14 @@ fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evalu
                 row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
             let summary =
                 if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
-            document.schemes.push(PlaceSummary {
+            document.schemes.push(SceneSummary {
                 place: scene.name.clone(),
                 condition: condition.clone(),
                 summary,
             });
         }
     }
-    document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
+    document.queries.extend(found.queries.into_iter().map(|result| SceneQuery {
         place: Some(scene.name.clone()),
         condition: condition_of(&result.name),
         result,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_datasets::seven_scenes::{Truth, read_scene, scenes};
+use veiloc_datasets::seven_scenes::{PoseSource, read_scene, scenes};
 
 use super::run::{outcome, refused};
 use super::{DataSet, DataSetArgs, evaluate};
@@ -42,9 +42,9 @@ pub(in crate::commands::eval) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut names = if args.scenes.is_empty() { scenes(root).map_err(refused)? } else { args.scenes.clone() };
     names.retain(|name| !args.exclude.contains(name));
     let truth = match (args.poses.as_str(), &args.pseudo_ground_truth) {
-        ("depth", _) => Truth::Depth,
-        (_, Some(folder)) => Truth::Sfm(folder.clone()),
-        (_, None) => Truth::sfm_beside(root),
+        ("depth", _) => PoseSource::Depth,
+        (_, Some(folder)) => PoseSource::Sfm(folder.clone()),
+        (_, None) => PoseSource::sfm_beside(root),
     };
     let read = |name: &str| read_scene(root, name, &truth, args.data_set.missing());
     outcome(evaluate(&DATA_SET, &names, &read, &args.data_set, ui))

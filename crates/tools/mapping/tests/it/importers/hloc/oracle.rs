@@ -7,8 +7,8 @@ use veiloc_features::{Extractor, FeatureError};
 use veiloc_geometry::Pixel;
 use veiloc_mapping::MappingError;
 use veiloc_mapping::importers::hloc::{
-    FeaturesFile, GlobalsFile, ImageFeatures, Match, MatchesFile, StoredFeatures, Vectors, write_features,
-    write_globals, write_matches,
+    FeaturesFile, GlobalsFile, ImageFeatures, KeypointMatch, MatchesFile, StoredFeatures, Vectors,
+    write_features, write_globals, write_matches,
 };
 
 const IMAGES: [&str; 3] = ["db/a.jpg", "db/sub/b.jpg", "query.png"];
@@ -95,7 +95,7 @@ fn written_files_round_trip() {
 #[test]
 fn matches_are_found_under_either_name_and_order() {
     let file = MatchesFile::open(&data("matches.h5")).expect("a file");
-    let found = |first, second, score| Match { first, second, score };
+    let found = |first, second, score| KeypointMatch { first, second, score };
     let matches = file.read("query.png", "db/a.jpg").expect("readable");
     assert_eq!(matches.expect("a pair"), [found(0, 3, 0.5), found(2, 0, 0.25), found(4, 4, 1.0)]);
     let turned = file.read("db/a.jpg", "query.png").expect("readable");

@@ -2,7 +2,7 @@
 //! and the evaluation.
 
 /// Default maximum number of regions in which a query is searched.
-pub const ASKED: usize = 3;
+pub const DEFAULT_SEARCHED_REGIONS: usize = 3;
 
 /// Regions with at least this share of the images of the best one are searched together with it.
 const BESIDE: f64 = 0.75;
@@ -11,10 +11,10 @@ const BESIDE: f64 = 0.75;
 /// total.
 ///
 /// `ranked`: regions with their number of retrieved images, best first, from
-/// [`Index::rank`](crate::regions::Index::rank). A region with nearly as many as the best one may be the right one as
+/// [`RegionIndex::rank`](crate::regions::RegionIndex::rank). A region with nearly as many as the best one may be the right one as
 /// well. A region with fewer is mostly a neighbour, whose images are also in the overlap of the best one: searching
 /// it at once would usually waste a localization.
-pub fn rounds(ranked: impl IntoIterator<Item = (usize, usize)>, most: usize) -> Vec<Vec<usize>> {
+pub fn search_rounds(ranked: impl IntoIterator<Item = (usize, usize)>, most: usize) -> Vec<Vec<usize>> {
     let selected: Vec<(usize, usize)> = ranked.into_iter().take(most).collect();
     let threshold = selected.first().map_or(0.0, |(_, held)| *held as f64 * BESIDE);
     let (first, second): (Vec<_>, Vec<_>) =
@@ -24,7 +24,7 @@ pub fn rounds(ranked: impl IntoIterator<Item = (usize, usize)>, most: usize) -> 
 }
 
 /// Whether the pose of one region is preferred to another; for each, whether it is trusted, and its evidence.
-pub fn is_better((trusted, evidence): (bool, f64), (than_trusted, than_evidence): (bool, f64)) -> bool {
+pub fn is_better_pose((trusted, evidence): (bool, f64), (than_trusted, than_evidence): (bool, f64)) -> bool {
     trusted.cmp(&than_trusted).then(evidence.total_cmp(&than_evidence)).is_gt()
 }
 
@@ -43,14 +43,14 @@ mod tests {
             (&[], 3, vec![]),
         ] {
             let ranked = held.iter().enumerate().map(|(i, held)| (i + 5, *held));
-            assert_eq!(rounds(ranked, most), expected, "{held:?} of {most}");
+            assert_eq!(search_rounds(ranked, most), expected, "{held:?} of {most}");
         }
     }
 
     #[test]
     fn trust_comes_before_evidence() {
-        assert!(is_better((true, 20.0), (false, 90.0)) && !is_better((false, 90.0), (true, 20.0)));
-        assert!(is_better((true, 30.0), (true, 20.0)) && !is_better((true, 20.0), (true, 20.0)));
-        assert!(is_better((false, 3.0), (false, f64::NEG_INFINITY)));
+        assert!(is_better_pose((true, 20.0), (false, 90.0)) && !is_better_pose((false, 90.0), (true, 20.0)));
+        assert!(is_better_pose((true, 30.0), (true, 20.0)) && !is_better_pose((true, 20.0), (true, 20.0)));
+        assert!(is_better_pose((false, 3.0), (false, f64::NEG_INFINITY)));
     }
 }
