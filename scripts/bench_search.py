@@ -4,7 +4,7 @@
     pip install numpy usearch
     cargo build --release
     scripts/bench_search.py --map redkitchen.vmap --images redkitchen/images --query-list redkitchen/query.txt \
-        --others training-photos --sizes 10000,100000,1000000 --csv search_index.csv
+        --distractors training-photos --sizes 10000,100000,1000000 --csv search_index.csv
 
 `veiloc eval retrieval --save` writes its descriptors and queries; usearch runs the same queries on one thread, in two ways: over the
 descriptors (`i8`, cosine), and over their binary codes (`b1`, Hamming) with exact re-ranking of as many candidates as in veiloc's
@@ -74,7 +74,7 @@ def main() -> None:
     parser.add_argument("--map", required=True)
     parser.add_argument("--images", required=True)
     parser.add_argument("--query-list")
-    parser.add_argument("--others")
+    parser.add_argument("--distractors")
     parser.add_argument("--sizes", default="10000,100000")
     parser.add_argument("--usearch-up-to", type=int, default=1_000_000, help="run usearch only up to this size")
     parser.add_argument("--csv", help="also write the table to this file")
@@ -83,7 +83,7 @@ def main() -> None:
         command = [args.veiloc, "eval", "retrieval", "--map", args.map, "--images", args.images, "--sizes", args.sizes,
                    "--save", folder, "--json"]
         command += ["--query-list", args.query_list] if args.query_list else []
-        command += ["--others", args.others] if args.others else []
+        command += ["--distractors", args.distractors] if args.distractors else []
         document = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
         everything = np.load(Path(folder) / "searched.npy", mmap_mode="r")
         queries = np.load(Path(folder) / "queries.npy")

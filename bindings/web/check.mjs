@@ -103,7 +103,7 @@ test("refusals have a kind, and permanent ones are not retried", async () => {
   }
   const far = { status: 503, headers: { "retry-after": "3600" } };
   await withService([far, far], async (address, requests) => {
-    await assert.rejects(new Client(address).localize("lobby", query), (error) => error.kind === "busy" && error.retryAfter === 3600 && error.maySendAgain);
+    await assert.rejects(new Client(address).localize("lobby", query), (error) => error.kind === "busy" && error.retryAfter === 3600 && error.retryable);
     assert.equal(requests.length, 1);
   });
 });
@@ -134,7 +134,7 @@ test("plain HTTP and invalid addresses, tokens and map names are refused", () =>
 });
 
 test("progressive localization stops at the first trusted pose", async () => {
-  const sealed = { steps: [256, 512, 1024], step: async (rows) => new Uint8Array(rows), lopsided: null };
+  const sealed = { steps: [256, 512, 1024], step: async (rows) => new Uint8Array(rows), unbalanced: null };
   const none = { status: 422, body: { type: "urn:veiloc:problem:not-localized" } };
   await withService([none, { body: { ...answer, trusted: true, doubts: [] } }], async (address) => {
     const { steps } = await new Client(address).localizeProgressive("lobby", sealed);
@@ -142,5 +142,5 @@ test("progressive localization stops at the first trusted pose", async () => {
   });
   await withService([none, none, none], (address) =>
     assert.rejects(new Client(address).localizeProgressive("lobby", sealed), (error) => error.kind === "not-localized" && error.steps.length === 3));
-  await assert.rejects(new Client("https://a.example").localizeProgressive("lobby", { ...sealed, lopsided: "too few" }), kind("lopsided"));
+  await assert.rejects(new Client("https://a.example").localizeProgressive("lobby", { ...sealed, unbalanced: "too few" }), kind("unbalanced"));
 });

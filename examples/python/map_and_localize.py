@@ -14,7 +14,7 @@ import veiloc
 def main(folder: Path) -> list[float]:
     """Runs all steps; returns the position error of each answer, metres."""
     # Names, cameras and poses; for a COLMAP model use `Map.build("sparse/0", "images")`.
-    posed, queries = veiloc.render_place(folder)
+    posed, queries = veiloc.render_room(folder)
 
     # The operator: posed images to a map file.
     veiloc.Map.build(posed, folder, self_test=False).save(folder / "room.vmap")

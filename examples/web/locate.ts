@@ -19,7 +19,7 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
     // Frames of one scene share a session; otherwise their lines intersect at the keypoints.
     const session = await device.session();
     while (!signal.aborted) {
-      const seal = () => device.sealed(video, camera, { session, held: sensors.now(), maxKeypoints: 1024 });
+      const seal = () => device.sealed(video, camera, { session, attitude: sensors.now(), maxKeypoints: 1024 });
       const answer = await localize(client, map, seal, signal);
       if (answer?.trusted && answer.center && answer.position_sd != null) {
         yield { center: answer.center, sd: answer.position_sd };
@@ -41,7 +41,7 @@ async function localize(client: Client, map: string, seal: () => Promise<Sealed>
     return answer;
   } catch (error) {
     // Without motion sensors a walk is refused (`too-many-starts`) until the camera is back, or in another part of the scene.
-    const temporary = ["not-localized", "lopsided", "busy", "too-many-starts", "turned-away"];
+    const temporary = ["not-localized", "unbalanced", "busy", "too-many-starts", "turned-away"];
     if (error instanceof VeilocError && temporary.includes(error.kind)) return null;
     throw error;
   }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use veiloc_fuzz::damage::SplitMix64;
-use veiloc_map::regions::{RegionIndex, Manifest};
+use veiloc_map::regions::{Manifest, RegionIndex};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::{Answer, Profile, SealedQuery};
 use veiloc_service::auth::TokenList;

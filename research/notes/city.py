@@ -8,7 +8,7 @@
 
 Renders a city (`veiloc synth city`, rooms that look alike among them), puts the two real places beside it in one world, and
 builds maps of more and more of it: the real places alone, then with the rooms of --steps, then with all, with images of elsewhere
-that show no place of it, and at last without the rooms that look like another. Every map is asked all queries: those of rooms
+that show no place of it, and at last without the rooms that look like another. Every map gets all queries: those of rooms
 that it does not have must not be trusted anywhere, least of all in a room that looks like theirs. What was computed is kept in
 CITY; a run that was interrupted goes on there. Standard library only, and log_plot.py beside it.
 """
@@ -47,43 +47,43 @@ def main():
     words.add_argument("--keypoints", type=int, default=1024, help="keypoints of a map image at most (default 1024)")
     words.add_argument("--table", action="store_true", help="print the tables of what there is, and compute nothing")
     words.add_argument("--plot", type=Path, help="draw what there is, and compute nothing")
-    asked = words.parse_args()
-    if asked.plot:
-        asked.plot.write_text(drawing(rows_of(asked.out)))
+    args = words.parse_args()
+    if args.plot:
+        args.plot.write_text(drawing(rows_of(args.out)))
         return
-    if not asked.table:
-        compute(asked)
-    table(rows_of(asked.out))
+    if not args.table:
+        compute(args)
+    table(rows_of(args.out))
 
 
-def compute(asked):
+def compute(args):
     data = Path(os.environ["VEILOC_DATA"]).resolve()
-    city = asked.out / "city"
+    city = args.out / "city"
     if not (city / "query.txt").is_file():
-        run([asked.program, "synth", "city", "--out", city, "--rooms", asked.rooms, "--map-views", asked.views,
-             "--query-views", asked.queries])
-    lists = world(asked.out, city, data)
-    (asked.out / "queries.txt").write_text("\n".join(lists["queries"]) + "\n")
-    steps = [int(step) for step in asked.steps.split(",") if int(step) < asked.rooms]
-    maps = [(f"{rooms}", lists["real"] + lists["map"][: rooms * asked.views]) for rooms in [*steps, asked.rooms]]
+        run([args.program, "synth", "city", "--out", city, "--rooms", args.rooms, "--map-views", args.views,
+             "--query-views", args.queries])
+    lists = world(args.out, city, data)
+    (args.out / "queries.txt").write_text("\n".join(lists["queries"]) + "\n")
+    steps = [int(step) for step in args.steps.split(",") if int(step) < args.rooms]
+    maps = [(f"{rooms}", lists["real"] + lists["map"][: rooms * args.views]) for rooms in [*steps, args.rooms]]
     maps.append(("elsewhere", lists["real"] + lists["map"] + lists["elsewhere"]))
     # What should embarrass it: rooms that are missing, each of which looks like one that is there.
     maps.append(("without", lists["real"] + [name for name in lists["map"] if not is_alike(place_of(name))]))
     for name, images in maps:
-        result = asked.out / f"result-{name}.json"
+        result = args.out / f"result-{name}.json"
         if result.is_file():
             continue
-        names = asked.out / f"map-{name}.txt"
+        names = args.out / f"map-{name}.txt"
         names.write_text("\n".join(images) + "\n")
         # One query at a time: what they take is a figure of the table.
-        taken = run([asked.program, "eval", "scene", "--posed", asked.out / "posed", "--images", asked.out / "images", "--map-list", names,
-                     "--query-list", asked.out / "queries.txt", "--max-keypoints", asked.keypoints, "--query-keypoints", 1024,
-                     "--schemes", ",".join(SCHEMES), "--thresholds", "0.02/2,0.05/5", "--work", asked.out / "work",
-                     "--keep-map", asked.out / f"map-{name}.vmap", "--json", asked.out / "part.json"])
-        document = json.loads((asked.out / "part.json").read_text())
+        taken = run([args.program, "eval", "scene", "--posed", args.out / "posed", "--images", args.out / "images", "--map-list", names,
+                     "--query-list", args.out / "queries.txt", "--max-keypoints", args.keypoints, "--query-keypoints", 1024,
+                     "--schemes", ",".join(SCHEMES), "--thresholds", "0.02/2,0.05/5", "--work", args.out / "work",
+                     "--keep-map", args.out / f"map-{name}.vmap", "--json", args.out / "part.json"])
+        document = json.loads((args.out / "part.json").read_text())
         document["city"] = taken | {"elsewhere": len(lists["elsewhere"]) if name == "elsewhere" else 0}
-        (asked.out / "part.json").write_text(json.dumps(document))
-        (asked.out / "part.json").rename(result)
+        (args.out / "part.json").write_text(json.dumps(document))
+        (args.out / "part.json").rename(result)
 
 
 def run(command):
@@ -209,7 +209,7 @@ def kind_of(place, there):
 
 
 def rows_of(out):
-    """One of each map: its size, and for each scheme and kind of query how many were asked, found, trusted."""
+    """One of each map: its size, and for each scheme and kind of query the numbers of queries, poses and trusted poses."""
     rows = []
     for result in out.glob("result-*.json"):
         document = json.loads(result.read_text())
@@ -241,7 +241,7 @@ def median(values):
 def figures(queries):
     trusted = [query for query in queries if query.get("trusted")]
     return {
-        "asked": len(queries),
+        "queries": len(queries),
         "right": sum(is_right(query) for query in queries),
         "trusted": len(trusted),
         # Half a metre is another place, or another room.
@@ -259,15 +259,15 @@ def table(rows):
         facts = row["map"]
         print(f'| {row["images"]} | {facts["points"]} | {facts["bytes"] / 1e9:.2f} | {facts["build_seconds"]:.0f} '
               f'| {row["city"]["memory_kb"] / 1e6:.1f} | {row["city"]["elsewhere"]} |')
-    print("\n| images | queries of | scheme | asked | within 5 cm / 5° | median | trusted | trusted, wrong | ms |")
+    print("\n| images | queries of | scheme | queries | within 5 cm / 5° | median | trusted | trusted, wrong | ms |")
     print("|--:|---|---|--:|--:|--:|--:|--:|--:|")
     for row in rows:
         for (scheme, kind), queries in sorted(row["counts"].items(), key=lambda entry: (entry[0][1], entry[0][0])):
             f = figures(queries)
             absent = kind.startswith("absent")
-            right = "" if absent else share(f["right"], f["asked"])
+            right = "" if absent else share(f["right"], f["queries"])
             error = "" if absent or math.isnan(f["error"]) else f'{100 * f["error"]:.2f} cm'
-            print(f'| {row["images"]} | {kind} | {scheme} | {f["asked"]} | {right} | {error} | {f["trusted"]} | {f["wrong"]} | {f["ms"]:.0f} |')
+            print(f'| {row["images"]} | {kind} | {scheme} | {f["queries"]} | {right} | {error} | {f["trusted"]} | {f["wrong"]} | {f["ms"]:.0f} |')
 
 
 def drawing(rows):
@@ -278,12 +278,12 @@ def drawing(rows):
     for name, of in [("build, s", lambda row: row["map"]["build_seconds"]), ("file, GB", lambda row: row["map"]["bytes"] / 1e9),
                      ("most memory, GB", lambda row: row["city"]["memory_kb"] / 1e6)]:
         cost.line(name, [(row["images"], of(row)) for row in grown])
-    asked = LogPlot("What a query takes and gives", "images", "ms, cm", (2, most), (-1, 2))
+    per_query = LogPlot("What a query takes and gives", "images", "ms, cm", (2, most), (-1, 2))
     for scheme in SCHEMES:
         there = [(row["images"], figures(queries_there(row, scheme))) for row in grown]
-        asked.line(f"{scheme}, ms", [(images, f["ms"]) for images, f in there])
-        asked.line(f"{scheme}, cm", [(images, 100 * f["error"]) for images, f in there], dashed=True)
-    return page([cost, asked])
+        per_query.line(f"{scheme}, ms", [(images, f["ms"]) for images, f in there])
+        per_query.line(f"{scheme}, cm", [(images, 100 * f["error"]) for images, f in there], dashed=True)
+    return page([cost, per_query])
 
 
 def queries_there(row, scheme):

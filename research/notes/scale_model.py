@@ -37,7 +37,7 @@ CONSTANTS = {
     "search_ms_at_hundred_thousand": 0.67,
     # The gateway's work on a query: what the cluster's road takes longer there (3.5 ms) than its two messages and back do.
     "gateway_ms": 1.6,
-    # From gateway to worker or back, without work: `veiloc_cluster_road_seconds`.
+    # From gateway to worker or back, without work: `veiloc_cluster_round_trip_seconds`.
     "road_ms": 0.48,
     # Regions that a query is asked in: `veiloc_cluster_regions`.
     "regions_asked": 1.17,

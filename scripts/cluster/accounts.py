@@ -434,7 +434,7 @@ def check_cancellation(cluster, scene):
     """A request to a worker that hangs is hedged to another worker; the job of the first worker is cancelled."""
     def cancelled():
         text = ask(cluster.workers[0].admin, "/metrics")[1].decode()
-        return sum(counter(text, "veiloc_cancelled_total", f'when="{when}"') for when in ("waiting", "working"))
+        return sum(counter(text, "veiloc_worker_cancellations_total", f'state="{state}"') for state in ("queued", "running"))
 
     def hedges():
         return counter(ask(cluster.admin, "/metrics")[1].decode(), "veiloc_cluster_hedges_total")
@@ -490,7 +490,7 @@ def main():
     objects = 1 + len(json.loads((cluster.work / "regions" / "manifest.json").read_text())["regions"])
 
     def holds(worker):
-        return counter(ask(worker.admin, "/metrics")[1].decode(), "veiloc_objects_held")
+        return counter(ask(worker.admin, "/metrics")[1].decode(), "veiloc_objects_loaded")
 
     wait_for(lambda: all(worker.log.read_text().count("no longer published were left") for worker in cluster.workers),
              "the end of the old manifest")

@@ -63,7 +63,7 @@ def main():
         row(name, f"{statistics.median(times):.1f}", f"{percentile(times, 0.95):.1f}", f"{statistics.median(times) - base:+.1f}")
     text = ask(cluster.admin, "/metrics")[1].decode()
     print(f"\nround trip to a worker without its computation, measured by the gateway: "
-          f"mean {1e3 * histogram_mean(text, 'veiloc_cluster_road_seconds'):.2f} ms over searches and poses\n")
+          f"mean {1e3 * histogram_mean(text, 'veiloc_cluster_round_trip_seconds'):.2f} ms over searches and poses\n")
     cluster.stop()
 
     header("workers", "answers per second", "busy threads", "answers per busy second", "share of all processors", "regions per query")

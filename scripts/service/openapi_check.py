@@ -198,7 +198,7 @@ def provoke_load(checker, scene):
                                ("POST", RIG, rig_of(scene.query))):
         request(checker, limited.port, method, path, body, "phone", content_type=PROTOBUF)
     limited.stop()
-    shut = Server(scene, "--tokens", tokens, "--stale-tokens", "0", "--watch", "0.2")
+    shut = Server(scene, "--tokens", tokens, "--tokens-max-stale", "0", "--watch", "0.2")
     tokens.write_text("")
     time.sleep(1.0)
     for path in ("/v1/maps", "/metrics", "/readyz"):

@@ -63,7 +63,7 @@ def tokens(scene):
         ("one token removed", lambda path: scene.tokens(["ops!"], path)),
     ]:
         path = scene.tokens(["phone", "ops!"], scene.work / "changing")
-        more = ["--stale-tokens", "8"] if "--stale-tokens" in scene.options() else []
+        more = ["--tokens-max-stale", "8"] if "--tokens-max-stale" in scene.options() else []
         server = Server(scene, "--tokens", path, *more)
         change(path)
         time.sleep(4)

@@ -154,7 +154,7 @@ async function main() {
     const found = [];
     for (const view of views) {
       const blob = await (await fetch(`/page/${view.file}`)).blob();
-      const sealed = await device.sealed(blob, view.camera, { session, held: { orientation: poses[view.file].q } });
+      const sealed = await device.sealed(blob, view.camera, { session, attitude: { orientation: poses[view.file].q } });
       const { answer, steps } = await client.localizeProgressive("demo", sealed);
       found.push({ name: view.file, trusted: answer.trusted, center: answer.center, sd: answer.position_sd, steps: steps.length, frames: sealed.frames, starts: sealed.starts });
     }

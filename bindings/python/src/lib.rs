@@ -63,7 +63,7 @@ mod _native {
     #[pymodule_export]
     use crate::program::run_program;
     #[pymodule_export]
-    use crate::rendered_scene::render_place;
+    use crate::rendered_scene::render_room;
     #[pymodule_export]
     use crate::session::Session;
     #[pymodule_export]

@@ -35,7 +35,7 @@ type Views = Vec<(String, &'static str, CameraPose)>;
 ///     InputError: `mapped` or `queries` is too large.
 #[pyfunction]
 #[pyo3(signature = (folder, *, mapped=10, queries=3, seed=11))]
-pub(crate) fn render_place(
+pub(crate) fn render_room(
     py: Python<'_>,
     folder: PathBuf,
     mapped: usize,

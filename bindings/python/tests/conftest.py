@@ -118,7 +118,7 @@ class MappedScene:
 def rendered(tmp_path_factory):
     """A rendered room; it needs no data."""
     folder = tmp_path_factory.mktemp("rendered")
-    mapped, queries = veiloc.render_place(folder)
+    mapped, queries = veiloc.render_room(folder)
     names = lambda views: [view[0] for view in views]
     return MappedScene(folder, mapped + queries, names(mapped), names(queries), down=[0, 0, -1])
 

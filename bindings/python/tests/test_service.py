@@ -139,7 +139,7 @@ def test_refusals_have_status_and_name(rendered, service, client, tmp_path_facto
         client.localize("room", of_other)
     # An out-of-map image: another room.
     folder = tmp_path_factory.mktemp("out-of-map")
-    _, ((name, camera, _),) = veiloc.render_place(folder, mapped=0, queries=1, seed=77)
+    _, ((name, camera, _),) = veiloc.render_room(folder, mapped=0, queries=1, seed=77)
     out_of_map = veiloc.seal(folder / name, camera, client.profile("room"))
     with pytest.raises(veiloc.NotLocalizedError):
         client.localize("room", out_of_map)

@@ -38,7 +38,7 @@ export class Client {
     const token = options.token?.trim();
     if (token && !/^[\x21-\x7e]+$/.test(token)) throw new VeilocError("token", "a token has no spaces and only ASCII characters");
     this.#base = url.href.replace(/\/+$/, "");
-    this.#options = { retries: 4, longestPause: 20_000, timeout: 60_000, ...options, token };
+    this.#options = { retries: 4, maxRetryDelay: 20_000, timeout: 60_000, ...options, token };
   }
 
   /** The maps that the token gives access to. */
@@ -56,14 +56,14 @@ export class Client {
 
   /** Localizes a sealed query, given as its bytes or as the result of `device.sealed`. */
   async localize(map, query, options = {}) {
-    if (query.lopsided) throw new VeilocError("lopsided", query.lopsided);
+    if (query.unbalanced) throw new VeilocError("unbalanced", query.unbalanced);
     const bytes = query instanceof Uint8Array ? query : query.bytes;
     return this.#localize(map, bytes, options);
   }
 
   /** Localizes in steps, and stops at the first trusted pose (decision 0020). */
   async localizeProgressive(map, sealed, options = {}) {
-    if (sealed.lopsided) throw new VeilocError("lopsided", sealed.lopsided);
+    if (sealed.unbalanced) throw new VeilocError("unbalanced", sealed.unbalanced);
     const steps = [];
     let last;
     for (const rows of sealed.steps) {
@@ -109,7 +109,7 @@ export class Client {
   }
 
   async #fetch(url, request, signal) {
-    const { token, retries, longestPause, timeout } = this.#options;
+    const { token, retries, maxRetryDelay, timeout } = this.#options;
     const headers = { ...request.headers, ...(token && { authorization: `Bearer ${token}` }) };
     for (let tries = 0; ; tries += 1) {
       const limit = AbortSignal.timeout(timeout);
@@ -129,10 +129,10 @@ export class Client {
         failure = await refusal(reply);
       } catch (error) {
         if (signal?.aborted) throw signal.reason;
-        failure = new VeilocError("network", `the service cannot be reached: ${error.message}`, { maySendAgain: true });
+        failure = new VeilocError("network", `the service cannot be reached: ${error.message}`, { retryable: true });
       }
       const wait = failure.retryAfter !== undefined ? failure.retryAfter * 1000 : 500 * 2 ** tries;
-      if (!failure.maySendAgain || tries >= retries || wait > longestPause) throw failure;
+      if (!failure.retryable || tries >= retries || wait > maxRetryDelay) throw failure;
       await pause(wait, signal);
     }
   }
@@ -152,7 +152,7 @@ async function refusal(reply) {
   return new VeilocError(kind, message, {
     status,
     problem,
-    maySendAgain: RETRYABLE.has(status),
+    retryable: RETRYABLE.has(status),
     ...(Number.isFinite(seconds) && { retryAfter: seconds }),
   });
 }

@@ -21,7 +21,7 @@ export interface LoadOptions {
 }
 
 /** Orientation of the camera, as `orientationOf` returns it. */
-export interface Held {
+export interface Attitude {
   /** Rotation from a fixed world frame to the camera (x right, y down, z forward). */
   orientation: [number, number, number, number];
   /** Down direction in the camera frame. */
@@ -38,7 +38,7 @@ export interface SealOptions {
   /** The session that the image belongs to. */
   session?: Session;
   /** Orientation of the camera; used only in a session. */
-  held?: Held | null;
+  attitude?: Attitude | null;
 }
 
 /** Prepares to seal for the map of a profile: starts a worker with the WebAssembly module. */
@@ -54,7 +54,7 @@ export interface Device {
   /**
    * Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again.
    *
-   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `lopsided` (the query cannot determine a pose);
+   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `unbalanced` (the query cannot determine a pose);
    * in a session `too-many-starts` (without an orientation, another image of this scene would reveal too much) and `turned-away`
    * (the camera has turned away from the session's anchors).
    */
@@ -89,7 +89,7 @@ export interface Sealed {
   /** Rows of each step of a progressive query. */
   readonly steps: number[];
   /** Why the query cannot determine a pose and is not sent; `null` when it can. */
-  readonly lopsided: string | null;
+  readonly unbalanced: string | null;
   /** Number of frames in the session, and how often it chose new anchors; `null` without a session. */
   readonly frames: number | null;
   readonly starts: number | null;
@@ -98,9 +98,9 @@ export interface Sealed {
   /** The bytes of the first `rows` rows; `rows` is one of `steps`. */
   step(rows: number): Promise<Uint8Array>;
   /** The lines that the query holds and the keypoints that it hides; only for the screen of this device. */
-  show(): Promise<Shown>;
+  show(): Promise<QueryView>;
   /** Runs an attack of the audit on the query, in a worker of its own, so sealing does not wait. `signal` aborts it. */
-  attack(attack?: Attack, options?: { signal?: AbortSignal }): Promise<Attacked>;
+  attack(attack?: Attack, options?: { signal?: AbortSignal }): Promise<AttackResult>;
   /** Frees the query in the worker. */
   free(): Promise<void>;
 }
@@ -108,7 +108,7 @@ export interface Sealed {
 /** Attacks of the audit. All but `prior` get the true neighbours of each keypoint, which a query does not hold. */
 export type Attack = "prior" | "closed-form" | "closed-form-informed" | "graph";
 
-export interface Shown {
+export interface QueryView {
   /** The camera of the query, pixels. */
   width: number;
   height: number;
@@ -122,12 +122,12 @@ export interface Shown {
   hidden: Float32Array;
 }
 
-export interface Attacked {
+export interface AttackResult {
   attack: Attack;
   /** Description of the attack. */
   words: string;
   /** Whether the attack got the true neighbours. */
-  toldNeighbours: boolean;
+  trueNeighbours: boolean;
   width: number;
   height: number;
   count: number;
@@ -150,8 +150,8 @@ export interface ClientOptions {
   insecureHttp?: boolean;
   /** How many times to send the same bytes again; default 4. */
   retries?: number;
-  /** Longest `Retry-After` to wait for, milliseconds; default 20000. */
-  longestPause?: number;
+  /** Maximum `Retry-After` to wait for, milliseconds; default 20000. */
+  maxRetryDelay?: number;
   /** Timeout of each attempt, milliseconds; default 60000. */
   timeout?: number;
 }
@@ -215,7 +215,7 @@ export interface Answer {
 }
 
 /**
- * An error. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `lopsided`, `too-many-starts`, `turned-away`, `session`,
+ * An error. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `unbalanced`, `too-many-starts`, `turned-away`, `session`,
  * `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`,
  * `not-localized`, `wrong-profile`, `bad-answer` from the client.
  */
@@ -226,14 +226,14 @@ export class VeilocError extends Error {
   /** Seconds to wait before a retry. */
   retryAfter?: number;
   /** Whether the same bytes may be sent again. */
-  maySendAgain?: boolean;
+  retryable?: boolean;
 }
 
 /** Orientation of the camera from the angles of a `deviceorientation` event and the angle of the screen, degrees. */
 export function orientationOf(
   event: { alpha: number | null; beta: number | null; gamma: number | null },
   screenAngle?: number,
-): Required<Held> | null;
+): Required<Attitude> | null;
 
 /** Starts to read the motion sensors. Call it from a click handler: some browsers ask the user for permission. */
-export function watchOrientation(): Promise<{ now(): Required<Held> | null; stop(): void }>;
+export function watchOrientation(): Promise<{ now(): Required<Attitude> | null; stop(): void }>;

@@ -129,14 +129,14 @@ class Device {
   /** Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again. */
   async seal(image, camera = null, options = {}) {
     const sealed = await this.sealed(image, camera, options);
-    if (sealed.lopsided) throw new VeilocError("lopsided", sealed.lopsided);
+    if (sealed.unbalanced) throw new VeilocError("unbalanced", sealed.unbalanced);
     return sealed.bytes;
   }
 
   /** Seals an image and returns the query with its steps and counts. */
-  async sealed(image, camera = null, { session, held, ...options } = {}) {
+  async sealed(image, camera = null, { session, attitude, ...options } = {}) {
     const head = { op: "seal", profile: this.#profile, camera, ...options };
-    if (session) Object.assign(head, { session: session.handle }, held);
+    if (session) Object.assign(head, { session: session.handle }, attitude);
     const { head: reply, bytes } = await this.#connection.request("seal", ...(await sealArguments(head, image)));
     return new Sealed(this.#connection, this.#attacks, reply, bytes);
   }

@@ -50,7 +50,7 @@ export function drawLeaves(canvas, { width, height, segments, anchors }) {
 }
 
 /** Draws the keypoints that an attack recovers, and the true ones. */
-export function drawAttacked(canvas, { width, height, answers, truth }) {
+export function drawAttackResult(canvas, { width, height, answers, truth }) {
   const { context, pixel } = begin(canvas, width, height);
   const unit = pixel * (devicePixelRatio || 1);
   context.fillStyle = "#0d1014";

@@ -4,7 +4,7 @@
 // sent queries belong to one session, so that a keypoint seen again is sent with the same anchor.
 
 import { Client, VeilocError, load, watchOrientation } from "./index.js";
-import { clear, drawAttacked, drawLeaves, drawStays } from "./figures.js";
+import { clear, drawAttackResult, drawLeaves, drawStays } from "./figures.js";
 import { MapView } from "./map_view.js";
 
 const el = (id) => document.getElementById(id);
@@ -60,7 +60,7 @@ function showError(error) {
     "not-localized": "Position not found: this image shows too little of the map.",
     busy: "The service is busy. Try again in a moment.",
     token: "This service needs an access token. Enter it in the settings.",
-    lopsided: "Turn or move a little: one side of the image has too little detail.",
+    unbalanced: "Turn or move a little: one side of the image has too little detail.",
   };
   const known = error instanceof VeilocError;
   showStatus(messages[error.kind] ?? (known ? "This did not work." : "An unexpected error occurred."), "failed", error.message);
@@ -179,9 +179,9 @@ async function prepare(inSession) {
   const { width, height } = image;
   // The bitmap goes to the worker; a copy is drawn.
   const copy = await createImageBitmap(image);
-  const held = inSession && el("oriented").checked ? now.sensors?.now() : null;
+  const attitude = inSession && el("oriented").checked ? now.sensors?.now() : null;
   const session = inSession && sessions() ? now.session : undefined;
-  const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, held });
+  const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, attitude });
   return { image, width, height, sealed };
 }
 
@@ -199,7 +199,7 @@ async function draw({ image, width, height, sealed }) {
   drawLeaves(el("leaves"), shown);
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
-  el("leaves-text").textContent = `${what}, in a random order.${sealed.lopsided ? " It cannot be localized: one side of the image has too little detail." : ""}`;
+  el("leaves-text").textContent = `${what}, in a random order.${sealed.unbalanced ? " It cannot be localized: one side of the image has too little detail." : ""}`;
   // With a live camera a running attack is finished first, and images meanwhile are skipped; a chosen image is attacked at once.
   if (!attacking || now.source?.kind !== "camera") runAttack(sealed);
 }
@@ -223,13 +223,13 @@ async function runAttack(sealed) {
 }
 
 function showAttack(result, isShown) {
-  drawAttacked(el("attacked"), result);
+  drawAttackResult(el("attacked"), result);
   const px = (x) => (x === null ? "–" : `${number.format(x)} px`);
   const text =
     result.attack === "prior"
       ? `Median error ${px(result.medianPx)}, from each line alone.`
       : `Median error ${px(result.medianPx)}; from each line alone: ${px(result.guessMedianPx)}.`;
-  const neighbours = result.toldNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
+  const neighbours = result.trueNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
   el("attack-text").textContent = `${text} ${neighbours} ${isShown ? "" : "For an earlier image."}`;
   el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: recovered keypoints.`);
 }

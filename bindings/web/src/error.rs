@@ -74,7 +74,7 @@ impl WebError {
             Self::Seal(SealError::TooManyStarts { .. }) => "too-many-starts",
             Self::Seal(SealError::TurnedAway { .. }) => "turned-away",
             Self::Seal(_) => "seal",
-            Self::UnbalancedAnchors(_) => "lopsided",
+            Self::UnbalancedAnchors(_) => "unbalanced",
             Self::Query(_) => "query",
             Self::Attack(_) => "attack",
         }

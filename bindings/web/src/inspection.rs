@@ -55,7 +55,7 @@ struct ExhibitReply {
 struct AttackReply {
     attack: &'static str,
     words: &'static str,
-    told_neighbours: bool,
+    true_neighbours: bool,
     width: u32,
     height: u32,
     /// `[R, 2]` floats of recovered keypoints, then `[R, 2]` of true keypoints.
@@ -133,7 +133,7 @@ fn read_exhibit(query_bytes: usize, bytes: &[u8]) -> Result<(SealedQuery, Vec<Op
 /// exhibit; [`WebError::Attack`].
 pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>, WebError> {
     let known = ATTACKS.iter().find(|attack| attack.0 == name);
-    let (attack, words, told_neighbours) = *known.ok_or_else(|| {
+    let (attack, words, true_neighbours) = *known.ok_or_else(|| {
         let names = ATTACKS.map(|attack| attack.0).join(", ");
         WebError::Option {
             name: "attack",
@@ -172,7 +172,7 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
     let reply = AttackReply {
         attack,
         words,
-        told_neighbours,
+        true_neighbours,
         width,
         height,
         count: truth.len(),

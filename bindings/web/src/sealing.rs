@@ -43,7 +43,7 @@ struct SealReply {
     /// Rows of each step that can determine a pose.
     steps: Vec<usize>,
     /// Why the query cannot determine a pose, and so must not be sent.
-    lopsided: Option<String>,
+    unbalanced: Option<String>,
     frames: Option<u32>,
     starts: Option<u32>,
 }
@@ -103,7 +103,7 @@ impl StoredQuery {
             camera: [f64::from(camera.width), f64::from(camera.height), camera.mean_focal()],
             focal: self.query.focal_known().name(),
             steps: self.query.step_sizes().filter(can_fix).map(SizeClass::rows).collect(),
-            lopsided: self.query.check_sides().err().map(|lopsided| lopsided.to_string()),
+            unbalanced: self.query.check_sides().err().map(|unbalanced| unbalanced.to_string()),
             frames: self.session.map(|session| session.0),
             starts: self.session.map(|session| session.1),
         };

@@ -5,7 +5,7 @@
 - The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client` for a service.
 - The server: `Map`; `prepare` and `veiloc.ray` to build a map on several machines.
 - Privacy attacks: `attack`, `audit`.
-- `render_place`: a synthetic scene for experiments.
+- `render_room`: a synthetic scene for experiments.
 - `veiloc.hloc`: the last step of hloc, with lines instead of points.
 
 Pixels are COLMAP's: the centre of the first pixel is (0.5, 0.5). Poses are world to camera. All errors are `veiloc.Error`.
@@ -36,7 +36,7 @@ from veiloc._native import (
     p6lp,
     p6lp_dual_radial,
     prepare,
-    render_place,
+    render_room,
     seal,
     u4lp,
     undistort,
@@ -92,7 +92,7 @@ __all__ = [
     "p6lp",
     "p6lp_dual_radial",
     "prepare",
-    "render_place",
+    "render_room",
     "seal",
     "u4lp",
     "undistort",

@@ -951,7 +951,7 @@ def audit(
     Raises:
         ImageError, InputError, Error: as for `attack`.
     """
-def render_place(
+def render_room(
     folder: Path, *, mapped: int = 10, queries: int = 3, seed: int = 11
 ) -> tuple[list[tuple[str, str, CameraPose]], list[tuple[str, str, CameraPose]]]:
     """Renders images of a synthetic room into a folder.

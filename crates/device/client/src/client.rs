@@ -96,8 +96,8 @@ impl Client {
     /// Frames that cannot determine a pose alone are allowed beside one that can.
     ///
     /// # Errors
-    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::UnbalancedAnchors`] when no query could determine a pose
-    /// alone; otherwise as [`Self::localize`].
+    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::UnbalancedAnchors`] when no query could
+    /// determine a pose alone; otherwise as [`Self::localize`].
     pub fn localize_rig(
         &self,
         map: &str,

@@ -2,8 +2,9 @@
 //!
 //! Descriptors are sent without change, so a server can match them. Each match gives the position of a keypoint in a
 //! map image; in a map image from a nearby viewpoint this is nearly its position in the query. The transferred
-//! position, projected on the segment, is an attack by itself ([`TransferredPositions::projected`]), and keypoints near each
-//! other in the map image are predicted neighbours ([`TransferredPositions::neighbours`]) for attacks that need them.
+//! position, projected on the segment, is an attack by itself ([`TransferredPositions::projected`]), and keypoints near
+//! each other in the map image are predicted neighbours ([`TransferredPositions::neighbours`]) for attacks that need
+//! them.
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;

@@ -7,8 +7,8 @@
 //!   a data set are in one file.
 //! - [`nvm`]: VisualSFM's models, which two of the data sets contain.
 //!
-//! A reader returns a [`DatasetScene`]: images with cameras and poses, split into map images and queries. Errors name what
-//! is missing and where to get it. Readers use lists and image sizes, never pixels.
+//! A reader returns a [`DatasetScene`]: images with cameras and poses, split into map images and queries. Errors name
+//! what is missing and where to get it. Readers use lists and image sizes, never pixels.
 #![forbid(unsafe_code)]
 
 pub mod aachen;

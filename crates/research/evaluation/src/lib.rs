@@ -1,7 +1,7 @@
 //! Evaluation of localization: scenes with known poses, and negative queries.
 //!
-//! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with [`NegativeQueryImages`]:
-//!   also on queries of another scene).
+//! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with
+//!   [`NegativeQueryImages`]: also on queries of another scene).
 //! - [`drawn_queries`]: data for a report's drawings of single queries that no document holds.
 //! - [`stress`]: the same scene with queries that are dark, blurred, occluded or small, with few keypoints, or a
 //!   sparse map.

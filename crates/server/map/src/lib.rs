@@ -7,7 +7,8 @@
 //! - [`MapModel`]: a map as an owned value, which mapping builds and changes.
 //! - [`MapFile`]: a map in a validated file, from which queries are served; [`write()`] writes one, and [`MapLock`]
 //!   is needed to modify one.
-//! - [`SelfTest`]: how well a map localizes its own images, and the [`CovarianceCalibration`] of covariances that follows.
+//! - [`SelfTest`]: how well a map localizes its own images, and the [`CovarianceCalibration`] of covariances that
+//!   follows.
 //! - [`GravityDirection`]: the direction of gravity in the map, if known.
 //! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.

@@ -92,7 +92,8 @@ async fn serve_router(
 ) {
     let connections =
         Connections::new(ConnectionLimits { total: CONNECTIONS, per_address: CONNECTIONS, reserved: 0 });
-    let connection_timeouts = ConnectionTimeouts { unknown_life: LIFE, life: LIFE, ..connection_timeouts };
+    let connection_timeouts =
+        ConnectionTimeouts { unauthenticated_max_age: LIFE, max_age: LIFE, ..connection_timeouts };
     let ending = watch::Sender::new(false);
     loop {
         let accepted = tokio::select! {

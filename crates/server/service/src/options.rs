@@ -49,9 +49,9 @@ pub struct Timeouts {
     pub write: Duration,
     /// Lifetime of an unauthenticated connection; of any connection if no tokens are required. Requests in flight are
     /// finished.
-    pub unknown_life: Duration,
+    pub unauthenticated_max_age: Duration,
     /// Lifetime of any connection.
-    pub life: Duration,
+    pub max_age: Duration,
     /// After a stop request the service reports it (`/readyz`, `connection: close`) for this long before it closes
     /// its listeners, so that load balancers can redirect clients.
     pub drain: Duration,
@@ -68,8 +68,8 @@ impl Default for Timeouts {
             body: Duration::from_secs(15),
             localize: Duration::from_secs(30),
             write: Duration::from_secs(15),
-            unknown_life: Duration::from_secs(60),
-            life: Duration::from_secs(600),
+            unauthenticated_max_age: Duration::from_secs(60),
+            max_age: Duration::from_secs(600),
             drain: Duration::ZERO,
             grace: Duration::from_secs(30),
         }
@@ -79,8 +79,8 @@ impl Default for Timeouts {
 impl Timeouts {
     /// The limits that apply to connections.
     pub(crate) fn connection_timeouts(&self) -> ConnectionTimeouts {
-        let Self { head, write, unknown_life, life, .. } = *self;
-        ConnectionTimeouts { head, write, unknown_life, life }
+        let Self { head, write, unauthenticated_max_age, max_age, .. } = *self;
+        ConnectionTimeouts { head, write, unauthenticated_max_age, max_age }
     }
 }
 
@@ -112,7 +112,7 @@ pub struct ServerOptions {
     pub tokens: Option<PathBuf>,
     /// How long the last valid tokens stay in force when the file of tokens is missing, empty or invalid; after that
     /// every query is refused.
-    pub stale_tokens: Duration,
+    pub tokens_max_stale: Duration,
     /// Allows queries without tokens beyond loopback.
     pub allow_anonymous: bool,
     /// Rate limit of each token; without tokens, of all requests together.
@@ -167,7 +167,7 @@ impl ServerOptions {
             insecure_http: false,
             cors: Vec::new(),
             tokens: None,
-            stale_tokens: Duration::from_secs(300),
+            tokens_max_stale: Duration::from_secs(300),
             allow_anonymous: false,
             rate: RateLimit { per_second: DEFAULT_RATE, burst: DEFAULT_RATE },
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),

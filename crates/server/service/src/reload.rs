@@ -25,7 +25,7 @@ impl App {
                 }
                 TokensCheck::Invalid(error) => {
                     self.metrics.reload("tokens", "", false);
-                    let seconds = self.options.stale_tokens.as_secs();
+                    let seconds = self.options.tokens_max_stale.as_secs();
                     tracing::error!(%error, "tokens refused; the last valid ones stay in force for {seconds} s");
                 }
                 TokensCheck::Expired(error) => {

@@ -309,7 +309,7 @@ fn admit(app: &App, from: Option<IpAddr>) -> Option<Slot> {
     match app.connections.admit(from) {
         Admission::Admitted(slot) => Some(slot),
         Admission::AdmittedByEviction(slot) => {
-            app.metrics.connection_closed("displaced");
+            app.metrics.connection_closed("evicted");
             Some(slot)
         }
         Admission::Rejected => {

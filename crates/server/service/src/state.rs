@@ -56,7 +56,7 @@ impl App {
         let (tokens, callers) = match &options.tokens {
             Some(path) => {
                 let (file, callers) =
-                    TokensFile::open(path, options.rate, &options.clock, options.stale_tokens)?;
+                    TokensFile::open(path, options.rate, &options.clock, options.tokens_max_stale)?;
                 (Some(file), callers)
             }
             None => (None, Arc::new(Callers::unrestricted(options.rate, &options.clock))),

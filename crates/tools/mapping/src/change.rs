@@ -100,9 +100,9 @@ pub enum VocabularyUpdate {
 /// bit-identical.
 ///
 /// Remaining traces of the images: with [`VocabularyUpdate::Keep`] their share in the words of the vocabulary, with
-/// [`VocabularyUpdate::Retrain`] no share in any descriptor. In both cases the refinement of other images' points starts from
-/// their old positions, their keypoints remain merged even if matches with a removed image merged them, and the old
-/// file may survive in copies and backups.
+/// [`VocabularyUpdate::Retrain`] no share in any descriptor. In both cases the refinement of other images' points
+/// starts from their old positions, their keypoints remain merged even if matches with a removed image merged them, and
+/// the old file may survive in copies and backups.
 ///
 /// # Errors
 /// [`MappingError`]: an empty list, a duplicate name, names that are not in the map, or no image left to train the

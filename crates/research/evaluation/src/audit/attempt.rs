@@ -23,8 +23,8 @@ pub struct AttackInput<'a> {
     pub size: (u32, u32),
     /// Density of keypoints in the other images of the scene.
     pub density: &'a Density,
-    /// Positions and neighbours from map images; `None` unless the attack's [`AttackRequirements`](crate::audit::AttackRequirements) require
-    /// them.
+    /// Positions and neighbours from map images; `None` unless the attack's
+    /// [`AttackRequirements`](crate::audit::AttackRequirements) require them.
     pub transferred: Option<&'a TransferredPositions>,
     /// All images of the scene with descriptors; empty unless the attack's needs require them.
     pub images: &'a [KnownImage],

@@ -18,7 +18,7 @@ use veiloc_protocol::Scheme;
 #[derive(Debug, Clone, Default)]
 pub struct RealisticAttackOptions {
     /// Keypoint files of other scenes: training data of the statistic of descriptor co-occurrence.
-    pub elsewhere: Vec<PathBuf>,
+    pub train: Vec<PathBuf>,
     /// Descriptions of position networks, at most one per scheme.
     pub positions: Vec<PathBuf>,
     /// Images of the scene with keypoints, as a server has them in its map.
@@ -111,8 +111,8 @@ pub(super) fn attack(
 
     let mut runs =
         vec![run("Attacking with true neighbours", &WITH_ORACLE, NeighbourSource::Oracle, &[], &[])?];
-    if !realistic.elsewhere.is_empty() {
-        let learned = NeighbourSource::Predicted { train: realistic.elsewhere.clone() };
+    if !realistic.train.is_empty() {
+        let learned = NeighbourSource::Predicted { train: realistic.train.clone() };
         runs.push(run("Attacking with a statistic", &WITH_STATISTIC, learned, &[], &[])?);
     }
     if !realistic.positions.is_empty() {

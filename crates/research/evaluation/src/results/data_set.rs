@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// The document. Its `schemes` and `queries` are those of [`EvaluationDocument`](crate::results::EvaluationDocument), each with its
-/// scene.
+/// The document. Its `schemes` and `queries` are those of [`EvaluationDocument`](crate::results::EvaluationDocument),
+/// each with its scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct DataSetEvaluation {
     /// Version of this document; a field is never removed or given another meaning under the same number.

@@ -20,7 +20,7 @@ pub struct RetrievalEvaluation {
     /// The query images.
     pub queries: Vec<PathBuf>,
     /// Images of other scenes, added to the images of the map.
-    pub others: Vec<PathBuf>,
+    pub distractors: Vec<PathBuf>,
     /// Database sizes, in the order of the table. If smaller than the map, its first images are used.
     pub sizes: Vec<usize>,
     /// Number of retrieved images.
@@ -93,10 +93,10 @@ pub fn evaluate_retrieval(
     if queries.is_empty() {
         return Err(nothing());
     }
-    let others = globals("Describing other images", &evaluation.others)?;
+    let distractors = globals("Describing other images", &evaluation.distractors)?;
     let mut all: Vec<i8> =
         (0..map.image_count()).flat_map(|image| map.image(image).global()).copied().collect();
-    all.extend(others.iter().flat_map(GlobalDescriptor::as_codes));
+    all.extend(distractors.iter().flat_map(GlobalDescriptor::as_codes));
     let real = all.len() / codes;
     if largest > real {
         progress.start("Generating descriptors", 1);

@@ -40,7 +40,7 @@ pub struct RigEvaluation {
     /// Standard deviation of the odometry's translation along each axis per step, map units.
     pub translation_sd: f64,
     /// Images farther apart than this belong to different trajectories, map units.
-    pub reach: f64,
+    pub max_distance: f64,
     /// Condition of all queries.
     pub stress: StressCondition,
 }
@@ -54,7 +54,7 @@ impl RigEvaluation {
         for (what, value) in [
             ("the rotation noise", self.rotation_sd_deg),
             ("the translation noise", self.translation_sd),
-            ("the reach", self.reach),
+            ("the maximum distance", self.max_distance),
         ] {
             if !(value.is_finite() && value >= 0.0) {
                 return refuse(format!("{what} is {value}; it must not be below 0"));
@@ -84,13 +84,14 @@ pub fn evaluate_rig(
     )?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
-    let newest: Vec<usize> =
-        (0..queries.len()).filter(|&i| sequence_of(&poses, i, longest, evaluation.reach).is_some()).collect();
+    let newest: Vec<usize> = (0..queries.len())
+        .filter(|&i| sequence_of(&poses, i, longest, evaluation.max_distance).is_some())
+        .collect();
     if newest.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no {longest} queries of the list follow each other within {} map units; list them in the order in which \
              they were taken, or use shorter sequences",
-            evaluation.reach
+            evaluation.max_distance
         )));
     }
     let names = match evaluation.stress {
@@ -121,7 +122,7 @@ pub fn evaluate_rig(
             .collect();
         for &frames in &evaluation.frames {
             let row = newest.iter().map(|&i| {
-                let images = sequence_of(&poses, i, frames, evaluation.reach).unwrap_or_default();
+                let images = sequence_of(&poses, i, frames, evaluation.max_distance).unwrap_or_default();
                 let result = localize_sequence(evaluation, map, &queries, &sealed, &images, *scheme);
                 progress.advance(1);
                 result

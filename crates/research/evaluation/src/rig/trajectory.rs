@@ -15,10 +15,15 @@ pub(super) struct OdometryStep {
 
 /// The images of the sequence that ends with image `newest`, oldest first: `count` consecutive images of its
 /// trajectory, those before it or, if they are too few, those after it, as if the trajectory were reversed. A
-/// trajectory is a run of the list whose neighbours are at most `reach` apart. `None` if the trajectory has too few
-/// images on both sides.
-pub fn sequence_of(poses: &[CameraFromWorld], newest: usize, count: usize, reach: f64) -> Option<Vec<usize>> {
-    let near = |a: usize, b: usize| poses[a].translation_error(&poses[b]) <= reach;
+/// trajectory is a run of the list whose neighbours are at most `max_distance` apart. `None` if the trajectory has too
+/// few images on both sides.
+pub fn sequence_of(
+    poses: &[CameraFromWorld],
+    newest: usize,
+    count: usize,
+    max_distance: f64,
+) -> Option<Vec<usize>> {
+    let near = |a: usize, b: usize| poses[a].translation_error(&poses[b]) <= max_distance;
     let before = (0..newest).rev().take_while(|&i| near(i, i + 1));
     let after = (newest + 1..poses.len()).take_while(|&i| near(i - 1, i));
     let row = |others: &mut dyn Iterator<Item = usize>| {

@@ -150,7 +150,7 @@ impl StressDocument {
             command: "eval stress",
             data,
             seed: evaluation.seed,
-            wrong_beyond: evaluation.wrong_beyond.to_string(),
+            wrong_beyond: evaluation.wrong_threshold.to_string(),
             rows: Vec::new(),
             queries: Vec::new(),
             map: MapSummary { images: 0, points: 0, bytes: 0, build_seconds: 0.0, regions: None },
@@ -220,7 +220,7 @@ impl StressRow {
         let first = queries.first()?;
         let errors: Vec<PoseErrors> = queries.iter().map(|q| q.error.pose_error()).collect();
         let figures = TruthSummary::of(&errors, &evaluation.thresholds);
-        let is_right = |e: &PoseErrors| e.within(&evaluation.wrong_beyond);
+        let is_right = |e: &PoseErrors| e.within(&evaluation.wrong_threshold);
         let count = |state| queries.iter().filter(|q| q.state == state).count();
         let of_truth = |which: fn(&TruthStartErrors) -> &ErrorDocument| {
             let errors: Option<Vec<PoseErrors>> =

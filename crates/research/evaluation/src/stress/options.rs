@@ -36,7 +36,7 @@ pub struct StressEvaluation {
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
     /// A pose beyond either bound is wrong, and must not be trusted.
-    pub wrong_beyond: Threshold,
+    pub wrong_threshold: Threshold,
     /// Localization.
     pub localize: LocalizeOptions,
     /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
@@ -64,7 +64,7 @@ impl StressEvaluation {
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
             stresses: StressCondition::DEFAULT.to_vec(),
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
-            wrong_beyond: coarse,
+            wrong_threshold: coarse,
             localize: LocalizeOptions::default(),
             gravity_sd_deg: None,
             from_truth: false,

@@ -102,17 +102,17 @@
     listen(find) {
       const again = () => this.draw();
       const canvas = this.canvas;
-      const held = new Map();
+      const pointers = new Map();
       let pinch = 0, moved = 0;
-      canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); held.set(e.pointerId, [e.clientX, e.clientY]); moved = 0; pinch = 0; canvas.focus({ preventScroll: true }); });
+      canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); moved = 0; pinch = 0; canvas.focus({ preventScroll: true }); });
       canvas.addEventListener("pointermove", (e) => {
-        const last = held.get(e.pointerId);
+        const last = pointers.get(e.pointerId);
         if (!last) return;
         const [dx, dy] = [e.clientX - last[0], e.clientY - last[1]];
-        held.set(e.pointerId, [e.clientX, e.clientY]);
+        pointers.set(e.pointerId, [e.clientX, e.clientY]);
         moved += Math.abs(dx) + Math.abs(dy);
-        if (held.size === 2) {
-          const [a, b] = [...held.values()], apart = Math.hypot(a[0] - b[0], a[1] - b[1]);
+        if (pointers.size === 2) {
+          const [a, b] = [...pointers.values()], apart = Math.hypot(a[0] - b[0], a[1] - b[1]);
           if (pinch > 0) this.zoom(pinch / apart);
           pinch = apart;
           this.pan(dx / 2, dy / 2);
@@ -120,7 +120,7 @@
         else this.turn(-dx * 0.008, dy * 0.008);
         again();
       });
-      const free = (e) => { if (held.delete(e.pointerId) && e.type === "pointerup" && moved < 5) this.pick(e); };
+      const free = (e) => { if (pointers.delete(e.pointerId) && e.type === "pointerup" && moved < 5) this.pick(e); };
       canvas.addEventListener("pointerup", free);
       canvas.addEventListener("pointercancel", free);
       canvas.addEventListener("contextmenu", (e) => e.preventDefault());

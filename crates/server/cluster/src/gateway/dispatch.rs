@@ -70,7 +70,7 @@ impl Dispatcher<'_> {
                 Some(end) = in_flight.next(), if !in_flight.is_empty() => match end {
                     Ok(outcome) => {
                         // The remaining messages are dropped with the request, which cancels them.
-                        (0..in_flight.len()).for_each(|_| self.counts.message("not-needed"));
+                        (0..in_flight.len()).for_each(|_| self.counts.message("superseded"));
                         return Ok(outcome);
                     }
                     Err(failed) => {
@@ -105,20 +105,20 @@ impl Dispatcher<'_> {
     fn record_failure(&self, failed: MessageFailure) -> LocalizeFailure {
         let (end, why) = match failed {
             MessageFailure::NoResponders => {
-                ("nobody", LocalizeFailure::Unreached { retry_after: RETRY_AFTER })
+                ("no-subscriber", LocalizeFailure::Unreached { retry_after: RETRY_AFTER })
             }
             MessageFailure::Rejected(RejectReason::Busy { retry_after }) => {
-                ("turned-away", LocalizeFailure::Busy { retry_after })
+                ("rejected", LocalizeFailure::Busy { retry_after })
             }
             // The member that works on the request has received its own message.
-            MessageFailure::Rejected(RejectReason::InProgress) => ("turned-away", LocalizeFailure::TimedOut),
-            MessageFailure::Rejected(RejectReason::Broken) => ("turned-away", LocalizeFailure::Broken),
+            MessageFailure::Rejected(RejectReason::InProgress) => ("rejected", LocalizeFailure::TimedOut),
+            MessageFailure::Rejected(RejectReason::Broken) => ("rejected", LocalizeFailure::Broken),
             MessageFailure::Rejected(
                 RejectReason::Leaving | RejectReason::NotHeld | RejectReason::Undecodable,
-            ) => ("turned-away", LocalizeFailure::Unreached { retry_after: RETRY_AFTER }),
+            ) => ("rejected", LocalizeFailure::Unreached { retry_after: RETRY_AFTER }),
             MessageFailure::NoReply => ("no-reply", LocalizeFailure::TimedOut),
             MessageFailure::BadReply => {
-                ("bad-reply", LocalizeFailure::Unreached { retry_after: RETRY_AFTER })
+                ("invalid-reply", LocalizeFailure::Unreached { retry_after: RETRY_AFTER })
             }
             MessageFailure::Closed => ("no-reply", LocalizeFailure::Unreached { retry_after: RETRY_AFTER }),
         };

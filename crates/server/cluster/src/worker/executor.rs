@@ -80,11 +80,11 @@ impl Executor {
     pub(crate) fn count_reply(&self, outcome: &ReplyOutcome) {
         self.counts.reply(match outcome {
             ReplyOutcome::Here | ReplyOutcome::Regions(_) | ReplyOutcome::Pose(_) => "answered",
-            ReplyOutcome::Failed(_) => "unanswered",
+            ReplyOutcome::Failed(_) => "no-pose",
             ReplyOutcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
-            ReplyOutcome::Rejected(RejectReason::InProgress) => "twin",
-            ReplyOutcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "unread",
-            ReplyOutcome::Rejected(RejectReason::Broken) => "broken",
+            ReplyOutcome::Rejected(RejectReason::InProgress) => "duplicate",
+            ReplyOutcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "rejected",
+            ReplyOutcome::Rejected(RejectReason::Broken) => "internal-error",
         });
     }
 
@@ -198,7 +198,7 @@ impl Drop for CancelOnDrop<'_> {
     fn drop(&mut self) {
         self.stop.set();
         if !self.ended {
-            self.counts.cancelled(if self.begun.load(Ordering::Relaxed) { "working" } else { "waiting" });
+            self.counts.cancelled(if self.begun.load(Ordering::Relaxed) { "running" } else { "queued" });
         }
     }
 }

@@ -6,7 +6,8 @@
 //!                              └─ index: globals, who is where ┴─ manifest: names them all by SHA-256
 //! ```
 //! - [`cut()`]: assigns images to regions. Every image is in the core of exactly one region; regions overlap.
-//! - [`FolderWriter`], [`RegionFolder`]: a folder of `manifest.json` and `objects/<sha256>`, as `veiloc map split` writes it.
+//! - [`FolderWriter`], [`RegionFolder`]: a folder of `manifest.json` and `objects/<sha256>`, as `veiloc map split`
+//!   writes it.
 //! - [`Manifest`]: the parts of a cut map. Its id is the SHA-256 of its bytes, and every object is named by its
 //!   SHA-256.
 //! - [`RegionIndex`]: global descriptors of all images, and the regions of each image, for selecting regions.

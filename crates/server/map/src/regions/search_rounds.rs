@@ -11,9 +11,9 @@ const BESIDE: f64 = 0.75;
 /// total.
 ///
 /// `ranked`: regions with their number of retrieved images, best first, from
-/// [`RegionIndex::rank`](crate::regions::RegionIndex::rank). A region with nearly as many as the best one may be the right one as
-/// well. A region with fewer is mostly a neighbour, whose images are also in the overlap of the best one: searching
-/// it at once would usually waste a localization.
+/// [`RegionIndex::rank`](crate::regions::RegionIndex::rank). A region with nearly as many as the best one may be the
+/// right one as well. A region with fewer is mostly a neighbour, whose images are also in the overlap of the best one:
+/// searching it at once would usually waste a localization.
 pub fn search_rounds(ranked: impl IntoIterator<Item = (usize, usize)>, most: usize) -> Vec<Vec<usize>> {
     let selected: Vec<(usize, usize)> = ranked.into_iter().take(most).collect();
     let threshold = selected.first().map_or(0.0, |(_, held)| *held as f64 * BESIDE);

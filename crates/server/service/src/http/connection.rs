@@ -35,9 +35,9 @@ pub struct ConnectionTimeouts {
     /// Longest stall while the client reads a response.
     pub write: Duration,
     /// Lifetime while unauthenticated.
-    pub unknown_life: Duration,
+    pub unauthenticated_max_age: Duration,
     /// Lifetime.
-    pub life: Duration,
+    pub max_age: Duration,
 }
 
 /// Serves one connection until the client disconnects or is too slow, the lifetime ends, the connection is evicted,
@@ -119,9 +119,9 @@ type Fault = Box<dyn std::error::Error + Send + Sync>;
 
 /// Returns when the lifetime of the connection is over.
 async fn life(connection: &Connection, connection_timeouts: ConnectionTimeouts) {
-    let first = connection_timeouts.unknown_life.min(connection_timeouts.life);
+    let first = connection_timeouts.unauthenticated_max_age.min(connection_timeouts.max_age);
     tokio::time::sleep(first).await;
     if connection.is_authenticated() {
-        tokio::time::sleep(connection_timeouts.life.saturating_sub(first)).await;
+        tokio::time::sleep(connection_timeouts.max_age.saturating_sub(first)).await;
     }
 }

@@ -22,16 +22,16 @@ const SECONDS: [f64; 15] =
 
 /// Outcomes of a message to a worker, as the gateway sees them.
 const MESSAGE_OUTCOMES: [&str; 6] =
-    ["answered", "nobody", "turned-away", "no-reply", "bad-reply", "not-needed"];
+    ["answered", "no-subscriber", "rejected", "no-reply", "invalid-reply", "superseded"];
 
 /// Kinds of requests to a worker.
 const REQUEST_KINDS: [&str; 3] = ["ping", "search", "pose"];
 
 /// Outcomes of a request, as the worker sees them.
-const REPLY_OUTCOMES: [&str; 6] = ["answered", "unanswered", "busy", "twin", "unread", "broken"];
+const REPLY_OUTCOMES: [&str; 6] = ["answered", "no-pose", "busy", "duplicate", "rejected", "internal-error"];
 
 /// State of a request when it was cancelled.
-const CANCEL_STAGES: [&str; 2] = ["waiting", "working"];
+const CANCEL_STAGES: [&str; 2] = ["queued", "running"];
 
 /// Metrics of a gateway; clones share the values.
 #[derive(Clone)]
@@ -55,7 +55,7 @@ impl Default for GatewayCounts {
             all_reachable: Gauge::default(),
         };
         for end in MESSAGE_OUTCOMES {
-            drop(counts.messages.get_or_create(&vec![("end", end)]));
+            drop(counts.messages.get_or_create(&vec![("outcome", end)]));
         }
         counts
     }
@@ -64,7 +64,7 @@ impl Default for GatewayCounts {
 impl GatewayCounts {
     /// Counts a message to a worker by its outcome.
     pub fn message(&self, end: &'static str) {
-        self.messages.get_or_create(&vec![("end", end)]).inc();
+        self.messages.get_or_create(&vec![("outcome", end)]).inc();
     }
 
     /// Counts a hedged request: the same bytes were sent again before the first answer.
@@ -101,14 +101,14 @@ impl GatewayCounts {
             self.hedges.clone(),
         );
         registry.register(
-            "road_seconds",
+            "round_trip_seconds",
             "Round trip to a worker without queue and work",
             self.round_trips.clone(),
         );
         registry.register("regions", "Regions in which a query was searched", self.regions.clone());
         registry.register("manifests", "Activated manifests", self.manifests.clone());
         registry.register(
-            "whole",
+            "complete",
             "1 when all regions of all maps are reachable",
             self.all_reachable.clone(),
         );
@@ -164,7 +164,7 @@ impl WorkerCounts {
         gauge(registry, "queue_capacity", "Requests that may wait for a thread", queue);
         let queued = gauge(registry, "queue_length", "Requests waiting for a thread", 0);
         let busy = gauge(registry, "workers_busy", "Threads localizing at the moment", 0);
-        let held = gauge(registry, "objects_held", "Regions and indexes in memory", 0);
+        let held = gauge(registry, "objects_loaded", "Regions and indexes in memory", 0);
         let ready = gauge(registry, "ready", "1 while the worker is ready, as /readyz says", 0);
         let failing = gauge(
             registry,
@@ -184,10 +184,12 @@ impl WorkerCounts {
             registry.register(name, help, family.clone());
             family
         };
-        let requests = family(registry, "asked", "Requests of gateways, by kind", "wanted", &REQUEST_KINDS);
-        let replies = family(registry, "said", "Replies to gateways, by outcome", "said", &REPLY_OUTCOMES);
+        let requests =
+            family(registry, "worker_requests", "Requests of gateways, by kind", "kind", &REQUEST_KINDS);
+        let replies =
+            family(registry, "worker_replies", "Replies to gateways, by outcome", "outcome", &REPLY_OUTCOMES);
         let help = "Cancelled requests, by state";
-        let cancelled = family(registry, "cancelled", help, "when", &CANCEL_STAGES);
+        let cancelled = family(registry, "worker_cancellations", help, "state", &CANCEL_STAGES);
         let busy_seconds: Counter<f64, AtomicU64> = Counter::default();
         registry.register("busy_seconds", "Total busy time of the threads", busy_seconds.clone());
         let now = [queued, busy, held, ready];
@@ -196,17 +198,17 @@ impl WorkerCounts {
 
     /// Counts a request by its kind.
     pub fn request(&self, kind: &'static str) {
-        self.requests.get_or_create(&vec![("wanted", kind)]).inc();
+        self.requests.get_or_create(&vec![("kind", kind)]).inc();
     }
 
     /// Counts a reply by its outcome.
     pub fn reply(&self, outcome: &'static str) {
-        self.replies.get_or_create(&vec![("said", outcome)]).inc();
+        self.replies.get_or_create(&vec![("outcome", outcome)]).inc();
     }
 
-    /// Counts a cancelled request by its state: `waiting` in the queue, or `working`.
-    pub fn cancelled(&self, when: &'static str) {
-        self.cancelled.get_or_create(&vec![("when", when)]).inc();
+    /// Counts a cancelled request by its state: `queued` or `running`.
+    pub fn cancelled(&self, state: &'static str) {
+        self.cancelled.get_or_create(&vec![("state", state)]).inc();
     }
 
     /// Adds the busy time of a thread.
@@ -251,23 +253,23 @@ mod tests {
         let text = worker.text(&WorkerGauges { held: 3, ready: true, ..WorkerGauges::default() });
         for line in [
             "veiloc_workers 2\n",
-            "veiloc_objects_held 3\n",
+            "veiloc_objects_loaded 3\n",
             "veiloc_ready 1\n",
             "veiloc_busy_seconds_total 1.5\n",
-            "veiloc_said_total{said=\"busy\"} 1\n",
-            "veiloc_asked_total{wanted=\"pose\"} 0\n",
-            "veiloc_cancelled_total{when=\"waiting\"} 0\n",
+            "veiloc_worker_replies_total{outcome=\"busy\"} 1\n",
+            "veiloc_worker_requests_total{kind=\"pose\"} 0\n",
+            "veiloc_worker_cancellations_total{state=\"queued\"} 0\n",
         ] {
             assert!(text.contains(line), "{line} in\n{text}");
         }
         let gateway = GatewayCounts::default();
         let metrics = Metrics::new(&MetricsOptions { gateway: Some(&gateway), ..MetricsOptions::default() });
-        gateway.message("nobody");
+        gateway.message("no-subscriber");
         gateway.hedged();
         let text = metrics.text(&crate::telemetry::GaugeValues::default());
         for line in [
-            "veiloc_cluster_messages_total{end=\"nobody\"} 1\n",
-            "veiloc_cluster_messages_total{end=\"answered\"} 0\n",
+            "veiloc_cluster_messages_total{outcome=\"no-subscriber\"} 1\n",
+            "veiloc_cluster_messages_total{outcome=\"answered\"} 0\n",
             "veiloc_cluster_hedges_total 1\n",
         ] {
             assert!(text.contains(line), "{line} in\n{text}");

@@ -225,7 +225,7 @@ impl Metrics {
         let connections_closed = counter(
             registry,
             "connections_closed",
-            "Connections closed by the limits: displaced (evicted for a new one), or refused because all were busy",
+            "Connections closed by the limits: evicted (for a new one), or refused because all were busy",
         );
         let faults = counter(
             registry,
@@ -272,7 +272,7 @@ impl Metrics {
         for stage in STAGES {
             drop(self.stages.get_or_create(&vec![("stage", Cow::Borrowed(stage))]));
         }
-        for reason in ["displaced", "refused"] {
+        for reason in ["evicted", "refused"] {
             drop(self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(reason))]));
         }
         for fault in ConnectionFault::ALL {
@@ -333,7 +333,7 @@ impl Metrics {
         Cow::Owned(name.to_owned())
     }
 
-    /// `why`: `displaced` (evicted) or `refused`.
+    /// `why`: `evicted` or `refused`.
     pub fn connection_closed(&self, why: &'static str) {
         self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(why))]).inc();
     }

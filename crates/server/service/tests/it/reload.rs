@@ -136,7 +136,7 @@ fn stale_tokens_expire() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
-    options.stale_tokens = Duration::ZERO;
+    options.tokens_max_stale = Duration::ZERO;
     let server = Running::start(options);
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(server.get("/v1/maps", PHONE).status, 200);

@@ -44,7 +44,7 @@ fn idle_unauthenticated_connections_do_not_block_tokens() {
     let open = unknown.iter_mut().filter_map(|stream| ask(stream, &probe)).count();
     assert!((1..=4).contains(&open), "half of eight are reserved, and {open} unknown clients are there");
     let text = server.get("/metrics", OPERATOR).text();
-    assert!(text.contains("veiloc_connections_closed_total{reason=\"displaced\"}"), "{text}");
+    assert!(text.contains("veiloc_connections_closed_total{reason=\"evicted\"}"), "{text}");
     // The operator's listener needs no token and is not affected.
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(Request::get("/readyz").send(admin).text(), "ready\n");
@@ -57,7 +57,7 @@ fn idle_unauthenticated_connections_do_not_block_tokens() {
 fn unauthenticated_connections_have_a_short_lifetime() {
     let files = Files::new();
     let mut options = files.options();
-    options.timeouts.unknown_life = 5 * SECOND;
+    options.timeouts.unauthenticated_max_age = 5 * SECOND;
     let server = Running::start_paused(options);
     let (mut client, mut known) = (connect(server.address), connect(server.address));
     let (list, probe) = (Request::get("/v1/maps").token(PHONE), Request::get("/healthz"));
@@ -74,7 +74,7 @@ fn unauthenticated_connections_have_a_short_lifetime() {
 fn connections_have_a_maximum_lifetime() {
     let files = Files::new();
     let mut options = files.options();
-    options.timeouts.life = 5 * SECOND;
+    options.timeouts.max_age = 5 * SECOND;
     let server = Running::start_paused(options);
     let mut known = connect(server.address);
     let list = Request::get("/v1/maps").token(PHONE);

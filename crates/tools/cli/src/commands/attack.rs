@@ -27,12 +27,12 @@ pub(crate) struct Args {
     synthetic: Option<u32>,
     /// Attack only the first N images of each file. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    images: Option<u32>,
+    limit: Option<u32>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
     /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other
-    /// images), graph, transfer-graph. Attacks of a server that knows the pose (--known): server-side and iterative
-    /// (the paper's), server-side-points, guided-transfer, several-frames. Attack with several sealed queries of the
-    /// same image: resting-camera.
+    /// images), graph, transfer-graph. Attacks of a server that knows the pose (--server-matches): server-side and
+    /// iterative (the paper's), server-side-points, guided-transfer, several-frames. Attack with several sealed queries
+    /// of the same image: resting-camera.
     #[arg(
         long,
         value_delimiter = ',',
@@ -80,13 +80,19 @@ pub(super) struct AdversaryArgs {
     /// and knows the positions of their inliers. Errors are measured on the other keypoints. May be given several
     /// times.
     #[arg(long, value_name = "PROBLEMS")]
-    known: Vec<PathBuf>,
-    /// With --known: this percentage of the keypoints lies in a compact region that the map does not contain, for
-    /// example a person in the image. Errors are measured on that region. Default: no such region.
-    #[arg(long, value_name = "PERCENT", requires = "known", value_parser = percent)]
+    server_matches: Vec<PathBuf>,
+    /// With --server-matches: this percentage of the keypoints lies in a compact region that the map does not contain,
+    /// for example a person in the image. Errors are measured on that region. Default: no such region.
+    #[arg(long, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
     private: Option<f64>,
-    /// With --known: the keypoints on which errors are measured.
-    #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
+    /// With --server-matches: the keypoints on which errors are measured.
+    #[arg(
+        long,
+        value_enum,
+        default_value = "hidden",
+        requires = "server_matches",
+        conflicts_with = "private"
+    )]
     measure: MeasureArg,
     /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
     /// resting-camera; several values give a curve.
@@ -94,7 +100,7 @@ pub(super) struct AdversaryArgs {
     frames: Vec<usize>,
     /// Selection of the frames that several-frames combines.
     #[arg(long, value_enum, default_value = "turn")]
-    choose: FrameSelection,
+    frame_selection: FrameSelection,
     /// For resting-camera: standard deviation of the keypoint detector from frame to frame along each axis, pixels; 0
     /// for several sealed queries of one image.
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = noise)]
@@ -167,8 +173,8 @@ impl AdversaryArgs {
             positions: self.positions.clone(),
             k: self.k as usize,
             corrupt: self.corrupt.clone(),
-            server: (!self.known.is_empty()).then(|| ServerKnowledge {
-                problems: self.known.clone(),
+            server: (!self.server_matches.is_empty()).then(|| ServerKnowledge {
+                problems: self.server_matches.clone(),
                 private: self.private.map(|percent| percent / 100.0),
                 measured: match self.measure {
                     MeasureArg::Hidden => MeasuredKeypoints::Hidden,
@@ -177,7 +183,7 @@ impl AdversaryArgs {
                 },
             }),
             frames: self.frames.clone(),
-            choice: match self.choose {
+            choice: match self.frame_selection {
                 FrameSelection::Turn => FrameChoice::Turn,
                 FrameSelection::Nearest => FrameChoice::Nearest,
             },
@@ -196,7 +202,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = AttackEvaluation {
         files: args.files.clone(),
         synthetic: args.synthetic.unwrap_or(0) as usize,
-        images: args.images.map(|n| n as usize),
+        images: args.limit.map(|n| n as usize),
         ..args.adversary.evaluation(&args.attacks)?
     };
     let stage = ui.stage("Attacking", 0);

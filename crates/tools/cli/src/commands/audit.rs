@@ -40,10 +40,10 @@ pub(crate) struct Args {
     out: PathBuf,
     /// Attack only the first N images of each folder or file.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
-    images: u32,
+    limit: u32,
     /// Draw the first N images; the figures cover all images.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=100))]
-    shown: u32,
+    show: u32,
     /// Leave the images out of the report. It still contains the positions of keypoints.
     #[arg(long)]
     no_images: bool,
@@ -84,16 +84,16 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let bars = Stages::new(ui);
     let extractor = args.features.extractor()?;
-    let inputs = Inputs::read(&args.inputs, args.images as usize, extractor.as_ref(), limits, &bars, ui)?;
+    let inputs = Inputs::read(&args.inputs, args.limit as usize, extractor.as_ref(), limits, &bars, ui)?;
     let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
     let options = AuditOptions {
         evaluation: AttackEvaluation {
-            images: Some(args.images as usize),
+            images: Some(args.limit as usize),
             synthetic: if args.no_synthetic { 0 } else { args.synthetic as usize },
             ..args.adversary.evaluation(&attacks)?
         },
         groups: inputs.groups(),
-        shown: args.shown as usize,
+        shown: args.show as usize,
         command: command_line(),
     };
     let file_of = |group, index| (!args.no_images).then(|| inputs.file_of(group, index)).flatten();

@@ -109,7 +109,7 @@ pub(crate) struct Args {
     /// Seconds for which the last valid tokens are accepted after their file is removed, emptied or damaged; afterwards
     /// all requests are refused.
     #[arg(long, default_value_t = 300.0, value_parser = not_negative, value_name = "SECONDS")]
-    stale_tokens: f64,
+    tokens_max_stale: f64,
     /// Accept requests without token, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
@@ -136,10 +136,10 @@ pub(crate) struct Args {
     reserved_connections: Option<usize>,
     /// Seconds after which an unauthenticated connection is closed.
     #[arg(long, default_value_t = 60.0, value_parser = positive, value_name = "SECONDS")]
-    unknown_life: f64,
+    unauthenticated_max_age: f64,
     /// Seconds after which any connection is closed; a request in progress is finished.
     #[arg(long, default_value_t = 600.0, value_parser = positive, value_name = "SECONDS")]
-    connection_life: f64,
+    connection_max_age: f64,
     /// Timeout of a query in seconds, from its last byte to its pose, including the time in the queue.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     request_timeout: f64,
@@ -320,7 +320,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     }
     options.insecure_http = args.insecure_http;
     options.tokens.clone_from(&args.tokens);
-    options.stale_tokens = Duration::from_secs_f64(args.stale_tokens.min(86_400.0 * 365.0));
+    options.tokens_max_stale = Duration::from_secs_f64(args.tokens_max_stale.min(86_400.0 * 365.0));
     options.allow_anonymous = args.allow_anonymous;
     options.rate = RateLimit { per_second: args.rate, burst: args.burst.unwrap_or(args.rate) };
     if let Some(workers) = args.workers {
@@ -336,8 +336,8 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.timeouts.body = seconds(args.body_timeout);
     options.timeouts.drain = seconds(args.drain_delay);
     options.timeouts.grace = seconds(args.grace);
-    options.timeouts.unknown_life = seconds(args.unknown_life);
-    options.timeouts.life = seconds(args.connection_life);
+    options.timeouts.unauthenticated_max_age = seconds(args.unauthenticated_max_age);
+    options.timeouts.max_age = seconds(args.connection_max_age);
     options.watch = Some(seconds(args.watch));
     #[cfg(feature = "opentelemetry")]
     options.otlp.clone_from(&args.otlp);

@@ -75,10 +75,10 @@ fn contradictory_arguments_are_refused() {
         ("attack missing.jsonl", 1, "missing.jsonl"),
         ("attack --synthetic 9 --neighbours predicted", 2, "--train"),
         ("attack --synthetic 9 --attacks iterative", 1, "give its matches"),
-        ("attack --synthetic 9 --private 10", 2, "--known"),
-        ("attack --synthetic 9 --known missing.jsonl --private 101", 2, "from 0 to 100"),
-        ("attack --synthetic 9 --known missing.jsonl --private 10 --measure all", 2, "--measure"),
-        ("attack --synthetic 9 --known missing.jsonl", 1, "missing.jsonl"),
+        ("attack --synthetic 9 --private 10", 2, "--server-matches"),
+        ("attack --synthetic 9 --server-matches missing.jsonl --private 101", 2, "from 0 to 100"),
+        ("attack --synthetic 9 --server-matches missing.jsonl --private 10 --measure all", 2, "--measure"),
+        ("attack --synthetic 9 --server-matches missing.jsonl", 1, "missing.jsonl"),
         ("attack --synthetic 9 --neighbours transferred", 1, "no descriptors"),
         ("attack --synthetic 9 --attacks transfer", 1, "no descriptors"),
         ("attack --synthetic 9 --neighbours predicted --train empty.jsonl", 1, "empty.jsonl"),
@@ -137,7 +137,7 @@ fn descriptors_predict_neighbours_and_transfer_positions() {
     write_shifted_pair(&scene);
     for source in ["predicted --train place.jsonl", "transferred"] {
         let run = scene.run(&format!(
-            "attack place.jsonl --images 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
+            "attack place.jsonl --limit 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
         ));
         let document = run.succeeded().json();
         let share = |key: &str| document[key].as_f64().expect("a number");
@@ -160,7 +160,7 @@ fn eval_keypoints_output_is_attack_input() {
     let lines = |name: &str| String::from_utf8(scene.read(name)).expect("text").lines().count();
     assert_eq!(lines("map.jsonl"), common::MAP_VIEWS);
     let run = scene
-        .run("attack map.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
+        .run("attack map.jsonl --limit 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
         .succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
     for (arguments, expected_words) in [
@@ -189,7 +189,7 @@ fn neighbour_network_is_used_or_error_has_remedy() {
     };
     let attack = |model: &str| {
         scene.run(&format!(
-            "attack network-all.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours network {model}"
+            "attack network-all.jsonl --limit 1 --schemes dcl --attacks closed-form --neighbours network {model}"
         ))
     };
     assert_eq!(attack("").code, Some(2), "a model must be named");

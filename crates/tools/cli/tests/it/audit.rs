@@ -146,7 +146,7 @@ fn invalid_inputs_are_refused() {
         ("audit flat.png", 1, "no keypoint"),
         ("audit nothing", 1, "nothing"),
         ("audit flat.png --schemes points", 1, "no keypoint"),
-        ("audit flat.png flat.png --images 1", 1, "--images 2"),
+        ("audit flat.png flat.png --limit 1", 1, "--limit 2"),
         ("audit flat.png --no-synthetic --synthetic 9", 2, "--no-synthetic"),
         ("audit flat.png --attacks guess", 2, "closed-form-informed"),
     ] {

@@ -28,7 +28,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
     (
         "eval scene",
-        "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --reach 9 \
+        "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --max-distance 9 \
          --frames 1,2 --schemes dcl --json",
     ),
     ("eval scene", "eval pose p.jsonl --schemes points,dcl --recipes default,floor --seeds 2 --json"),
@@ -69,10 +69,13 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
     ("eval compare", "eval compare compared.json compared.json --json"),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
-    ("attack", "attack k.jsonl --known p.jsonl --images 1 --schemes dcl --attacks server-side --json"),
+    (
+        "attack",
+        "attack k.jsonl --server-matches p.jsonl --limit 1 --schemes dcl --attacks server-side --json",
+    ),
     (
         "audit",
-        "audit k.jsonl --images 1 --attacks closed-form --synthetic 60 --schemes dcl --out documents.html --json",
+        "audit k.jsonl --limit 1 --attacks closed-form --synthetic 60 --schemes dcl --out documents.html --json",
     ),
 ];
 
@@ -245,7 +248,7 @@ fn closed_pipe_is_not_an_error() {
 fn stages_are_printed_without_terminal() {
     let scene = ready();
     let build = format!(
-        "map build --posed posed --images images --list map.txt {} -o told.vmap",
+        "map build --posed posed --images images --list map.txt {} -o repeated.vmap",
         EXTRACTION.join(" ")
     );
     let stages = scene.run(&build).succeeded().stderr;

@@ -138,7 +138,7 @@ fn invalid_arguments_are_refused() {
     let given = "--posed posed --images images --map-list map.txt";
     let cases: &[(&str, i32, &[&str])] = &[
         (&format!("{given} --query-list queries.txt --stress light"), 2, &["light", "half-hidden"]),
-        (&format!("{given} --query-list queries.txt --wrong-beyond 0.25"), 2, &["TRANSLATION/DEGREES"]),
+        (&format!("{given} --query-list queries.txt --wrong-threshold 0.25"), 2, &["TRANSLATION/DEGREES"]),
         (&format!("{given} --query-list queries.txt --oracle-radius 0"), 2, &["above 0"]),
         (
             &format!("{given} --query-list both.txt --max-keypoints 256"),

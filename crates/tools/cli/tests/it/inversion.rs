@@ -35,7 +35,7 @@ fn images_are_reconstructed_and_compared() {
     let read = |name: &str| std::fs::read(folder.join(name)).expect("written");
     let text = |name: &str| String::from_utf8(read(name)).expect("text");
     let eval = "eval inversion image-1.png n01440764_tench.png --features sift --network data/learned/inversion.toml --schemes points,dcl -k 5";
-    run(folder, &format!("{eval} --shown 2 --sheet sheet.png --report page.html --json rows.json"))
+    run(folder, &format!("{eval} --show 2 --contact-sheet sheet.png --report page.html --json rows.json"))
         .expect("evaluated");
     assert!(read("sheet.png").starts_with(b"\x89PNG"));
     let page = text("page.html");
@@ -57,8 +57,7 @@ fn images_are_reconstructed_and_compared() {
     }
     let judged =
         "--perceptual data/image_metrics/distance.onnx --classifier data/image_metrics/classifier.onnx";
-    run(folder, &format!("{eval} --shown 0 {judged} --report bare.html --json rows.json"))
-        .expect("evaluated");
+    run(folder, &format!("{eval} --show 0 {judged} --report bare.html --json rows.json")).expect("evaluated");
     let page = text("bare.html");
     assert!(!page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised,"));
     assert!(page.contains("1 images are named by their ImageNet synset"));

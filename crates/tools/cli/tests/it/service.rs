@@ -41,7 +41,7 @@ impl Service {
     /// The log is read up to the line with the address, and no further.
     fn start_unread(scene: &TestScene, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = scene
-            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unknown-life 3600 --connection-life 3600 {arguments}"))
+            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unauthenticated-max-age 3600 --connection-max-age 3600 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
@@ -393,7 +393,7 @@ fn blocked_log_does_not_block_service() {
     if let Ok(full) = fs::File::options().write(true).open("/dev/full") {
         // The port cannot be printed, so the service listens on a socket.
         let command = "serve --map place=place.vmap --listen unix:full.sock --admin-listen 127.0.0.1:0 \
-                       --unknown-life 3600 --connection-life 3600 --rate 1000000";
+                       --unauthenticated-max-age 3600 --connection-max-age 3600 --rate 1000000";
         let child = scene.command(command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
         let nowhere = SocketAddr::from(([127, 0, 0, 1], 0));
         let service =

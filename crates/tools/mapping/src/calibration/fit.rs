@@ -1,9 +1,9 @@
 //! Calibration of a map's pose covariances, fitted to the observed pose errors.
 //!
 //! Let `e` be the step from a trusted pose to the true one and `C` the estimator's covariance. The parameters `a`,
-//! `s_r` and `s_t` of [`CovarianceCalibration`] maximize the posterior probability under `e ~ N(0, a C + diag(s_r² I, s_t² I))`
-//! with log-normal priors about [`CovarianceCalibration::unmeasured`]. The priors count like one or two images, so that a handful
-//! of images cannot dominate.
+//! `s_r` and `s_t` of [`CovarianceCalibration`] maximize the posterior probability under
+//! `e ~ N(0, a C + diag(s_r² I, s_t² I))` with log-normal priors about [`CovarianceCalibration::unmeasured`]. The
+//! priors count like one or two images, so that a handful of images cannot dominate.
 //!
 //! # Outliers
 //! A trusted pose may be wrong. A first fit with a heavy-tailed distribution (Student's t with [`FREEDOM`] degrees of

@@ -63,7 +63,7 @@ pub struct SessionsEvaluation {
     /// Share of an image's keypoints in the person-like region.
     pub private: f64,
     /// Images farther apart than this belong to different trajectories, map units.
-    pub reach: f64,
+    pub max_distance: f64,
     /// Standard deviation of the sensor noise in frames of a stationary camera, gray levels of 255.
     pub sensor_noise: f64,
     /// Options of sessions, except the anchors.
@@ -86,7 +86,8 @@ impl SessionsEvaluation {
         if !(self.private > 0.0 && self.private < 1.0) {
             return refuse(format!("a private region cannot hold {} of the keypoints", self.private));
         }
-        let numbers = self.gyro_deg.iter().chain(&self.drift_deg).chain([&self.reach, &self.sensor_noise]);
+        let numbers =
+            self.gyro_deg.iter().chain(&self.drift_deg).chain([&self.max_distance, &self.sensor_noise]);
         if let Some(x) = numbers.into_iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
             return refuse(format!("{x} is not a standard deviation or distance: it must not be below 0"));
         }
@@ -202,7 +203,8 @@ pub fn evaluate_sessions(
                         attack(evaluation, under, &still, 0, &(1..still.len()).collect::<Vec<_>>())?
                     }
                     Motion::Walking => {
-                        let before = sequence_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
+                        let before =
+                            sequence_of(&poses, i, longest, evaluation.max_distance).unwrap_or_default();
                         // The nearest first.
                         let others: Vec<usize> = before.iter().rev().copied().filter(|j| *j != i).collect();
                         attack(evaluation, under, &localized_frames, i, &others)?
@@ -229,16 +231,16 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
         evaluation.motions.iter().all(|motion| match motion {
             Motion::Resting => true,
             Motion::Turning | Motion::Visiting => poses.len() >= longest,
-            Motion::Walking => sequence_of(poses, *i, longest, evaluation.reach).is_some(),
+            Motion::Walking => sequence_of(poses, *i, longest, evaluation.max_distance).is_some(),
         })
     };
     let able: Vec<usize> = (0..poses.len()).filter(has_enough).collect();
     if able.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a trajectory; \
-             use fewer frames, a longer --reach, or only --motion resting",
+             use fewer frames, a longer --max-distance, or only --motion resting",
             poses.len(),
-            evaluation.reach
+            evaluation.max_distance
         )));
     }
     let count = evaluation.attacked.map(|n| n.max(1));

@@ -55,7 +55,7 @@ pub struct TableOptions {
     /// Whether published figures are shown beside figures of the same data.
     pub published: bool,
     /// Bootstrap samples of the intervals.
-    pub draws: usize,
+    pub bootstrap_samples: usize,
     /// Seed of the bootstrap.
     pub seed: u64,
 }
@@ -205,7 +205,7 @@ fn intervals(data: &TableData, options: &TableOptions) -> FormattedTable {
         let cell = |column: &String| {
             let errors = errors_of(&data.cell(&row, column));
             let translations: Vec<f64> = errors.iter().map(|e| 100.0 * e.translation).collect();
-            interval(&translations, median, options.draws, options.seed)
+            interval(&translations, median, options.bootstrap_samples, options.seed)
                 .map_or(String::new(), |(low, high)| format!("{} to {}", digits(low, 2), digits(high, 2)))
         };
         sheet.push(&row, columns.iter().map(cell).collect());

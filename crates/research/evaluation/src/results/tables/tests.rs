@@ -32,7 +32,14 @@ fn document(official: bool) -> String {
 }
 
 fn options(format: Format) -> TableOptions {
-    TableOptions { format, cells: None, thresholds: Vec::new(), published: true, draws: 200, seed: 0 }
+    TableOptions {
+        format,
+        cells: None,
+        thresholds: Vec::new(),
+        published: true,
+        bootstrap_samples: 200,
+        seed: 0,
+    }
 }
 
 fn line<'a>(text: &'a str, begin: &str) -> &'a str {

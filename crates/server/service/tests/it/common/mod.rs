@@ -171,8 +171,8 @@ pub fn no_timeouts() -> Timeouts {
         body: HOUR,
         localize: HOUR,
         write: HOUR,
-        unknown_life: HOUR,
-        life: HOUR,
+        unauthenticated_max_age: HOUR,
+        max_age: HOUR,
         drain: Duration::ZERO,
         grace: Duration::from_secs(100),
     }

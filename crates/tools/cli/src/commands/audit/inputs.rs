@@ -72,7 +72,7 @@ impl Inputs {
             if loose.len() > limit {
                 return Err(Failure::with_help(
                     format!("{} images are given, and only {limit} would be attacked", loose.len()),
-                    format!("give --images {} to attack all of them", loose.len()),
+                    format!("give --limit {} to attack all of them", loose.len()),
                 ));
             }
             let name = if loose.len() == 1 {

@@ -34,7 +34,7 @@ pub(crate) struct Args {
     thresholds: Vec<Threshold>,
     /// Number of bootstrap samples.
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
-    draws: u32,
+    bootstrap_samples: u32,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -63,7 +63,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let options = ComparisonOptions {
         rows: [args.row.clone(), args.against.clone()],
         thresholds: args.thresholds.clone(),
-        draws: args.draws as usize,
+        draws: args.bootstrap_samples as usize,
         seed: args.seed,
     };
     let comparison = compare(&a, &b, &options).map_err(|error| {

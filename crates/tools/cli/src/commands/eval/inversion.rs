@@ -47,7 +47,7 @@ pub(crate) struct Args {
     schemes: Vec<Scheme>,
     /// Keypoints of other scenes, as written by `eval keypoints`: the attacker learns neighbours from them.
     #[arg(long, value_name = "FILE", num_args = 1..)]
-    elsewhere: Vec<PathBuf>,
+    train: Vec<PathBuf>,
     /// Descriptions (.toml) of position networks, at most one per scheme.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
@@ -79,13 +79,13 @@ pub(crate) struct Args {
     detector: Option<PathBuf>,
     /// Minimum score of an object.
     #[arg(long, default_value_t = 0.25, value_name = "SCORE")]
-    least_score: f32,
+    min_score: f32,
     /// Write a contact sheet as PNG: the original, then a column for each row of the table, with boxes around objects.
     #[arg(long, value_name = "FILE")]
-    sheet: Option<PathBuf>,
+    contact_sheet: Option<PathBuf>,
     /// Number of images on the contact sheet and in the report.
     #[arg(long, default_value_t = 6, value_name = "N")]
-    shown: u32,
+    show: u32,
     /// Write a report into FILE: one HTML file without network access, with the table and the images of the contact
     /// sheets; everyone who gets the file gets these images. Default: no report.
     #[arg(long, value_name = "FILE")]
@@ -99,12 +99,12 @@ Rows of the table:
   points, none          the true keypoints: the limit of the network
   guess                 prior-only baseline: the expected position on the single line
   closed-form, graph    attacks with true neighbours, which no real attacker has: the paper's, and a stronger one
-  realistic             the best of the attacks that --elsewhere, --positions and --map-list allow
+  realistic             the best of the attacks that --train, --positions and --map-list allow
   lines                 no attack: each descriptor spread over its line
   bag, none             descriptors without positions
   nothing, none         no descriptor: the output of the network without input
 
-Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --sheet sheet.png";
+Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --contact-sheet sheet.png";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
@@ -112,7 +112,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
     let metrics = metrics(args)?;
     let mut realistic = RealisticAttackOptions {
-        elsewhere: args.elsewhere.clone(),
+        train: args.train.clone(),
         positions: args.positions.clone(),
         map: Vec::new(),
     };
@@ -135,10 +135,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         realistic,
         k: args.k as usize,
         seed: args.seed,
-        shown: args.shown as usize,
+        shown: args.show as usize,
     };
     let (document, sheets) = evaluate_inversion(&evaluation, &metrics, &stages)?;
-    if let (Some(path), Some(sheet)) = (&args.sheet, sheets.first())
+    if let (Some(path), Some(sheet)) = (&args.contact_sheet, sheets.first())
         && let Some(png) = sheet.png()?
     {
         files::write(path, &png)?;
@@ -164,6 +164,6 @@ fn metrics(args: &Args) -> Result<ImageMetrics, Failure> {
     let perceptual = args.perceptual.as_deref().map(PerceptualDistance::open).transpose()?;
     let classifier = args.classifier.as_deref().map(Classifier::open).transpose()?;
     let detector = args.detector.as_deref().map(Detector::open).transpose()?;
-    let detector = detector.map(|detector| (detector, args.least_score));
+    let detector = detector.map(|detector| (detector, args.min_score));
     Ok(ImageMetrics { perceptual, classifier, detector })
 }

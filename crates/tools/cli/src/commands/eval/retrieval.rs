@@ -33,7 +33,7 @@ pub(crate) struct Args {
     query_list: Option<PathBuf>,
     /// Folder of out-of-map images that are added to those of the map. Default: none.
     #[arg(long, value_name = "DIR")]
-    others: Option<PathBuf>,
+    distractors: Option<PathBuf>,
     /// Sizes of the database in images; a global descriptor takes about 4 kB.
     #[arg(long, value_delimiter = ',', default_value = "10000,100000,1000000", value_name = "N,…")]
     sizes: Vec<usize>,
@@ -78,7 +78,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             gathered(items::files_of_list(&args.images, listed.iter().map(|l| l.name.as_str())))?
         }
     };
-    let others = match &args.others {
+    let distractors = match &args.distractors {
         None => Vec::new(),
         Some(folder) => gathered(items::expand_inputs(std::slice::from_ref(folder), &IMAGES))?,
     };
@@ -86,7 +86,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = extractors.of_kind(map.profile().descriptor_kind())?;
     let evaluation = RetrievalEvaluation {
         queries,
-        others,
+        distractors,
         sizes: args.sizes.clone(),
         retrieve: args.retrieve as usize,
         seed: args.seed,
@@ -100,7 +100,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         map: args.map.display().to_string(),
         seed: args.seed,
         queries: evaluation.queries.len(),
-        others: evaluation.others.len(),
+        others: evaluation.distractors.len(),
         rows,
     };
     args.json.print(&text, &document, ui)?;

@@ -31,7 +31,7 @@ pub(crate) struct Args {
     translation_noise: f64,
     /// Maximum distance between consecutive queries of one trajectory, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
-    reach: f64,
+    max_distance: f64,
     /// Stress condition of all queries, as in `eval stress`: none, dark, motion, half-hidden, side-hidden,
     /// low-resolution, sparse-map, few-keypoints or focal-N.
     #[arg(long, default_value_t = StressCondition::None, value_name = "STRESS")]
@@ -51,7 +51,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         frames: args.frames.iter().map(|n| n.get()).collect(),
         rotation_sd_deg: args.rotation_noise,
         translation_sd: args.translation_noise,
-        reach: args.reach,
+        max_distance: args.max_distance,
         stress: args.stress,
     };
     let result = evaluate_rig(&evaluation, &Stages::new(ui))?;

@@ -45,7 +45,7 @@ pub(crate) struct Args {
     private: f64,
     /// Maximum distance between consecutive queries of one trajectory, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
-    reach: f64,
+    max_distance: f64,
     /// Standard deviation of the sensor noise in frames of a resting camera, grey levels of 255.
     #[arg(long, default_value_t = 2.0, value_name = "LEVELS")]
     sensor_noise: f64,
@@ -71,7 +71,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         drift_deg: args.drift_deg.clone(),
         attacked: args.max_attacked.map(NonZeroUsize::get),
         private: args.private,
-        reach: args.reach,
+        max_distance: args.max_distance,
         sensor_noise: args.sensor_noise,
         session: default
             .with_band_deg(args.band.unwrap_or(default.band_deg))

@@ -41,7 +41,7 @@ pub(crate) struct Args {
     thresholds: Vec<Threshold>,
     /// A pose beyond either threshold, `translation/degrees`, is wrong and must not be trusted.
     #[arg(long, default_value = "0.25/2", value_name = "T/DEG")]
-    wrong_beyond: Threshold,
+    wrong_threshold: Threshold,
     /// Also start from the true pose: the engine's own optimum (the result of a perfect search), and the floor (least
     /// squares on the correct matches).
     #[arg(long)]
@@ -86,7 +86,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.schemes.clone_from(&args.schemes);
     evaluation.stresses.clone_from(&args.stress);
     evaluation.thresholds.clone_from(&args.thresholds);
-    evaluation.wrong_beyond = args.wrong_beyond;
+    evaluation.wrong_threshold = args.wrong_threshold;
     evaluation.localize = args.matching.options(&args.pose);
     evaluation.gravity_sd_deg = args.gravity.sd_deg;
     evaluation.from_truth = args.optimum;

@@ -36,13 +36,13 @@ pub(crate) struct Args {
     thresholds: Vec<Threshold>,
     /// Leave published figures out.
     #[arg(long)]
-    ours_only: bool,
+    no_published: bool,
     /// Plot position.svg, orientation.svg (share of queries within a threshold) and times.svg into this folder.
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
     /// Number of bootstrap samples for the intervals.
     #[arg(long, default_value_t = 2000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
-    draws: u32,
+    bootstrap_samples: u32,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -65,8 +65,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         },
         cells: args.cells,
         thresholds: args.thresholds.clone(),
-        published: !args.ours_only,
-        draws: args.draws as usize,
+        published: !args.no_published,
+        bootstrap_samples: args.bootstrap_samples as usize,
         seed: args.seed,
     };
     ui.print(tables(&data, &options));

@@ -87,8 +87,8 @@ impl Extractor for StoredFeatures {
         Err(FeatureError::Extractor { name: self.kind.name().to_owned(), reason })
     }
 
-    /// The receptive field of typical networks ([`FeatureStore`] has the scale), because the file does not state one and
-    /// images were not padded by mirroring.
+    /// The receptive field of typical networks ([`FeatureStore`] has the scale), because the file does not state one
+    /// and images were not padded by mirroring.
     fn reach(&self) -> f64 {
         RECEPTIVE_RADIUS
     }

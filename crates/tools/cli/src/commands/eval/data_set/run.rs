@@ -86,7 +86,7 @@ pub(in crate::commands::eval) fn evaluate(
             cells: None,
             thresholds: args.thresholds(data_set.thresholds),
             published: true,
-            draws: 2000,
+            bootstrap_samples: 2000,
             seed: 0,
         };
         tables(data, &options)
