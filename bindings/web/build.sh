@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Builds js/veiloc.wasm for the npm package, and page/ for `veiloc serve --page`.
+# Builds page/: the page of `veiloc serve --page`, and in it all files of the npm package. The module is also copied to
+# js/veiloc.wasm, for programs that import js/ from the repository.
 #
 #     bindings/web/build.sh                    for `npm pack`, and `veiloc serve --page-folder bindings/web/page`
 #     bindings/web/build.sh target/release     also copies the page to target/release/veiloc-page, where the program finds it
@@ -23,7 +24,7 @@ cp "$target/wasm32-unknown-unknown/web/veiloc_web.wasm" js/veiloc.wasm
 
 rm -rf page
 mkdir page
-cp page-src/* js/*.js js/veiloc.wasm page/
+cp page-src/* js/*.js js/index.d.ts js/veiloc.wasm page/
 if [ -n "$beside" ]; then
     rm -rf "$beside/veiloc-page"
     cp -r page "$beside/veiloc-page"

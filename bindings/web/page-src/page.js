@@ -53,17 +53,22 @@ function showTooManyStarts() {
   );
 }
 
+/** What happened, and what the user can do. Without a remedy here, the message of the library or the service is shown. */
+const ERRORS = {
+  "turned-away": ["Turn further, or turn back.", "The camera sees too little of the first view, and not enough of a new one."],
+  "not-localized": ["Position not found.", "This image shows too little of the map, or the place has changed. Point the camera at something with more detail, or walk a few steps, and try again."],
+  busy: ["The service is busy.", "Try again in a moment."],
+  token: ["This service needs an access token. Enter it in the settings."],
+  "wrong-profile": ["The map was replaced.", "Reload this page, and take another image from a few steps away."],
+  network: ["The service cannot be reached.", "Check your connection, and try again."],
+  lopsided: ["One side of the image has too little detail.", "Turn or move a little, and try again."],
+};
+
 function showError(error) {
   if (error.kind === "too-many-starts") return showTooManyStarts();
-  const messages = {
-    "turned-away": "Turn further, or turn back: the camera sees too little of the first view, and not enough of a new one.",
-    "not-localized": "Position not found: this image shows too little of the map.",
-    busy: "The service is busy. Try again in a moment.",
-    token: "This service needs an access token. Enter it in the settings.",
-    unbalanced: "Turn or move a little: one side of the image has too little detail.",
-  };
   const known = error instanceof VeilocError;
-  showStatus(messages[error.kind] ?? (known ? "This did not work." : "An unexpected error occurred."), "failed", error.message);
+  const [what, remedy = error.message] = ERRORS[error.kind] ?? [known ? "This did not work." : "An unexpected error occurred."];
+  showStatus(what, "failed", remedy);
   if (error.kind === "token") {
     el("settings").open = true;
     el("token").focus();
