@@ -8,7 +8,7 @@ use veiloc_evaluation::audit::{
 use crate::chart::{Axis, Chart, Mark, Series};
 use crate::drawing::{AttackFigures, error_legend};
 use crate::numbers::{capital, milliseconds, percent, pixels, scheme_name};
-use crate::page::{facts, figure};
+use crate::page::{facts, figure, fold};
 use crate::table::{Cell, Table, bar, cell, number, words};
 
 /// An attack has recovered the keypoints when their median error is below this, pixels.
@@ -60,19 +60,22 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
             is_first = false;
         }
     }
-    html! {
+    let explanation = html! {
         p {
             "The table has, for each scheme, the strongest attack that a real attacker can run, the strongest one to which an \
              oracle gives the true nearest neighbours of each keypoint, which no real attacker has, and the prior-only baseline, \
              the best answer from the single line alone. Positions are recovered when half of the keypoints come out within \
              10 px of the truth, and narrowed down when the median error is under three quarters of the baseline's."
         }
-        (table.html())
         p {
-            "How to read it: a scheme protects against an attack as far as the attack is no better than the baseline. One bit halves \
-             the error, on average over keypoints; a negative number is worse than the baseline. A large error shows that this \
-             attack fails, not that every attack fails. Only positions are attacked here: descriptors are sent under every scheme."
+            "A scheme protects against an attack as far as the attack is no better than the baseline. One bit halves the error, \
+             on average over keypoints; a negative number is worse than the baseline. A large error shows that this attack fails, \
+             not that every attack fails. Only positions are attacked here: descriptors are sent under every scheme."
         }
+    };
+    html! {
+        (table.html())
+        (fold("How to read this table", false, &explanation))
     }
 }
 

@@ -35,9 +35,9 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
         lead: &lead,
         notices: inputs.and_then(|(_, gallery)| notice(gallery)).into_iter().collect(),
         sections: vec![
+            Section::new("images", "True and recovered keypoints", images_of(inputs)),
             Section::new("strongest", "The strongest attack on each scheme", summary(attacks)),
             Section::new("errors", "Errors of all keypoints", curves_and_table(main, shown)),
-            Section::new("images", "True and recovered keypoints", images_of(inputs)),
             Section::new("scene", "The paper's synthetic scene", synthetic_scene(synthetic, scene_is_main)),
         ],
         facts: &run_facts(main, options, audit.seconds),

@@ -279,6 +279,8 @@ fn audit_tables_equal_document() {
     medians.sort_by(f64::total_cmp);
     shown.sort_by(f64::total_cmp);
     assert!(medians.iter().zip(&shown).all(|(a, b)| (a - b).abs() <= 0.5), "{medians:?} {shown:?}");
+    let at = |id: &str| page.find(&format!("section id=\"{id}\"")).unwrap_or(usize::MAX);
+    assert!(at("images") < at("strongest"), "the pictures are first");
     // The table at the top has the strongest attack on each scheme.
     let table = page.split("aria-label=\"The strongest attack on each scheme\"").nth(1).expect("the table");
     let rows = cells(table.split("</table>").next().expect("its end"));

@@ -30,7 +30,7 @@ pub(crate) fn section(report: &LocalizationReport) -> Markup {
         @if !drawn.is_empty() {
             p {
                 (drawn.len()) " of " (order.len()) " queries are drawn: first those that most methods did not localize, then by \
-                 their largest error."
+                 their largest error. The tables count matches; the pictures count rows, and a row can have several matches."
             }
             (match_legend())
             @for (index, drawing) in drawn.iter().enumerate() { (query(report, *drawing, index == 0)) }

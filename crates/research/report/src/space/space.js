@@ -170,7 +170,7 @@
       if (!q) return;
       const f = this.found(q), name = this.data.rows[Number(this.row.value)];
       const sd = f && f.sd !== null ? ` ± ${length(f.sd, this.data.metres)}` : "";
-      const off = f && f.off !== null ? ` ${length(f.off, this.data.metres)}${f.turn === null ? "" : ` and ${f.turn.toFixed(2)}°`} from the true pose,` : "";
+      const off = f && f.off !== null ? ` ${length(f.off, this.data.metres)}${f.turn === null ? "" : ` and ${digits(f.turn)}°`} from the true pose,` : "";
       const words = !f ? "not asked" : !f.at ? "no pose" : `${KINDS[f.kind]},${off}${sd ? ` position${sd}` : ""}`.replace(/,$/, "");
       this.status.append(`${q.n} · ${name}: ${words}. `);
       if (q.id) { const a = document.createElement("a"); a.href = `#${q.id}`; a.textContent = "Its lines"; a.addEventListener("click", () => { document.getElementById(q.id).open = true; }); this.status.append(a); }
