@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use crate::results::coverage::REGIONS;
 use crate::results::document::{SchemeSummary, SeedSummary};
 use crate::results::hypotheses::Hypotheses;
-use crate::results::text_table::{TextTable, side_by_side};
+use crate::results::text_table::{TextTable, length, side_by_side};
 
 /// Stages in the order of processing; the table's columns.
 pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
@@ -142,7 +142,7 @@ fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
         format!("{}/{}", whole(row.localized), row.queries / seeds),
         trusted,
         number(or_mean(row.median_rotation_deg, |s| s.median_rotation_deg), 3),
-        number(or_mean(row.median_translation, |s| s.median_translation), 4),
+        or_mean(row.median_translation, |s| s.median_translation).map_or_else(missing, length),
     ];
     cells.extend(thresholds.iter().map(|t| number(row.recall.get(*t).map(|r| 100.0 * r), 1)));
     cells.push(if one_seed { number(row.mean_inlier_ratio.map(|r| 100.0 * r), 1) } else { String::new() });
@@ -171,7 +171,7 @@ fn spread_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
         spread(row, 0, |s| Some(s.localized as f64)),
         String::new(),
         spread(row, 3, |s| s.median_rotation_deg),
-        spread(row, 4, |s| s.median_translation),
+        spread_as(row, length, |s| s.median_translation),
     ];
     let recall = |t: &String| spread(row, 1, |s| s.recall.get(t).map(|r| 100.0 * r));
     cells.extend(thresholds.iter().map(|t| recall(t)));
@@ -207,10 +207,19 @@ fn mean(row: &SchemeSummary, of: impl Fn(&SeedSummary) -> Option<f64>) -> Option
 
 /// Smallest and largest value over seeds, empty if they are equal; a missing value is infinite.
 fn spread(row: &SchemeSummary, digits: usize, of: impl Fn(&SeedSummary) -> Option<f64>) -> String {
+    spread_as(row, |v| number(Some(v), digits), of)
+}
+
+/// As [`spread`], with the format of a number.
+fn spread_as(
+    row: &SchemeSummary,
+    format: impl Fn(f64) -> String,
+    of: impl Fn(&SeedSummary) -> Option<f64>,
+) -> String {
     let values: Vec<f64> = row.per_seed.iter().map(|s| of(s).unwrap_or(f64::INFINITY)).collect();
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let end = |v: f64| number(v.is_finite().then_some(v), digits);
+    let end = |v: f64| if v.is_finite() { format(v) } else { missing() };
     let (least, most) = (end(least), end(most));
     if least == most { String::new() } else { format!("{least}..{most}") }
 }
@@ -219,9 +228,13 @@ fn fixed(value: f64, digits: usize) -> String {
     format!("{value:.digits$}")
 }
 
+fn missing() -> String {
+    "—".to_owned()
+}
+
 /// Numbers above a thousand are shown without decimals.
 fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or("—".to_owned(), |v| fixed(v, if v < 1000.0 { digits } else { 0 }))
+    value.map_or_else(missing, |v| fixed(v, if v < 1000.0 { digits } else { 0 }))
 }
 
 #[cfg(test)]

@@ -10,6 +10,18 @@ pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
+/// A length with four decimals, or with more when it would have fewer than three significant digits; a length of a
+/// thousand or more is whole.
+pub fn length(value: f64) -> String {
+    let size = value.abs();
+    let decimals = match size {
+        s if s >= 1000.0 => 0.0,
+        s if s > 0.0 => (2.0 - s.log10().floor()).clamp(4.0, 12.0),
+        _ => 4.0,
+    };
+    format!("{value:.*}", decimals as usize)
+}
+
 /// A table under construction; all rows have the length of the head.
 #[derive(Debug, Clone, Default)]
 pub struct TextTable {
@@ -108,7 +120,13 @@ pub fn side_by_side(tables: impl IntoIterator<Item = TextTable>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{TextTable, WIDTH, side_by_side};
+    use super::{TextTable, WIDTH, length, side_by_side};
+
+    #[test]
+    fn lengths_of_any_unit_have_significant_digits() {
+        let lengths = [0.035, 12.345_67, 12_345.678, 0.000_012_34, 0.0, f64::INFINITY].map(length);
+        assert_eq!(lengths, ["0.0350", "12.3457", "12346", "0.0000123", "0.0000", "inf"]);
+    }
 
     #[test]
     fn columns_are_aligned_and_empty_ones_omitted() {

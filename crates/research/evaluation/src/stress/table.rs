@@ -1,7 +1,7 @@
 //! The text table of conditions; results from the true pose are printed below if they do not fit beside.
 
 use super::document::{StressDocument, StressRow, TruthSummary};
-use crate::results::text_table::{TextTable, side_by_side};
+use crate::results::text_table::{TextTable, length, side_by_side};
 
 /// Columns that identify rows: stress and scheme.
 const NAMES: usize = 2;
@@ -42,7 +42,7 @@ pub fn table(document: &StressDocument) -> String {
 fn figures_of(row: &StressRow, thresholds: &[&String]) -> Vec<String> {
     let recalls = thresholds.iter().map(|t| percent(row.recall.get(*t)));
     let medians = [
-        number(row.median_translation, 4),
+        row.median_translation.map_or_else(missing, length),
         number(row.median_position_sd, 4),
         number(row.median_rotation_deg, 3),
     ];
@@ -53,15 +53,19 @@ fn figures_of(row: &StressRow, thresholds: &[&String]) -> Vec<String> {
 fn truth_of(summary: Option<&TruthSummary>, thresholds: &[&String]) -> Vec<String> {
     let Some(summary) = summary else { return Vec::new() };
     let recalls = thresholds.iter().map(|t| percent(summary.recall.get(*t)));
-    recalls.chain([number(summary.median_translation, 4)]).collect()
+    recalls.chain([summary.median_translation.map_or_else(missing, length)]).collect()
 }
 
 fn percent(share: Option<&f64>) -> String {
     number(share.map(|s| 100.0 * s), 1)
 }
 
+fn missing() -> String {
+    "—".to_owned()
+}
+
 fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or("—".to_owned(), |v| format!("{v:.digits$}"))
+    value.map_or_else(missing, |v| format!("{v:.digits$}"))
 }
 
 #[cfg(test)]

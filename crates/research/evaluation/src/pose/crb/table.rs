@@ -6,7 +6,7 @@ use super::{BoundCell, BoundEvaluation};
 use crate::results::coverage::REGIONS;
 use crate::results::metrics::finite;
 use crate::results::metrics::mean;
-use crate::results::text_table::TextTable;
+use crate::results::text_table::{TextTable, length};
 
 /// Both tables, each with an explanation.
 pub fn table(document: &BoundEvaluation) -> String {
@@ -49,7 +49,7 @@ fn bound(document: &BoundEvaluation) -> String {
             percent(cell.inliers_found, 1),
             number(cell.translation_ratio, 2),
             number(cell.rotation_ratio, 2),
-            number(cell.median_translation, 4),
+            cell.median_translation.map_or_else(missing, length),
             number(cell.median_rotation_deg, 4),
         ]);
     }
@@ -103,8 +103,12 @@ fn percent(share: f64, digits: usize) -> String {
     format!("{:.digits$}", 100.0 * share)
 }
 
+fn missing() -> String {
+    "—".to_owned()
+}
+
 fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or("—".to_owned(), |v| format!("{v:.digits$}"))
+    value.map_or_else(missing, |v| format!("{v:.digits$}"))
 }
 
 #[cfg(test)]

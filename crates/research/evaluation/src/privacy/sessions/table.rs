@@ -1,6 +1,6 @@
 //! The two text tables: poses of single frames, and leakage of several frames.
 
-use crate::results::text_table::{TextTable, percent};
+use crate::results::text_table::{TextTable, length, percent};
 
 use super::document::{SessionRow, SessionsDocument};
 
@@ -26,7 +26,7 @@ pub fn table(document: &SessionsDocument) -> String {
             format!("{:.0}", f.keypoints),
             format!("{}/{}", s.trusted.unwrap_or(0), s.queries),
             s.median_rotation_deg.map_or_else(missing, |x| format!("{x:.3}")),
-            s.median_translation.map_or_else(missing, |x| format!("{x:.4}")),
+            s.median_translation.map_or_else(missing, length),
         ];
         row.extend(thresholds.iter().map(|t| s.recall.get(*t).map_or_else(missing, |r| percent(*r))));
         singles.push(row);

@@ -16,8 +16,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::EvalError;
-use crate::results::metrics::{PoseErrors, Threshold, finite, median, recall};
-use crate::results::text_table::TextTable;
+use crate::results::metrics::{PoseError, Threshold, finite, median, recall};
+use crate::results::text_table::{TextTable, length};
 use run::{Query, Row};
 
 pub use run::Run;
@@ -329,7 +329,7 @@ impl ComparedFigure {
             "share" => format!("{:.1}", 100.0 * value),
             "ms" => format!("{value:.1}"),
             "deg" => format!("{value:.3}"),
-            _ => format!("{value:.4}"),
+            _ => length(value),
         };
         let plain = |value: Option<f64>| value.map_or_else(|| "—".to_owned(), number);
         let signed = |value: Option<f64>, beyond: &str| {
