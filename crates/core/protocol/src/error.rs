@@ -100,9 +100,7 @@ pub enum QueryError {
         actual: String,
     },
     /// The query was sealed for another map.
-    #[error(
-        "sealed with profile {query}, but the map has profile {map}; seal with `veiloc map profile` of this map"
-    )]
+    #[error("sealed with profile {query}, but the map has profile {map}")]
     WrongProfile {
         /// The query's.
         query: crate::ProfileId,

@@ -51,7 +51,7 @@ pub enum ClientError {
         frames: usize,
     },
     /// A progressive query that was not sealed with the given profile. Nothing was sent.
-    #[error("{0}")]
+    #[error("{0}; fetch this map's profile, and seal with it another image, taken at least one step away")]
     ProfileMismatch(QueryError),
     /// The service could not be reached, or closed the connection, in every attempt. The same query may be sent again.
     #[error("{server}: {reason}")]

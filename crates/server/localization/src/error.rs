@@ -10,7 +10,8 @@ use veiloc_protocol::QueryError;
 pub enum LocalizeError {
     /// The query was sealed for another map, or with an outdated profile.
     #[error(
-        "{source}; export the profile of this map again with `veiloc map profile`, move on, and seal a new image with it"
+        "{source}; export this map's profile with `veiloc map profile`, and seal with it another image, taken at least one \
+         step away"
     )]
     WrongProfile {
         /// The profile of the query, and the expected one.
