@@ -19,13 +19,14 @@ pub enum MapError {
     },
     /// The folder does not hold a COLMAP model.
     #[error(
-        "{}: no COLMAP model here: {wanted} are not all present, neither as .txt nor as .bin; give the folder that \
-         holds them",
-        dir.display()
+        "{}: no COLMAP model here: {wanted} are not all present, neither as .txt nor as .bin; {}",
+        dir.display(), folder_to_give(inside)
     )]
     NoColmapModel {
         /// The folder.
         dir: PathBuf,
+        /// Folders in it that hold a model.
+        inside: Vec<PathBuf>,
         /// The missing files.
         wanted: &'static str,
     },
@@ -224,6 +225,17 @@ pub enum MapError {
 impl MapError {
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::Io { path: path.to_owned(), source }
+    }
+}
+
+/// The remedy for a folder without a model.
+fn folder_to_give(inside: &[PathBuf]) -> String {
+    match inside {
+        [] => "give the folder that holds them".to_owned(),
+        [model] => format!("give the model in it: {}", model.display()),
+        [first, others @ ..] => {
+            format!("give one of the {} models in it, for example {}", others.len() + 1, first.display())
+        }
     }
 }
 

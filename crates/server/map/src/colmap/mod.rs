@@ -34,7 +34,7 @@ use crate::posed::PosedImages;
 pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
     match ModelFiles::in_folder(dir) {
         Some(files) if files.points => files.read(dir),
-        _ => Err(MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras, images and points3D" }),
+        _ => Err(no_model(dir, "cameras, images and points3D")),
     }
 }
 
@@ -43,9 +43,17 @@ pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
 /// # Errors
 /// As for [`read_model`], but a folder without `points3D` is a model without points.
 pub fn read_posed(dir: &Path) -> Result<PosedImages, MapError> {
-    let files = ModelFiles::in_folder(dir)
-        .ok_or_else(|| MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras and images" })?;
+    let files = ModelFiles::in_folder(dir).ok_or_else(|| no_model(dir, "cameras and images"))?;
     Ok(PosedImages::from(&files.read(dir)?))
+}
+
+/// The error for a folder without a model, which names the folders in it that hold one: COLMAP writes its models into
+/// `sparse/0`, `sparse/1`, ….
+fn no_model(dir: &Path, wanted: &'static str) -> MapError {
+    let folders = std::fs::read_dir(dir).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut inside: Vec<_> = folders.filter(|folder| ModelFiles::in_folder(folder).is_some()).collect();
+    inside.sort();
+    MapError::NoColmapModel { dir: dir.to_owned(), inside, wanted }
 }
 
 /// The files of a model in a folder.

@@ -215,6 +215,28 @@ fn folder_without_a_model_is_refused() {
     }
 }
 
+#[test]
+fn folder_of_models_names_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let add = |folder: &str| {
+        let folder = dir.path().join(folder);
+        fs::create_dir(&folder).unwrap();
+        for file in ["cameras.txt", "images.txt", "points3D.txt"] {
+            fs::copy(fixture("text").join(file), folder.join(file)).unwrap();
+        }
+    };
+    let message = || read_posed(dir.path()).unwrap_err().to_string();
+    assert!(message().contains("give the folder that holds them"), "{}", message());
+    add("0");
+    assert!(
+        message().ends_with(&format!("the model in it: {}", dir.path().join("0").display())),
+        "{}",
+        message()
+    );
+    add("1");
+    assert!(message().contains("one of the 2 models in it"), "{}", message());
+}
+
 /// Copies the binary fixture and changes one file.
 fn damaged(file: &str, change: impl FnOnce(&mut Vec<u8>)) -> Result<ColmapModel, MapError> {
     let dir = tempfile::tempdir().unwrap();

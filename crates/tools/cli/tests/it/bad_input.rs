@@ -82,7 +82,7 @@ fn images() {
         refused(seal("bad/empty.png"), &["bad/empty.png", "JPEG or PNG"]),
         refused(seal("bad/text.png"), &["bad/text.png", "JPEG or PNG"]),
         refused(seal("bad/phone.heic"), &["bad/phone.heic", "HEIC", "convert it to JPEG"]),
-        refused(seal("bad/web.webp"), &["bad/web.webp", "WEBP", "convert it to JPEG"]),
+        refused(seal("bad/web.webp"), &["bad/web.webp", "WebP", "convert it to JPEG"]),
         refused(seal("place.vmap"), &["place.vmap", "JPEG or PNG"]),
         refused(seal("bad/upright.png"), &["bad/upright.png", "300x400", "400x300", "give the camera"]),
     ];
@@ -155,7 +155,7 @@ fn maps() {
         refused("map remove place.vmap map-01.png -o bad/no/such/x.vmap", &["bad/no/such/x.vmap", "folder"]),
         refused(
             "map add place.vmap --posed posed --images images --list map.txt -o bad/x.vmap",
-            &["map-00.png", "already in the map", "remove it first"],
+            &["map-00.png", "already in the map", "remove it first", "--prefix"],
         ),
         misused("map remove place.vmap", &["NAME"]),
         misused("map info", &["MAP"]),
@@ -400,7 +400,10 @@ fn posed_models_and_lists() {
                 "map import --model posed --images images -o bad/x.vmap",
                 &["0 points", "build a map instead"],
             ),
-            refused("map import --model bad --images images -o bad/x.vmap", &["bad", "give the folder"]),
+            refused(
+                "map import --model bad --images images -o bad/x.vmap",
+                &["models in it", "bad/cut-binary"],
+            ),
             refused(
                 "eval scene --posed posed --images images --map-list map.txt --query-list bad/query.txt",
                 &["map-00.png", "map list", "query list"],
