@@ -76,13 +76,16 @@ impl Intrinsics {
     }
 }
 
-/// `MODEL,WIDTH,HEIGHT,PARAMS…`, the command line format.
+/// `MODEL,WIDTH,HEIGHT,PARAMS…`, the command line format, or the same with spaces, as in COLMAP's `cameras.txt`.
 impl FromStr for Intrinsics {
     type Err = IntrinsicsError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let syntax = || IntrinsicsError::Syntax { text: text.to_owned() };
-        let mut parts = text.split(',').map(str::trim);
+        let has_commas = text.contains(',');
+        let is_separator = |c: char| if has_commas { c == ',' } else { c.is_whitespace() };
+        // Several spaces are one separator; an empty field between commas is an error.
+        let mut parts = text.split(is_separator).map(str::trim).filter(|part| has_commas || !part.is_empty());
         let name = parts.next().filter(|n| !n.is_empty()).ok_or_else(syntax)?;
         let width = parts.next().and_then(|p| p.parse().ok()).ok_or_else(syntax)?;
         let height = parts.next().and_then(|p| p.parse().ok()).ok_or_else(syntax)?;

@@ -98,10 +98,7 @@ pub(crate) fn single_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
 /// # Errors
 /// The text is not a camera.
 pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
-    if text.contains(',') {
-        return text.parse();
-    }
-    text.split_whitespace().collect::<Vec<_>>().join(",").parse()
+    text.parse()
 }
 
 /// Splits `name MODEL W H PARAMS…`. A model is recognized by its spelling, so that an unknown model is not taken for a
