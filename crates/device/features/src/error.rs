@@ -18,11 +18,11 @@ pub enum FeatureError {
         source: std::io::Error,
     },
     /// The file is not an image, is truncated, or is of an unsupported type.
-    #[error("cannot decode {}: {reason}; expected a complete JPEG or PNG file, export or copy it again", path.display())]
+    #[error("cannot decode {}: {reason}", path.display())]
     Decode {
         /// The file.
         path: PathBuf,
-        /// The message of the decoder.
+        /// What is wrong, and the remedy.
         reason: String,
     },
     /// The image has more pixels than the limit.

@@ -34,7 +34,7 @@ pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage, FeatureError> {
     let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
     DynamicImage::from_decoder(decoder(path, &bytes)?)
-        .map_err(|e| FeatureError::Decode { path: path.into(), reason: e.to_string() })
+        .map_err(|e| FeatureError::Decode { path: path.into(), reason: damaged(e) })
 }
 
 /// The header of an image file.
@@ -59,19 +59,24 @@ fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, F
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
     let format = known_format(bytes).map_err(refused)?;
     if format == ImageFormat::Jpeg && !is_complete_jpeg(bytes) {
-        return Err(refused("the end of the image is missing".into()));
+        return Err(refused(damaged("the end of the image is missing")));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.no_limits(); // the limit below is in pixels
-    let decoder = reader.into_decoder().map_err(|e| refused(e.to_string()))?;
+    let decoder = reader.into_decoder().map_err(|e| refused(damaged(e)))?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        return Err(refused("it has no pixels".into()));
+        return Err(refused(damaged("it has no pixels")));
     }
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(FeatureError::TooLarge { path: path.into(), width, height, max_pixels: MAX_PIXELS });
     }
     Ok(decoder)
+}
+
+/// The message for a damaged file.
+fn damaged(reason: impl std::fmt::Display) -> String {
+    format!("{reason}; copy it again, or export it again as JPEG or PNG")
 }
 
 /// JPEG or PNG; for other formats, such as those of phones, an error with the name and the remedy.
@@ -82,11 +87,16 @@ fn known_format(bytes: &[u8]) -> Result<ImageFormat, String> {
             "HEIC"
         }
         (_, Some(b"ftypavif" | b"ftypavis")) => "AVIF",
-        (Ok(other), _) => other.extensions_str().first().copied().unwrap_or("another format"),
-        (Err(_), _) if bytes.is_empty() => return Err("the file is empty".into()),
-        (Err(_), _) => return Err("it is not an image of a known format".into()),
+        (Ok(other), _) => other.extensions_str().first().copied().unwrap_or("other"),
+        (Err(_), _) if bytes.is_empty() => return Err(damaged("the file is empty")),
+        (Err(_), _) => return Err("it is not an image; give a JPEG or PNG file".into()),
     };
-    Err(format!("it is {}, and only JPEG and PNG are read; convert it to JPEG", name.to_uppercase()))
+    Err(format!("{} files are not read; convert it to JPEG or PNG", display_name(name)))
+}
+
+/// The name of an image format as people write it.
+fn display_name(name: &str) -> String {
+    if name == "webp" { "WebP".to_owned() } else { name.to_uppercase() }
 }
 
 /// The decoder fills the missing part of a truncated JPEG with gray and reports success; so this walks its segments to

@@ -32,7 +32,10 @@ pub enum BadReason {
     #[error("there is no pose for it; remove it from the list or add its pose")]
     NoPose,
     /// It is to be added to a map that already has it.
-    #[error("is already in the map; remove it first to replace it")]
+    #[error(
+        "is already in the map; remove it first to replace it, or add another image of this name with a prefix (`map add \
+         --prefix`)"
+    )]
     AlreadyInMap,
     /// Its file does not exist.
     #[error("there is no file {}; check the path", path.display())]

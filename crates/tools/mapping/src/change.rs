@@ -41,7 +41,8 @@ pub fn add(
     let extractors = input.extractors().cloned().unwrap_or_default();
     let extractor = extractors.of_kind(model.profile.descriptor_kind())?;
     let there: BTreeSet<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
-    let checked = input.check(|name| there.contains(name))?;
+    let prefix = input.prefix();
+    let checked = input.check(|name| there.contains(format!("{prefix}{name}").as_str()))?;
     let global = match model.profile.global_model() {
         GlobalModel::Vlad(_) => None,
         GlobalModel::Named(model_of_map) => {
@@ -52,7 +53,9 @@ pub fn add(
     let extractor_pair = ExtractorPair { extractor, global };
     let ExtractionResult { images, features, skipped } =
         extract_all(checked, extractor_pair, model.settings.extraction, progress)?;
+    let before = model.images.len();
     let edges = integrate(model, &images, features, input.cache(), progress)?;
+    model.images[before..].iter_mut().for_each(|image| image.name.insert_str(0, prefix));
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);
     Ok(report)

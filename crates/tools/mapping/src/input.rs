@@ -21,6 +21,7 @@ pub struct Input<'a> {
     global: Option<&'a SharedGlobal>,
     cache: Option<&'a dyn BuildCache>,
     pairs: Option<&'a [(String, String)]>,
+    prefix: &'a str,
 }
 
 /// Treatment of unusable images.
@@ -45,6 +46,7 @@ impl<'a> Input<'a> {
             global: None,
             cache: None,
             pairs: None,
+            prefix: "",
         }
     }
 
@@ -85,6 +87,16 @@ impl<'a> Input<'a> {
     #[must_use]
     pub const fn with_pairs(self, pairs: &'a [(String, String)]) -> Self {
         Self { pairs: Some(pairs), ..self }
+    }
+
+    /// Sets the text before the names of images that are added to a map: two sessions may have files of the same names.
+    #[must_use]
+    pub const fn with_prefix(self, prefix: &'a str) -> Self {
+        Self { prefix, ..self }
+    }
+
+    pub(crate) const fn prefix(&self) -> &'a str {
+        self.prefix
     }
 
     /// Returns the given pairs as indices of these images, sorted and without duplicates.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use image::{ImageFormat, Rgb, RgbImage};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 use veiloc_features::{
-    Extractor, Extractors, FeatureError, Features, GrayImage, Image, Limits, Sift, SiftOptions,
+    Extractor, Extractors, FeatureError, Features, GrayImage, Image, Limits, Sift, SiftOptions, display_turn,
     extract_image, extract_loaded, extract_sift, load_gray,
 };
 
@@ -236,6 +236,20 @@ fn exif_orientation_is_reported_and_never_applied() {
         let other = extract((100, 64)).expect_err("not even turned").to_string();
         assert!(!other.contains("rotates the image"), "{other}");
     }
+}
+
+#[test]
+fn display_turn_is_that_of_the_exif_orientation() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let words = ["", "", "mirrored", "rotated by 180\u{b0}", "mirrored and rotated by 180\u{b0}"];
+    for (orientation, expected) in
+        (1..).zip(&words[1..]).chain([(6, &"rotated by 90\u{b0}"), (8, &"rotated by 270\u{b0}")])
+    {
+        let turn = display_turn(&turned_jpeg(folder.path(), orientation));
+        assert_eq!(turn.map(|turn| turn.to_string()).unwrap_or_default(), *expected, "{orientation}");
+    }
+    assert_eq!(display_turn(&saved(folder.path(), "plain.jpg", ImageFormat::Jpeg)), None);
+    assert_eq!(display_turn(Path::new("no/such.jpg")), None);
 }
 
 /// An external extractor: one keypoint in the middle, its brightness as descriptor.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use veiloc_features::FeatureError;
+use veiloc_features::{DisplayTurn, FeatureError, display_turn};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_protocol::FocalKnowledge;
@@ -11,6 +11,7 @@ use veiloc_protocol::FocalKnowledge;
 use crate::exit::Failure;
 use crate::files;
 use crate::lists::intrinsics;
+use crate::ui::Ui;
 
 /// The camera of all images given.
 #[derive(Debug, Clone)]
@@ -78,6 +79,31 @@ impl CameraSource {
             Self::Assumed => KnownCamera::guessed(image),
         }
     }
+}
+
+/// Warns of images that are shown rotated or mirrored because of their EXIF orientation: the pose is that of the image
+/// as it is stored. With a given camera there is no warning: it has the size of the stored image.
+pub(crate) fn warn_of_turned<'a>(images: impl IntoIterator<Item = (&'a Path, CameraSource)>, ui: &Ui) {
+    let (mut count, mut turned): (usize, Vec<(&Path, DisplayTurn)>) = (0, Vec::new());
+    for (path, camera) in images {
+        count += 1;
+        if !matches!(camera, CameraSource::Given(_)) {
+            turned.extend(display_turn(path).map(|turn| (path, turn)));
+        }
+    }
+    let Some((first, turn)) = turned.first() else { return };
+    let first = first.display();
+    let (who, sealed) = match (turned.len(), count) {
+        (1, _) => (format!("{first} is"), "It is sealed as it is stored, and its pose is"),
+        (n, all) => (
+            format!("{n} of {all} images are, for example {first},"),
+            "They are sealed as they are stored, and their poses are",
+        ),
+    };
+    ui.warn(format_args!(
+        "warning: {who} {turn} for display, because of the EXIF orientation. {sealed} that of the stored image; turn the \
+         pixels first for the pose of the image as it is displayed"
+    ));
 }
 
 /// The one camera of a COLMAP `cameras.txt`: lines of `CAMERA_ID MODEL W H PARAMS…`.

@@ -8,7 +8,7 @@ use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
 use veiloc_mapping::importers::hloc::{ImageFeatures, write_features};
 
 use crate::exit::{Exit, Outcome};
-use crate::items::{self, IMAGES};
+use crate::items;
 use crate::lists;
 use crate::ui::Ui;
 
@@ -41,7 +41,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
     let items = match &args.list {
-        None => items::expand_readable(&args.images, &IMAGES)?,
+        None => items::expand_readable(&args.images, ui)?,
         Some(list) => {
             let listed = lists::read_with_cameras(list)?;
             let folder = lists::single_folder(&args.images)?;

@@ -193,6 +193,10 @@ pub(crate) struct AddArgs {
     features: MapFeatureArgs,
     #[command(flatten)]
     global: MapGlobalArgs,
+    /// Text before the names of the images in the map, for example `session-2/`: for a session whose files have the same
+    /// names as images of the map. Default: none.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    prefix: String,
     #[command(flatten)]
     self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
@@ -327,7 +331,7 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let mut model = edit.read()?;
     let extractors = args.features.extractors(&model.profile)?;
     let global = args.global.extractor(&args.features.models(), &model.profile)?;
-    let mut input = posed_input.input().with_extractors(&extractors);
+    let mut input = posed_input.input().with_extractors(&extractors).with_prefix(&args.prefix);
     if let Some(global) = &global {
         input = input.with_global(global);
     }

@@ -23,9 +23,10 @@ use crate::ui::Ui;
 /// Seal images: convert them to queries that hide the keypoint positions.
 ///
 /// A sealed query contains descriptors and lines, never keypoints; a server gets nothing else. From the image file only
-/// the pixels are read and, if no camera is given, the focal length in its EXIF data: no time and no location. All
-/// randomness comes from the operating system's generator, so sealing one image twice gives two different queries;
-/// never send both (see docs/reference/privacy-rules.md, rule L7). Seal two images of one scene in one session (--session).
+/// the pixels are read and, if no camera is given, the focal length in its EXIF data, and the orientation for a warning:
+/// the pose is that of the image as it is stored. No time and no location are read. All randomness comes from the
+/// operating system's generator, so sealing one image twice gives two different queries; never send both (see
+/// docs/reference/privacy-rules.md, rule L7). Seal two images of one scene in one session (--session).
 ///
 /// Images are independent: an image that cannot be sealed does not stop the others.
 #[derive(clap::Args)]
@@ -75,6 +76,10 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     batch::run(args, &profile, &options, &hiding, session.as_mut(), ui)
 }
 
+/// The remedy for an image whose EXIF data does not give the focal length.
+pub(crate) const GIVE_CAMERA: &str =
+    "give its camera with --camera MODEL,W,H,PARAMS…, or --camera unknown to have the focal length estimated";
+
 /// One sealed image.
 pub(crate) struct Sealed {
     /// Knowledge of its focal length.
@@ -107,10 +112,10 @@ pub(crate) fn seal_one(
 ) -> Result<Result<Sealed, InputError>, Failure> {
     let known = match camera.of(path) {
         Ok(known) => known,
-        Err(e @ FeatureError::NoFocal { .. }) => {
+        Err(FeatureError::NoFocal { path, reason }) => {
             return Ok(Err(InputError::new(
                 InputErrorKind::Unfit,
-                format_args!("{e} (--camera, --camera unknown)"),
+                format_args!("{}: {reason}; {GIVE_CAMERA}", path.display()),
             )));
         }
         Err(e) => return Ok(Err(InputError::new(InputErrorKind::Damaged, e))),

@@ -3,7 +3,7 @@
 //! Commands with several inputs treat each on its own: missing files are reported before the work begins, a bad file
 //! does not stop the others, and a summary at the end counts the results.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,6 +21,19 @@ pub(crate) struct InputKind {
     /// Its file extensions, lower case.
     pub endings: &'static [&'static str],
 }
+
+/// Extensions of images that are not read, lower case, and the name of their format.
+const UNREAD_FORMATS: [(&str, &str); 9] = [
+    ("heic", "HEIC"),
+    ("heif", "HEIC"),
+    ("webp", "WebP"),
+    ("tif", "TIFF"),
+    ("tiff", "TIFF"),
+    ("avif", "AVIF"),
+    ("bmp", "BMP"),
+    ("gif", "GIF"),
+    ("dng", "DNG"),
+];
 
 /// Images in the supported formats.
 pub(crate) const IMAGES: InputKind = InputKind { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
@@ -125,19 +138,21 @@ pub(crate) fn expand_inputs(given: &[PathBuf], input_kind: &InputKind) -> Vec<It
             continue;
         }
         let mut inside = Vec::new();
-        let walked = walk(path, input_kind, &mut BTreeSet::new(), &mut inside);
+        let walked = walk(path, input_kind.endings, &mut BTreeSet::new(), &mut inside);
         let fault = match walked {
             Err((at, error)) => {
                 let InputError { kind, message } = InputError::of_io(&error);
                 Some(InputError::new(kind, format_args!("{}: {message}", at.display())))
             }
-            Ok(()) if inside.is_empty() => Some(InputError::new(
-                InputErrorKind::Unreadable,
-                format_args!(
-                    "contains no {}; give a folder that contains some, or the files",
-                    input_kind.what
-                ),
-            )),
+            Ok(()) if inside.is_empty() => {
+                let unread = if input_kind.what == IMAGES.what { unread_images(path) } else { None };
+                let what = input_kind.what;
+                let message = match unread {
+                    Some(unread) => format!("contains no {what}, but {unread}; convert them to JPEG or PNG"),
+                    None => format!("contains no {what}; give a folder that contains some, or the files"),
+                };
+                Some(InputError::new(InputErrorKind::Unreadable, message))
+            }
             Ok(()) => None,
         };
         inside.sort();
@@ -155,6 +170,44 @@ pub(crate) fn expand_inputs(given: &[PathBuf], input_kind: &InputKind) -> Vec<It
         }
     }
     items
+}
+
+/// As [`expand_inputs`] for images, and warns of images in the folders that are left out because of their format.
+pub(crate) fn expand_images(given: &[PathBuf], ui: &Ui) -> Vec<Item> {
+    let items = expand_inputs(given, &IMAGES);
+    for folder in given.iter().filter(|path| path.is_dir()) {
+        // A folder without any image that can be read is an error, which names them.
+        let is_empty = items.iter().any(|item| item.path == *folder && item.fault.is_some());
+        if let Some(unread) = unread_images(folder).filter(|_| !is_empty) {
+            ui.warn(format_args!(
+                "{}: {unread} left out, because only JPEG and PNG are read; convert them to JPEG or PNG",
+                folder.display()
+            ));
+        }
+    }
+    items
+}
+
+/// Counts the images in a folder and its sub-folders that are not read because of their format, for example
+/// `3 HEIC files and 1 WebP file`; `None` without any.
+fn unread_images(folder: &Path) -> Option<String> {
+    let endings = UNREAD_FORMATS.map(|(ending, _)| ending);
+    let mut found = Vec::new();
+    walk(folder, &endings, &mut BTreeSet::new(), &mut found).ok()?;
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for path in &found {
+        let format = UNREAD_FORMATS.iter().find(|(ending, _)| has_ending(path, &[ending]));
+        *counts.entry(format?.1).or_default() += 1;
+    }
+    let words: Vec<String> = counts
+        .iter()
+        .map(|(format, n)| format!("{n} {format} file{}", if *n == 1 { "" } else { "s" }))
+        .collect();
+    match words.as_slice() {
+        [] => None,
+        [one] => Some(one.clone()),
+        [most @ .., last] => Some(format!("{} and {last}", most.join(", "))),
+    }
 }
 
 /// Returns the files of a list: its names in a folder.
@@ -188,10 +241,10 @@ fn error_of_path(path: &Path) -> Option<InputError> {
     }
 }
 
-/// Collects the wanted files in a folder and its sub-folders; a symbolic link to a parent folder is followed once.
+/// Collects the files with these extensions in a folder and its sub-folders; a symbolic link to a parent folder is followed once.
 fn walk(
     folder: &Path,
-    input_kind: &InputKind,
+    endings: &[&str],
     seen: &mut BTreeSet<PathBuf>,
     found: &mut Vec<PathBuf>,
 ) -> Result<(), (PathBuf, io::Error)> {
@@ -206,8 +259,8 @@ fn walk(
         }
         let path = entry.path();
         if path.is_dir() {
-            walk(&path, input_kind, seen, found)?;
-        } else if has_ending(&path, input_kind.endings) {
+            walk(&path, endings, seen, found)?;
+        } else if has_ending(&path, endings) {
             found.push(path);
         }
     }
@@ -220,12 +273,12 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     })
 }
 
-/// Like [`expand_inputs`], but a file that cannot be read ends the command.
+/// Like [`expand_images`], but a file that cannot be read ends the command.
 ///
 /// # Errors
 /// Names all files that cannot be read.
-pub(crate) fn expand_readable(given: &[PathBuf], input_kind: &InputKind) -> Result<Vec<Item>, Failure> {
-    let items = expand_inputs(given, input_kind);
+pub(crate) fn expand_readable(given: &[PathBuf], ui: &Ui) -> Result<Vec<Item>, Failure> {
+    let items = expand_images(given, ui);
     refuse_bad(&items)?;
     Ok(items)
 }
@@ -235,23 +288,59 @@ pub(crate) fn expand_readable(given: &[PathBuf], input_kind: &InputKind) -> Resu
 /// # Errors
 /// Names all files that cannot be read.
 pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
-    let bad: Vec<String> = known_errors(items).collect();
+    let bad = known_errors(items);
     match bad.as_slice() {
         [] => Ok(()),
-        [one] => Err(Failure::refused(one)),
+        [one] => Err(Failure::refused(&one.message)),
         several => Err(Failure::refused(format_args!(
             "{} of {} files cannot be read:\n{}",
             several.len(),
             items.len(),
-            several.join("\n")
+            folded(several).join("\n")
         ))),
     }
 }
 
-fn known_errors(items: &[Item]) -> impl Iterator<Item = String> {
-    items
-        .iter()
-        .filter_map(|item| item.fault.as_ref().map(|fault| fault.of(&item.path.display().to_string())))
+/// An input that cannot be used, and the message that names it.
+struct NamedError {
+    name: String,
+    message: String,
+}
+
+impl NamedError {
+    fn new(name: &str, error: &InputError) -> Self {
+        Self { name: name.to_owned(), message: error.of(name) }
+    }
+}
+
+fn known_errors(items: &[Item]) -> Vec<NamedError> {
+    let named = |item: &Item| {
+        item.fault.as_ref().map(|error| NamedError::new(&item.path.display().to_string(), error))
+    };
+    items.iter().filter_map(named).collect()
+}
+
+/// One line for each message; inputs with the same message share one line, which names them all.
+fn folded(errors: &[NamedError]) -> Vec<String> {
+    let without_name = |error: &NamedError| error.message.replacen(&error.name, "", 1);
+    let mut groups: Vec<(String, Vec<&NamedError>)> = Vec::new();
+    for error in errors {
+        let key = without_name(error);
+        match groups.iter_mut().find(|(known, _)| *known == key) {
+            Some((_, group)) => group.push(error),
+            None => groups.push((key, vec![error])),
+        }
+    }
+    let line = |(_, group): (String, Vec<&NamedError>)| match group.as_slice() {
+        [first, second, others @ ..] => {
+            let count = others.len() + 1;
+            let names: Vec<&str> = std::iter::once(second).chain(others).map(|e| e.name.as_str()).collect();
+            let inputs = if count == 1 { "1 other".to_owned() } else { format!("{count} others") };
+            format!("{} (also {inputs}: {})", first.message, names.join(", "))
+        }
+        group => group.iter().map(|error| error.message.as_str()).collect(),
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// Effect of bad files on the exit code.
@@ -274,27 +363,32 @@ pub(crate) struct BatchSummary {
     /// The verb of the summary, as in `8 of 10 sealed`.
     verb: &'static str,
     total: usize,
-    faults: Vec<String>,
+    errors: Vec<NamedError>,
 }
 
 impl BatchSummary {
     /// Reports missing and unreadable inputs before the work begins.
     pub(crate) fn begin(verb: &'static str, items: &[Item], ui: &Ui) -> Self {
-        let known: Vec<String> = known_errors(items).collect();
+        let known = known_errors(items);
         if items.len() > 1 && !known.is_empty() {
-            ui.info(format_args!("{} of {} cannot be read:{}", known.len(), items.len(), indented(&known)));
+            ui.info(format_args!(
+                "{} of {} cannot be read:{}",
+                known.len(),
+                items.len(),
+                indented(&folded(&known))
+            ));
         }
-        Self { verb, total: items.len(), faults: Vec::new() }
+        Self { verb, total: items.len(), errors: Vec::new() }
     }
 
     /// Counts an input without result.
     pub(crate) fn failed(&mut self, name: &str, fault: &InputError) {
-        self.faults.push(fault.of(name));
+        self.errors.push(NamedError::new(name, fault));
     }
 
     /// Returns the number of inputs that have no result because of their own error.
     pub(crate) fn failures(&self) -> usize {
-        self.faults.len()
+        self.errors.len()
     }
 
     /// Prints the summary and returns the exit code: `done` is the number of successful inputs, and `remark` is about
@@ -303,20 +397,20 @@ impl BatchSummary {
     /// # Errors
     /// The error of the only input, if it has one.
     pub(crate) fn end(&self, done: usize, remark: &str, skip: SkipArgs, ui: &Ui) -> Outcome {
-        if let ([only], 1) = (self.faults.as_slice(), self.total) {
-            return Err(Failure::refused(only));
+        if let ([only], 1) = (self.errors.as_slice(), self.total) {
+            return Err(Failure::refused(&only.message));
         }
         let summary = format!("{done} of {} {}{remark}", self.total, self.verb);
-        if !self.faults.is_empty() {
+        if !self.errors.is_empty() {
             ui.warn(format_args!(
                 "{summary}; {} could not be used:{}",
-                self.faults.len(),
-                indented(&self.faults)
+                self.errors.len(),
+                indented(&folded(&self.errors))
             ));
         } else if self.total > 1 {
             ui.info(summary);
         }
-        let all_well = self.faults.is_empty() || skip.skip_bad;
+        let all_well = self.errors.is_empty() || skip.skip_bad;
         Ok(if done > 0 && all_well { Exit::Success } else { Exit::Refused })
     }
 }
@@ -375,6 +469,35 @@ mod tests {
         assert!(
             message.contains("2 of 3") && message.contains("b.jpg") && message.contains("no JPEG or PNG"),
             "{message}"
+        );
+    }
+
+    #[test]
+    fn images_of_other_formats_are_counted() {
+        let folder = tree(&["a.jpg", "b.HEIC", "sub/c.heif", "sub/d.webp", "notes.txt", ".thumbs/e.webp"]);
+        assert_eq!(unread_images(folder.path()).as_deref(), Some("2 HEIC files and 1 WebP file"));
+        let folder = tree(&["a.heic"]);
+        let items = expand_inputs(&[folder.path().to_owned()], &IMAGES);
+        let message = items[0].fault.as_ref().expect("nothing to read").message.clone();
+        assert!(message.contains("no JPEG or PNG file, but 1 HEIC file"), "{message}");
+        assert_eq!(unread_images(tree(&["a.jpg", "b.txt"]).path()), None);
+    }
+
+    #[test]
+    fn equal_messages_share_one_line() {
+        let error = |name: &str, message: &str| {
+            NamedError::new(name, &InputError::new(InputErrorKind::Unfit, message))
+        };
+        let errors = [
+            error("a/1.jpg", "a/1.jpg: it has no EXIF"),
+            error("a/2.jpg", "the file is empty"),
+            error("a/3.jpg", "a/3.jpg: it has no EXIF"),
+            error("a/4.jpg", "it has no EXIF"),
+        ];
+        let lines = folded(&errors);
+        assert_eq!(
+            lines,
+            ["a/1.jpg: it has no EXIF (also 2 others: a/3.jpg, a/4.jpg)", "a/2.jpg: the file is empty"]
         );
     }
 

@@ -10,6 +10,9 @@ const MIN_INTERVAL: Duration = Duration::from_secs(1);
 /// A line after this time, even with little progress.
 const MAX_INTERVAL: Duration = Duration::from_secs(10);
 
+/// Shorter remaining times are not printed, seconds.
+const MIN_REMAINING: f64 = 5.0;
+
 /// One stage of work with a known number of steps.
 pub(crate) struct Stage(StageOutput);
 
@@ -40,8 +43,9 @@ impl Stage {
 
     /// Prints lines on stderr, the first at once.
     pub(crate) fn lines(name: &str, total: u64) -> Self {
-        let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, last: Instant::now() };
-        print_line(&lines.text());
+        let start = Instant::now();
+        let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, start, last: start };
+        print_line(&lines.text(start));
         Self(StageOutput::Lines(Mutex::new(lines)))
     }
 
@@ -98,6 +102,7 @@ struct Lines {
     done: u64,
     /// Tenths of the stage that were printed.
     tenth: u64,
+    start: Instant,
     last: Instant,
 }
 
@@ -110,13 +115,24 @@ impl Lines {
             return None;
         }
         (self.tenth, self.last) = (tenth, now);
-        Some(self.text())
+        Some(self.text(now))
     }
 
-    fn text(&self) -> String {
+    fn text(&self, now: Instant) -> String {
         match self.total {
             0 => self.name.clone(),
-            total => format!("{} {}/{total}", self.name, self.done),
+            total => format!("{} {}/{total}{}", self.name, self.done, self.remaining(now)),
+        }
+    }
+
+    /// The time that the other steps will take if they are as long as those before; empty if it is short.
+    fn remaining(&self, now: Instant) -> String {
+        let rest = self.total.saturating_sub(self.done) as f64;
+        let seconds = now.saturating_duration_since(self.start).as_secs_f64() * rest / self.done as f64;
+        match seconds {
+            s if !s.is_finite() || s < MIN_REMAINING => String::new(),
+            s if s < 90.0 => format!(", about {s:.0} s left"),
+            s => format!(", about {:.0} min left", s / 60.0),
         }
     }
 }
@@ -133,7 +149,10 @@ mod tests {
 
     fn lines(total: u64) -> (Lines, Instant) {
         let start = Instant::now();
-        (Lines { name: "Extracting features".to_owned(), total, done: 0, tenth: 0, last: start }, start)
+        (
+            Lines { name: "Extracting features".to_owned(), total, done: 0, tenth: 0, start, last: start },
+            start,
+        )
     }
 
     /// Returns the lines that a stage of 900 steps at `ms` milliseconds each prints.
@@ -154,10 +173,12 @@ mod tests {
         assert!(printed_lines(1).is_empty(), "all in 0.9 s: the first line is enough");
         let tenths = printed_lines(20);
         assert_eq!(tenths.len(), 10);
-        assert_eq!(tenths[0], "Extracting features 90/900");
+        assert_eq!(tenths[0], "Extracting features 90/900, about 16 s left");
+        assert_eq!(tenths[9], "Extracting features 900/900");
         let slow = printed_lines(1000);
         assert_eq!(slow.len(), 90, "here every tenth falls on a multiple of ten seconds");
-        assert_eq!(slow[0], "Extracting features 10/900");
+        assert_eq!(slow[0], "Extracting features 10/900, about 15 min left");
+        assert_eq!(slow[84], "Extracting features 850/900, about 50 s left");
     }
 
     #[test]

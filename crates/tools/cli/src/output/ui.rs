@@ -13,6 +13,8 @@ pub(crate) struct Ui {
     quiet: bool,
     /// Whether stderr is a terminal.
     terminal: bool,
+    /// Warnings that were not printed because of --quiet; an error prints them before itself.
+    held_warnings: Mutex<Vec<String>>,
     /// The first error of writing results to stdout.
     lost_output_error: Mutex<Option<std::io::Error>>,
 }
@@ -25,7 +27,7 @@ impl Ui {
         let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
         // Fails only if a hook exists already, which then takes precedence.
         let _ = miette::set_hook(Box::new(move |_| Box::new(options().build())));
-        Self { quiet, terminal, lost_output_error: Mutex::new(None) }
+        Self { quiet, terminal, held_warnings: Mutex::new(Vec::new()), lost_output_error: Mutex::new(None) }
     }
 
     /// Returns whether messages are suppressed.
@@ -37,6 +39,16 @@ impl Ui {
     pub(crate) fn info(&self, text: impl std::fmt::Display) {
         if !self.quiet {
             print_line(text);
+        }
+    }
+
+    /// Prints a warning about the result. When quiet, it is printed only if the command fails, before the error.
+    pub(crate) fn warning(&self, text: impl std::fmt::Display) {
+        let line = format!("warning: {text}");
+        if self.quiet {
+            self.held_warnings.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+        } else {
+            print_line(line);
         }
     }
 
@@ -84,9 +96,9 @@ impl Ui {
         Ok(())
     }
 
-    /// Prints an error with its remedy.
-    #[expect(clippy::unused_self, reason = "all printing goes through one value")]
+    /// Prints an error with its remedy, after the warnings that led to it.
     pub(crate) fn failure(&self, failure: &Failure) {
+        self.held_warnings.lock().unwrap_or_else(PoisonError::into_inner).drain(..).for_each(print_line);
         match failure {
             Failure::Refused { report } | Failure::Output { report } => {
                 print_line(format_args!("{report:?}"));

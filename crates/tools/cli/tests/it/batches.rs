@@ -209,6 +209,36 @@ fn lists_may_have_cameras() {
 }
 
 #[test]
+fn images_of_other_formats_in_a_folder_are_counted() {
+    let scene = scene();
+    scene.write("phone/1.png", scene.read("images/query-0.png"));
+    for name in ["2.heic", "3.HEIC", "4.webp"] {
+        scene.write(&format!("phone/{name}"), "no matter");
+    }
+    let run = scene.run(&seal("phone", "phone-sealed")).succeeded();
+    assert!(run.stderr.contains("phone: 2 HEIC files and 1 WebP file left out"), "{run}");
+    assert_eq!(names(scene, "phone-sealed"), ["1.vquery"]);
+    fs::remove_file(scene.path("phone/1.png")).expect("removed");
+    let run = scene.run(&seal("phone", "phone-sealed"));
+    assert!(run.code == Some(1) && run.stderr.contains("no JPEG or PNG file, but 2 HEIC files"), "{run}");
+}
+
+#[test]
+fn equal_errors_of_many_images_share_one_line() {
+    let scene = scene();
+    for i in 0..3 {
+        scene.write(&format!("plain/{i}.png"), scene.read("images/query-0.png"));
+    }
+    let run = scene.run("seal plain --profile place.vprofile -o plain-sealed");
+    assert_eq!(run.code, Some(1), "{run}");
+    assert_eq!(run.stderr.matches("no EXIF").count(), 1, "{run}");
+    assert!(
+        run.stderr.contains("plain/0.png") && run.stderr.contains("also 2 others: plain/1.png, plain/2.png"),
+        "{run}"
+    );
+}
+
+#[test]
 fn keypoints_of_folders_have_distinct_names() {
     let scene = scene();
     let png = scene.read("images/query-0.png");

@@ -26,6 +26,12 @@ fn only_focal_length_is_read_from_exif() {
     with_exif(scene, "exif.jpg", &[Short(made::FOCAL_35MM, 28)]);
     let run = scene.run("seal exif.jpg --profile place.vprofile -o exif.vquery --json").succeeded();
     assert_eq!(run.json()["images"][0]["focal_known"], "exif");
+    assert!(run.stderr.contains("exif.jpg is rotated by 90\u{b0} for display"), "{run}");
+    let given = format!("seal exif.jpg --camera {CAMERA} --profile place.vprofile -o exif-given.vquery");
+    assert!(
+        !scene.run(&given).succeeded().stderr.contains("rotated"),
+        "a given camera is of the stored image"
+    );
     let query = sealed(scene, "exif.vquery");
     assert_eq!((query.focal_known(), query.gravity()), (FocalKnowledge::Exif, None));
     // The quantized value instead of the focal length; the same as for the calibrated camera.

@@ -73,6 +73,23 @@ fn remove_reports_vocabulary_traces_and_retrain_clears_them() {
     assert!(run.code == Some(1) && run.stderr.contains("map-98.png, map-99.png are not in the map"), "{run}");
 }
 
+/// A second session whose files have the same names.
+#[test]
+fn prefix_distinguishes_images_of_equal_names() {
+    let scene = scene();
+    let map = copy(scene, "prefixed");
+    scene.write("two-again.txt", "map-00.png\nmap-01.png\n");
+    let add =
+        format!("map add {map} --posed posed --images images --list two-again.txt --no-self-test --prefix");
+    scene.run(&format!("{add} session-2/")).succeeded();
+    let listed = info(scene, &map);
+    let names = names(&listed);
+    assert_eq!(names.len(), MAP_VIEWS + 2);
+    assert!(names.contains(&"session-2/map-01.png") && names.contains(&"map-01.png"), "{names:?}");
+    let run = scene.run(&format!("{add} session-2/"));
+    assert!(run.code == Some(1) && run.stderr.contains("already in the map"), "{run}");
+}
+
 #[test]
 fn images_are_listed() {
     let scene = scene();
@@ -166,6 +183,11 @@ fn is_refused(scene: &TestScene, build: &str, map: &str, expected: &str, name: &
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains(expected), "{expected}: {run}");
     assert!(!scene.path(format!("{map}.vmap")).exists());
+    let quiet = scene.run(&format!("--quiet {build}"));
+    assert!(
+        quiet.code == Some(1) && quiet.stderr.contains(expected),
+        "an error prints its warnings: {quiet}"
+    );
     let run = scene.run(&format!("{build} --keep-broken"));
     if run.code == Some(0) {
         let document = run.json();
@@ -210,6 +232,19 @@ fn self_test_localizes_own_images() {
     }
     let text = scene.run("map info place.vmap").succeeded().stdout;
     assert!(text.contains("self-test   10 images") && text.contains("dcl"), "{text}");
+    // Numbers are below the end of their column's name.
+    let table: Vec<&str> = text
+        .lines()
+        .skip_while(|line| !line.contains("within 1 %"))
+        .take_while(|line| !line.contains("Within"))
+        .collect();
+    let end =
+        |line: &str, word: &str| line.find(word).map(|at| line[..at].chars().count() + word.chars().count());
+    assert_eq!(table.len(), 6, "head, rule, four schemes: {text}");
+    for line in &table[2..] {
+        assert_eq!(end(line, " px"), end(table[0], "noise"), "{text}");
+        assert_eq!(line.chars().count(), table[0].chars().count(), "{text}");
+    }
 
     let less = copy(scene, "less");
     scene.run(&format!("map remove {less} map-04.png")).succeeded();

@@ -8,7 +8,7 @@ use veiloc_features::{Extractor, Progress};
 use veiloc_protocol::ExtractionLimits;
 
 use crate::exit::Failure;
-use crate::items::{self, IMAGES, Item};
+use crate::items::{self, Item};
 use crate::ui::Ui;
 
 /// Images with their keypoints, in groups, and the paths of their files.
@@ -34,7 +34,7 @@ impl Inputs {
         ui: &Ui,
     ) -> Result<Self, Failure> {
         let given: Vec<Vec<Item>> =
-            paths.iter().map(|path| items::expand_inputs(std::slice::from_ref(path), &IMAGES)).collect();
+            paths.iter().map(|path| items::expand_images(std::slice::from_ref(path), ui)).collect();
         items::refuse_bad(&given.concat())?;
         let (mut files, mut given) = (Vec::new(), given);
         for path in paths.iter().filter(|path| holds_keypoints(path) && !path.is_dir()) {

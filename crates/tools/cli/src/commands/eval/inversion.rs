@@ -13,7 +13,7 @@ use veiloc_report::inversion_page;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::feature_args::ImageFeatureArgs;
 use crate::files;
-use crate::items::{self, IMAGES};
+use crate::items;
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::stages::Stages;
@@ -123,7 +123,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     let all = match &args.list {
         Some(list) => listed(&args.images, list)?,
-        None => items::expand_readable(&args.images, &IMAGES)?.into_iter().map(|item| item.path).collect(),
+        None => items::expand_readable(&args.images, ui)?.into_iter().map(|item| item.path).collect(),
     };
     let most = args.limit.map_or(all.len(), |most| (most as usize).min(all.len()));
     let evaluation = InversionEvaluation {

@@ -8,7 +8,7 @@ use veiloc_protocol::ExtractionLimits;
 use crate::exit::{Exit, Outcome};
 use crate::feature_args::ImageFeatureArgs;
 use crate::files;
-use crate::items::{self, IMAGES};
+use crate::items;
 use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -42,7 +42,7 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
     let items = match &args.list {
-        None => items::expand_readable(&args.images, &IMAGES)?,
+        None => items::expand_readable(&args.images, ui)?,
         Some(list) => {
             let folder = lists::single_folder(&args.images)?;
             let listed = lists::read_with_cameras(list)?;

@@ -16,7 +16,7 @@ use crate::exit::{Failure, Outcome};
 use crate::extraction_error::extraction_error;
 use crate::feature_args::MapFeatureArgs;
 use crate::global_args::MapGlobalArgs;
-use crate::items::{self, BatchSummary, IMAGES, InputError, Item, SkipArgs};
+use crate::items::{self, BatchSummary, InputError, Item, SkipArgs};
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::localization_args::{MatchArgs, PoseArgs};
@@ -89,7 +89,7 @@ struct InputErrorDocument {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let map = MapFile::open(&args.map)?;
-    let given = images(args)?;
+    let given = images(args, ui)?;
     let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
     let names = items::names(&items);
     let mut tally = BatchSummary::begin("queried", &items, ui);
@@ -135,7 +135,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 }
 
 /// Returns the images, each with its camera if one is given.
-fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
+fn images(args: &Args, ui: &Ui) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
     if !args.images.is_dir() {
         return Err(Failure::with_help(
             format!("{} is not a folder", args.images.display()),
@@ -147,7 +147,7 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
         Some(CameraSource::Exif | CameraSource::Assumed) | None => None,
     };
     let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
-        None => items::expand_inputs(std::slice::from_ref(&args.images), &IMAGES)
+        None => items::expand_images(std::slice::from_ref(&args.images), ui)
             .into_iter()
             .map(|item| (item, common))
             .collect(),

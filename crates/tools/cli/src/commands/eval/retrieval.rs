@@ -8,7 +8,7 @@ use veiloc_map::MapFile;
 
 use crate::exit::{Exit, Outcome};
 use crate::feature_args::MapFeatureArgs;
-use crate::items::{self, IMAGES, Item};
+use crate::items::{self, Item};
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::stages::Stages;
@@ -72,7 +72,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         Ok(items.into_iter().map(|item| item.path).collect())
     };
     let queries = match &args.query_list {
-        None => gathered(items::expand_inputs(std::slice::from_ref(&args.images), &IMAGES))?,
+        None => gathered(items::expand_images(std::slice::from_ref(&args.images), ui))?,
         Some(list) => {
             let listed = lists::read_with_cameras(list)?;
             gathered(items::files_of_list(&args.images, listed.iter().map(|l| l.name.as_str())))?
@@ -80,7 +80,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let distractors = match &args.distractors {
         None => Vec::new(),
-        Some(folder) => gathered(items::expand_inputs(std::slice::from_ref(folder), &IMAGES))?,
+        Some(folder) => gathered(items::expand_images(std::slice::from_ref(folder), ui))?,
     };
     let extractors = args.features.extractors(map.profile())?;
     let extractor = extractors.of_kind(map.profile().descriptor_kind())?;

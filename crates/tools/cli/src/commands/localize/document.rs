@@ -6,9 +6,9 @@ use serde::Serialize;
 use veiloc_evaluation::results::PoseDocument;
 use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
-use veiloc_report::significant;
 
 use crate::items::InputError;
+use crate::output::position::position;
 
 /// The document of `veiloc localize --json`.
 #[derive(Serialize)]
@@ -248,14 +248,14 @@ pub(super) fn table(document: &LocalizeDocument) -> String {
     for q in answered() {
         let state = q.state;
         let _ = match (&q.center, &q.error) {
-            (Some([x, y, z]), _) => {
+            (Some(center), _) => {
                 let sd = q.position_sd.unwrap_or(f64::INFINITY);
                 let total: f64 = q.ms.values().sum();
                 writeln!(
                     text,
-                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {}  {} of {} matches agree  {total:.0} ms{}",
+                    "{:<width$}  {state:<9}  {}  {} of {} matches agree  {total:.0} ms{}",
                     q.file,
-                    significant(sd),
+                    position(*center, sd),
                     q.inliers,
                     q.matches,
                     if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },

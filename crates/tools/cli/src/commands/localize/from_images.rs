@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::args::camera::{CameraArg, CameraSource};
+use crate::args::camera::{CameraArg, CameraSource, warn_of_turned};
 use clap::Arg;
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
@@ -87,6 +87,7 @@ impl ImageArgs {
                 "seal each image with `veiloc seal`, with the direction measured when it was taken",
             ));
         }
+        warn_of_turned(images.iter().map(|(item, camera)| (item.path.as_path(), *camera)), ui);
         let profile = map.profile().clone();
         let options = self.device.options(&profile, ui)?;
         Ok(Some(Sealing { images, profile, options }))

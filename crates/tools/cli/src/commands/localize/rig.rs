@@ -10,11 +10,11 @@ use veiloc_localization::{LocalizeError, LocalizeOptions, RigLocalization, local
 use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedFrame;
-use veiloc_report::significant;
 
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;
 use crate::exit::{Exit, Failure, Outcome};
+use crate::output::position::position;
 use crate::ui::Ui;
 
 /// Result of a session.
@@ -195,16 +195,12 @@ fn text(document: &RigDocument) -> String {
     use std::fmt::Write as _;
     let state = document.state;
     let mut text = match (&document.center, &document.error) {
-        (Some([x, y, z]), _) => {
+        (Some(center), _) => {
             let sd = document.position_sd.unwrap_or(f64::INFINITY);
             let total: f64 = document.ms.values().sum();
             let doubts =
                 if document.trusted { String::new() } else { format!("  {}", document.doubts.join("; ")) };
-            format!(
-                "{}  {state}  at ({x:.3}, {y:.3}, {z:.3}) ± {}  {total:.0} ms{doubts}\n",
-                document.rig,
-                significant(sd)
-            )
+            format!("{}  {state}  {}  {total:.0} ms{doubts}\n", document.rig, position(*center, sd))
         }
         (None, error) => {
             let why = error.as_ref().map_or("not localized", ErrorDocument::message);

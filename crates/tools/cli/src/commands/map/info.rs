@@ -119,7 +119,7 @@ impl InfoOutput {
             ui.info(SkippedImages(self.skipped));
         }
         for warning in &info.warnings {
-            ui.info(format!("warning: {}", warning.message));
+            ui.warning(&warning.message);
         }
         if self.json {
             ui.json(&info)?;

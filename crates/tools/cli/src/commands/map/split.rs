@@ -6,6 +6,7 @@ use serde::Serialize;
 use veiloc_map::MapFile;
 use veiloc_map::regions::{FolderWriter, Manifest, RegionEntry, SplitOptions, cut};
 use veiloc_mapping::Progress as _;
+use veiloc_report::significant;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
@@ -126,13 +127,16 @@ fn describe(document: &SplitDocument<'_>) -> String {
     for region in document.regions.iter().take(SHOWN) {
         let [x, y, z] = region.centre;
         text.extend([format!(
-            "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {:.1} of ({x:.1}, {y:.1}, {z:.1})\n",
+            "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {} of ({}, {}, {})\n",
             &region.sha256.to_string()[..12],
             region.images,
             region.core_images,
             region.points,
             mb(region.bytes),
-            region.radius,
+            significant(region.radius),
+            significant(x),
+            significant(y),
+            significant(z),
         )]);
     }
     let more = document.regions.len().saturating_sub(SHOWN);

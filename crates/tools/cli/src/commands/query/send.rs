@@ -9,16 +9,17 @@ use veiloc_client::{
     seal_masked,
 };
 use veiloc_features::FeatureError;
-use veiloc_report::significant;
 
 use super::connection::{Connection, failure};
 use super::session;
-use crate::args::camera::CameraArg;
+use crate::args::camera::{CameraArg, warn_of_turned};
 use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;
+use crate::commands::seal::GIVE_CAMERA;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
+use crate::output::position::position;
 use crate::ui::Ui;
 
 /// Seal one image, send it, and print the pose.
@@ -129,9 +130,12 @@ fn send(
     request: &LocalizeRequest,
     ui: &Arc<Ui>,
 ) -> Result<QueryResponse, Failure> {
-    let camera = args.device.camera(args.camera.as_ref())?;
-    let camera = camera.of(image).map_err(|error| match error {
-        FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
+    let source = args.device.camera(args.camera.as_ref())?;
+    warn_of_turned([(image, source)], ui);
+    let camera = source.of(image).map_err(|error| match error {
+        FeatureError::NoFocal { path, reason } => {
+            Failure::with_help(format!("{}: {reason}", path.display()), GIVE_CAMERA)
+        }
         error => error.into(),
     })?;
     // An unusable mask or detector ends the command before any request.
@@ -197,13 +201,10 @@ fn send(
 fn line(answer: &Answer) -> String {
     let times = &answer.times;
     let total = times.queue_ms + times.retrieve_ms + times.match_ms + times.pose_ms;
-    let position = answer.pose.as_ref().map_or_else(
-        || "its pose is withheld".to_owned(),
-        |pose| {
-            let [x, y, z] = pose.center;
-            format!("at ({x:.3}, {y:.3}, {z:.3}) ± {}", significant(pose.position_sd()))
-        },
-    );
+    let position = answer
+        .pose
+        .as_ref()
+        .map_or_else(|| "its pose is withheld".to_owned(), |pose| position(pose.center, pose.position_sd()));
     let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();
     let doubts = if answer.trusted { String::new() } else { format!("  {}", doubts.join("; ")) };
     format!(

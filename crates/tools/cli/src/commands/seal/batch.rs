@@ -10,12 +10,12 @@ use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Profile;
 
 use super::{Args, Sealed, SessionContext, seal_one};
-use crate::args::camera::CameraSource;
+use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{HiddenPart, HiddenPartDetector};
 use crate::exit::{Failure, Outcome};
 use crate::files;
-use crate::items::{self, BatchSummary, IMAGES, InputError, Item};
+use crate::items::{self, BatchSummary, InputError, Item};
 use crate::lists;
 use crate::ui::Ui;
 
@@ -85,12 +85,13 @@ pub(super) fn run(
     mut session: Option<&mut SessionFile>,
     ui: &Ui,
 ) -> Outcome {
-    let jobs = jobs(args)?;
+    let jobs = jobs(args, ui)?;
     let scheme = options.scheme().to_string();
     let of_image = options.image_global(profile)?.map(|own| own.model().name().to_owned());
     let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
     let mut tally = BatchSummary::begin("sealed", &items, ui);
+    warn_of_turned(jobs.iter().map(|job| (job.item.path.as_path(), job.camera)), ui);
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
     let mut images = Vec::new();
     for job in &jobs {
@@ -181,8 +182,8 @@ fn document_of(
 }
 
 /// Returns the images with their cameras and output files.
-fn jobs(args: &Args) -> Result<Vec<SealJob>, Failure> {
-    let with_cameras = images(args)?;
+fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
+    let with_cameras = images(args, ui)?;
     let several =
         with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
     let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
@@ -246,16 +247,13 @@ fn jobs(args: &Args) -> Result<Vec<SealJob>, Failure> {
 }
 
 /// Returns the images, each with its camera.
-fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
+fn images(args: &Args, ui: &Ui) -> Result<Vec<(Item, CameraSource)>, Failure> {
     if args.images.iter().any(|path| files::is_standard(path)) {
         return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
     }
     let Some(list) = &args.list else {
         let camera = args.device.camera(args.camera.as_ref())?;
-        return Ok(items::expand_inputs(&args.images, &IMAGES)
-            .into_iter()
-            .map(|item| (item, camera))
-            .collect());
+        return Ok(items::expand_images(&args.images, ui).into_iter().map(|item| (item, camera)).collect());
     };
     images_of_list(list, lists::single_folder(&args.images)?, &args.device, args.camera.as_ref())
 }
