@@ -100,9 +100,13 @@ impl Answer {
     fn __repr__(&self) -> String {
         let Some(pose) = &self.pose else { return format!("<Answer {}: withheld>", self.state) };
         let c = pose.center().coords;
+        let sd = self.position_sd;
+        // As many decimals as the standard deviation justifies, at least three.
+        let wanted = if sd.is_finite() && sd > 0.0 { 1.0 - sd.log10().floor() } else { 3.0 };
+        let digits = wanted.clamp(3.0, 12.0) as usize;
         format!(
-            "<Answer {}: at ({:.3}, {:.3}, {:.3}) ± {:.4}, {} of {} matches agree>",
-            self.state, c.x, c.y, c.z, self.position_sd, self.inliers, self.matches
+            "<Answer {}: at ({:.digits$}, {:.digits$}, {:.digits$}) ± {sd:.digits$}, {} of {} matches agree>",
+            self.state, c.x, c.y, c.z, self.inliers, self.matches
         )
     }
 }

@@ -16,6 +16,9 @@ pub(crate) fn rows<const K: usize>(what: &str, array: &Bound<'_, PyAny>) -> Resu
     let refused = |shape: &str| {
         BindingError::input(format_args!("{what}: must be an array [N, {K}] of numbers{shape}"))
     };
+    if is_complex(array) {
+        return Err(refused(", not complex ones"));
+    }
     let array = array.extract::<PyArrayLike<'_, f64, Ix2, AllowTypeChange>>().map_err(|_| refused(""))?;
     let view = array.as_array();
     if view.ncols() != K {
@@ -26,6 +29,12 @@ pub(crate) fn rows<const K: usize>(what: &str, array: &Bound<'_, PyAny>) -> Resu
         Some(values) => values.chunks_exact(K).map(row).collect(),
         None => view.rows().into_iter().map(|values| std::array::from_fn(|k| values[k])).collect(),
     })
+}
+
+/// Whether it is an array of complex numbers, whose imaginary parts numpy would drop.
+fn is_complex(array: &Bound<'_, PyAny>) -> bool {
+    let kind = array.getattr("dtype").and_then(|dtype| dtype.getattr("kind"));
+    kind.and_then(|kind| kind.extract::<char>()).is_ok_and(|kind| kind == 'c')
 }
 
 /// Rows of a minimal sample, `[N, K]` with fixed `N`.
@@ -43,6 +52,11 @@ pub(crate) fn numbers<T>(what: &str, array: &Bound<'_, PyAny>) -> Result<Vec<T>>
 where
     T: numpy::Element + Copy + for<'a, 'b> FromPyObject<'a, 'b>,
 {
+    if is_complex(array) {
+        return Err(BindingError::input(format_args!(
+            "{what}: must be an array [N] of numbers, not complex ones"
+        )));
+    }
     let array = (array.extract::<PyArrayLike<'_, T, numpy::ndarray::Ix1, AllowTypeChange>>())
         .map_err(|_| BindingError::input(format_args!("{what}: must be an array [N] of numbers")))?;
     Ok(array.as_array().iter().copied().collect())

@@ -1,4 +1,4 @@
-//! Reads cameras: PoseLib's and COLMAP's dictionaries, pycolmap's objects, or one line of text.
+//! Reads cameras: PoseLib's and COLMAP's dictionaries, pycolmap's objects, or one line of text with commas or spaces.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -9,8 +9,8 @@ use crate::errors::{BindingError, Result};
 
 const KEYS: [&str; 4] = ["model", "width", "height", "params"];
 
-/// A camera from `{"model", "width", "height", "params"}`, from `MODEL,WIDTH,HEIGHT,PARAMS…`, or from an object with
-/// these attributes, such as pycolmap's `Camera`.
+/// A camera from `{"model", "width", "height", "params"}`, from `MODEL,WIDTH,HEIGHT,PARAMS…` (commas or spaces), or from
+/// an object with these attributes, such as pycolmap's `Camera`.
 pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
     if let Ok(text) = camera.extract::<String>() {
         return Ok(text.parse::<Intrinsics>()?);
@@ -52,6 +52,9 @@ pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
 pub(crate) fn undistorted(camera: &Intrinsics, pixels: Vec<Pixel>) -> Result<Vec<Pixel>> {
     let one = |(index, pixel): (usize, Pixel)| {
         let refused = || {
+            if !(pixel.u.is_finite() && pixel.v.is_finite()) {
+                return BindingError::input(format_args!("points2d: point {index} is not finite"));
+            }
             BindingError::input(format_args!(
                 "points2d: point {index} cannot be undistorted: no ray in front of the camera belongs to it"
             ))

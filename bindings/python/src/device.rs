@@ -1,11 +1,15 @@
 //! The device side: extract features, obfuscate them, seal a query.
 
+use std::ffi::CString;
+use std::path::Path;
+
 use numpy::{IntoPyArray, PyArrayMethods as _};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_features::{Extractors, Features, Limits, Mask};
+use veiloc_features::{DisplayTurn, Extractors, Features, Limits, Mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
     DeviceLimits, KnownCamera, SealOptions, audit::obfuscate_points, device_rng, extract_loaded,
@@ -155,14 +159,20 @@ impl SealInput {
         mask: Option<&Bound<'_, PyAny>>,
         arguments: &SealArguments<'_, '_>,
     ) -> Result<Self> {
+        let py = image.py();
         let image = ImageInput::from_python(image)?;
         let known = match camera {
-            None => KnownCamera::from_exif(image.file()?)?,
+            None => image.exif_camera()?,
             Some(text) if text.extract::<String>().is_ok_and(|text| text == "unknown") => {
-                KnownCamera::guessed(image.file()?)?
+                image.guessed_camera()?
             }
             Some(camera) => KnownCamera::calibrated(camera_of(camera)?),
         };
+        if known.focal != FocalKnowledge::Calibrated
+            && let Some(turn) = image.display_turn()
+        {
+            warn_of_turn(py, image.name(), turn)?;
+        }
         let focal = match arguments.focal {
             Some(name) => name.parse::<FocalKnowledge>().map_err(BindingError::input)?,
             None => known.focal,
@@ -189,6 +199,17 @@ impl SealInput {
         let image = self.image.load(self.mask.as_ref())?;
         Ok(extract_loaded(image, self.image.name(), &self.camera, &profile.0, &self.options)?)
     }
+}
+
+/// Warns that the pose will be that of the stored image: with a given camera the caller knows its size.
+fn warn_of_turn(py: Python<'_>, image: &Path, turn: DisplayTurn) -> Result<()> {
+    let message = format!(
+        "{} is {turn} for display, because of its EXIF orientation. It is sealed as it is stored, and its pose is that of the \
+         stored image; turn the pixels first for the pose of the image as it is displayed",
+        image.display()
+    );
+    let message = CString::new(message).map_err(BindingError::other)?;
+    Ok(PyErr::warn(py, &py.get_type::<PyUserWarning>(), &message, 1)?)
 }
 
 /// The measured down direction: three numbers, optionally followed by a standard deviation in degrees.

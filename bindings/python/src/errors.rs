@@ -51,7 +51,8 @@ impl BindingError {
         Self(python::QueryError::new_err(format!("{}: {why}", path.display())))
     }
 
-    fn image(message: impl Display) -> Self {
+    /// An image cannot be used.
+    pub(crate) fn image(message: impl Display) -> Self {
         Self(python::ImageError::new_err(message.to_string()))
     }
 

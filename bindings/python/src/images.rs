@@ -5,7 +5,11 @@ use std::path::{Path, PathBuf};
 use numpy::ndarray::{ArrayView2, ArrayView3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
-use veiloc_features::{GrayImage, Image, Mask, load_gray, load_mask};
+use veiloc_features::{
+    DisplayTurn, FeatureError, GrayImage, Image, Mask, display_turn, guessed_camera_of, load_gray, load_mask,
+};
+use veiloc_obfuscation::KnownCamera;
+use veiloc_protocol::FocalKnowledge;
 
 use crate::errors::{BindingError, Result};
 
@@ -46,11 +50,38 @@ impl ImageInput {
         }
     }
 
-    /// The file, from which a camera can be read.
-    pub(crate) fn file(&self) -> Result<&Path> {
+    /// The camera from the focal length in the file's EXIF data.
+    pub(crate) fn exif_camera(&self) -> Result<KnownCamera> {
+        const REMEDY: &str = "pass camera=, or camera=\"unknown\" to have the focal length estimated";
         match self {
-            Self::File(path) => Ok(path),
-            Self::Array(_) => Err(BindingError::input("camera: an array has no EXIF; pass camera=")),
+            Self::File(path) => KnownCamera::from_exif(path).map_err(|error| match error {
+                FeatureError::NoFocal { path, reason } => {
+                    BindingError::image(format_args!("{}: {reason}; {REMEDY}", path.display()))
+                }
+                error => error.into(),
+            }),
+            Self::Array(_) => {
+                Err(BindingError::input(format_args!("camera: an array has no EXIF; {REMEDY}")))
+            }
+        }
+    }
+
+    /// A default camera for the size of the image, with an unknown focal length.
+    pub(crate) fn guessed_camera(&self) -> Result<KnownCamera> {
+        match self {
+            Self::File(path) => Ok(KnownCamera::guessed(path)?),
+            Self::Array(gray) => {
+                let intrinsics = guessed_camera_of(self.name(), (gray.width(), gray.height()))?;
+                Ok(KnownCamera { intrinsics, focal: FocalKnowledge::Unknown })
+            }
+        }
+    }
+
+    /// What a viewer does to the image before it displays it, by its EXIF orientation.
+    pub(crate) fn display_turn(&self) -> Option<DisplayTurn> {
+        match self {
+            Self::File(path) => display_turn(path),
+            Self::Array(_) => None,
         }
     }
 

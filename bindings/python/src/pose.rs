@@ -95,7 +95,12 @@ impl CameraPose {
 
     fn __repr__(&self) -> String {
         let ([w, x, y, z], t) = (self.0.quaternion(), self.0.translation());
-        format!("CameraPose(q=[{w:.6}, {x:.6}, {y:.6}, {z:.6}], t=[{:.6}, {:.6}, {:.6}])", t.x, t.y, t.z)
+        // Six decimals, or more for a translation of small units.
+        let digits = (5.0 - t.amax().log10().floor()).clamp(6.0, 16.0) as usize;
+        format!(
+            "CameraPose(q=[{w:.6}, {x:.6}, {y:.6}, {z:.6}], t=[{:.digits$}, {:.digits$}, {:.digits$}])",
+            t.x, t.y, t.z
+        )
     }
 }
 

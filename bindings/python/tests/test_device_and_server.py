@@ -127,8 +127,10 @@ def test_invalid_inputs_raise_specific_errors(rendered, tmp_path):
         veiloc.seal(image, camera, model.profile, scheme="lines")
     with pytest.raises(veiloc.InputError, match="image"):
         veiloc.seal(np.zeros((4, 4, 2), np.int16), camera, model.profile)
-    with pytest.raises(veiloc.InputError, match="camera"):
+    with pytest.raises(veiloc.InputError, match='no EXIF; pass camera=, or camera="unknown"'):
         veiloc.seal(np.zeros((300, 400), np.uint8), None, model.profile)
+    with pytest.raises(veiloc.ImageError, match='no EXIF; pass camera=, or camera="unknown"'):
+        veiloc.seal(image, None, model.profile)
     with pytest.raises(veiloc.MapError, match="none.vmap"):
         veiloc.Map.open(tmp_path / "none.vmap")
     other = model.remove(model.image_names[:2], retrain=True, self_test=False)

@@ -155,6 +155,15 @@ def test_invalid_cameras_are_refused(problem, camera, words):
         veiloc.estimate_absolute_pose(problem.points2d, problem.points3d, camera)
 
 
+def test_camera_text_has_commas_or_spaces(problem):
+    fields = [CAMERA["model"], CAMERA["width"], CAMERA["height"], *CAMERA["params"]]
+    poses = [
+        veiloc.estimate_absolute_pose(problem.points2d, problem.points3d, camera)[0]
+        for camera in (CAMERA, ",".join(map(str, fields)), " ".join(map(str, fields)))
+    ]
+    assert poses[0] == poses[1] == poses[2]
+
+
 def test_invalid_arrays_are_refused(problem):
     p = problem
     call = veiloc.estimate_absolute_pose
@@ -164,7 +173,8 @@ def test_invalid_arrays_are_refused(problem):
         (p.points2d[:2], p.points3d[:2], "3"),
         (p.points2d[:5], p.points3d, "points"),
         (p.points2d, p.points2d, r"points3d: must be an array \[N, 3\] of numbers, not \[200, 2\]"),
-        (holes, p.points3d, "point 3"),
+        (holes, p.points3d, "point 3 is not finite"),
+        (p.points2d + 1j, p.points3d, "not complex"),
         ("pixels", p.points3d, "points2d"),
         (np.zeros((0, 2)), np.zeros((0, 3)), "3"),
         (p.points2d, np.full((200, 3), np.inf), "point"),

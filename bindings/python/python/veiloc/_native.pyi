@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
-from typing import Any, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,50 @@ VERSION: str
 Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Path: TypeAlias = str | PathLike[str]
-Camera: TypeAlias = dict[str, Any] | str | Any
+CameraModel: TypeAlias = Literal[
+    "SIMPLE_PINHOLE",
+    "PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "OPENCV",
+    "OPENCV_FISHEYE",
+    "FULL_OPENCV",
+    "FOV",
+    "SIMPLE_RADIAL_FISHEYE",
+    "RADIAL_FISHEYE",
+    "THIN_PRISM_FISHEYE",
+]
+"""COLMAP's name of a camera model."""
+
+class _CameraFields(TypedDict):
+    """A camera, as in PoseLib and COLMAP."""
+
+    model: CameraModel
+    width: int
+    height: int
+    params: npt.ArrayLike
+
+class _CameraObject(Protocol):
+    """An object such as `pycolmap.Camera`."""
+
+    @property
+    def model(self) -> Any: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def params(self) -> Any: ...
+
+Camera: TypeAlias = _CameraFields | str | _CameraObject
+"""A dictionary, `"MODEL,WIDTH,HEIGHT,PARAMS…"` (commas or spaces), or an object such as `pycolmap.Camera`."""
+Scheme: TypeAlias = Literal[
+    "dcl", "dcl:vertical", "dcl:horizontal", "dcl:paper", "random-lines", "coordinate-permutation", "points"
+]
+"""An obfuscation scheme. A layout with numbers, such as `dcl:angle=30,s=2`, needs `typing.cast`."""
+Anchors: TypeAlias = Literal["world", "gravity", "image"]
+Features: TypeAlias = Literal["compact", "sift"]
+Focal: TypeAlias = Literal["calibrated", "exif", "unknown"]
 Image: TypeAlias = Path | npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 Mask: TypeAlias = Path | npt.NDArray[np.bool_]
 Options: TypeAlias = dict[str, Any]
@@ -170,7 +213,7 @@ class Session:
         InputError: `anchors` is another string.
     """
 
-    def __init__(self, *, anchors: str = "world") -> None: ...
+    def __init__(self, *, anchors: Anchors = "world") -> None: ...
     @staticmethod
     def from_bytes(data: bytes) -> Session:
         """Decodes a session.
@@ -193,11 +236,11 @@ class Session:
         *,
         orientation: npt.ArrayLike | None = None,
         down: npt.ArrayLike | None = None,
-        scheme: str = "dcl",
+        scheme: Scheme = "dcl",
         max_keypoints: int | None = None,
         angle_bits: int = 12,
         gravity: npt.ArrayLike | None = None,
-        focal: str | None = None,
+        focal: Focal | None = None,
         mask: Mask | None = None,
     ) -> bytes:
         """Seals the next image. When this fails, the session does not change.
@@ -235,7 +278,7 @@ class Map:
         images: Path,
         *,
         names: Sequence[str] | None = None,
-        features: str = "compact",
+        features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
@@ -266,7 +309,7 @@ class Map:
         model: Path,
         images: Path,
         *,
-        features: str = "compact",
+        features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
@@ -332,7 +375,7 @@ class Map:
             MapError: a name is not in the map.
         """
     def self_test(
-        self, *, images: int = 50, schemes: Sequence[str] | None = None, progress: Progress | None = None
+        self, *, images: int = 50, schemes: Sequence[Scheme] | None = None, progress: Progress | None = None
     ) -> dict[str, dict[str, Any]]:
         """Localizes some of the map's own images, each against the rest of the map (leave-one-out).
 
@@ -458,7 +501,7 @@ def prepare(
     share: tuple[int, int],
     *,
     names: Sequence[str] | None = None,
-    features: str = "compact",
+    features: Features = "compact",
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> tuple[int, int]:
@@ -586,7 +629,7 @@ class ColmapModel:
         """Names of the images."""
     def pose(self, name: str) -> CameraPose | None:
         """Pose of an image; None when the model has no image of this name."""
-    def camera(self, name: str) -> dict[str, Any] | None:
+    def camera(self, name: str) -> _CameraFields | None:
         """Camera of an image, a dictionary; None when the model has no image of this name."""
     def point_rows(self, name: str) -> Ints | None:
         """Row in `points` of the point that each keypoint of an image observes, `[N]` int64, -1 for none; None when the
@@ -608,7 +651,7 @@ def estimate_absolute_pose(
     prior: npt.ArrayLike | None = None,
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
-    focal: str = "calibrated",
+    focal: Focal = "calibrated",
 ) -> tuple[CameraPose, dict[str, Any]]:
     """Estimates the pose of a camera from 2D–3D point correspondences.
 
@@ -650,7 +693,7 @@ def estimate_absolute_pose_lines(
     prior: npt.ArrayLike | None = None,
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
-    focal: str = "calibrated",
+    focal: Focal = "calibrated",
 ) -> tuple[CameraPose, dict[str, Any]]:
     """Estimates the pose of a camera from 2D-line–3D-point correspondences.
 
@@ -676,13 +719,13 @@ def estimate_absolute_pose_anchored(
     ransac_opt: Options | None = None,
     bundle_opt: Options | None = None,
     *,
-    layout: str = "dcl",
+    layout: Scheme = "dcl",
     layout_focal: float | None = None,
     keypoints: npt.ArrayLike | None = None,
     prior: npt.ArrayLike | None = None,
     gravity: Gravity | None = None,
     position: npt.ArrayLike | None = None,
-    focal: str = "calibrated",
+    focal: Focal = "calibrated",
 ) -> tuple[CameraPose, dict[str, Any]]:
     """Estimates the pose of a camera from anchored lines (Dual Convergent Lines) and map points.
 
@@ -703,7 +746,7 @@ def estimate_absolute_pose_anchored(
         InputError: a shape, a number or an option is invalid.
         NotLocalizedError: the correspondences support no pose.
     """
-def anchored_lines(points2d: npt.ArrayLike, camera: Camera, layout: str = "dcl") -> tuple[Ints, Floats]:
+def anchored_lines(points2d: npt.ArrayLike, camera: Camera, layout: Scheme = "dcl") -> tuple[Ints, Floats]:
     """Anchor and unquantized angle of each keypoint under a layout of Dual Convergent Lines.
 
     Args:
@@ -808,7 +851,7 @@ def u4lp(
 def extract(
     image: Image,
     *,
-    features: str = "compact",
+    features: Features = "compact",
     max_keypoints: int = 2048,
     max_image_side: int = 2048,
     mask: Mask | None = None,
@@ -830,7 +873,7 @@ def extract(
         ImageError: the image or the mask cannot be used, or `features` is unknown.
     """
 def obfuscate(
-    points2d: npt.ArrayLike, width: int, height: int, scheme: str = "dcl", *, angle_bits: int = 12, seed: int = 0
+    points2d: npt.ArrayLike, width: int, height: int, scheme: Scheme = "dcl", *, angle_bits: int = 12, seed: int = 0
 ) -> dict[str, Any]:
     """Obfuscates keypoints under a scheme, in their order. For experiments only; a device calls `seal`.
 
@@ -855,11 +898,11 @@ def seal(
     camera: Camera | None,
     profile: Profile,
     *,
-    scheme: str = "dcl",
+    scheme: Scheme = "dcl",
     max_keypoints: int | None = None,
     angle_bits: int = 12,
     gravity: npt.ArrayLike | None = None,
-    focal: str | None = None,
+    focal: Focal | None = None,
     mask: Mask | None = None,
 ) -> bytes:
     """Seals one image into a query: only these bytes leave the device. Randomness comes from the operating system.
@@ -902,8 +945,8 @@ def attack(
     images: Sequence[Path],
     *,
     attacks: Sequence[str] | None = None,
-    schemes: Sequence[str] | None = None,
-    features: str = "compact",
+    schemes: Sequence[Scheme] | None = None,
+    features: Features = "compact",
     max_keypoints: int = 2048,
     max_image_side: int = 1600,
     seed: int = 0,
@@ -931,8 +974,8 @@ def audit(
     images: Sequence[Path],
     *,
     attacks: Sequence[str] | None = None,
-    schemes: Sequence[str] | None = None,
-    features: str = "compact",
+    schemes: Sequence[Scheme] | None = None,
+    features: Features = "compact",
     max_keypoints: int = 2048,
     max_image_side: int = 1600,
     seed: int = 0,

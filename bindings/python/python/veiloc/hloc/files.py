@@ -2,17 +2,18 @@
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from veiloc.errors import InputError
 
-Camera = dict[str, Any]
+if TYPE_CHECKING:
+    from veiloc._native import CameraModel, _CameraFields as Camera
 
 
-def read_queries(path: Path) -> list[tuple[str, Camera]]:
+def read_queries(path: Path) -> "list[tuple[str, Camera]]":
     """Names and cameras of a list `NAME MODEL WIDTH HEIGHT PARAMS...`; `path` may be a pattern (`queries_*.txt`).
 
     Raises:
@@ -21,7 +22,7 @@ def read_queries(path: Path) -> list[tuple[str, Camera]]:
     files = sorted(path.parent.glob(path.name))
     if not files:
         raise InputError(f"{path}: no such list of queries")
-    queries = []
+    queries: list[tuple[str, Camera]] = []
     for file in files:
         for number, line in enumerate(file.read_text().splitlines(), 1):
             line = line.strip()
@@ -29,8 +30,8 @@ def read_queries(path: Path) -> list[tuple[str, Camera]]:
                 continue
             try:
                 name, model, width, height, *params = line.split()
-                camera = {
-                    "model": model,
+                camera: Camera = {
+                    "model": cast("CameraModel", model),
                     "width": int(width),
                     "height": int(height),
                     "params": np.array(params, dtype=float),

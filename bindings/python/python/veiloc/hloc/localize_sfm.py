@@ -8,7 +8,7 @@ import logging
 import pickle
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,10 @@ import numpy.typing as npt
 from veiloc import _native
 from veiloc._native import CameraPose, ColmapModel
 from veiloc.errors import InputError, NotLocalizedError
-from veiloc.hloc.files import Camera, Hdf5, read_queries, read_retrieval
+from veiloc.hloc.files import Hdf5, read_queries, read_retrieval
+
+if TYPE_CHECKING:
+    from veiloc._native import Scheme, _CameraFields as Camera
 
 logger = logging.getLogger("veiloc.hloc")
 
@@ -35,7 +38,7 @@ def main(
     prepend_camera_name: bool = False,
     config: "dict[str, Any] | None" = None,
     *,
-    scheme: str = "points",
+    scheme: "Scheme" = "points",
     angle_bits: int = 12,
     seed: int = 0,
 ) -> dict[str, CameraPose]:
@@ -142,7 +145,7 @@ def _localize(
     points: npt.NDArray[np.float64],
     keypoints: npt.NDArray[np.float64],
     name: str,
-    camera: Camera,
+    camera: "Camera",
     images: list[str],
     matched: Hdf5,
     obfuscation: dict[str, Any],
@@ -191,7 +194,7 @@ def _estimate(
     keypoints: npt.NDArray[np.float64],
     own: npt.NDArray[np.int64],
     points: npt.NDArray[np.float64],
-    camera: Camera,
+    camera: "Camera",
     name: str,
     obfuscation: dict[str, Any],
     options: dict[str, Any],
