@@ -91,7 +91,7 @@ def main() -> None:
         for row in document["rows"]:
             codes = row["images"] * everything.shape[1]
             rows.append(dict(images=row["images"], search=f"veiloc, {row['search']}", ready_s=row["build_seconds"],
-                             mb_beside=(row["bytes"] - codes) / 1e6, median_ms=row["median_ms"], recall_at_10=row["kept"]))
+                             mb_beside=(row["bytes"] - codes) / 1e6, median_ms=row["median_ms"], recall_at_10=row["recall"]))
         for size in sorted({row["images"] for row in rows}):
             if size > args.usearch_up_to:
                 continue

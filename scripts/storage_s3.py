@@ -207,7 +207,7 @@ def main(program, place, images):
         print(f"published {objects} objects, {split['bytes'] / 1e6:.1f} MB in {seconds:.1f} s; {proxy.parts} parts of objects over "
               f"8 MB (the largest has {largest / 1e6:.1f} MB)")
         again, seconds = document("map", "publish", regions, URL)
-        assert again["objects_sent"] == 0 and again["objects_there"] == objects, again
+        assert again["objects_sent"] == 0 and again["objects_existing"] == objects, again
         print(f"published again: nothing sent, {seconds:.1f} s")
 
         def fetch_all(target):

@@ -71,12 +71,12 @@ async function main() {
     const blob = await (await fetch(`/page/${view.file}`)).blob();
     const sealed = await device.sealed(blob, view.camera);
     const { answer, steps } = await client.localizeProgressive("demo", sealed);
-    const { medianPx, guessMedianPx } = await sealed.attack("prior");
+    const { medianPx, priorMedianPx } = await sealed.attack("prior");
     device.close();
     const closed = await sealed.attack("prior").catch((error) => error.kind);
-    return { trusted: answer.trusted, sd: answer.position_sd, steps: steps.length, medianPx, guessMedianPx, closed };
+    return { trusted: answer.trusted, sd: answer.position_sd, steps: steps.length, medianPx, priorMedianPx, closed };
   }, views[1]);
-  check("an image is localized, and attacked in its own worker", result.trusted && result.medianPx === result.guessMedianPx && result.closed === "closed", JSON.stringify(result));
+  check("an image is localized, and attacked in its own worker", result.trusted && result.medianPx === result.priorMedianPx && result.closed === "closed", JSON.stringify(result));
 
   console.log("== the camera");
   const before = sent();

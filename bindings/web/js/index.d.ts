@@ -136,7 +136,7 @@ export interface AttackResult {
   /** Share of keypoints recovered within 10 pixels. */
   under10px: number | null;
   /** Median error of the prior-only baseline, which uses each line alone. */
-  guessMedianPx: number | null;
+  priorMedianPx: number | null;
   /** `[R, 2]`: keypoints that the attack recovered. */
   answers: Float32Array;
   /** `[R, 2]`: true keypoints. */

@@ -233,8 +233,8 @@ function showAttack(result, isShown) {
   const text =
     result.attack === "prior"
       ? `Median error ${px(result.medianPx)}, from each line alone.`
-      : `Median error ${px(result.medianPx)}; from each line alone: ${px(result.guessMedianPx)}.`;
-  const neighbours = result.trueNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
+      : `Median error ${px(result.medianPx)}; from each line alone: ${px(result.priorMedianPx)}.`;
+  const neighbours = result.toldNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
   el("attack-text").textContent = `${text} ${neighbours} ${isShown ? "" : "For an earlier image."}`;
   el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: recovered keypoints.`);
 }

@@ -63,7 +63,7 @@ struct AttackReply {
     median_px: Option<f64>,
     under_10px: Option<f64>,
     /// Median error of the prior-only baseline.
-    guess_median_px: Option<f64>,
+    prior_median_px: Option<f64>,
 }
 
 /// The reply to `Show`: lines, keypoints found and keypoints sent.
@@ -178,7 +178,7 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
         count: truth.len(),
         median_px: finite(errors.median_px),
         under_10px: finite(errors.under_10px),
-        guess_median_px: finite(prior_errors.median_px),
+        prior_median_px: finite(prior_errors.median_px),
     };
     Ok(message::write(&reply, &floats(flat(&answers).chain(flat(&truth)))))
 }

@@ -106,7 +106,7 @@ fn shown_lines_are_those_of_the_query() {
         let (found, numbers) = call(&mut other, &attack, &[&exhibit]);
         assert_eq!((&found["words"], numbers.len()), (&json!(words), 16 * query.len()), "{found}");
         medians.push(found["medianPx"].as_f64().expect("a median"));
-        assert_eq!(found["guessMedianPx"], medians[0]);
+        assert_eq!(found["priorMedianPx"], medians[0]);
     }
     // With true neighbours the graph attack beats the prior-only baseline, so rows and true keypoints correspond.
     assert!(medians[3] < 0.5 * medians[0], "{medians:?}");

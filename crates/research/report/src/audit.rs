@@ -68,7 +68,7 @@ fn curves_and_table(part: &AuditPart, gallery: &ShownImages) -> Markup {
              the dashed baseline adds nothing to the single line."
         }
         (error_curves(&part.attacks, gallery))
-        (fold("Table: every attack on every scheme", false, &table(&part.attacks, &part.bending)))
+        (fold("Table: every attack on every scheme", false, &table(&part.attacks, &part.relative_offset_error)))
         (fold("The attacks, and what each requires beside the query", false, &needs(&part.attacks)))
     }
 }
@@ -100,7 +100,7 @@ fn synthetic_scene(part: Option<(&AuditPart, &ShownImages)>, is_main: bool) -> M
         (fold("Fig. 5: recovered keypoints", false, &fig_5(&figures, shown)))
         @if !is_main {
             (fold("Table: the strongest attack on each scheme", false, &summary(&part.attacks)))
-            (fold("Table: every attack on every scheme of the scene", false, &table(&part.attacks, &part.bending)))
+            (fold("Table: every attack on every scheme of the scene", false, &table(&part.attacks, &part.relative_offset_error)))
         }
     }
 }

@@ -24,7 +24,7 @@ const MEASURES: [Measure; 8] = [
     ("Recognised,\ntop-1 / top-5", |row, _| {
         cell(row.top_1.zip(row.top_5).map(|(one, five)| format!("{one} / {five}")))
     }),
-    ("Wrong positions\ndetected (AUC)", |row, _| cell(row.told_apart.map(|v| format!("{v:.2}")))),
+    ("Wrong positions\ndetected (AUC)", |row, _| cell(row.roc_auc.map(|v| format!("{v:.2}")))),
     ("Share of the\nkeypoints' gain", |row, rows| cell(gain(rows, row).map(percent))),
 ];
 
@@ -51,7 +51,7 @@ pub fn inversion_page(
             (_, true) => "group",
             (_, false) => "",
         };
-        let mut cells = vec![cell(attack_words(row.attack, row.by.as_deref()))];
+        let mut cells = vec![cell(attack_words(row.attack, row.best_attack.as_deref()))];
         cells.extend(MEASURES.map(|(_, of)| of(row, &document.summary)));
         table.push(class, html! { @if is_first { (given(&row.scheme)) } }, cells);
         last = Some(&row.scheme);
@@ -101,12 +101,12 @@ fn cards(rows: &[SummaryRow]) -> Vec<Card> {
         note,
     };
     let of = |scheme: &str| rows.iter().find(|row| row.scheme == scheme);
-    let needs_no_oracle = |row: &&SummaryRow| ["guess", "realistic", "lines"].contains(&row.attack);
+    let needs_no_oracle = |row: &&SummaryRow| ["prior", "realistic", "lines"].contains(&row.attack);
     let best = rows.iter().filter(needs_no_oracle).max_by(|a, b| a.psnr.total_cmp(&b.psnr));
     let keypoints =
         of("points").map(|row| card(row, "True keypoints", "The network's own limit, by PSNR.".to_owned()));
     let best = best.map(|row| {
-        let attack = attack_words(row.attack, row.by.as_deref()).to_lowercase();
+        let attack = attack_words(row.attack, row.best_attack.as_deref()).to_lowercase();
         card(row, "Strongest attack without an oracle", format!("{}: {attack}.", given(&row.scheme)))
     });
     let nothing = of("nothing")
@@ -127,7 +127,7 @@ fn given(scheme: &str) -> String {
 fn attack_words(attack: &str, by: Option<&str>) -> String {
     let words = match attack {
         "none" => "none needed",
-        "guess" => "prior-only baseline",
+        "prior" => "prior-only baseline",
         "closed-form" => "closed form with true neighbours",
         "graph" => "graph with true neighbours",
         "realistic" => "strongest without an oracle",
@@ -138,7 +138,7 @@ fn attack_words(attack: &str, by: Option<&str>) -> String {
 }
 
 fn network_words(of: &NetworkRow) -> String {
-    let judges = if of.judges_places { " It also estimates how likely each position is right." } else { "" };
+    let judges = if of.has_visibility { " It also estimates how likely each position is right." } else { "" };
     format!(
         "{}: trained on {} descriptors of {} numbers; images of {} pixels on the longer side.{judges}",
         of.file, of.features, of.dimension, of.side
@@ -252,7 +252,7 @@ mod tests {
         SummaryRow {
             scheme: scheme.into(),
             attack,
-            by: None,
+            best_attack: None,
             mean_px: (scheme != "nothing").then_some(12.25),
             median_px: None,
             psnr,
@@ -262,7 +262,7 @@ mod tests {
             top_5: None,
             objects: None,
             objects_found: None,
-            told_apart: None,
+            roc_auc: None,
         }
     }
 
@@ -290,7 +290,7 @@ mod tests {
             features: "sift".into(),
             dimension: 128,
             side: 48,
-            judges_places: false,
+            has_visibility: false,
         };
         let document = InversionDocument {
             version: 1,
@@ -302,11 +302,11 @@ mod tests {
             classes: None,
             summary: vec![
                 row("points", "none", 16.0),
-                row("dcl", "guess", 12.5),
-                SummaryRow { by: Some("transfer".into()), ..row("dcl", "realistic", 13.0) },
+                row("dcl", "prior", 12.5),
+                SummaryRow { best_attack: Some("transfer".into()), ..row("dcl", "realistic", 13.0) },
                 row("nothing", "none", 12.0),
             ],
-            rows: vec![rebuilt("points", "none"), rebuilt("dcl", "guess")],
+            rows: vec![rebuilt("points", "none"), rebuilt("dcl", "prior")],
         };
         let columns = ["original", "points none", "dcl guess"].map(str::to_owned).to_vec();
         let sheet = ContactSheet { columns, rows: vec![vec![shaded(1), shaded(2), shaded(3)]] };
@@ -335,7 +335,7 @@ mod tests {
             (row.st_lpips, row.top_1, row.top_5) = (Some(0.4321), Some(2), Some(5));
             (row.objects_found, row.objects) = (Some(3), Some(11));
         }
-        document.summary[1].told_apart = Some(0.815);
+        document.summary[1].roc_auc = Some(0.815);
         let page = inversion_page(&document, &sheets, &[]);
         assert_eq!(heads(&page), 2 + 8);
         for text in ["0.432", "2 / 5", "3 of 11", "0.81", "–"] {

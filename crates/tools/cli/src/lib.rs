@@ -5,9 +5,14 @@
 //! usage, 3 results could not be written or an internal error.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "schema")]
+pub use json_reference::json_reference;
+
 pub mod args;
 mod commands;
 mod demo;
+#[cfg(feature = "schema")]
+mod json_reference;
 mod output;
 
 use std::ffi::OsString;

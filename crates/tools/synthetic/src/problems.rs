@@ -12,7 +12,7 @@ pub struct PointProblemOptions {
     /// Number of matches; 200 by default.
     pub matches: usize,
     /// Outlier ratio, 0 to 1; 0 by default. An outlier keeps its pixel and gets another point.
-    pub outlier_share: f64,
+    pub outlier_ratio: f64,
     /// Standard deviation of the pixels, each coordinate; 0 by default.
     pub noise_px: f64,
     /// The camera; 640 x 480 with a focal length of 525 px by default.
@@ -28,7 +28,7 @@ impl Default for PointProblemOptions {
         let camera = Pinhole { width: 640, height: 480, focal: [525.0, 525.0], principal: [320.0, 240.0] };
         Self {
             matches: 200,
-            outlier_share: 0.0,
+            outlier_ratio: 0.0,
             noise_px: 0.0,
             camera,
             depth: [2.0, 6.0],
@@ -51,7 +51,7 @@ impl PointProblemOptions {
 
     /// Sets the outlier ratio.
     pub fn outliers(mut self, share: f64) -> Self {
-        self.outlier_share = share;
+        self.outlier_ratio = share;
         self
     }
 
@@ -110,7 +110,7 @@ impl PointProblem {
                 exact.v + options.noise_px * normal(rng),
             ));
         }
-        let wrong = (options.outlier_share.clamp(0.0, 1.0) * options.matches as f64).round() as usize;
+        let wrong = (options.outlier_ratio.clamp(0.0, 1.0) * options.matches as f64).round() as usize;
         let chosen = rand::seq::index::sample(rng, options.matches, wrong);
         let mut inliers = vec![true; options.matches];
         for i in chosen {

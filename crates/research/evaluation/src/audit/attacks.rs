@@ -291,6 +291,21 @@ impl Serialize for Attack {
     }
 }
 
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for Attack {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Attack".into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        String::json_schema(generator)
+    }
+}
+
 /// No attack has this name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{name:?} is not an attack; use one of {}", ATTACKS.map(|a| a.name).join(", "))]

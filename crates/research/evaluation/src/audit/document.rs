@@ -7,46 +7,48 @@ use super::multi_view::FrameChoice;
 use super::neighbours::Neighbours;
 use crate::results::text_table::{TextTable, percent};
 
-/// The document that `veiloc attack --json` prints.
+/// Errors of attacks on keypoints. In documents the attack `prior` is the prior-only baseline.
 #[derive(Debug, Clone, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AttackDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// `attack`.
     pub command: &'static str,
     /// What was attacked.
     pub data: Vec<String>,
-    /// Source of the neighbour lists: `oracle`, `predicted`, `network` or `transferred`.
+    /// Source of the neighbour lists.
     pub neighbours: Neighbours,
     /// Neighbours per keypoint.
     pub k: usize,
     /// Share of predicted neighbours that are among the true `k` nearest; absent for an oracle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
-    /// The same share for random neighbours.
+    /// The same share for random neighbours; absent for an oracle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chance: Option<f64>,
-    /// What the attacking server knew, one entry per scheme; absent without a server.
+    /// Knowledge of the attacking server, one entry per scheme; absent without `--known`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub server: Vec<ServerSummary>,
-    /// How attacks on several frames chose them: `turn` (most informative) or `nearest`; absent without such attacks.
+    /// How attacks on several frames chose them; absent without such attacks.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub choice: Option<FrameChoice>,
+    pub frame_selection: Option<FrameChoice>,
     /// Seed of every random choice.
     pub seed: u64,
     /// One entry per scheme, attack and share of replaced neighbours.
     pub attacks: Vec<AttackSummary>,
 }
 
-/// What the server knew after localizing the queries of one scheme.
+/// Knowledge of the server after localizing the queries of one scheme.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ServerSummary {
     /// Obfuscation scheme.
     pub scheme: String,
     /// Number of images.
     pub images: usize,
     /// Images with a pose that the server trusts; for the others it knows nothing.
-    pub posed: usize,
+    pub trusted: usize,
     /// Share of all keypoints whose position the server has from its map, 0 to 1.
     pub known: f64,
     /// Median error of these positions, pixels.
@@ -61,10 +63,11 @@ pub struct ServerSummary {
 
 /// One attack on one scheme.
 #[derive(Debug, Clone, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AttackSummary {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Attack.
+    /// Name of the attack.
     pub attack: Attack,
     /// Percent of the neighbours that were replaced by keypoints drawn at random.
     pub corrupt: f64,
@@ -88,13 +91,13 @@ pub struct AttackSummary {
     pub bits_over_prior: f64,
     /// Share of the answers that the attack accepts, 0 to 1; absent if it does not rate its answers.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub believed: Option<f64>,
-    /// Median error of accepted answers, pixels.
+    pub accepted: Option<f64>,
+    /// Median error of accepted answers, pixels; absent without accepted answers.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub believed_median_px: Option<f64>,
-    /// Share of accepted answers with an error under 10 px, 0 to 1.
+    pub accepted_median_px: Option<f64>,
+    /// Share of accepted answers with an error under 10 px, 0 to 1; absent without accepted answers.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub believed_under_10px: Option<f64>,
+    pub accepted_under_10px: Option<f64>,
     /// Milliseconds per image, median, without the search for neighbours.
     pub ms: f64,
 }
@@ -133,7 +136,7 @@ pub fn attacks_table(document: &AttackDocument) -> String {
             percent(chance)
         )
     });
-    tables + &precision_text.unwrap_or_default() + &of_server(document) + &believed(document)
+    tables + &precision_text.unwrap_or_default() + &of_server(document) + &accepted(document)
 }
 
 fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
@@ -168,7 +171,7 @@ fn of_server(document: &AttackDocument) -> String {
             "\n{}: a pose for {} of {} images; the server knows {} of the keypoints (median error {:.1} px, {} under \
              10 px); errors are measured on {} of the keypoints\n",
             s.scheme,
-            s.posed,
+            s.trusted,
             s.images,
             percent(s.known),
             s.known_median_px,
@@ -180,9 +183,9 @@ fn of_server(document: &AttackDocument) -> String {
 }
 
 /// Accepted answers of the attacks that rate them.
-fn believed(document: &AttackDocument) -> String {
+fn accepted(document: &AttackDocument) -> String {
     let one = |a: &AttackSummary| {
-        let (share, median, under) = (a.believed?, a.believed_median_px?, a.believed_under_10px?);
+        let (share, median, under) = (a.accepted?, a.accepted_median_px?, a.accepted_under_10px?);
         let frames = a.frames.map_or_else(String::new, |n| format!(", {n} frames"));
         Some(format!(
             "\n{} on {}{frames}: accepts {:.1} % of its answers; their median error is {median:.1} px, and \

@@ -37,8 +37,8 @@ pub struct RowErrors {
     pub corrupt: f64,
     /// Pixels, unsorted.
     pub errors: Vec<f64>,
-    /// Relative error of the offsets to neighbouring keypoints, as [`bending`]; unsorted.
-    pub bending: Vec<f64>,
+    /// Relative error of the offsets to neighbouring keypoints, as [`relative_offset_error`]; unsorted.
+    pub relative_offset_error: Vec<f64>,
 }
 
 /// One image with its recovered positions.
@@ -143,14 +143,21 @@ impl AttackObserver for ShownImages {
         let (scheme, attack) = (trial.scheme.to_string(), trial.attack);
         let same =
             |s: &&mut RowErrors| s.scheme == scheme && s.attack == attack && s.corrupt == trial.corrupt;
-        let bent = self.near.as_ref().map(|near| bending(&trial.image.keypoints, trial.answers, near));
+        let bent =
+            self.near.as_ref().map(|near| relative_offset_error(&trial.image.keypoints, trial.answers, near));
         let bent = bent.unwrap_or_default();
         if let Some(row) = self.errors.iter_mut().find(same) {
             row.errors.extend_from_slice(trial.errors);
-            row.bending.extend_from_slice(&bent);
+            row.relative_offset_error.extend_from_slice(&bent);
         } else {
             let errors = trial.errors.to_vec();
-            self.errors.push(RowErrors { scheme, attack, corrupt: trial.corrupt, errors, bending: bent });
+            self.errors.push(RowErrors {
+                scheme,
+                attack,
+                corrupt: trial.corrupt,
+                errors,
+                relative_offset_error: bent,
+            });
         }
     }
 }
@@ -164,7 +171,7 @@ const OFFSET_NEIGHBOURS: usize = 8;
 ///
 /// An error in pixels does not show whether a layout is correct up to translation or bending; such a layout suffices
 /// to reconstruct an image.
-fn bending(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64> {
+fn relative_offset_error(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64> {
     let of = |i: usize| {
         let mut off: Vec<f64> = near
             .of(i)
@@ -218,7 +225,7 @@ mod tests {
         let near = NeighbourLists::nearest(&truth, OFFSET_NEIGHBOURS);
         let bent = |to: fn(&Pixel) -> Pixel| {
             let answers: Vec<Pixel> = truth.iter().map(to).collect();
-            bending(&truth, &answers, &near)
+            relative_offset_error(&truth, &answers, &near)
         };
         assert!(bent(|p| Pixel::new(p.u + 300.0, p.v - 50.0)).iter().all(|b| *b < 1e-9));
         assert!(bent(|_| Pixel::new(320.0, 0.0)).iter().all(|b| (b - 1.0).abs() < 1e-9));

@@ -30,10 +30,11 @@ pub struct AuditOptions {
     pub command: String,
 }
 
-/// The document of `veiloc audit --json`.
+/// Attacks on the inputs and on the paper's synthetic scene.
 #[derive(Debug, Clone, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AuditDocument {
-    /// Version of this document.
+    /// 1.
     pub version: u32,
     /// `audit`.
     pub command: &'static str,
@@ -47,6 +48,7 @@ pub struct AuditDocument {
 
 /// The attacks of `veiloc attack`, with figures that only the audit computes.
 #[derive(Debug, Clone, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AuditPart {
     /// The document of `veiloc attack`.
     #[serde(flatten)]
@@ -58,7 +60,7 @@ pub struct AuditPart {
     /// One entry for each of the document's attacks, in its order: the relative error of the offsets between
     /// neighbouring keypoints. The median, over keypoints and 8 true neighbours of each, of the error of the offset
     /// divided by its length: 0 for a common translation, 1 if all positions coincide.
-    pub bending: Vec<f64>,
+    pub relative_offset_error: Vec<f64>,
 }
 
 /// Results of an audit.
@@ -144,14 +146,14 @@ fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
     }
 }
 
-fn part(attacks: AttackDocument, gallery: &ShownImages) -> AuditPart {
-    let bending = attacks.attacks.iter().map(|row| {
+fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
+    let relative_offset_error = attacks.attacks.iter().map(|row| {
         let same =
             |s: &&RowErrors| s.scheme == row.scheme && s.attack == row.attack && s.corrupt == row.corrupt;
-        gallery.errors.iter().find(same).map_or(f64::NAN, |s| median(&s.bending))
+        gallery.errors.iter().find(same).map_or(f64::NAN, |s| median(&s.relative_offset_error))
     });
     AuditPart {
-        bending: bending.collect(),
+        relative_offset_error: relative_offset_error.collect(),
         keypoints: gallery.keypoints,
         strongest: attacks.strongest(),
         attacks,
@@ -230,7 +232,7 @@ mod tests {
             let part =
                 run_audit(options, &|_, _| None, &()).expect("it runs").document.inputs.expect("inputs");
             let errors: Vec<f64> = part.attacks.attacks.iter().map(|row| row.mean_px).collect();
-            (part.keypoints, errors, part.bending)
+            (part.keypoints, errors, part.relative_offset_error)
         };
         assert_eq!(rows(&twice), rows(&once));
         assert_eq!(rows(&once).0, 170);

@@ -9,6 +9,7 @@ use super::server_view::ServerView;
 
 /// How an attack on several frames chooses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum FrameChoice {
     /// Frames that carry the most information about the attacked frame: large rotation, small translation.

@@ -36,6 +36,7 @@ pub enum NeighbourSource {
 
 /// A [`NeighbourSource`] without its files, for documents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Neighbours {
     /// An oracle that knows the positions.

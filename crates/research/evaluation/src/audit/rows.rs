@@ -19,7 +19,7 @@ pub(super) struct Row {
     pub(super) frames: Option<usize>,
     pub(super) errors: Vec<f64>,
     /// Errors of accepted answers, if the attack rates them.
-    pub(super) believed: Option<Vec<f64>>,
+    pub(super) accepted: Option<Vec<f64>>,
     /// Bits times keypoints, summed over images.
     pub(super) bits: f64,
     pub(super) ms: Vec<f64>,
@@ -87,7 +87,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) ->
                 corrupt,
                 frames,
                 errors: Vec::new(),
-                believed: None,
+                accepted: None,
                 bits: 0.0,
                 ms: Vec::new(),
             });
@@ -108,7 +108,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) ->
 
 pub(super) fn summary(row: &Row, images: usize) -> AttackSummary {
     let errors = ErrorSummary::of(&row.errors);
-    let believed = row.believed.as_ref().map(|b| ErrorSummary::of(b));
+    let accepted = row.accepted.as_ref().map(|b| ErrorSummary::of(b));
     AttackSummary {
         scheme: row.scheme.to_string(),
         attack: row.attack,
@@ -121,9 +121,9 @@ pub(super) fn summary(row: &Row, images: usize) -> AttackSummary {
         under_10px: errors.under_10px,
         under_30px: errors.under_30px,
         bits_over_prior: row.bits / row.errors.len().max(1) as f64,
-        believed: believed.map(|b| b.count as f64 / errors.count.max(1) as f64),
-        believed_median_px: believed.filter(|b| b.count > 0).map(|b| b.median_px),
-        believed_under_10px: believed.filter(|b| b.count > 0).map(|b| b.under_10px),
+        accepted: accepted.map(|b| b.count as f64 / errors.count.max(1) as f64),
+        accepted_median_px: accepted.filter(|b| b.count > 0).map(|b| b.median_px),
+        accepted_under_10px: accepted.filter(|b| b.count > 0).map(|b| b.under_10px),
         ms: median(&row.ms),
     }
 }

@@ -181,7 +181,7 @@ pub fn attack_groups(
         precision: given.map(|t| t.0),
         chance: given.map(|t| t.1),
         server,
-        choice: several.then_some(evaluation.choice),
+        frame_selection: several.then_some(evaluation.choice),
         seed: evaluation.seed,
         attacks: rows.iter().map(|row| summary(row, images)).collect(),
     })
@@ -280,7 +280,7 @@ fn attack_image(
         let all = errors_px(answers.pixels.iter().copied(), truth);
         if let Some(accepted) = &answers.accepted {
             let sure = (0..all.len()).filter(|i| counts(*i) && accepted[*i]).map(|i| all[i]);
-            row.believed.get_or_insert_default().extend(sure);
+            row.accepted.get_or_insert_default().extend(sure);
         }
         let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
         if row.attack == Attack::PRIOR {

@@ -257,7 +257,7 @@ impl ServerStatistics {
         Ok(ServerSummary {
             scheme: scheme.to_string(),
             images: self.images,
-            posed: self.posed,
+            trusted: self.posed,
             known: share(self.errors.len()),
             known_median_px: errors.median_px,
             known_under_10px: errors.under_10px,

@@ -9,6 +9,7 @@ use crate::results::text_table::{TextTable, percent};
 /// The strongest attacks on one scheme: those with the largest gain over the prior-only baseline, at the smallest
 /// share of replaced neighbours.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StrongestAttacks {
     /// Obfuscation scheme.
     pub scheme: String,

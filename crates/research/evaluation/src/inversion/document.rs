@@ -7,16 +7,17 @@ use veiloc_attacks::learned::inversion::InversionNetwork;
 use super::image_metrics::{Class, ReconstructionScores};
 use super::visibility::VisibilityScores;
 
-/// The document that `veiloc eval inversion --json` writes.
+/// Images that a network reconstructs from descriptors and positions, compared with the originals.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct InversionDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// `eval inversion`.
     pub command: &'static str,
-    /// Images.
+    /// Number of images.
     pub images: usize,
-    /// Neighbours per keypoint that attacks are given.
+    /// True neighbours per keypoint that attacks are given.
     pub k: usize,
     /// Seed of obfuscation and attacks.
     pub seed: u64,
@@ -24,14 +25,15 @@ pub struct InversionDocument {
     pub network: NetworkRow,
     /// Classification of the originals; `null` without a classifier.
     pub classes: Option<ClassesRow>,
-    /// Means over images.
+    /// Means over images, one entry per scheme and attack.
     pub summary: Vec<SummaryRow>,
-    /// One for each image, scheme and attack.
-    pub rows: Vec<ReconstructionRow>,
+    /// One entry per image, scheme and attack.
+    pub rows: Vec<RebuiltRow>,
 }
 
 /// A network.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NetworkRow {
     /// The file of its description.
     pub file: String,
@@ -42,7 +44,7 @@ pub struct NetworkRow {
     /// Cells along the longer side of an image.
     pub side: usize,
     /// Whether the network estimates which positions are correct.
-    pub judges_places: bool,
+    pub has_visibility: bool,
 }
 
 impl From<&InversionNetwork> for NetworkRow {
@@ -52,42 +54,43 @@ impl From<&InversionNetwork> for NetworkRow {
             features: network.features().to_owned(),
             dimension: network.dimension(),
             side: network.side(),
-            judges_places: network.has_visibility(),
+            has_visibility: network.has_visibility(),
         }
     }
 }
 
 /// Results of the classifier on the originals, on the network's grid.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ClassesRow {
-    /// Images whose class is given by the name of their file or folder, as an ImageNet synset.
-    pub named: usize,
-    /// Of those, how many originals the classifier gets right.
-    pub named_top_1: usize,
-    /// Of those, how many originals have the right class among the five likeliest.
-    pub named_top_5: usize,
-    /// Images without a given class: the classifier's answer on the original counts as the class.
-    pub answered: usize,
+    /// Number of images whose class is given by the name of their file or folder, as an ImageNet synset.
+    pub labelled: usize,
+    /// Number of those whose original the classifier gets right.
+    pub labelled_top_1: usize,
+    /// Number of those whose original has the right class among the five likeliest.
+    pub labelled_top_5: usize,
+    /// Number of images without a given class: the classifier's answer on the original is taken as their class.
+    pub pseudo_labelled: usize,
 }
 
 impl ClassesRow {
     /// Counts an original.
     pub(super) fn add(&mut self, class: &Class) {
         if class.is_named {
-            self.named += 1;
-            self.named_top_1 += usize::from(class.recognised[0]);
-            self.named_top_5 += usize::from(class.recognised[1]);
+            self.labelled += 1;
+            self.labelled_top_1 += usize::from(class.recognised[0]);
+            self.labelled_top_5 += usize::from(class.recognised[1]);
         } else {
-            self.answered += 1;
+            self.pseudo_labelled += 1;
         }
     }
 
     /// In a sentence.
-    pub fn sentence(&self) -> String {
-        let Self { named, named_top_1, named_top_5, answered } = self;
+    pub fn words(&self) -> String {
+        let Self { labelled, labelled_top_1, labelled_top_5, pseudo_labelled } = self;
         format!(
-            "Classes: {named} images are named by their ImageNet synset; the classifier recognises {named_top_1} of these \
-             originals (top-1) and {named_top_5} (top-5). For {answered} other images the class is the classifier's own \
+            "Classes: {labelled} images are named by their ImageNet synset; the classifier recognises {labelled_top_1} of these \
+             originals (top-1) and {labelled_top_5} (top-5). For {pseudo_labelled} other images the class is the classifier's own \
              answer on the original."
         )
     }
@@ -95,27 +98,29 @@ impl ClassesRow {
 
 /// An image reconstructed from an image's descriptors, and its similarity to that image.
 #[derive(Debug, Clone, Serialize)]
-pub struct ReconstructionRow {
-    /// The image.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RebuiltRow {
+    /// Name of the image.
     pub image: String,
     /// The scheme under which it was sent; `bag` for descriptors alone, `nothing` for no descriptors.
     pub scheme: String,
-    /// `none` if nothing has to be recovered, `guess` for the prior-only baseline, `closed-form` and `graph` with
+    /// `none` if nothing has to be recovered, `prior` for the prior-only baseline, `closed-form` and `graph` with
     /// true neighbours, `realistic`, or `lines` if each descriptor is spread over its line.
     pub attack: &'static str,
-    /// Peak signal-to-noise ratio, decibels.
+    /// Peak signal-to-noise ratio on the network's grid, decibels.
     pub psnr: f64,
-    /// Structural similarity.
+    /// Structural similarity, at most 1.
     pub ssim: f64,
     /// ST-LPIPS; `null` without its network.
     pub st_lpips: Option<f64>,
     /// Whether the image's class is the classifier's first answer; `null` without a classifier.
     pub top_1: Option<bool>,
-    /// Whether it is among the five likeliest.
+    /// Whether it is among the five likeliest; `null` without a classifier.
     pub top_5: Option<bool>,
     /// Objects found in the original; `null` without a detector.
     pub objects: Option<usize>,
-    /// Number of those that are found in the reconstruction.
+    /// Number of those that are found in the reconstruction: same class, boxes with an overlap of at least half; `null`
+    /// without a detector.
     pub objects_found: Option<usize>,
     /// Mean error of the positions given to the network, pixels; `null` if it was given none.
     pub mean_px: Option<f64>,
@@ -123,36 +128,37 @@ pub struct ReconstructionRow {
 
 /// Means over images.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SummaryRow {
-    /// As in [`ReconstructionRow`].
+    /// As in `rows`.
     pub scheme: String,
-    /// As in [`ReconstructionRow`].
+    /// As in `rows`.
     pub attack: &'static str,
-    /// Name of the best realistic attack.
+    /// Name of the best realistic attack; absent for other attacks.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub by: Option<String>,
-    /// Mean error of the positions, over images, pixels.
+    pub best_attack: Option<String>,
+    /// Mean error of the positions, over images, pixels; `null` without positions.
     pub mean_px: Option<f64>,
-    /// Median over all keypoints of all images, pixels.
+    /// Median over all keypoints of all images, pixels; `null` without positions.
     pub median_px: Option<f64>,
-    /// Means of the rows.
+    /// Mean over images, decibels.
     pub psnr: f64,
-    /// Mean of the rows.
+    /// Mean over images.
     pub ssim: f64,
-    /// Mean of the rows.
+    /// Mean over images; `null` without its network.
     pub st_lpips: Option<f64>,
-    /// Number of images whose class is the likeliest.
+    /// Number of images whose class is the classifier's first answer; `null` without a classifier.
     pub top_1: Option<usize>,
-    /// Number of images whose class is among the five likeliest.
+    /// Number of images whose class is among the five likeliest; `null` without a classifier.
     pub top_5: Option<usize>,
-    /// Sum of the rows.
+    /// Sum over images; `null` without a detector.
     pub objects: Option<usize>,
-    /// Sum of the rows.
+    /// Sum over images; `null` without a detector.
     pub objects_found: Option<usize>,
     /// ROC AUC of the network's visibility output: probability that a correctly placed keypoint has a larger value
     /// than a wrong one, 0.5 by chance; `null` if the network has no such output, or all keypoints are right or
     /// wrong.
-    pub told_apart: Option<f64>,
+    pub roc_auc: Option<f64>,
 }
 
 /// One input of the network: its name in rows, and position errors by image, `[images][N]`.
@@ -206,7 +212,7 @@ impl Column {
         SummaryRow {
             scheme: self.scheme.clone(),
             attack: self.attack,
-            by: self.by.clone(),
+            best_attack: self.by.clone(),
             mean_px: maybe(|row| row.mean_px),
             median_px: all.get(all.len() / 2).copied(),
             psnr: mean(&|row| row.psnr),
@@ -216,7 +222,7 @@ impl Column {
             top_5: sum(|row| row.top_5.map(usize::from)),
             objects: sum(|row| row.objects),
             objects_found: sum(|row| row.objects_found),
-            told_apart: scores.roc_auc(),
+            roc_auc: scores.roc_auc(),
         }
     }
 }
@@ -237,12 +243,12 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
         "ROC AUC",
     ];
     // Only if a network estimates visibility.
-    let columns = head.len() - usize::from(document.summary.iter().all(|row| row.told_apart.is_none()));
+    let columns = head.len() - usize::from(document.summary.iter().all(|row| row.roc_auc.is_none()));
     let mut table = TextTable::new(head.into_iter().take(columns), 2);
     let count = |value: Option<usize>| value.map_or("-".to_owned(), |v| v.to_string());
     let maybe = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     for row in &document.summary {
-        let by = row.by.as_ref().map_or_else(String::new, |by| format!(" ({by})"));
+        let by = row.best_attack.as_ref().map_or_else(String::new, |by| format!(" ({by})"));
         let objects = row.objects_found.zip(row.objects);
         let mut cells = vec![
             row.scheme.clone(),
@@ -255,7 +261,7 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
             objects.map_or("-".to_owned(), |(found, all)| format!("{found} of {all}")),
             count(row.top_1),
             count(row.top_5),
-            maybe(row.told_apart, 3),
+            maybe(row.roc_auc, 3),
         ];
         cells.truncate(columns);
         table.push(cells);

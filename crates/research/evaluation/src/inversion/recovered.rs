@@ -36,7 +36,7 @@ const WITH_MAP: [&str; 1] = ["transfer"];
 #[derive(Debug, Clone)]
 pub(super) struct RecoveredImages {
     pub(super) scheme: Scheme,
-    /// `guess`, `closed-form`, `graph` or `realistic`.
+    /// `prior`, `closed-form`, `graph` or `realistic`.
     pub(super) attack: &'static str,
     /// Name of the best realistic attack.
     pub(super) by: Option<String>,
@@ -135,7 +135,7 @@ pub(super) fn attack(
                 attacked.push(RecoveredImages { scheme, attack, by, images });
             }
         };
-        push("guess", None, answers(&runs[0], Attack::PRIOR.name));
+        push("prior", None, answers(&runs[0], Attack::PRIOR.name));
         for attack in WITH_ORACLE {
             push(attack, None, answers(&runs[0], attack));
         }

@@ -9,6 +9,7 @@ use veiloc_obfuscation::KnownCamera;
 
 /// Source of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum CameraSource {
     /// The camera was given, and is treated as calibrated.
@@ -16,19 +17,19 @@ pub enum CameraSource {
     /// The image's EXIF metadata has its focal length.
     Exif,
     /// The camera is unknown, and the queries say so: no distortion, and a focal length of 1.2 times the longer side.
-    Guess,
+    Assumed,
 }
 
 impl CameraSource {
     /// All sources.
-    pub const ALL: [Self; 3] = [Self::Given, Self::Exif, Self::Guess];
+    pub const ALL: [Self; 3] = [Self::Given, Self::Exif, Self::Assumed];
 
     /// Name in documents.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Given => "given",
             Self::Exif => "exif",
-            Self::Guess => "guess",
+            Self::Assumed => "assumed",
         }
     }
 }
@@ -43,7 +44,7 @@ pub(super) fn camera_of(
     }
     match KnownCamera::from_exif(image) {
         Ok(camera) => Ok((camera, CameraSource::Exif)),
-        Err(FeatureError::NoFocal { .. }) => Ok((KnownCamera::guessed(image)?, CameraSource::Guess)),
+        Err(FeatureError::NoFocal { .. }) => Ok((KnownCamera::guessed(image)?, CameraSource::Assumed)),
         Err(error) => Err(error),
     }
 }

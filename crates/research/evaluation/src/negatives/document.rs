@@ -14,7 +14,8 @@ use crate::results::state::as_text;
 
 /// Results of out-of-map images.
 #[derive(Debug, Default, Serialize)]
-pub struct NegativesResult {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Negatives {
     /// One entry per scheme.
     pub rows: Vec<NegativeRow>,
     /// One entry per image and scheme.
@@ -26,6 +27,7 @@ pub struct NegativesResult {
 
 /// All images under one scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NegativeRow {
     /// Obfuscation scheme.
     pub scheme: String,
@@ -37,26 +39,28 @@ pub struct NegativeRow {
     pub doubtful: usize,
     /// Queries without a pose.
     pub not_found: usize,
-    /// Those of [`Self::not_found`] that could not be sealed: too few keypoints.
+    /// Those of `not_found` that could not be sealed: too few keypoints.
     pub unusable: usize,
-    /// Number of queries by camera source: `given`, `exif`, `guess`.
+    /// Number of queries by camera source: `given`, `exif`, `assumed`.
     pub cameras: BTreeMap<&'static str, usize>,
-    /// Quantiles of the log evidence, by percentage; queries without a pose are below all others, and the value is
-    /// null if the quantile falls on them.
+    /// Percentage (`50`, `90`, `99`, `100`) to this quantile of the log evidence, nats; queries without a pose are below
+    /// all others, and the value is null if the quantile falls on them.
     pub log_evidence: BTreeMap<String, Option<f64>>,
 }
 
 /// One image under one scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NegativeQuery {
-    /// Its name.
+    /// Path below the folder, or the name in the list.
     pub name: String,
     /// Obfuscation scheme.
     pub scheme: String,
     /// Source of its camera.
     pub camera: CameraSource,
-    /// State of the pose according to the estimator; the pose is wrong in any case.
+    /// State of the pose according to the estimator: `trusted`, `doubtful` or `not-found`; the pose is wrong in any case.
     #[serde(serialize_with = "as_text")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub state: State,
     /// Whether it could be sealed.
     pub sealed: bool,
@@ -160,7 +164,7 @@ pub(super) mod tests {
         NegativeQuery {
             name: "fur.jpg".to_owned(),
             scheme: scheme.to_owned(),
-            camera: CameraSource::Guess,
+            camera: CameraSource::Assumed,
             state,
             sealed: true,
             log_evidence: evidence,
@@ -181,7 +185,7 @@ pub(super) mod tests {
         queries[0].camera = CameraSource::Given;
         let row = NegativeRow::of(Scheme::default(), &queries.iter().collect::<Vec<_>>());
         assert_eq!((row.negatives, row.trusted, row.doubtful, row.not_found, row.unusable), (10, 1, 7, 2, 1));
-        assert_eq!((row.cameras["given"], row.cameras["guess"]), (1, 9));
+        assert_eq!((row.cameras["given"], row.cameras["assumed"]), (1, 9));
         let evidence = |p: &str| row.log_evidence[p];
         assert_eq!((evidence("50"), evidence("90"), evidence("100")), (Some(2.0), Some(6.0), Some(107.0)));
     }

@@ -61,7 +61,7 @@ fn compare_with_truth(
     score: ScoreKind,
 ) -> QueryResult {
     let mut result = QueryResult::unsolved(name, scheme, score);
-    result.is_judged = truth.is_some();
+    result.has_ground_truth = truth.is_some();
     result.state = Some(answer.state());
     result.ms.insert("decode".to_owned(), answer.decode_ms);
     match &answer.found {

@@ -112,7 +112,7 @@ impl Regions {
         let maps = (0..regions.len()).map(|number| open.open_region(number, MapMemory::Mapped));
         let summary = RegionsSummary {
             count: regions.len(),
-            images_held: manifest.regions.iter().map(|region| region.images).sum(),
+            images_total: manifest.regions.iter().map(|region| region.images).sum(),
             bytes: manifest.regions.iter().map(|region| region.bytes).sum(),
             largest_bytes: manifest.regions.iter().map(|region| region.bytes).max().unwrap_or(0),
             index_bytes: manifest.index.bytes,

@@ -4,13 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// The document. Its `schemes` and `queries` are those of [`EvaluationDocument`](crate::results::EvaluationDocument),
-/// each with its scene.
+/// Also of `eval cambridge` and `eval aachen`. Its `schemes` and `queries` are those of `eval scene`, each with its scene.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DataSetEvaluation {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
-    /// The command, for example `eval 7scenes`.
+    /// The command: `eval 7scenes`, `eval cambridge` or `eval aachen`.
     pub command: &'static str,
     /// Names of the scenes.
     pub data: Vec<String>,
@@ -19,7 +19,7 @@ pub struct DataSetEvaluation {
     /// Seed of every random choice.
     pub seed: u64,
     /// The scenes, in the order of evaluation.
-    pub places: Vec<SceneInfo>,
+    pub scenes: Vec<PlaceFacts>,
     /// One entry per scene, condition and row of the table.
     pub schemes: Vec<SceneSummary>,
     /// One entry per scene, row and query.
@@ -28,7 +28,8 @@ pub struct DataSetEvaluation {
 
 /// Program and machine of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RunInfo {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RunFacts {
     /// Version of this program.
     pub veiloc: String,
     /// The command line, word by word.
@@ -37,14 +38,15 @@ pub struct RunInfo {
     pub system: String,
     /// Number of cores available to the program.
     pub cores: usize,
-    /// Queries that were localized in parallel.
+    /// Number of queries that were localized in parallel; with more than one, times are those of a busy machine.
     pub jobs: usize,
 }
 
 /// A scene of a data set.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct SceneInfo {
-    /// Its name.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PlaceFacts {
+    /// Name of the scene.
     pub name: String,
     /// Whether it is the complete published scene, so that published figures refer to the same images.
     pub is_official: bool,
@@ -52,16 +54,17 @@ pub struct SceneInfo {
     pub queries: usize,
     /// What was left out or assumed while reading, one sentence each.
     pub remarks: Vec<String>,
-    /// The map.
+    /// The map; null if it was not built.
     pub map: Option<MapSummary>,
 }
 
 /// A row of the table of one scene.
 #[derive(Debug, Clone, Serialize)]
-pub struct SceneSummary {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PlaceSummary {
     /// The scene.
-    pub place: String,
-    /// Condition of the queries, if the data set distinguishes conditions.
+    pub scene: String,
+    /// Condition of the queries, `day` or `night`; absent if the data set does not distinguish conditions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
     /// The figures.
@@ -71,11 +74,12 @@ pub struct SceneSummary {
 
 /// A query of one scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SceneQuery {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PlaceQuery {
     /// The scene; absent in documents of one scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub place: Option<String>,
-    /// Condition of the query, if the data set distinguishes conditions.
+    pub scene: Option<String>,
+    /// Condition of the query, `day` or `night`; absent if the data set does not distinguish conditions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
     /// The result.

@@ -11,12 +11,13 @@ use crate::results::metrics::{PoseErrors, finite};
 use crate::results::state::{as_text_if_any, from_text_if_any};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
-/// The document that `eval pose --json` and `eval scene --json` print.
+/// Also of `eval pose` and `eval rig`.
 #[derive(Debug, Clone, Serialize)]
-pub struct EvaluationDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Evaluation {
+    /// Version of this document.
     pub version: u32,
-    /// The command, `eval pose` or `eval scene`.
+    /// The command: `eval scene`, `eval pose` or `eval rig`.
     pub command: &'static str,
     /// Names of the evaluated data.
     pub data: Vec<String>,
@@ -30,16 +31,17 @@ pub struct EvaluationDocument {
     pub schemes: Vec<SchemeSummary>,
     /// One entry per row, seed and query.
     pub queries: Vec<QueryResult>,
-    /// Queries of another scene, which must not be localized: one entry per row and query.
+    /// Negative queries, which must not be localized: one entry per row and query; absent without `--negatives-list`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub negatives: Vec<NegativeResult>,
-    /// Facts about the map, for `eval scene`.
+    /// Facts about the map; absent in `eval pose`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map: Option<MapSummary>,
 }
 
 /// Configuration of the estimator, beside scheme and score.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EstimatorVariant {
     /// Name of the recipe; absent when single options were given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,14 +50,15 @@ pub struct EstimatorVariant {
     pub prior: bool,
     /// Hypotheses per query; null if the estimator stopped adaptively or did not search.
     pub fixed_hypotheses: Option<usize>,
-    /// Source of the estimator's gravity: `file`, `none`, or the error in degrees; absent when none was selected and
-    /// the data has none.
+    /// Gravity of the estimator: `none`; in `eval pose` `file` or its error in degrees, in `eval scene` its standard
+    /// deviation in degrees; absent when none was selected and the data has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity: Option<String>,
 }
 
 /// All queries of one row.
 #[derive(Debug, Clone, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SchemeSummary {
     /// Obfuscation scheme.
     pub scheme: String,
@@ -71,7 +74,7 @@ pub struct SchemeSummary {
     /// Number of queries with a pose that the estimator trusts; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<usize>,
-    /// Number of trusted poses outside every threshold.
+    /// Number of trusted poses outside every threshold; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted_wrong: Option<usize>,
     /// Number of queries with a pose that the estimator doubts; absent if trust was not evaluated.
@@ -80,19 +83,20 @@ pub struct SchemeSummary {
     /// Number of queries without a pose, or with a pose no better than chance; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_found: Option<usize>,
-    /// Median over all judged queries, degrees; null when more than half were not localized.
+    /// Median rotation error over all queries with ground truth, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
-    /// Median over all judged queries, map units; null when more than half were not localized.
+    /// Median translation error over all queries with ground truth, map units; null when more than half were not
+    /// localized.
     pub median_translation: Option<f64>,
-    /// Threshold (`translation/degrees`) to share of the judged queries within it, 0 to 1; empty without judged
+    /// Threshold (`translation/degrees`) to share of the queries with ground truth within it, 0 to 1; empty without such
     /// queries.
     pub recall: BTreeMap<String, f64>,
     /// Coverage of the covariances of trusted poses; absent without trusted poses.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<TrustedUncertainty>,
-    /// Mean share of correspondences that agree with the estimated pose.
+    /// Mean share of correspondences that agree with the estimated pose, over localized queries; null without any.
     pub mean_inlier_ratio: Option<f64>,
-    /// Median number of hypotheses.
+    /// Median number of hypotheses; null without any.
     pub median_hypotheses: Option<f64>,
     /// Bytes of one sealed query, median; absent if nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -102,31 +106,39 @@ pub struct SchemeSummary {
     pub sent: Option<SentSummary>,
     /// Stage to median milliseconds.
     pub median_ms: BTreeMap<String, f64>,
-    /// The same figures per seed; empty for one seed.
+    /// The same figures per seed; absent for one seed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_seed: Vec<SeedSummary>,
-    /// Results of the queries of another scene.
+    /// Results of the negative queries; absent without them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub negatives: Option<NegativeSummary>,
 }
 
 /// All queries of one row under one seed; fields as in [`SchemeSummary`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "the fields are those of SchemeSummary")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SeedSummary {
+    /// The seed.
     pub seed: u64,
+    /// Number of queries with a pose, right or wrong.
     pub localized: usize,
+    /// Number of queries with a trusted pose; null if trust was not evaluated.
     pub trusted: Option<usize>,
+    /// Median rotation error, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
+    /// Median translation error, map units; null when more than half were not localized.
     pub median_translation: Option<f64>,
+    /// Threshold to share of queries within it, 0 to 1.
     pub recall: BTreeMap<String, f64>,
+    /// Stage to median milliseconds.
     pub median_ms: BTreeMap<String, f64>,
 }
 
-/// Number of queries of another scene that were accepted as queries of this one.
+/// Number of negative queries that were accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NegativeSummary {
-    /// Number of queries.
+    /// Number of negative queries.
     pub queries: usize,
     /// Number of queries with a pose: each is wrong.
     pub localized: usize,
@@ -147,6 +159,7 @@ impl NegativeSummary {
 
 /// One query under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct QueryResult {
     /// Its name in the data.
     pub name: String,
@@ -165,26 +178,27 @@ pub struct QueryResult {
     /// Whether the estimator trusts it; absent without a pose, or if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<bool>,
-    /// State of the pose according to the estimator; absent if it was not evaluated.
+    /// State of the pose according to the estimator: `trusted`, `doubtful` or `not-found`; absent if it was not evaluated.
     #[serde(
         default,
         serialize_with = "as_text_if_any",
         deserialize_with = "from_text_if_any",
         skip_serializing_if = "Option::is_none"
     )]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub state: Option<State>,
     /// Whether the true pose is known. If not, the query has no errors and counts only in the numbers of queries and
     /// states. Absent when true.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
-    pub is_judged: bool,
-    /// Degrees; null when not localized or not judged.
+    pub has_ground_truth: bool,
+    /// Rotation error, degrees; null when not localized or without ground truth.
     pub rotation_error_deg: Option<f64>,
-    /// Map units; null when not localized or not judged.
+    /// Translation error, map units; null when not localized or without ground truth.
     pub translation_error: Option<f64>,
     /// The error relative to the covariance; absent without a pose or covariance.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<QueryUncertainty>,
-    /// Correspondences that agree with the pose.
+    /// Number of correspondences that agree with the pose.
     pub inliers: usize,
     /// Number of correspondences.
     pub correspondences: usize,
@@ -193,36 +207,38 @@ pub struct QueryResult {
     /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// Bytes of the sealed query; absent if nothing is sealed.
+    /// Bytes of the complete sealed query; absent if nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sealed_bytes: Option<usize>,
     /// Data sent for it; absent if nothing is sealed.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub sent: Option<SentDocument>,
-    /// Stage to milliseconds.
+    /// Stage to milliseconds; with `--progressive` those of the last step, and `steps` for all steps before it.
     pub ms: BTreeMap<String, f64>,
 }
 
 /// Data sent for one query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SentDocument {
-    /// Distinct rows that the server has received, including decoys.
+    /// Number of distinct rows that the server has received, including decoys; absent if nothing is sealed.
     pub sent_rows: usize,
-    /// Bytes of all messages together.
+    /// Bytes of all messages together; absent if nothing is sealed.
     pub sent_bytes: usize,
-    /// Rows that agree with the pose: a server that knows the pose knows their positions in the image. 0 without a
-    /// pose.
+    /// Number of rows that agree with the pose: a server that knows the pose knows their positions in the image. 0
+    /// without a pose; absent if nothing is sealed.
     pub exposed: usize,
 }
 
 /// Data sent for the queries of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SentSummary {
-    /// Mean of [`SentDocument::sent_rows`].
+    /// Mean of `sent_rows` over all queries; absent if nothing is sealed.
     pub mean_rows: f64,
-    /// Mean of [`SentDocument::sent_bytes`].
+    /// Mean of `sent_bytes` over all queries; absent if nothing is sealed.
     pub mean_bytes: f64,
-    /// Mean of [`SentDocument::exposed`].
+    /// Mean of `exposed` over all queries; absent if nothing is sealed.
     pub mean_exposed: f64,
 }
 
@@ -242,6 +258,7 @@ impl SentSummary {
 
 /// One query of another scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NegativeResult {
     /// Its name in the data.
     pub name: String,
@@ -253,7 +270,7 @@ pub struct NegativeResult {
     pub localized: bool,
     /// Whether the estimator trusts that pose.
     pub trusted: bool,
-    /// Correspondences that agree with the pose.
+    /// Number of correspondences that agree with the pose.
     pub inliers: usize,
     /// Number of correspondences.
     pub correspondences: usize,
@@ -270,6 +287,7 @@ const fn yes() -> bool {
 
 /// A pose in a document, world to camera.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PoseDocument {
     /// Hamilton quaternion `w x y z`.
     pub q: [f64; 4],
@@ -292,30 +310,32 @@ impl PoseDocument {
 
 /// Facts about the map of a scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MapSummary {
-    /// Registered images.
+    /// Number of registered images.
     pub images: usize,
-    /// Map points.
+    /// Number of map points.
     pub points: usize,
     /// Bytes of the map file.
     pub bytes: u64,
-    /// Seconds to build it, all images together.
+    /// Seconds to build it.
     pub build_seconds: f64,
-    /// The regions of the map, if it was split.
+    /// The regions of the map; absent without `--regions`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub regions: Option<RegionsSummary>,
 }
 
 /// Facts about the regions of a map; each query of a scene is localized in up to three of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RegionsSummary {
     /// Number of regions.
     pub count: usize,
-    /// Images of all regions; an image held by several regions counts several times.
-    pub images_held: u64,
+    /// Number of images of all regions; an image in several regions counts several times.
+    pub images_total: u64,
     /// Bytes of all their map files.
     pub bytes: u64,
-    /// Bytes of the largest.
+    /// Bytes of the largest region.
     pub largest_bytes: u64,
     /// Bytes of the index.
     pub index_bytes: u64,
@@ -333,7 +353,7 @@ impl QueryResult {
             cam_from_world: None,
             trusted: None,
             state: None,
-            is_judged: true,
+            has_ground_truth: true,
             rotation_error_deg: None,
             translation_error: None,
             uncertainty: None,
@@ -377,6 +397,6 @@ impl QueryResult {
     }
 
     pub(crate) fn is_localized(&self) -> bool {
-        self.rotation_error_deg.is_some() || (!self.is_judged && self.cam_from_world.is_some())
+        self.rotation_error_deg.is_some() || (!self.has_ground_truth && self.cam_from_world.is_some())
     }
 }

@@ -28,7 +28,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     let mut bytes: Vec<usize> = queries.iter().filter_map(|q| q.sealed_bytes).collect();
     bytes.sort_unstable();
     let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
-    let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && q.is_judged && wrong(q)).count();
+    let trusted_wrong =
+        queries.iter().filter(|q| q.trusted == Some(true) && q.has_ground_truth && wrong(q)).count();
     let has_trust = queries.iter().any(|q| q.state.is_some());
     let count = |state| has_trust.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
     let trusted = queries.iter().filter(|q| q.trusted == Some(true));
@@ -59,7 +60,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
 }
 
 fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
-    let errors: Vec<PoseErrors> = queries.iter().filter(|q| q.is_judged).map(|q| q.pose_error()).collect();
+    let errors: Vec<PoseError> =
+        queries.iter().filter(|q| q.has_ground_truth).map(|q| q.pose_error()).collect();
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
@@ -109,7 +111,7 @@ pub(crate) mod tests {
                 Some(_) => State::Doubtful,
                 None => State::NotFound,
             }),
-            is_judged: true,
+            has_ground_truth: true,
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),
             uncertainty: None,
@@ -142,7 +144,7 @@ pub(crate) mod tests {
     #[test]
     fn queries_without_truth_are_counted_but_not_judged() {
         let answered = |trusted| QueryResult {
-            is_judged: false,
+            has_ground_truth: false,
             cam_from_world: Some(PoseDocument { q: [1.0, 0.0, 0.0, 0.0], t: [0.0; 3] }),
             trusted: Some(trusted),
             ..query(0, None)

@@ -11,19 +11,22 @@ use crate::results::metrics::{finite, median};
 
 /// The error of a pose relative to its covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct QueryUncertainty {
     /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of
-    /// answers; null if a direction is unconstrained.
+    /// answers; null if a direction is unconstrained; absent without a pose.
     pub position_sd: Option<f64>,
-    /// The same for the orientation, about its least certain axis, degrees.
+    /// Standard deviation of the orientation about its least certain axis, degrees; null if it is unconstrained; absent
+    /// without a pose.
     pub rotation_sd_deg: Option<f64>,
-    /// Distance between the estimated and the true camera centre, divided by [`Self::position_sd`]; null if a
-    /// direction is unconstrained. For right covariances its median lies between 0.67 (one dominant direction) and
+    /// Distance between the estimated and the true camera centre, divided by `position_sd`; null if a
+    /// direction is unconstrained; absent without a pose. For right covariances its median lies between 0.67 (one dominant direction) and
     /// 1.54 (all directions equal).
     pub center_error_over_sd: Option<f64>,
-    /// Probability of the smallest confidence region of the centre that contains the true centre, 0 to 1.
+    /// Probability of the smallest confidence region of the centre that contains the true centre, 0 to 1; absent
+    /// without a pose.
     pub center_region: f64,
-    /// The same for the whole pose, six dimensions.
+    /// The same for the whole pose, six dimensions; absent without a pose.
     pub pose_region: f64,
 }
 
@@ -45,13 +48,15 @@ impl QueryUncertainty {
 
 /// Coverage of the covariances of a row's trusted poses.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TrustedUncertainty {
     /// Coverage of the confidence regions of the camera centre: nominal percentage to share of true centres inside, 0
-    /// to 1.
+    /// to 1; absent without trusted poses.
     pub coverage: BTreeMap<String, f64>,
-    /// The same for whole poses, six dimensions.
+    /// The same for whole poses, six dimensions; absent without trusted poses.
     pub coverage_pose: BTreeMap<String, f64>,
-    /// Median of [`QueryUncertainty::center_error_over_sd`]; null if more than half have an unconstrained direction.
+    /// Median of the queries' `center_error_over_sd`: 0.67 to 1.54 for right covariances; null if more than half have an
+    /// unconstrained direction; absent without trusted poses.
     pub center_error_over_sd: Option<f64>,
 }
 

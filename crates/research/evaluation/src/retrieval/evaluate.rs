@@ -34,23 +34,24 @@ pub struct RetrievalEvaluation {
 
 /// Results of one search method on one database size.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RetrievalRow {
     /// Number of images in the database.
     pub images: usize,
     /// Number of images with real, not synthetic, global descriptors.
     pub real: usize,
-    /// `all`: exhaustive search; `index`: search through the index.
+    /// Search method: `all` is exhaustive, `index` uses the index.
     pub search: &'static str,
-    /// Seconds to build the database or index, on all processors.
+    /// Seconds to build the index, on all processors; 0 without one.
     pub build_seconds: f64,
-    /// Its size in memory, bytes.
+    /// Bytes of the global descriptors and the index in memory.
     pub bytes: usize,
     /// Milliseconds per search on one processor, median over the queries.
     pub median_ms: f64,
     /// Recall: share of the images found by exhaustive search that this search finds.
-    pub kept: f64,
+    pub recall: f64,
     /// Share of the retrieved images that belong to the map.
-    pub of_map: f64,
+    pub map_share: f64,
 }
 
 /// Searches the images of a map for each query, among other images up to each database size. Except for times, the
@@ -178,8 +179,8 @@ impl Database<'_> {
                 build_seconds,
                 bytes,
                 median_ms: ms.get(ms.len() / 2).copied().unwrap_or(f64::NAN),
-                kept: share(&|q, i| true_ones[q].contains(&i)),
-                of_map: share(&|_, i| i < self.of_map),
+                recall: share(&|q, i| true_ones[q].contains(&i)),
+                map_share: share(&|_, i| i < self.of_map),
             }
         };
         let timed = |search: &dyn Fn(&GlobalDescriptor) -> Vec<usize>| -> (Vec<Vec<usize>>, Vec<f64>) {

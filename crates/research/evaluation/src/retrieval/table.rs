@@ -15,8 +15,8 @@ pub fn table(rows: &[RetrievalRow]) -> String {
             format!("{:.2}", row.build_seconds),
             format!("{:.1}", row.bytes as f64 / 1e6),
             format!("{:.3}", row.median_ms),
-            percent(row.kept),
-            percent(row.of_map),
+            percent(row.recall),
+            percent(row.map_share),
         ]);
     }
     table.render()

@@ -49,7 +49,7 @@ pub(super) fn localize_query(
                 }
                 Err(error) => {
                     let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
-                    unsealed.is_judged = query.truth.is_some();
+                    unsealed.has_ground_truth = query.truth.is_some();
                     unsealed.state = Some(State::NotFound);
                     unsealed
                 }

@@ -16,14 +16,15 @@ use crate::results::metrics::{PoseErrors, Threshold, median, recall};
 use crate::results::state::as_text;
 use crate::results::{MapSummary, QueryUncertainty};
 
-/// The document that `eval stress --json` prints.
+/// Queries of a scene as they are (`none`) and under hard conditions.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StressDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// The command, `eval stress`.
     pub command: &'static str,
-    /// The scene.
+    /// Name of the scene.
     pub data: String,
     /// Seed of every random choice.
     pub seed: u64,
@@ -42,9 +43,10 @@ pub struct StressDocument {
 
 /// The map of few images.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SparseMap {
     /// Step through the map list: every n-th image is in it.
-    pub every: usize,
+    pub stride: usize,
     /// Facts about it.
     #[serde(flatten)]
     pub map: MapSummary,
@@ -52,10 +54,12 @@ pub struct SparseMap {
 
 /// All queries under one stress and scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StressRow {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// The condition.
+    /// The condition: `none`, `dark`, `motion`, `half-hidden`, `side-hidden`, `low-resolution`, `sparse-map`,
+    /// `few-keypoints` or `focal-N`; `veiloc eval stress --help` explains them.
     pub stress: String,
     /// Standard deviation of the queries' gravity, degrees; absent without gravity.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -64,15 +68,14 @@ pub struct StressRow {
     pub queries: usize,
     /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
     pub recall: BTreeMap<String, f64>,
-    /// Degrees; null when more than half have no pose.
+    /// Median rotation error over all queries, degrees; null when more than half have no pose.
     pub median_rotation_deg: Option<f64>,
-    /// Map units; null when more than half have no pose.
+    /// Median translation error over all queries, map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
-    /// Median position deviation of the answers ([`QueryUncertainty::position_sd`]), map units, over queries with a
-    /// pose; null without poses, or if more than half have an unconstrained direction.
+    /// Median of the answers' `position_sd`, map units, over queries with a pose; null without poses, or if more than half have an unconstrained direction.
     pub median_position_sd: Option<f64>,
-    /// Number of queries that are not wrong ([`StressDocument::wrong_beyond`]).
-    pub right: usize,
+    /// Number of queries with a pose within `wrong_beyond`.
+    pub correct: usize,
     /// Number of queries with a pose that the estimator trusts.
     pub trusted: usize,
     /// Number of trusted poses that are wrong.
@@ -81,43 +84,45 @@ pub struct StressRow {
     pub doubtful: usize,
     /// Number of queries without a pose.
     pub not_found: usize,
-    /// The engine's optimum from the true pose; absent if not selected.
+    /// Errors of the engine's own optimum from the true pose; absent without `--optimum`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub optimum: Option<TruthSummary>,
-    /// Least squares from the true pose on the true matches; absent if not selected.
+    /// Errors of least squares from the true pose on the true matches; absent without `--optimum`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<TruthSummary>,
-    /// Number of queries that the search lost: wrong or without a pose, although the optimum is right; absent if
-    /// unknown.
+    /// Number of queries that are wrong or without a pose, although the optimum is right; absent without `--optimum`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub lost: Option<usize>,
+    pub search_failures: Option<usize>,
 }
 
 /// Errors of estimates that start from the true pose.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TruthSummary {
-    /// As in [`StressRow::recall`].
+    /// As in `rows`.
     pub recall: BTreeMap<String, f64>,
-    /// As in [`StressRow::median_rotation_deg`].
+    /// Median rotation error, degrees; null when more than half have no pose.
     pub median_rotation_deg: Option<f64>,
-    /// As in [`StressRow::median_translation`].
+    /// Median translation error, map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
 }
 
 /// One query under one stress and scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StressQuery {
     /// Its name in the data.
     pub name: String,
     /// Obfuscation scheme.
     pub scheme: String,
-    /// The condition.
+    /// The condition, as in `rows`.
     pub stress: String,
-    /// As in [`StressRow::gravity_sd_deg`].
+    /// As in `rows`; absent without gravity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_sd_deg: Option<f64>,
-    /// State of the pose according to the estimator.
+    /// State of the pose according to the estimator: `trusted`, `doubtful` or `not-found`.
     #[serde(serialize_with = "as_text")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub state: State,
     /// Errors of the pose.
     #[serde(flatten)]
@@ -238,7 +243,7 @@ impl StressRow {
             median_rotation_deg: figures.median_rotation_deg,
             median_translation: figures.median_translation,
             median_position_sd: median_sd(queries),
-            right: errors.iter().filter(|e| is_right(e)).count(),
+            correct: errors.iter().filter(|e| is_right(e)).count(),
             trusted: count(State::Trusted),
             trusted_wrong: queries
                 .iter()
@@ -246,7 +251,7 @@ impl StressRow {
                 .count(),
             doubtful: count(State::Doubtful),
             not_found: count(State::NotFound),
-            lost: optimum
+            search_failures: optimum
                 .as_ref()
                 .map(|o| errors.iter().zip(o).filter(|(e, o)| !is_right(e) && is_right(o)).count()),
             optimum: optimum.as_ref().map(summed),
@@ -321,14 +326,14 @@ pub(super) mod tests {
         ];
         let row = StressRow::of(&queries, &evaluation()).expect("a row");
         assert_eq!((row.trusted, row.doubtful, row.not_found), (2, 2, 2));
-        assert_eq!((row.right, row.trusted_wrong, row.lost), (2, 1, Some(2)));
+        assert_eq!((row.correct, row.trusted_wrong, row.search_failures), (2, 1, Some(2)));
         assert_eq!((row.recall["0.05/5"], row.recall["0.25/2"]), (2.0 / 6.0, 2.0 / 6.0));
         assert_eq!(row.median_translation, Some(0.25));
         assert_eq!(row.optimum.expect("requested").recall["0.05/5"], 5.0 / 6.0);
         let mut not_asked = queries[0].clone();
         not_asked.from_truth = None;
         let row = StressRow::of(&[not_asked], &evaluation()).expect("a row");
-        assert_eq!((row.optimum, row.floor, row.lost), (None, None, None));
+        assert_eq!((row.optimum, row.floor, row.search_failures), (None, None, None));
         assert_eq!(StressRow::of(&[], &evaluation()), None);
     }
 }

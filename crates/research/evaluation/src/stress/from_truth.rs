@@ -13,19 +13,21 @@ use crate::results::metrics::PoseErrors;
 
 /// Errors of one query's estimates that start from the true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct TruthStartErrors {
-    /// The engine's own optimum, over all matches: the result of a perfect search.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct FromTruth {
+    /// The engine's own optimum, over all matches: the result of a perfect search; absent without `--optimum`.
     pub optimum: ErrorDocument,
-    /// Least squares on the true matches: a lower limit for estimators.
+    /// Least squares on the true matches: a lower limit for estimators; absent without `--optimum`.
     pub floor: ErrorDocument,
 }
 
 /// Errors of a pose in a document.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ErrorDocument {
-    /// Degrees; null without a pose.
+    /// Rotation error, degrees; null without a pose.
     pub rotation_error_deg: Option<f64>,
-    /// Map units; null without a pose.
+    /// Translation error, map units; null without a pose.
     pub translation_error: Option<f64>,
 }
 

@@ -98,7 +98,7 @@ pub fn evaluate_stress(
     document.map = maps.all.summary;
     document.sparse_map = maps
         .sparse
-        .map(|map| SparseMap { every: sparse::step_for(evaluation.map_list.len()), map: map.summary });
+        .map(|map| SparseMap { stride: sparse::step_for(evaluation.map_list.len()), map: map.summary });
     let mut of_queries: Vec<_> = each.into_iter().map(Vec::into_iter).collect();
     let variants_per_query = if gravity_source.is_some() { 2 } else { 1 };
     for _ in 0..stresses.len() * evaluation.schemes.len() * variants_per_query {

@@ -23,7 +23,7 @@ pub fn table(document: &StressDocument) -> String {
         let suffix = if row.gravity_sd_deg.is_some() { " + gravity" } else { "" };
         let names = [row.stress.clone(), format!("{}{suffix}", row.scheme)];
         let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
-        let lost = row.lost.map(|n| n.to_string());
+        let lost = row.search_failures.map(|n| n.to_string());
         found.push(with(figures_of(row, &thresholds)));
         optimum.push(with(truth_of(row.optimum.as_ref(), &thresholds).into_iter().chain(lost).collect()));
         floor.push(with(truth_of(row.floor.as_ref(), &thresholds)));
@@ -94,7 +94,8 @@ mod tests {
         for words in ["optimum ≤0.05/5 %", "floor trans", "lost", "lost: wrong"] {
             assert!(text.contains(words), "{words}: {text}");
         }
-        (document.rows[0].optimum, document.rows[0].floor, document.rows[0].lost) = (None, None, None);
+        (document.rows[0].optimum, document.rows[0].floor, document.rows[0].search_failures) =
+            (None, None, None);
         assert!(!table(&document).contains("floor"), "{}", table(&document));
     }
 }

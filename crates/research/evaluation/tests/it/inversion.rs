@@ -78,7 +78,7 @@ fn document_has_rows_for_schemes_and_attacks() {
     let dcl = Scheme::default().to_string();
     let expected = [
         "points none",
-        "random-lines guess",
+        "random-lines prior",
         "random-lines closed-form",
         "random-lines graph",
         "random-lines realistic",
@@ -97,8 +97,8 @@ fn document_has_rows_for_schemes_and_attacks() {
         |name: &str| -> &SummaryRow { &document.summary[names.iter().position(|n| n == name).expect(name)] };
     assert_eq!((row("points none").mean_px, row("points none").median_px), (Some(0.0), Some(0.0)));
     let graph = row("random-lines graph").mean_px.expect("places");
-    assert!(graph > 0.0 && graph < row("random-lines guess").mean_px.expect("places"), "{graph}");
-    assert_eq!(row("random-lines realistic").by.as_deref(), Some("transfer"));
+    assert!(graph > 0.0 && graph < row("random-lines prior").mean_px.expect("places"), "{graph}");
+    assert_eq!(row("random-lines realistic").best_attack.as_deref(), Some("transfer"));
     for name in ["random-lines lines", "bag none", "nothing none"] {
         assert_eq!((row(name).mean_px, row(name).median_px), (None, None));
     }
@@ -124,9 +124,9 @@ fn document_has_rows_for_schemes_and_attacks() {
     let table = evaluation_table(&document);
     assert!(table.contains("realistic (transfer)") && table.contains("Means over 2 images"), "{table}");
 
-    assert!(document.summary.iter().all(|row| row.told_apart.is_none()) && !table.contains("ROC AUC"));
+    assert!(document.summary.iter().all(|row| row.roc_auc.is_none()) && !table.contains("ROC AUC"));
 
-    assert!(document.classes.is_none() && !document.network.judges_places);
+    assert!(document.classes.is_none() && !document.network.has_visibility);
 
     // A repetition gives exactly the same result.
     let again = evaluate(&paths[3..5], &plain, RealisticAttackOptions::default(), &ImageMetrics::default())
@@ -142,17 +142,16 @@ fn visibility_output_is_evaluated_by_roc_auc() {
     let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
     let judging = network("learned/inversion.toml");
     let (document, _) =
-        evaluate(&paths, &judging, RealisticAttackOptions::default(), &ImageMetrics::default())
-            .expect("it runs");
-    assert!(document.network.judges_places && document.network.file.ends_with("inversion.toml"));
+        evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
+    assert!(document.network.has_visibility && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
         // True keypoints are all correct, graph may recover all, and without positions there is no visibility.
         match (row.scheme.as_str(), row.attack) {
-            ("points" | "nothing" | "bag", _) | (_, "lines") => assert_eq!(row.told_apart, None, "{row:?}"),
-            (_, "guess" | "closed-form") => assert!(row.told_apart.is_some(), "{row:?}"),
+            ("points" | "nothing" | "bag", _) | (_, "lines") => assert_eq!(row.roc_auc, None, "{row:?}"),
+            (_, "prior" | "closed-form") => assert!(row.roc_auc.is_some(), "{row:?}"),
             _ => {}
         }
-        assert!(row.told_apart.is_none_or(|auc| auc > 0.0 && auc < 1.0), "{row:?}");
+        assert!(row.roc_auc.is_none_or(|auc| auc > 0.0 && auc < 1.0), "{row:?}");
     }
     assert!(evaluation_table(&document).contains("ROC AUC"));
 }
@@ -176,8 +175,8 @@ fn image_metrics_are_computed() {
     let (document, _) =
         evaluate(&images, &plain, RealisticAttackOptions::default(), &metrics).expect("it runs");
     let classes = document.classes.expect("classified");
-    assert_eq!((classes.named, classes.answered), (2, 1));
-    assert!(classes.named_top_1 <= classes.named_top_5 && classes.named_top_5 == 2, "{classes:?}");
+    assert_eq!((classes.labelled, classes.pseudo_labelled), (2, 1));
+    assert!(classes.labelled_top_1 <= classes.labelled_top_5 && classes.labelled_top_5 == 2, "{classes:?}");
     for row in &document.rows {
         let (first, five) = (row.top_1.expect("classified"), row.top_5.expect("classified"));
         // Of the five classes, three are the colours and the others 0 and 1.

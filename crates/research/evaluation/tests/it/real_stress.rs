@@ -37,7 +37,7 @@ fn stress_conditions_of_redkitchen(data: &Path) {
         assert_eq!(row.trusted_wrong, 0, "{name}");
         let optimum = row.optimum.as_ref().expect("it was requested");
         assert!(optimum.recall["0.25/2"] >= 0.8, "{name}: {}", optimum.recall["0.25/2"]);
-        assert!(row.lost <= Some(1), "{name}: {:?} lost", row.lost);
+        assert!(row.search_failures <= Some(1), "{name}: {:?} lost", row.search_failures);
     }
 }
 
@@ -77,7 +77,7 @@ fn out_of_map_images_are_not_trusted(data: &Path) {
     assert!(images.len() >= 8 && result.unread.is_empty(), "{} images", images.len());
     for row in &result.rows {
         assert_eq!((row.negatives, row.trusted), (images.len(), 0), "{}", row.scheme);
-        assert_eq!(row.cameras[CameraSource::Guess.name()], images.len());
+        assert_eq!(row.cameras[CameraSource::Assumed.name()], images.len());
     }
     assert!(result.queries.iter().all(|q| q.state != State::Trusted));
 }

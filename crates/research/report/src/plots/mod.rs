@@ -24,7 +24,7 @@ pub enum ErrorAxis {
 /// Cumulative distributions of pose errors: one panel per scene, one curve per scheme.
 ///
 /// # Errors
-/// [`PlotError`] when no query is judged.
+/// [`PlotError`] when no query has ground truth.
 pub fn errors(data: &TableData, axis: ErrorAxis) -> Result<String, PlotError> {
     let charts = error_charts(data, axis, LengthUnit::Map);
     if charts.is_empty() {
@@ -37,9 +37,9 @@ pub fn errors(data: &TableData, axis: ErrorAxis) -> Result<String, PlotError> {
 pub(crate) fn error_charts(data: &TableData, axis: ErrorAxis, unit: LengthUnit) -> Vec<Chart> {
     let mut scenes: Vec<(String, Vec<ErrorCurve>)> = Vec::new();
     for curve in data.error_curves() {
-        match scenes.iter_mut().find(|(scene, _)| *scene == curve.place) {
+        match scenes.iter_mut().find(|(scene, _)| *scene == curve.scene) {
             Some((_, curves)) => curves.push(curve),
-            None => scenes.push((curve.place.clone(), vec![curve])),
+            None => scenes.push((curve.scene.clone(), vec![curve])),
         }
     }
     let (what, bound) = match (axis, unit) {
@@ -80,7 +80,7 @@ pub fn bound(document: &BoundEvaluation) -> Result<String, PlotError> {
     /// The project's target ratio.
     const AIM: f64 = 1.15;
     let noise = 1.08 * document.cells.iter().map(|cell| cell.noise_px).fold(0.1, f64::max);
-    let panel = |cell: &BoundCell| format!("{}, {:.0} % outliers", cell.scene, 100.0 * cell.outlier_share);
+    let panel = |cell: &BoundCell| format!("{}, {:.0} % outliers", cell.scene, 100.0 * cell.outlier_ratio);
     let of_panel = |title: &String| {
         let cells: Vec<&BoundCell> = document.cells.iter().filter(|cell| panel(cell) == *title).collect();
         let of_scheme = |scheme: &String| {

@@ -1,10 +1,10 @@
 //! `veiloc localize`: estimates the poses of sealed queries; each pose is trusted, doubtful or not found.
 
-mod document;
+pub(crate) mod document;
 mod from_images;
 mod pose_files;
 mod report;
-mod rig;
+pub(crate) mod rig;
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ pub(crate) struct Args {
     #[arg(required_unless_present_any = ["rig", "list"], value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
-    /// its standard deviations (docs/reference/json.md). Gives one pose of the device.
+    /// its standard deviations (docs/reference/formats.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad", "report_file"])]
     rig: Option<PathBuf>,
     #[command(flatten)]

@@ -2,11 +2,11 @@
 
 mod compress;
 mod export;
-mod info;
+pub(crate) mod info;
 #[cfg(feature = "cluster")]
-mod publish;
+pub(crate) mod publish;
 mod self_test;
-mod split;
+pub(crate) mod split;
 
 use std::path::{Path, PathBuf};
 

@@ -22,32 +22,41 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// The document of `veiloc models --json`.
+/// Known models, and whether their network files exist.
 #[derive(Serialize)]
-struct ModelListDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct ModelListDocument {
+    /// 1.
     version: u32,
-    /// Searched folders.
+    /// Searched folders, from VEILOC_MODELS.
     folders: Vec<String>,
+    /// Models of learned features.
     models: Vec<ModelDocument>,
+    /// Models of global descriptors, which are computed from whole images.
     globals: Vec<GlobalDocument>,
 }
 
 /// A model of global descriptors, which are computed from whole images.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct GlobalDocument {
+    /// Name, as `--global` and `--image-global` take it.
     name: String,
+    /// Short description.
     about: String,
+    /// Source of its files.
     source: String,
-    /// The command that makes its files from the downloaded ones.
+    /// The command that makes its files from the downloaded ones; absent when none is needed.
     #[serde(skip_serializing_if = "Option::is_none")]
     export: Option<String>,
+    /// Licence of its files.
     licence: String,
     /// For each of its networks the accepted file names, the preferred one first.
     files: Vec<Vec<String>>,
-    /// The files that were found.
+    /// For each of its networks the file that was found; null when there is none.
     found: Vec<Option<String>>,
     /// Number of elements of a vector, which is also its number of bytes.
-    numbers: usize,
+    dimension: usize,
 }
 
 impl GlobalDocument {
@@ -61,12 +70,13 @@ impl GlobalDocument {
             licence: description.licence().to_owned(),
             files: description.files().map(<[String]>::to_vec).collect(),
             found: files.iter().map(|f| f.as_ref().map(|path| path.display().to_string())).collect(),
-            numbers: description.model().dim(),
+            dimension: description.model().dim(),
         }
     }
 
     fn line(&self) -> String {
-        let mut text = format!("{}: {}; {} numbers; {}\n", self.name, self.about, self.numbers, self.licence);
+        let mut text =
+            format!("{}: {}; {} numbers; {}\n", self.name, self.about, self.dimension, self.licence);
         for (names, found) in self.files.iter().zip(&self.found) {
             let _ = match found {
                 Some(file) => writeln!(text, "  there: {file}"),
@@ -87,20 +97,25 @@ fn missing(files: &[String], source: &str, export: Option<&str>) -> String {
 
 /// One model.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct ModelDocument {
+    /// Name, as `--features` takes it.
     name: String,
+    /// Short description.
     about: String,
+    /// Source of its file.
     source: String,
-    /// The command that makes its file from the downloaded one.
+    /// The command that makes its file from the downloaded one; absent when none is needed.
     #[serde(skip_serializing_if = "Option::is_none")]
     export: Option<String>,
+    /// Licence of its file.
     licence: String,
     /// Accepted file names, the preferred one first.
     files: Vec<String>,
-    /// The file that was found.
+    /// The file that was found; null when there is none.
     file: Option<String>,
     /// Number of elements of a descriptor, which is also its number of bytes.
-    numbers: usize,
+    dimension: usize,
 }
 
 impl ModelDocument {
@@ -114,7 +129,7 @@ impl ModelDocument {
             licence: description.licence().to_owned(),
             files: description.files().to_vec(),
             file: file.as_ref().map(|path| path.display().to_string()),
-            numbers: description.kind().dim(),
+            dimension: description.kind().dim(),
         }
     }
 
@@ -123,7 +138,7 @@ impl ModelDocument {
             Some(file) => format!("there: {file}"),
             None => format!("not found: {}", missing(&self.files, &self.source, self.export.as_deref())),
         };
-        format!("{}: {}; {} numbers; {}\n  {file}\n", self.name, self.about, self.numbers, self.licence)
+        format!("{}: {}; {} numbers; {}\n  {file}\n", self.name, self.about, self.dimension, self.licence)
     }
 }
 

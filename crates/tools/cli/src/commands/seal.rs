@@ -1,6 +1,6 @@
 //! `veiloc seal`: converts images to sealed queries, as on a device.
 
-mod batch;
+pub(crate) mod batch;
 
 use std::path::{Path, PathBuf};
 

@@ -152,22 +152,31 @@ fn describe_permissions(entry: &TokenEntry) -> String {
 }
 
 /// A listed token.
+/// A token.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct ListedToken {
+    /// Name of the token.
     name: String,
-    /// The first eight digits of its hash.
+    /// The first eight digits of its SHA-256.
     hash: String,
+    /// Whether it may read the metrics.
     operator: bool,
-    /// `null` for all.
+    /// Names of the maps that it gives access to; null for all.
     maps: Option<Vec<String>>,
-    /// `null` for never.
+    /// Expiry, `2027-01-31T00:00:00Z`; null for never.
     expires: Option<String>,
+    /// Whether it has expired.
     expired: bool,
 }
 
+/// The tokens of a file.
 #[derive(Serialize)]
-struct ListDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct ListDocument {
+    /// 1.
     version: u32,
+    /// The tokens, in the order of the file.
     tokens: Vec<ListedToken>,
 }
 

@@ -27,8 +27,9 @@ pub(crate) use error::DemoError;
 pub(crate) use options::DemoOptions;
 pub(crate) use views::{HiddenViews, map_scene};
 
-/// The document of `veiloc demo --json`.
+/// Localization of the hidden views, and attacks on them.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(crate) struct DemoDocument {
     /// Localization of the hidden views.
     pub evaluation: EvaluationDocument,

@@ -64,15 +64,17 @@ impl Item {
 
 /// Why an input has no result.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(crate) struct InputError {
-    /// Kind of the error.
+    /// Kind of the error, for programs.
     pub kind: InputErrorKind,
-    /// The problem and the remedy.
+    /// The problem and the remedy, for people.
     pub message: String,
 }
 
 /// Kinds of errors, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum InputErrorKind {
     /// The file does not exist.

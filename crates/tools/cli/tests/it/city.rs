@@ -49,11 +49,11 @@ fn index_matches_exhaustive_search() {
     };
     assert_eq!(rows.len(), 4);
     for images in [8, 5000] {
-        assert_eq!(of(images, "all")["kept"], 1.0, "{found}");
-        assert!(of(images, "index")["kept"].as_f64().is_some_and(|kept| kept > 0.9), "{found}");
+        assert_eq!(of(images, "all")["recall"], 1.0, "{found}");
+        assert!(of(images, "index")["recall"].as_f64().is_some_and(|recall| recall > 0.9), "{found}");
     }
-    assert_eq!(of(8, "index")["kept"], 1.0, "of so few all are compared: {found}");
-    assert_eq!((&of(8, "all")["real"], &of(8, "all")["of_map"]), (&8.into(), &1.0.into()), "{found}");
+    assert_eq!(of(8, "index")["recall"], 1.0, "of so few all are compared: {found}");
+    assert_eq!((&of(8, "all")["real"], &of(8, "all")["map_share"]), (&8.into(), &1.0.into()), "{found}");
     let refused = scene.run("eval retrieval --map place.vmap --images images --sizes 0");
     assert!(refused.code == Some(1) && refused.stderr.contains("no images to search"), "{refused}");
 }

@@ -35,18 +35,18 @@ fn detections_are_hidden_and_reported() {
         (run.json()["images"][0].clone(), run)
     };
     let (all, _) = hidden("");
-    assert!(all["hidden"].is_null() && all["found_to_hide"].is_null());
+    assert!(all["masked"].is_null() && all["detections"].is_null());
     let (person, run) = hidden(&format!("--hide person --detector {}", detector("two-boxes")));
-    assert_eq!(person["found_to_hide"], serde_json::json!({"person": 1}), "cars were not requested");
+    assert_eq!(person["detections"], serde_json::json!({"person": 1}), "cars were not requested");
     // Columns 62.5 to 137.5 and rows 25 to 275 of 400 x 300, with 0.15 of each to both sides.
-    assert_eq!(person["hidden"], 98.0 / 400.0, "{run}");
+    assert_eq!(person["masked"], 98.0 / 400.0, "{run}");
     assert!(run.stderr.contains("found 1 × person, 24.5 % of the image hidden"), "{run}");
-    assert!(person["found"].as_u64() < all["found"].as_u64());
+    assert!(person["keypoints"].as_u64() < all["keypoints"].as_u64());
     let (wide, _) = hidden(&format!("--hide person --detector {} --hide-margin 0.5", detector("two-boxes")));
-    assert_eq!(wide["hidden"], 150.0 / 400.0);
+    assert_eq!(wide["masked"], 150.0 / 400.0);
     let (both, run) = hidden(&format!("--hide person,car --detector {}", detector("two-boxes")));
-    assert_eq!(both["found_to_hide"], serde_json::json!({"car": 1, "person": 1}), "{run}");
-    assert!(both["hidden"].as_f64() > person["hidden"].as_f64());
+    assert_eq!(both["detections"], serde_json::json!({"car": 1, "person": 1}), "{run}");
+    assert!(both["masked"].as_f64() > person["masked"].as_f64());
 }
 
 #[test]

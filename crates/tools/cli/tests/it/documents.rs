@@ -6,7 +6,7 @@ use super::common;
 use std::fs::{self, File};
 use std::process::Stdio;
 
-use common::documented::{Fields, mistakes, tables};
+use common::documented::{Fields, mistakes, page, tables};
 use common::{CAMERA, EXTRACTION, TestScene, scene};
 use serde_json::{Value, json};
 
@@ -157,9 +157,15 @@ fn every_field_is_documented() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The check above detects missing and additional fields.
 #[test]
-fn documentation_check_detects_extra_and_missing_fields() {
+fn json_reference_is_current() {
+    let generated = veiloc_cli::json_reference().expect("every field has documentation");
+    assert!(page() == generated, "docs/reference/json.md is stale: run `cargo xtask json-reference`");
+}
+
+/// The check above detects missing and additional fields, other types, and lists without entries.
+#[test]
+fn documentation_check_detects_differences() {
     let attack = &tables()["attack"];
     let row = json!({
         "scheme": "dcl", "attack": "graph", "corrupt": 0, "images": 1, "mean_px": 1, "median_px": 1, "under_5px": 1,
@@ -180,7 +186,12 @@ fn documentation_check_detects_extra_and_missing_fields() {
     );
     assert_eq!(with(&|d| d["k"] = json!(null)), ["k is null, and docs/reference/json.md does not say when"]);
     let gone = |d: &mut Value| _ = d.as_object_mut().expect("an object").remove("seed");
-    assert_eq!(with(&gone), ["seed never came"]);
+    assert_eq!(with(&gone), ["seed is absent"]);
+    let gone = |d: &mut Value| _ = d["attacks"][0].as_object_mut().expect("an object").remove("images");
+    assert_eq!(with(&gone), ["attacks[].images is absent"]);
+    assert_eq!(with(&|d| d["k"] = json!("20")), ["k is no integer: \"20\""]);
+    assert_eq!(with(&|d| d["data"] = json!([1])), ["data is no string[]: [1]"]);
+    assert_eq!(with(&|d| d["attacks"] = json!([])), ["attacks never had an entry"]);
 }
 
 /// Runs a command with stdout to a device that is always full.

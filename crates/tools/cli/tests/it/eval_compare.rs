@@ -19,7 +19,7 @@ fn runs_are_compared_and_invalid_files_refused() {
     assert_eq!(rows.len(), 2, "{itself}");
     for figure in rows.iter().flat_map(|row| row["figures"].as_array().expect("figures")) {
         assert_eq!(
-            (&figure["difference"], &figure["verdict"]),
+            (&figure["difference"], &figure["result"]),
             (&0.0.into(), &"not-shown".into()),
             "{figure}"
         );
@@ -29,7 +29,7 @@ fn runs_are_compared_and_invalid_files_refused() {
     let document = scene.run(&format!("{schemes} --json")).succeeded().json();
     let row = &document["rows"][0];
     assert!(row["a"].as_str().expect("a name").starts_with("dcl"), "{row}");
-    let counts = ["nearer_in_b", "farther_in_b", "queries"].map(|name| row[name].as_u64().expect("a count"));
+    let counts = ["better_in_b", "worse_in_b", "queries"].map(|name| row[name].as_u64().expect("a count"));
     assert!(counts[0] + counts[1] <= counts[2] && counts[2] > 0, "{row}");
     let text = scene.run(schemes).succeeded().stdout;
     assert!(text.contains("recall 0.02/2, %") && text.contains("95 % of draws"), "{text}");

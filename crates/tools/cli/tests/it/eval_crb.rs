@@ -19,7 +19,7 @@ fn table_document_and_plot() {
     assert_eq!(keys(&document), ["cells", "command", "coverage", "matches", "problems", "seed", "version"]);
     assert_eq!((&document["command"], &document["version"]), (&"eval crb".into(), &1.into()));
     assert_eq!(document["cells"].as_array().map(Vec::len), Some(2));
-    assert_eq!(document["cells"][0]["outlier_share"], 0.25);
+    assert_eq!(document["cells"][0]["outlier_ratio"], 0.25);
     assert_eq!(keys(&document["coverage"][0]["pose"]), ["50", "90", "99"]);
     let again = scene.run(&format!("{SMALL} --json")).succeeded().json();
     assert_eq!(again, document, "equal seeds give equal results");

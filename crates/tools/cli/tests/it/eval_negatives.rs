@@ -60,11 +60,11 @@ fn out_of_map_images_are_counted() {
         assert_eq!(counts, ["trusted", "doubtful", "not-found"].map(of_state), "{row}");
         assert_eq!((count("negatives"), counts.iter().sum(), count("unusable")), (6, 6, 0), "{row}");
         assert!(row["scheme"] == "points" || count("trusted") == 0, "{run}");
-        assert_eq!((&row["cameras"]["given"], &row["cameras"]["guess"]), (&0.into(), &OUT_OF_MAP.into()));
+        assert_eq!((&row["cameras"]["given"], &row["cameras"]["assumed"]), (&0.into(), &OUT_OF_MAP.into()));
     }
     let given =
         scene.run(&format!("{ASK} --images other/images --camera {CAMERA} --json -")).succeeded().json();
-    assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == OUT_OF_MAP && r["cameras"]["guess"] == 0));
+    assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == OUT_OF_MAP && r["cameras"]["assumed"] == 0));
 }
 
 /// With images of the scene itself the command shows false positives.
@@ -120,7 +120,7 @@ fn bad_images_are_named_without_stopping_others() {
     let mixed = document(&scene.read("mixed.json"));
     assert_eq!((&mixed["images"], &mixed["failed"]), (&3.into(), &1.into()));
     assert_eq!(
-        (&mixed["faults"][0]["file"], &mixed["faults"][0]["kind"]),
+        (&mixed["errors"][0]["file"], &mixed["errors"][0]["kind"]),
         (&"notes.jpg".into(), &"damaged".into())
     );
     for row in rows(&mixed) {

@@ -38,7 +38,7 @@ fn every_stress_has_rows_and_none_is_first() {
         "few-keypoints",
     ];
     assert_eq!(order, expected);
-    assert_eq!((&result["sparse_map"]["every"], &result["sparse_map"]["images"]), (&3.into(), &4.into()));
+    assert_eq!((&result["sparse_map"]["stride"], &result["sparse_map"]["images"]), (&3.into(), &4.into()));
     let row = |stress: &str, scheme: &str| {
         let found = rows.iter().find(|r| r["stress"] == stress && r["scheme"] == scheme);
         found.unwrap_or_else(|| panic!("no row of {stress}, {scheme}"))
@@ -47,7 +47,7 @@ fn every_stress_has_rows_and_none_is_first() {
         let count = |of: &str| row[of].as_u64().unwrap_or_else(|| panic!("no {of}: {row}"));
         assert_eq!(count("queries"), QUERIES as u64);
         assert_eq!(count("trusted") + count("doubtful") + count("not_found"), count("queries"), "{row}");
-        assert!(count("lost") <= count("queries") - count("right"), "{row}");
+        assert!(count("search_failures") <= count("queries") - count("correct"), "{row}");
     }
     for scheme in ["points", "dcl"] {
         let none = row("none", scheme);

@@ -50,8 +50,8 @@ fn images_are_reconstructed_and_compared() {
         "\"attack\": \"lines\"",
         "\"st_lpips\": null",
         "\"classes\": null",
-        "\"judges_places\": true",
-        "\"told_apart\": 0.",
+        "\"has_visibility\": true",
+        "\"roc_auc\": 0.",
     ] {
         assert!(document.contains(field), "{field} {document}");
     }

@@ -96,8 +96,8 @@ fn images_are_listed() {
     let document = info(scene, "place.vmap");
     assert_eq!(names(&document).len(), MAP_VIEWS);
     let image = &document["image_list"][0];
-    assert_eq!(keys(image), ["camera", "keypoints", "name", "points_seen"]);
-    assert!(image["points_seen"].as_u64() > Some(10), "{image}");
+    assert_eq!(keys(image), ["camera", "keypoints", "name", "observations"]);
+    assert!(image["observations"].as_u64() > Some(10), "{image}");
     assert_eq!(document["warnings"].as_array().map(Vec::len), Some(0));
     let run = scene.run("map info place.vmap --images").succeeded();
     assert!(names(&document).iter().all(|name| run.stdout.contains(name)), "{run}");
@@ -227,7 +227,7 @@ fn self_test_localizes_own_images() {
     let schemes = test["schemes"].as_array().expect("a list");
     assert_eq!(schemes.len(), 4);
     for scheme in schemes {
-        assert!(scheme["recall_of_scale"]["0.05/5"].as_f64() > Some(0.6), "{scheme}");
+        assert!(scheme["relative_recall"]["0.05/5"].as_f64() > Some(0.6), "{scheme}");
         assert!(scheme["calibration"]["factor"].as_f64() > Some(0.0), "{scheme}");
     }
     let text = scene.run("map info place.vmap").succeeded().stdout;

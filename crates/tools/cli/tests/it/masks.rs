@@ -44,7 +44,7 @@ fn a_masked_image_is_sealed_and_localized() {
         let image = run.json()["images"][0].clone();
         let fields = &common::documented::tables()["seal"];
         assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
-        (image["found"].as_u64().expect("a count"), image["hidden"].as_f64(), run)
+        (image["keypoints"].as_u64().expect("a count"), image["masked"].as_f64(), run)
     };
     let (all, none, _) = sent("");
     let (rest, hidden, run) = sent("--mask masks/query-0.png.png");
@@ -214,7 +214,7 @@ fn mask_formats_are_equivalent() {
     );
     for form in ["plain", "deep", "colour", "opaque", "soft"] {
         let run = scene.run(&seal(&format!("--mask forms/{form}.png --json"))).succeeded();
-        let share = run.json()["images"][0]["hidden"].as_f64().expect("a share");
+        let share = run.json()["images"][0]["masked"].as_f64().expect("a share");
         let expected =
             (0..300).flat_map(|y| (0..400).map(move |x| (x, y))).filter(|(x, y)| person(*x, *y)).count();
         assert!((share - expected as f64 / 120_000.0).abs() < 1e-12, "{form}: {share}");

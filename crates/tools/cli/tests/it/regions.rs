@@ -19,7 +19,7 @@ fn regions_localize_queries_of_the_whole_map() {
     let split =
         scene.run("map split place.vmap --images 6 --overlap 0.34 --out regions --json").succeeded().json();
     assert_eq!((&split["map"], &split["profile"]), (&Value::from("place"), &whole["profile"]));
-    assert_eq!((&split["images"], &split["bytes_of_whole"]), (&whole["images"], &whole["bytes"]));
+    assert_eq!((&split["images"], &split["map_bytes"]), (&whole["images"], &whole["bytes"]));
     let regions = split["regions"].as_array().expect("regions");
     let sum = |field: &str| regions.iter().map(|r| r[field].as_u64().expect("a number")).sum::<u64>();
     assert!(
@@ -35,7 +35,7 @@ fn regions_localize_queries_of_the_whole_map() {
         }
         assert_eq!((&info["profile"], &info["self_test"]), (&whole["profile"], &whole["self_test"]));
         assert_eq!(info["region"]["core_images"], region["core_images"]);
-        assert_eq!(info["region"]["images_of_whole"], whole["images"]);
+        assert_eq!(info["region"]["map_images"], whole["images"]);
     }
     let printed = scene.run(&format!("map info {}", file(&regions[0]))).succeeded();
     assert!(printed.stdout.contains("images of the 10 of the whole map"), "{printed}");

@@ -75,13 +75,18 @@ impl Default for SyntheticEvaluation {
 struct Condition {
     scene: SyntheticScene,
     noise_px: f64,
-    outlier_share: f64,
+    outlier_ratio: f64,
 }
 
-/// The document that `eval crb --json` prints.
+/// Errors on synthetic problems, beside those that the Cramér–Rao bound predicts.
+///
+/// Medians and ratios are over the problems that were *found*: at least half of the true correspondences agree with
+/// the pose. Fields with `_all` are over all problems, and a problem without a pose has an infinite error. A ratio is
+/// the median error divided by the median that the bound predicts for the same problems.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BoundEvaluation {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// The command, `eval crb`.
     pub command: &'static str,
@@ -98,61 +103,60 @@ pub struct BoundEvaluation {
 }
 
 /// Problems of one scene, scheme, noise and share of outliers.
-///
-/// Medians and ratios are over the problems that were *found*: at least half of the true correspondences agree with
-/// the pose. Fields with `_all` are over all problems, and a problem without a pose has an infinite error. A ratio is
-/// the median error divided by the median that the bound predicts for the same problems.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BoundCell {
-    /// Scene.
+    /// Synthetic scene.
     pub scene: String,
     /// Obfuscation scheme.
     pub scheme: String,
     /// Standard deviation of a keypoint along each axis, pixels.
     pub noise_px: f64,
     /// Share of wrong matches, 0 to 1.
-    pub outlier_share: f64,
-    /// How many problems.
+    pub outlier_ratio: f64,
+    /// Number of problems.
     pub problems: usize,
     /// Share of problems that got a pose, right or wrong.
     pub localized: f64,
     /// Share of problems that were found.
     pub found: f64,
-    /// Mean share of the true correspondences among the pose's inliers, over all problems.
-    pub inliers_found: f64,
-    /// Map units.
+    /// Mean share of the true correspondences that agree with the pose, over all problems.
+    pub inlier_recall: f64,
+    /// Median translation error, map units; null when no problem was found.
     pub median_translation: Option<f64>,
-    /// Map units, by the bound.
+    /// Median that the bound predicts, map units; null likewise.
     pub bound_translation: Option<f64>,
-    /// Median over bound.
+    /// Ratio of the two; null likewise.
     pub translation_ratio: Option<f64>,
-    /// Degrees.
+    /// Median rotation error, degrees; null when no problem was found.
     pub median_rotation_deg: Option<f64>,
-    /// Degrees, by the bound.
+    /// Median that the bound predicts, degrees; null likewise.
     pub bound_rotation_deg: Option<f64>,
-    /// Median over bound.
+    /// Ratio of the two; null likewise.
     pub rotation_ratio: Option<f64>,
-    /// Over all problems.
+    /// `translation_ratio` over all problems; null when more than half have no pose.
     pub translation_ratio_all: Option<f64>,
-    /// Over all problems.
+    /// `rotation_ratio` over all problems; null when more than half have no pose.
     pub rotation_ratio_all: Option<f64>,
 }
 
 /// Share of poses whose truth lies in the 50, 90 and 99 % regions of the estimated covariance, over the problems that
 /// were found.
 #[derive(Debug, Clone, Serialize)]
-pub struct BoundCoverage {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Coverage {
     /// Scene; `all` for all scenes and noises of a scheme together.
     pub scene: String,
     /// Obfuscation scheme.
     pub scheme: String,
     /// Standard deviation of a keypoint along each axis, pixels; null for all.
     pub noise_px: Option<f64>,
-    /// How many poses.
+    /// Number of poses.
     pub poses: usize,
-    /// For the whole pose, six degrees of freedom: percentage of the region to share inside, 0 to 1.
+    /// For the whole pose, six degrees of freedom: percentage of the confidence region to share of true poses in it, 0
+    /// to 1.
     pub pose: BTreeMap<String, f64>,
-    /// For the camera centre, three degrees of freedom.
+    /// The same for the camera centre, three degrees of freedom.
     pub center: BTreeMap<String, f64>,
 }
 
@@ -184,8 +188,8 @@ pub fn evaluate_bound(
         for (&scheme, of_scheme) in evaluation.schemes.iter().zip(&mut of_schemes) {
             for &noise_px in &evaluation.noises_px {
                 let mut of_noise = Vec::new();
-                for &outlier_share in &evaluation.outlier_shares {
-                    let condition = Condition { scene, noise_px, outlier_share };
+                for &outlier_ratio in &evaluation.outlier_shares {
+                    let condition = Condition { scene, noise_px, outlier_ratio };
                     let one = |index| {
                         let trial = trial::run(evaluation, &condition, scheme, index);
                         progress.advance(1);
@@ -249,11 +253,11 @@ fn cell(condition: &Condition, scheme: Scheme, trials: &[Trial]) -> BoundCell {
         scene: condition.scene.to_string(),
         scheme: scheme.to_string(),
         noise_px: condition.noise_px,
-        outlier_share: condition.outlier_share,
+        outlier_ratio: condition.outlier_ratio,
         problems: trials.len(),
         localized: share(trials.iter().filter(|t| t.localized).count()),
         found: share(found.len()),
-        inliers_found: mean(&trials.iter().map(|t| t.inliers_found).collect::<Vec<_>>()),
+        inlier_recall: mean(&trials.iter().map(|t| t.inlier_recall).collect::<Vec<_>>()),
         median_translation: translation.measured,
         bound_translation: translation.predicted,
         translation_ratio: translation.ratio(),

@@ -31,7 +31,7 @@ pub(super) struct Trial {
     /// Whether there is an estimate.
     pub(super) localized: bool,
     /// Share of the true correspondences among the estimate's inliers.
-    pub(super) inliers_found: f64,
+    pub(super) inlier_recall: f64,
     /// Errors in units of the estimated covariance.
     pub(super) normalized: NormalizedError,
 }
@@ -39,7 +39,7 @@ pub(super) struct Trial {
 impl Trial {
     /// Whether the search found the right optimum, so that the remaining error is one of precision.
     pub(super) fn found(&self) -> bool {
-        self.localized && self.inliers_found >= FOUND_SHARE
+        self.localized && self.inlier_recall >= FOUND_SHARE
     }
 }
 
@@ -50,13 +50,13 @@ pub(super) fn run(
     scheme: Scheme,
     index: usize,
 ) -> Trial {
-    let name = format!("{} {} {} {index}", condition.scene, condition.noise_px, condition.outlier_share);
+    let name = format!("{} {} {} {index}", condition.scene, condition.noise_px, condition.outlier_ratio);
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&name]));
     let options = condition
         .scene
         .problems(evaluation.matches)
         .noise(condition.noise_px)
-        .outliers(condition.outlier_share);
+        .outliers(condition.outlier_ratio);
     let synthetic = PointProblem::generate(&options, &mut rng);
     let problem = as_problem(&name, &synthetic);
 
@@ -66,7 +66,7 @@ pub(super) fn run(
         error: PoseErrors::NOT_LOCALIZED,
         predicted: Vec::new(),
         localized: false,
-        inliers_found: 0.0,
+        inlier_recall: 0.0,
         normalized: NormalizedError::NOT_LOCALIZED,
     };
     let hidden = obfuscate_points(
@@ -115,7 +115,7 @@ fn assess(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Tria
         error: PoseErrors::of(pose, &truth.cam_from_world),
         predicted: Vec::new(),
         localized: true,
-        inliers_found: agreed as f64 / all.max(1) as f64,
+        inlier_recall: agreed as f64 / all.max(1) as f64,
         normalized: NormalizedError::of(pose, &estimate.covariance, &truth.cam_from_world),
     }
 }

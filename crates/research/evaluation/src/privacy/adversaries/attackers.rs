@@ -57,8 +57,9 @@ pub(crate) struct Gain {
 
 /// One attack of an adversary with its gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct AttackGain {
-    /// Its name.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TriedAttack {
+    /// Name of the attack.
     pub attack: String,
     /// Frames or seals that it used; absent for attacks on one query.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -8,10 +8,13 @@ use super::adversary::Adversary;
 use super::attackers::{AttackGain, Gain};
 use super::options::AdversariesEvaluation;
 
-/// The document that `veiloc eval adversaries --json` prints.
+/// Also of `--attack-json` of `eval 7scenes`, `eval cambridge` and `eval aachen`.
+/// `veiloc eval adversaries --help` lists the adversaries; one without the required resources (a map, training data, a
+/// trusted pose) has no row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AdversariesDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// `eval adversaries`.
     pub command: &'static str,
@@ -27,8 +30,9 @@ pub struct AdversariesDocument {
 
 /// Gain of one adversary from the queries of one scheme.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AdversaryRow {
-    /// The scene or file.
+    /// The scene, or the file of keypoints.
     pub data: String,
     /// The adversary.
     pub adversary: &'static str,
@@ -50,7 +54,7 @@ pub struct AdversaryRow {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
     /// Median error of the prior-only baseline on the same keypoints, pixels.
-    pub guess_median_px: f64,
+    pub prior_median_px: f64,
     /// Median error, pixels.
     pub median_px: f64,
     /// Share of keypoints with an error under 10 px, 0 to 1.
@@ -60,7 +64,7 @@ pub struct AdversaryRow {
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
     /// All its attacks.
-    pub tried: Vec<AttackGain>,
+    pub attacks: Vec<TriedAttack>,
 }
 
 impl AdversariesDocument {
@@ -102,12 +106,12 @@ impl AdversariesDocument {
                 images: gain.best.images,
                 measured: gain.measured,
                 precision: gain.precision,
-                guess_median_px: gain.prior.median_px,
+                prior_median_px: gain.prior.median_px,
                 median_px: gain.best.median_px,
                 under_10px: gain.best.under_10px,
                 under_30px: gain.best.under_30px,
                 bits_over_prior: gain.best.bits_over_prior,
-                tried: gain.tried,
+                attacks: gain.tried,
             });
         }
     }

@@ -53,7 +53,7 @@ fn cells(row: &AdversaryRow, again: bool) -> Vec<String> {
         row.scheme.clone(),
         format!("{}{frames}", row.attack),
         row.precision.map_or_else(String::new, percent),
-        format!("{:.1}", row.guess_median_px),
+        format!("{:.1}", row.prior_median_px),
         format!("{:.1}", row.median_px),
         percent(row.under_10px),
         percent(row.under_30px),
@@ -76,12 +76,12 @@ mod tests {
             images: 3,
             measured: 1.0,
             precision: frames.is_none().then_some(0.045),
-            guess_median_px: 101.5,
+            prior_median_px: 101.5,
             median_px: 148.25,
             under_10px: 0.03,
             under_30px: 0.102,
             bits_over_prior: -0.61,
-            tried: Vec::new(),
+            attacks: Vec::new(),
         }
     }
 

@@ -9,8 +9,9 @@ use veiloc_protocol::Scheme;
 /// Poses of one layout under one condition, relative to those of points. A query without a pose counts as infinite
 /// error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ConditionFigures {
-    /// The condition.
+    /// The condition, as in `eval stress`.
     pub stress: String,
     /// Ratio of the median position errors, layout over points; null when more than half of either have no pose.
     pub error_over_points: Option<f64>,
@@ -20,9 +21,9 @@ pub struct ConditionFigures {
     pub rotation_over_points: Option<f64>,
     /// Median error of the position, map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
-    /// Queries, counted once per seed.
+    /// Number of queries, counted once per seed.
     pub queries: usize,
-    /// Queries with a trusted pose.
+    /// Number of queries with a trusted pose.
     pub trusted: usize,
     /// The same for points.
     pub trusted_points: usize,

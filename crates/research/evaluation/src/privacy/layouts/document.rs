@@ -9,10 +9,13 @@ use veiloc_protocol::{DclLayout, Scheme};
 use super::accuracy::{Accuracy, ConditionFigures};
 use super::privacy::{AdversaryFigures, Privacy};
 
-/// The document that `veiloc eval layouts --json` prints.
+/// Ratios are over all queries and seeds, with the figures of points on the same queries as denominator; a query without a
+/// pose has an infinite error. `veiloc eval layouts --help` lists the adversaries; one without the required resources is
+/// left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LayoutsDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// `eval layouts`.
     pub command: &'static str,
@@ -36,24 +39,24 @@ pub struct LayoutsDocument {
 
 /// One layout.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LayoutRow {
     /// The scheme with this layout; the paper's is `dcl:paper`.
     pub layout: String,
-    /// Median position error relative to points, geometric mean over [`Self::conditions`]; null when one has no
-    /// value.
+    /// Median position error relative to points, geometric mean over `conditions`; null when one has no value.
     pub error_over_points: Option<f64>,
     /// The same for the 90 % quantile.
     pub tail_over_points: Option<f64>,
     /// The same for the median orientation error.
     pub rotation_over_points: Option<f64>,
-    /// Mean error of the prior-only baseline on all queries, pixels.
+    /// Mean error of the prior-only baseline on all queries, pixels; null without keypoints.
     pub prior_mean_px: Option<f64>,
-    /// Share of the true nearest neighbours in another pencil, 0 to 1.
+    /// Share of the `k` true nearest neighbours in another pencil, 0 to 1; null without keypoints.
     pub other_pencil_neighbours: Option<f64>,
-    /// Gain of each adversary's best attack over the prior-only baseline, bits per keypoint.
+    /// Adversary to gain of its best attack over the prior-only baseline, bits per keypoint.
     pub bits: BTreeMap<&'static str, f64>,
     /// Whether the baseline's error is at least that under the paper's layout, and no realistic adversary gains more
-    /// than [`TOLERANCE_BITS`] above its gain there, with negative gains counted as zero; null when the paper's layout
+    /// than 0.05 bits ([`LEEWAY_BITS`]) above its gain there, with negative gains counted as zero; null when the paper's layout
     /// was not evaluated.
     pub protects_as_paper: Option<bool>,
     /// The same adversaries with details.

@@ -15,6 +15,7 @@ use crate::privacy::adversaries::{Adversary, AttackedKeypoints, Attackers, Gain}
 
 /// One adversary on all attacked queries, with its best attack.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AdversaryFigures {
     /// The adversary.
     pub adversary: &'static str,

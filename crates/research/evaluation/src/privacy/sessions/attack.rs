@@ -18,6 +18,7 @@ use super::motion::Motion;
 
 /// The attacked keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(super) enum AttackedKeypoints {
     /// Keypoints of a person-like region that is missing from the map; the server knows the other keypoints that it
@@ -33,6 +34,7 @@ impl AttackedKeypoints {
 
 /// The server's attack method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Method {
     /// Lines of several poses, integrated over depth.

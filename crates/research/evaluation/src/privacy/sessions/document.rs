@@ -12,10 +12,11 @@ use super::attack::{AttackErrors, AttackedKeypoints, Method};
 use super::device::{Gyroscope, Sealed};
 use super::motion::Motion;
 
-/// The document that `eval sessions --json` prints.
+/// Poses of single frames, and leakage of several frames of a session.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SessionsDocument {
-    /// Version of this document; a field is never removed or given another meaning under the same number.
+    /// Version of this document.
     pub version: u32,
     /// The command, `eval sessions`.
     pub command: &'static str,
@@ -35,7 +36,8 @@ pub struct SessionsDocument {
     pub seed: u64,
     /// Pose results of single frames: one entry for each scheme, anchors and orientation error.
     pub frames: Vec<FramesFigures>,
-    /// Leakage of several frames.
+    /// Leakage of several frames: one entry per scheme, anchors, motion, orientation error, target, method and number of
+    /// frames.
     pub rows: Vec<SessionRow>,
 }
 
@@ -59,8 +61,9 @@ impl SessionsDocument {
 
 /// The single frames of a trajectory.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FramesFigures {
-    /// `image`, `world` or `gravity`.
+    /// Reference of the anchors: `image`, `world` or `gravity`.
     pub anchors: String,
     /// Standard deviation of each orientation's error about each axis, degrees.
     pub gyro_deg: f64,
@@ -101,12 +104,13 @@ impl FramesFigures {
 
 /// Leakage of several frames of a session.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SessionRow {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// `image`, `world` or `gravity`.
+    /// Reference of the anchors: `image`, `world` or `gravity`.
     pub anchors: String,
-    /// `turning`, `walking`, `resting` or `visiting`.
+    /// Motion of the camera.
     pub motion: Motion,
     /// Number of frames, including the attacked one.
     pub frames: usize,
@@ -114,23 +118,22 @@ pub struct SessionRow {
     pub gyro_deg: f64,
     /// Standard deviation of the orientation's drift from one frame to the next, degrees.
     pub drift_deg: f64,
-    /// Attacked keypoints: `private`, a person-like region missing from the map, or `matched`, the keypoints that the
-    /// map knows, with their positions withheld.
-    measured: AttackedKeypoints,
-    /// `several-frames` or `resting-camera`.
+    /// Attacked keypoints.
+    target: Measured,
+    /// Method of the attack.
     method: Method,
-    /// Attacked images with a pose that the server trusts.
+    /// Number of attacked images with a pose that the server trusts.
     pub images: usize,
     /// Number of attacked keypoints.
-    pub rows: usize,
+    pub keypoints: usize,
     /// Median error of the prior-only baseline, pixels; null without keypoints.
     pub prior_median_px: Option<f64>,
     /// Median error of the attack, pixels; null without keypoints.
     pub median_px: Option<f64>,
-    /// Share of keypoints with an error under 10 px.
+    /// Share of keypoints with an error under 10 px, 0 to 1; null without keypoints.
     pub under_10px: Option<f64>,
     /// Gain over the prior-only baseline, bits per keypoint: mean of `log2(e_prior / e_attack)`, errors clamped to 1
-    /// px and the diagonal.
+    /// px and the diagonal; null without keypoints.
     pub bits_over_prior: Option<f64>,
     #[serde(skip)]
     errors: Vec<f64>,
@@ -160,10 +163,10 @@ impl SessionRow {
                     frames: *frames,
                     gyro_deg: gyroscope.gyro_deg,
                     drift_deg: gyroscope.drift_deg,
-                    measured,
+                    target: measured,
                     method: *method,
                     images: 0,
-                    rows: 0,
+                    keypoints: 0,
                     prior_median_px: None,
                     median_px: None,
                     under_10px: None,
@@ -193,7 +196,7 @@ impl SessionRow {
     /// The row with its final figures.
     pub(super) fn finished(mut self) -> Self {
         let (errors, prior) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.prior));
-        self.rows = errors.count;
+        self.keypoints = errors.count;
         if errors.count > 0 {
             self.prior_median_px = finite(prior.median_px);
             self.median_px = finite(errors.median_px);
@@ -205,15 +208,15 @@ impl SessionRow {
 
     /// Whether two rows differ in the number of frames only.
     pub(super) fn is_like(&self, other: &Self) -> bool {
-        let key = |r: &Self| (r.scheme.clone(), r.anchors.clone(), r.motion, r.measured, r.method);
+        let key = |r: &Self| (r.scheme.clone(), r.anchors.clone(), r.motion, r.target, r.method);
         key(self) == key(other) && [self.gyro_deg, self.drift_deg] == [other.gyro_deg, other.drift_deg]
     }
 
     /// The attacked keypoints, as one word.
     pub const fn attacked_keypoints(&self) -> &'static str {
-        match self.measured {
-            AttackedKeypoints::Private => "private",
-            AttackedKeypoints::Matched => "matched",
+        match self.target {
+            Measured::Private => "private",
+            Measured::Matched => "matched",
         }
     }
 

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 /// Motion between the frames of an attack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Motion {
     /// The most informative frames of the trajectory: large rotation, small translation.

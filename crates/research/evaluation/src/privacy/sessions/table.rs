@@ -53,7 +53,7 @@ pub fn table(document: &SessionsDocument) -> String {
             first.drift_deg.to_string(),
             first.attacked_keypoints().to_owned(),
             first.by().to_owned(),
-            first.rows.to_string(),
+            first.keypoints.to_string(),
             first.prior_median_px.map_or_else(missing, |x| format!("{x:.0}")),
         ];
         for count in &counts {

@@ -41,8 +41,9 @@ pub struct ComparisonOptions {
 
 /// Comparison of two runs: the part of the document of `eval compare` without the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Comparison {
-    /// Samples of the bootstrap.
+    /// Number of bootstrap samples.
     pub draws: usize,
     /// Seed of the bootstrap.
     pub seed: u64,
@@ -54,48 +55,51 @@ pub struct Comparison {
 
 /// A row of the first run compared with one of the second.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RowComparison {
-    /// Row of the first.
+    /// Row of the first run: scheme and configuration.
     pub a: String,
-    /// Row of the second.
+    /// Row of the second run.
     pub b: String,
-    /// Queries in both, counted once per seed.
+    /// Number of queries in both, counted once per seed.
     pub queries: usize,
-    /// Queries of the first that the second does not have.
+    /// Number of queries of the first that the second does not have; they are not counted in any figure.
     pub only_a: usize,
-    /// Queries of the second that the first does not have.
+    /// Number of queries of the second that the first does not have.
     pub only_b: usize,
-    /// Queries whose translation error is smaller in the second.
-    pub nearer_in_b: usize,
-    /// Queries whose translation error is larger in the second.
-    pub farther_in_b: usize,
+    /// Number of queries whose translation error is smaller in the second.
+    pub better_in_b: usize,
+    /// Number of queries whose translation error is larger in the second.
+    pub worse_in_b: usize,
     /// One entry per figure.
     pub figures: Vec<ComparedFigure>,
 }
 
 /// One figure of both runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ComparedFigure {
-    /// `recall T/DEG`, `median translation`, `median rotation`, `median time`.
+    /// Name: `recall T/DEG`, `median translation`, `median rotation` or `median time` (all stages together).
     pub figure: String,
-    /// `share`, `map units`, `deg` or `ms`.
+    /// Unit: `share`, `map units`, `deg` or `ms`.
     pub unit: &'static str,
     /// Value of the first run; null when more than half of its queries were not localized.
     pub a: Option<f64>,
-    /// Value of the second run.
+    /// Value of the second run; null likewise.
     pub b: Option<f64>,
-    /// Second minus first.
+    /// Second minus first; null when it is infinite.
     pub difference: Option<f64>,
     /// Lower end of its interval; null when it is minus infinity.
     pub low: Option<f64>,
     /// Upper end; null when it is infinity.
     pub high: Option<f64>,
     /// Whether the interval excludes zero, and which run is better.
-    pub verdict: ComparisonResult,
+    pub result: ComparisonResult,
 }
 
 /// Result of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ComparisonResult {
     /// The second is better, with an interval that excludes zero.
@@ -265,7 +269,7 @@ fn row(
             drawn.sort_by(f64::total_cmp);
             let at = |share: f64| drawn[((share * drawn.len() as f64) as usize).min(drawn.len() - 1)];
             let (low, high) = (at((1.0 - LEVEL) / 2.0), at(f64::midpoint(1.0, LEVEL)));
-            let verdict = match (low > 0.0, high < 0.0, measure.more_is_better()) {
+            let result = match (low > 0.0, high < 0.0, measure.more_is_better()) {
                 (true, _, true) | (_, true, false) => ComparisonResult::BBetter,
                 (true, _, false) | (_, true, true) => ComparisonResult::ABetter,
                 _ => ComparisonResult::NotShown,
@@ -280,7 +284,7 @@ fn row(
                 difference: finite(difference),
                 low: finite(low),
                 high: finite(high),
-                verdict,
+                result,
             }
         });
     let nearer = |pair: &[Query; 2]| pair[1].error.translation < pair[0].error.translation;
@@ -291,8 +295,8 @@ fn row(
         queries: all.len(),
         only_a: a.len() - all.len(),
         only_b: b.len() - all.len(),
-        nearer_in_b: all.iter().filter(|pair| nearer(pair)).count(),
-        farther_in_b: all.iter().filter(|pair| farther(pair)).count(),
+        better_in_b: all.iter().filter(|pair| nearer(pair)).count(),
+        worse_in_b: all.iter().filter(|pair| farther(pair)).count(),
         figures: figures.collect(),
     })
 }
@@ -306,7 +310,7 @@ impl Comparison {
             let _ = writeln!(
                 text,
                 "{name}: {} queries in both, B nearer in {}, farther in {}",
-                row.queries, row.nearer_in_b, row.farther_in_b
+                row.queries, row.better_in_b, row.worse_in_b
             );
             if row.only_a + row.only_b > 0 {
                 let _ = writeln!(text, "left out: {} of A alone, {} of B alone", row.only_a, row.only_b);
@@ -345,7 +349,7 @@ impl ComparedFigure {
             plain(self.b),
             signed(self.difference, "—"),
             format!("{} to {}", signed(self.low, "-∞"), signed(self.high, "+∞")),
-            self.verdict.name().to_owned(),
+            self.result.name().to_owned(),
         ]
     }
 }

@@ -66,9 +66,9 @@ struct One {
     gravity: Option<String>,
     /// Set in documents of several scenes.
     #[serde(default)]
-    place: Option<String>,
+    scene: Option<String>,
     #[serde(default = "yes")]
-    is_judged: bool,
+    has_ground_truth: bool,
     seed: u64,
     rotation_error_deg: Option<f64>,
     translation_error: Option<f64>,
@@ -91,7 +91,7 @@ impl One {
             row.extend(self.fixed_hypotheses.map(|n| format!("{n} hypotheses")));
         }
         row.extend(self.gravity.as_ref().map(|gravity| format!("gravity {gravity}")));
-        row.extend(self.place.clone());
+        row.extend(self.scene.clone());
         row.join(", ")
     }
 
@@ -121,7 +121,7 @@ impl Run {
         }
         let document = Document::deserialize(&value).map_err(no_document)?;
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
-        for result in document.queries.iter().filter(|result| result.is_judged) {
+        for result in document.queries.iter().filter(|result| result.has_ground_truth) {
             let row = result.row();
             let key = (result.name.clone(), result.seed);
             if rows.entry(row.clone()).or_default().insert(key, result.query()).is_some() {

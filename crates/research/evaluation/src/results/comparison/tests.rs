@@ -47,15 +47,15 @@ fn small_gain_on_every_query_is_significant() {
     let b = read("dcl", &errors(|i| 0.0099 * (i + 1) as f64));
     let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
     let translation = figure(&found, "median translation");
-    assert_eq!(translation.verdict, ComparisonResult::BBetter);
+    assert_eq!(translation.result, ComparisonResult::BBetter);
     assert!((translation.a.unwrap() - 0.065).abs() < 1e-12 && translation.difference.unwrap() < 0.0);
     assert!(translation.low.unwrap() <= translation.high.unwrap());
-    assert_eq!((found.rows[0].nearer_in_b, found.rows[0].farther_in_b), (12, 0));
-    assert_eq!(figure(&found, "median time").verdict, ComparisonResult::NotShown);
+    assert_eq!((found.rows[0].better_in_b, found.rows[0].worse_in_b), (12, 0));
+    assert_eq!(figure(&found, "median time").result, ComparisonResult::NotShown);
     assert_eq!(figure(&found, "recall 0.05/5").a, Some(5.0 / 12.0));
     // In the other order the other run is better.
     let back = compare(&b, &a, &ComparisonOptions::default()).expect("compared");
-    assert_eq!(figure(&back, "median translation").verdict, ComparisonResult::ABetter);
+    assert_eq!(figure(&back, "median translation").result, ComparisonResult::ABetter);
 }
 
 /// Symmetric noise is not a difference, and neither is a run compared with itself.
@@ -64,10 +64,10 @@ fn symmetric_noise_is_not_significant() {
     let a = read("dcl", &errors(|i| 0.01 + 0.001 * (i % 5) as f64));
     let b = read("dcl", &errors(|i| 0.01 + 0.001 * ((i * 7 + 3) % 5) as f64));
     let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
-    assert!(found.rows[0].figures.iter().all(|f| f.verdict == ComparisonResult::NotShown), "{found:?}");
+    assert!(found.rows[0].figures.iter().all(|f| f.result == ComparisonResult::NotShown), "{found:?}");
     let same = compare(&a, &a, &ComparisonOptions::default()).expect("compared");
     assert!(same.rows[0].figures.iter().all(|f| (f.low, f.high) == (Some(0.0), Some(0.0))));
-    assert_eq!((same.rows[0].nearer_in_b, same.rows[0].farther_in_b), (0, 0));
+    assert_eq!((same.rows[0].better_in_b, same.rows[0].worse_in_b), (0, 0));
 }
 
 /// Coverage of the interval: a run compared with one that has independent noise of the same spread.
@@ -82,7 +82,7 @@ fn intervals_have_nominal_coverage() {
     let held = (0..200)
         .filter(|_| {
             let found = compare(&read("dcl", &noise()), &read("dcl", &noise()), &options).expect("compared");
-            figure(&found, "median translation").verdict == ComparisonResult::NotShown
+            figure(&found, "median translation").result == ComparisonResult::NotShown
         })
         .count();
     assert!((180..=199).contains(&held), "{held} of 200");
@@ -96,7 +96,7 @@ fn missing_poses_are_never_better() {
     let translation = figure(&found, "median translation");
     assert_eq!((translation.b, translation.difference, translation.high), (None, None, None));
     assert!(found.table().contains("+∞"), "{}", found.table());
-    assert_eq!(found.rows[0].farther_in_b, 8);
+    assert_eq!(found.rows[0].worse_in_b, 8);
 }
 
 /// Seeds of a query are drawn together: repeating a run does not narrow the interval.

@@ -13,7 +13,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorCurve {
     /// The scene, or the condition.
-    pub place: String,
+    pub scene: String,
     /// The row.
     pub row: String,
     /// Errors of each query: position, map units, and orientation, degrees; infinite without a pose.
@@ -26,8 +26,8 @@ pub struct TableData {
     /// `7scenes`, `cambridge`, `aachen`; empty for the user's own scene.
     pub(super) data_set: String,
     /// The scenes in order, and whether each is the published one.
-    pub(super) places: Vec<(String, bool)>,
-    pub(super) queries: Vec<SceneQuery>,
+    pub(super) scenes: Vec<(String, bool)>,
+    pub(super) queries: Vec<PlaceQuery>,
 }
 
 #[derive(Deserialize)]
@@ -36,8 +36,8 @@ struct ParsedDocument {
     command: String,
     data: Vec<String>,
     #[serde(default)]
-    places: Vec<SceneInfo>,
-    queries: Vec<SceneQuery>,
+    scenes: Vec<PlaceFacts>,
+    queries: Vec<PlaceQuery>,
 }
 
 impl TableData {
@@ -59,19 +59,19 @@ impl TableData {
             _ => return Err(EvalError::NoTables(document.command)),
         };
         let mut queries = document.queries;
-        let places = if document.places.is_empty() {
+        let scenes = if document.scenes.is_empty() {
             let name = document.data.join(", ");
             for query in &mut queries {
-                query.place = Some(name.clone());
+                query.scene = Some(name.clone());
             }
             vec![(name, false)]
         } else {
-            document.places.into_iter().map(|place| (place.name, place.is_official)).collect()
+            document.scenes.into_iter().map(|scene| (scene.name, scene.is_official)).collect()
         };
-        if queries.iter().all(|query| !query.result.is_judged) {
+        if queries.iter().all(|query| !query.result.has_ground_truth) {
             return Err(EvalError::NoTruth);
         }
-        Ok(Self { data_set: data_set.to_owned(), places, queries })
+        Ok(Self { data_set: data_set.to_owned(), scenes, queries })
     }
 
     /// Rows of tables: schemes, with other distinguishing options, in the order of the document.
@@ -107,31 +107,32 @@ impl TableData {
         let conditions: BTreeSet<&str> =
             self.queries.iter().filter_map(|query| query.condition.as_deref()).collect();
         if conditions.is_empty() {
-            self.places.iter().map(|(name, _)| name.clone()).collect()
+            self.scenes.iter().map(|(name, _)| name.clone()).collect()
         } else {
             conditions.into_iter().map(str::to_owned).collect()
         }
     }
 
-    /// The judged queries of a row and column.
+    /// The queries with ground truth of a row and column.
     pub(super) fn cell(&self, row: &str, column: &str) -> Vec<&QueryResult> {
-        let of_column = |query: &&SceneQuery| {
-            query.condition.as_deref().or(query.place.as_deref()) == Some(column) && query.result.is_judged
+        let of_column = |query: &&PlaceQuery| {
+            query.condition.as_deref().or(query.scene.as_deref()) == Some(column)
+                && query.result.has_ground_truth
         };
         let results = self.queries.iter().filter(of_column).map(|query| &query.result);
         results.filter(|result| self.row_of(result) == row).collect()
     }
 
-    /// The errors of the judged queries of every row and column.
+    /// The errors of the queries with ground truth of every row and column.
     pub fn error_curves(&self) -> Vec<ErrorCurve> {
         let rows = self.rows();
-        let of_column = |place: String| {
+        let of_column = |scene: String| {
             let of_row = move |row: &String| {
-                let errors = self.cell(row, &place).into_iter().map(|result| {
+                let errors = self.cell(row, &scene).into_iter().map(|result| {
                     let error = result.pose_error();
                     (error.translation, error.rotation_deg)
                 });
-                ErrorCurve { place: place.clone(), row: row.clone(), errors: errors.collect() }
+                ErrorCurve { scene: scene.clone(), row: row.clone(), errors: errors.collect() }
             };
             rows.iter().map(of_row).collect::<Vec<_>>()
         };
@@ -156,6 +157,6 @@ impl TableData {
 
     /// Whether every scene is the published one.
     pub(super) fn is_official(&self, column: &str) -> bool {
-        self.places.iter().any(|(name, official)| *official && (name == column || self.places.len() == 1))
+        self.scenes.iter().any(|(name, official)| *official && (name == column || self.scenes.len() == 1))
     }
 }

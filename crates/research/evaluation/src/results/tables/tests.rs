@@ -11,7 +11,7 @@ fn result(name: &str, scheme: &str, error: Option<(f64, f64)>) -> QueryResult {
 
 fn document(official: bool) -> String {
     let mut queries = Vec::new();
-    for (place, errors) in [("chess", [0.01, 0.02, 0.03]), ("stairs", [0.01, 0.04, f64::INFINITY])] {
+    for (scene, errors) in [("chess", [0.01, 0.02, 0.03]), ("stairs", [0.01, 0.04, f64::INFINITY])] {
         for (scheme, worse) in [("points", 1.0), ("dcl", 2.0), ("dcl:s=2", 4.0)] {
             for (k, error) in errors.iter().enumerate() {
                 let found = error.is_finite().then_some((0.1 * worse, error * worse));
@@ -19,13 +19,13 @@ fn document(official: bool) -> String {
                 if found.is_none() && scheme == "dcl" {
                     result.sealed_bytes = Some(0);
                 }
-                queries.push(SceneQuery { place: Some(place.to_owned()), condition: None, result });
+                queries.push(PlaceQuery { scene: Some(scene.to_owned()), condition: None, result });
             }
         }
     }
-    let place = |name: &str| serde_json::json!({"name": name, "is_official": official && name == "chess", "queries": 3, "remarks": [], "map": null});
+    let scene = |name: &str| serde_json::json!({"name": name, "is_official": official && name == "chess", "queries": 3, "remarks": [], "map": null});
     serde_json::json!({
-        "version": 1, "command": "eval 7scenes", "data": ["chess", "stairs"], "places": [place("chess"), place("stairs")],
+        "version": 1, "command": "eval 7scenes", "data": ["chess", "stairs"], "scenes": [scene("chess"), scene("stairs")],
         "queries": queries,
     })
     .to_string()
@@ -91,7 +91,7 @@ fn documents_of_other_commands_are_refused() {
     assert!(refused(&document(true).replace("\"version\":1", "\"version\":2")).contains("version 2"));
     let mut value: serde_json::Value = serde_json::from_str(&document(true)).expect("JSON");
     for query in value["queries"].as_array_mut().expect("queries") {
-        query["is_judged"] = false.into();
+        query["has_ground_truth"] = false.into();
     }
     assert!(matches!(TableData::parse(&value.to_string()), Err(EvalError::NoTruth)));
 }

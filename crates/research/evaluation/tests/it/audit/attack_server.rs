@@ -143,7 +143,7 @@ fn server_knows_inliers_and_recovers_others() {
     options.frames = vec![2, 6];
     let document = run(&options).expect("attacked");
     let server = &document.server[0];
-    assert_eq!((server.images, server.posed, server.scheme.as_str()), (1, 1, "dcl"));
+    assert_eq!((server.images, server.trusted, server.scheme.as_str()), (1, 1, "dcl"));
     assert!(
         (server.known - 0.5).abs() < 0.02 && (server.known + server.measured - 1.0).abs() < 1e-9,
         "{server:?}"
@@ -154,10 +154,10 @@ fn server_knows_inliers_and_recovers_others() {
     let guess = mean(Attack::PRIOR);
     assert!(mean(named("iterative")) < 0.5 * guess && mean(Attack::GRAPH) < 0.2 * guess, "{document:?}");
     let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
-    assert!(six.median_px < 0.5 * two.median_px && two.believed == Some(0.0), "{two:?} {six:?}");
-    assert!(six.believed.expect("reported") > 0.3 && six.believed_under_10px > Some(0.9), "{six:?}");
+    assert!(six.median_px < 0.5 * two.median_px && two.accepted == Some(0.0), "{two:?} {six:?}");
+    assert!(six.accepted.expect("reported") > 0.3 && six.accepted_under_10px > Some(0.9), "{six:?}");
     let guided = row(&document, named("guided-transfer"), None);
-    assert!(guided.median_px < 10.0 && guided.believed > Some(0.5), "{guided:?}");
+    assert!(guided.median_px < 10.0 && guided.accepted > Some(0.5), "{guided:?}");
 
     // With the known keypoints included, half of the errors are those of projections.
     options.attacks = vec![named("iterative")];
@@ -184,10 +184,10 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
     assert!(two.bits_over_prior > 0.3 && six.median_px < 0.1 * guess.median_px, "{two:?} {six:?}");
 
     // Selection by rotation against translation is better than by matches, of which all frames have the same number.
-    assert_eq!(document.choice, Some(FrameChoice::Turn));
+    assert_eq!(document.frame_selection, Some(FrameChoice::Turn));
     options.choice = FrameChoice::Nearest;
     let nearest = run(&options).expect("attacked");
-    assert_eq!(nearest.choice, Some(FrameChoice::Nearest));
+    assert_eq!(nearest.frame_selection, Some(FrameChoice::Nearest));
     let near = row(&nearest, named("several-frames"), Some(2));
     assert!(near.bits_over_prior < two.bits_over_prior, "{near:?} {two:?}");
 }
@@ -201,7 +201,7 @@ fn scatter_of_seals_reveals_positions() {
     options.frames = vec![2, 8, 32];
     let bits = |options: &AttackEvaluation| {
         let document = run(options).expect("attacked");
-        assert_eq!(document.choice, None);
+        assert_eq!(document.frame_selection, None);
         [2, 8, 32].map(|n| row(&document, named("resting-camera"), Some(n)).bits_over_prior)
     };
     let [two, eight, many] = bits(&options);

@@ -23,7 +23,7 @@ fn errors_are_near_the_bound_and_covariance_covers_them() {
     let document = run(&small());
     assert_eq!(document.cells.len(), 3);
     for cell in &document.cells {
-        assert!(cell.found > 0.95 && cell.inliers_found > 0.9, "{cell:?}");
+        assert!(cell.found > 0.95 && cell.inlier_recall > 0.9, "{cell:?}");
         for ratio in [cell.translation_ratio, cell.rotation_ratio, cell.translation_ratio_all] {
             assert!(ratio.is_some_and(|r| (0.75..1.35).contains(&r)), "{cell:?}");
         }

@@ -42,14 +42,23 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-/// The document of `veiloc eval compare --json`.
+/// Two documents of `eval scene`, `eval pose`, `eval 7scenes`, `eval cambridge` or `eval aachen`, paired by query and
+/// seed. An interval holds 95 % of the differences over bootstrap samples, which draw queries with replacement, in both
+/// runs at once.
 #[derive(Serialize)]
-struct CompareDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct CompareDocument {
+    /// 1.
     version: u32,
+    /// `eval compare`.
     command: &'static str,
+    /// File of the first run, as given.
     a: String,
+    /// File of the second run, as given.
     b: String,
+    /// Names of the data of the first run.
     data_a: Vec<String>,
+    /// Names of the data of the second run.
     data_b: Vec<String>,
     #[serde(flatten)]
     comparison: Comparison,

@@ -1,19 +1,19 @@
 //! `veiloc eval`: measures localization on data with known poses, and against theoretical bounds.
 
 mod adversaries;
-mod compare;
+pub(crate) mod compare;
 mod crb;
 mod data_set;
 pub(crate) mod html;
 mod inversion;
 mod keypoints;
 mod layouts;
-mod negatives;
+pub(crate) mod negatives;
 mod pose;
 mod posed_scene;
 mod problems;
 mod report;
-mod retrieval;
+pub(crate) mod retrieval;
 mod rig;
 mod scene;
 mod sessions;

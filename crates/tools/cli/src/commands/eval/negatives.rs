@@ -65,23 +65,35 @@ pub(crate) struct Args {
     matching: MatchArgs,
 }
 
-/// The document of `veiloc eval negatives --json`.
+/// Queries with out-of-map images: every pose is wrong, and a trusted one is a false positive.
 #[derive(Serialize)]
-struct NegativesDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct NegativesDocument {
+    /// 1.
     version: u32,
+    /// `eval negatives`.
     command: &'static str,
+    /// The map, as given.
     map: String,
-    half: Split,
+    /// Images that were used (`--split`).
+    split: Split,
+    /// Seed of every random choice.
     seed: u64,
+    /// Number of images.
     images: usize,
+    /// Number of images that cannot be used; they are not counted in the fields below.
     failed: usize,
     #[serde(flatten)]
-    result: NegativesResult,
-    faults: Vec<InputErrorDocument>,
+    result: Negatives,
+    /// Images that cannot be used; may be empty.
+    errors: Vec<InputErrorDocument>,
 }
 
+/// An image that cannot be used.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct InputErrorDocument {
+    /// The image.
     file: String,
     #[serde(flatten)]
     fault: InputError,
@@ -123,12 +135,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         version: 1,
         command: "eval negatives",
         map: args.map.display().to_string(),
-        half: args.split,
+        split: args.split,
         seed: args.pose.run.seed,
         images: items.len(),
         failed: faults.len(),
         result,
-        faults: faults.into_iter().map(|(file, fault)| InputErrorDocument { file, fault }).collect(),
+        errors: faults.into_iter().map(|(file, fault)| InputErrorDocument { file, fault }).collect(),
     };
     args.json.print(&text, &document, ui)?;
     tally.end(items.len() - document.failed, "", args.skip, ui)

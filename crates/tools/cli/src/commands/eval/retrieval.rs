@@ -53,15 +53,23 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-/// The document of `veiloc eval retrieval --json`.
+/// Retrieval among the images of a map, out-of-map images, and synthetic global descriptors.
 #[derive(Serialize)]
-struct RetrievalDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct RetrievalDocument {
+    /// 1.
     version: u32,
+    /// `eval retrieval`.
     command: &'static str,
+    /// The map, as given.
     map: String,
+    /// Seed of the synthetic global descriptors.
     seed: u64,
+    /// Number of query images.
     queries: usize,
-    others: usize,
+    /// Number of out-of-map images.
+    out_of_map: usize,
+    /// One entry per database size and search method.
     rows: Vec<RetrievalRow>,
 }
 
@@ -100,7 +108,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         map: args.map.display().to_string(),
         seed: args.seed,
         queries: evaluation.queries.len(),
-        others: evaluation.distractors.len(),
+        out_of_map: evaluation.others.len(),
         rows,
     };
     args.json.print(&text, &document, ui)?;

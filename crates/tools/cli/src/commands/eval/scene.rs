@@ -187,7 +187,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             ui.info(format!(
                 "regions: {}, each image in {:.2} of them, {:.1} MB (the largest {:.1} MB), and an index of {:.2} MB",
                 regions.count,
-                regions.images_held as f64 / map.images.max(1) as f64,
+                regions.images_total as f64 / map.images.max(1) as f64,
                 regions.bytes as f64 / 1e6,
                 regions.largest_bytes as f64 / 1e6,
                 regions.index_bytes as f64 / 1e6,

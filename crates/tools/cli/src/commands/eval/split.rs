@@ -6,6 +6,7 @@ use serde::Serialize;
 use veiloc_datasets::problem_files::is_in_design_split;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Split {
     /// The half for design and calibration.

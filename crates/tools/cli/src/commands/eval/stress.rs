@@ -97,7 +97,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(sparse) = &result.sparse_map {
         ui.info(format!(
             "sparse map: one image in {}, {} images, {} points",
-            sparse.every, sparse.map.images, sparse.map.points
+            sparse.stride, sparse.map.images, sparse.map.points
         ));
     }
     args.json.print(&table(&result), &result, ui)?;

@@ -10,19 +10,27 @@ use veiloc_pose::{Confidence, State};
 use crate::items::InputError;
 use crate::output::position::position;
 
-/// The document of `veiloc localize --json`.
+/// One entry of `queries` for each query.
 #[derive(Serialize)]
-pub(super) struct LocalizeDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct LocalizeDocument {
+    /// 2.
     pub(super) version: u32,
+    /// The map, as given.
     pub(super) map: String,
+    /// Number of queries with a pose.
     pub(super) localized: usize,
+    /// Number of valid queries without a pose.
     pub(super) not_localized: usize,
+    /// Number of queries that cannot be used.
     pub(super) failed: usize,
+    /// The queries, in the order given.
     pub(super) queries: Vec<QueryDocument>,
 }
 
 /// Result of a query.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub(super) enum LocalizeStatus {
     /// It has a pose; `trusted` says whether the pose is trusted.
@@ -38,6 +46,7 @@ pub(super) const UNUSED_GRAVITY: &str = "unused";
 
 /// Reason why a query has no pose, for programs.
 #[derive(Clone, Copy, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub(super) enum NoPoseKind {
     /// Too few inliers.
@@ -52,9 +61,15 @@ pub(super) enum NoPoseKind {
 
 /// Reason why a query has no pose.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub(super) enum ErrorDocument {
-    NotLocalized { kind: NoPoseKind, message: String },
+    NotLocalized {
+        /// Kind of the error, for programs.
+        kind: NoPoseKind,
+        /// The problem and the remedy, for people.
+        message: String,
+    },
     Failed(InputError),
 }
 
@@ -67,59 +82,76 @@ impl ErrorDocument {
     }
 }
 
+/// Result of a query.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct QueryDocument {
+    /// The sealed query; `-` for stdin; with `--queries` the name of the image in the list.
     pub(super) file: String,
+    /// Whether there is a pose. Whether it is trusted is in `state`.
     pub(super) status: LocalizeStatus,
-    /// `trusted`, `doubtful` or `not-found`.
+    /// State of the pose: `trusted`, `doubtful` or `not-found`.
     pub(super) state: &'static str,
+    /// The pose; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cam_from_world: Option<PoseDocument>,
-    /// Projection centre in the map, map units.
+    /// Camera centre in the map, map units; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) center: Option<[f64; 3]>,
-    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text output.
+    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text output; null when
+    /// a direction is unconstrained; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) position_sd: Option<f64>,
-    /// Row-major; a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map units), of
-    /// `R' = exp(w) R`, `t' = exp(w) t + v`.
+    /// Covariance of the pose, see *Covariance*; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) covariance: Option<[[f64; 6]; 6]>,
-    /// Standard deviation estimated from the inliers, pixels of the query's camera.
+    /// Standard deviation of the inliers' residuals, pixels of the query's camera: across the line, for points along
+    /// each axis. Much more than 1 means that map, camera or query are worse than expected. Absent when nothing was
+    /// found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) noise_px: Option<f64>,
-    /// Estimated focal length divided by the one in the query.
+    /// Estimated focal length divided by that of the query; 1 when it was not estimated; absent when nothing was
+    /// found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) focal_scale: Option<f64>,
-    /// How the direction of gravity in the query was used; absent if the query has none.
+    /// Use of the query's gravity: `used`, or `unused` when the map does not know the direction of gravity; absent if
+    /// the query has none, or nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) gravity: Option<&'static str>,
-    /// Whether the pose is trusted, and the reasons for doubt.
+    /// Whether the pose is trusted; false without a pose.
     pub(super) trusted: bool,
+    /// Reasons to doubt the pose, for people.
     pub(super) doubts: Vec<String>,
+    /// Evidence for and against the pose; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) confidence: Option<ConfidenceDocument>,
+    /// Number of matches that agree with the pose; 0 without a pose.
     pub(super) inliers: usize,
+    /// Number of matches between query and map.
     pub(super) matches: usize,
+    /// Number of hypotheses.
     pub(super) hypotheses: usize,
+    /// Milliseconds of the stages `retrieve`, `match` and `pose`.
     pub(super) ms: BTreeMap<&'static str, f64>,
+    /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) error: Option<ErrorDocument>,
 }
 
 /// Evidence for and against a pose; see `veiloc_pose::Confidence`.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct ConfidenceDocument {
-    /// Natural logarithm of the evidence against a chance pose.
+    /// Natural logarithm of the evidence against chance, by map point; absent when it is infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     log_evidence: Option<f64>,
-    /// Difference in log likelihood to the best other pose; absent if no other was found.
+    /// Difference in log likelihood to the best other pose, nats; absent if no other was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     margin: Option<f64>,
-    /// Standard deviation of the camera centre in its least certain direction, map units.
+    /// `position_sd`; absent when it is infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     center_sd: Option<f64>,
-    /// Standard deviation of the orientation about its least certain axis, degrees.
+    /// Standard deviation of the orientation about its least certain axis, degrees; absent when it is infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     rotation_sd_deg: Option<f64>,
 }

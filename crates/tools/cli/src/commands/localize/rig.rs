@@ -17,49 +17,72 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::output::position::position;
 use crate::ui::Ui;
 
-/// Result of a session.
+/// One pose for the sealed queries of a session, whose relative poses the device has measured.
+/// The rig file is in [formats.md](formats.md#rig-file).
 #[derive(Serialize)]
-struct RigDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct RigDocument {
+    /// 1.
     version: u32,
+    /// The map, as given.
     map: String,
+    /// The rig file, as given.
     rig: String,
-    /// `trusted`, `doubtful` or `not-found`.
+    /// State of the pose: `trusted`, `doubtful` or `not-found`.
     state: &'static str,
-    /// World to rig.
+    /// The pose, map to rig; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     rig_from_world: Option<PoseDocument>,
-    /// Origin of the rig in the map, map units.
+    /// Origin of the rig in the map, map units; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     center: Option<[f64; 3]>,
-    /// Its standard deviation in its least certain direction, map units.
+    /// Standard deviation of `center` in its least certain direction, map units; null when a direction is
+    /// unconstrained; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_sd: Option<f64>,
-    /// As for a query, about the rig's axes.
+    /// Covariance of the pose about the rig's axes, see *Covariance*; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<[[f64; 6]; 6]>,
+    /// Whether the pose is trusted; false without a pose.
     trusted: bool,
+    /// Reasons to doubt the pose, for people.
     doubts: Vec<String>,
+    /// Evidence for and against the pose; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     confidence: Option<ConfidenceDocument>,
+    /// The frames, in the order of the rig file.
     frames: Vec<FrameDocument>,
+    /// Number of hypotheses, of all frames together.
     hypotheses: usize,
+    /// Milliseconds of the stages `retrieve`, `match` and `pose`, all frames together.
     ms: BTreeMap<&'static str, f64>,
+    /// Why there is no pose; absent with a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<ErrorDocument>,
 }
 
 /// One frame of it.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct FrameDocument {
+    /// The sealed query, as the rig file names it.
     query: String,
+    /// Pose of this frame's camera; absent without a pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     cam_from_world: Option<PoseDocument>,
+    /// Number of matches of this frame that agree with the pose of the rig; 0 without a pose.
     inliers: usize,
+    /// Number of matches of this frame with the map.
     matches: usize,
+    /// Standard deviation of the inliers' residuals, pixels; absent without inliers.
     #[serde(skip_serializing_if = "Option::is_none")]
     noise_px: Option<f64>,
+    /// Estimated focal length divided by that of the query, one value for all frames of the same camera; 1 when it was
+    /// not estimated; absent when nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_scale: Option<f64>,
+    /// Distance of the camera from its odometry, standard deviations over six numbers: 2.4 on average if the stated
+    /// deviations are right; 0 for a frame that is fixed to the rig; absent when nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     odometry_deviation: Option<f64>,
 }

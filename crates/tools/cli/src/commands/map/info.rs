@@ -10,71 +10,109 @@ use super::self_test::SelfTestInfo;
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
 
+/// Also of `map build`, `map import`, `map add` and `map remove`: facts about the written map.
 #[derive(Serialize)]
-struct Info {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct Info {
+    /// 1.
     version: u32,
+    /// The map, as given.
     file: String,
+    /// Bytes of the file.
     bytes: u64,
+    /// Version of the map format.
     format_version: u32,
+    /// Number of mapped images.
     images: usize,
+    /// Number of cameras of the images.
     cameras: usize,
+    /// Number of keypoints of all images.
     keypoints: usize,
+    /// Number of map points.
     points: usize,
+    /// Bytes of the file per map point.
     bytes_per_point: f64,
+    /// Mean number of images that observe a map point.
     mean_track_length: f64,
+    /// Mean reprojection error of the map points, pixels.
     mean_reprojection_error_px: f64,
+    /// Kind of the descriptors.
     descriptors: String,
+    /// Method of the global descriptors: `vlad`, or the name of a model.
     global: String,
+    /// Id of the profile, as sealed queries carry it.
     profile: String,
-    /// Direction of gravity (down), a unit vector in the axes of the map; null if not known.
+    /// Direction of gravity (down), a unit vector in the axes of the map; null if not known (`--down`).
     down: Option<[f64; 3]>,
     /// The original of a compressed map; null otherwise.
     compressed: Option<CompressedInfo>,
     /// The part of a larger map that a region holds; null otherwise.
     region: Option<RegionInfo>,
+    /// Result of the self-test; null if the map was not tested.
     self_test: Option<SelfTestInfo>,
+    /// Reasons to expect poor localization; may be empty.
     warnings: Vec<Warning>,
+    /// Images that `--skip-bad` left out; absent when there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     skipped: Vec<Skipped>,
+    /// The mapped images; absent without `--images`.
     #[serde(skip_serializing_if = "Option::is_none")]
     image_list: Option<Vec<ImageInfo>>,
 }
 
 /// The map from which a compressed one was made.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct CompressedInfo {
+    /// Bytes of its file.
     bytes: u64,
+    /// Number of its keypoints.
     keypoints: u64,
+    /// Number of its points.
     points: u64,
 }
 
 /// The part of a larger map that a region holds; the self-test is then the whole map's.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct RegionInfo {
+    /// Number of images in its core, which are in no other core.
     core_images: usize,
-    images_of_whole: u32,
+    /// Number of images of the whole map.
+    map_images: u32,
 }
 
 /// A reason to expect poor localization in the map.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct Warning {
+    /// Name of the reason, for programs.
     name: &'static str,
+    /// The reason, for people.
     message: String,
 }
 
 /// An image that was left out.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct Skipped {
+    /// Name of the image.
     name: String,
+    /// Why it was left out.
     reason: String,
 }
 
 /// An image of the map.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct ImageInfo {
+    /// Name of the image.
     name: String,
+    /// Number of its keypoints.
     keypoints: usize,
-    points_seen: usize,
+    /// Number of its observations: keypoints with a map point.
+    observations: usize,
+    /// Its camera, `MODEL,W,H,PARAMS…`.
     camera: String,
 }
 
@@ -95,16 +133,16 @@ impl InfoOutput {
             .map(|image| ImageInfo {
                 name: image.name().to_owned(),
                 keypoints: image.keypoints().len(),
-                points_seen: (0..image.keypoints().len()).filter(|k| image.point_of(*k).is_some()).count(),
+                observations: (0..image.keypoints().len()).filter(|k| image.point_of(*k).is_some()).count(),
                 camera: image.camera().to_string(),
             })
             .collect();
-        let mut warnings = self.warnings;
-        let seen: Vec<usize> = images.iter().map(|i| i.points_seen).collect();
-        let of_test = map.self_test().and_then(MapWarning::of_self_test);
-        for warning in MapWarning::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
-            if !warnings.contains(&warning) {
-                warnings.push(warning);
+        let mut doubts = self.doubts;
+        let seen: Vec<usize> = images.iter().map(|i| i.observations).collect();
+        let of_test = map.self_test().and_then(Doubt::of_self_test);
+        for doubt in Doubt::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
+            if !doubts.contains(&doubt) {
+                doubts.push(doubt);
             }
         }
         let warning = |d: &MapWarning| Warning { name: d.name(), message: d.to_string() };
@@ -159,7 +197,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         }),
         region: map
             .part_of()
-            .map(|region| RegionInfo { core_images: region.core_count(), images_of_whole: region.images }),
+            .map(|region| RegionInfo { core_images: region.core_count(), map_images: region.images }),
         self_test: map.self_test().map(SelfTestInfo::of),
         warnings: Vec::new(),
         skipped: Vec::new(),
@@ -193,7 +231,7 @@ fn describe(info: &Info) -> String {
         text.extend([format!(
             "  region      {} images of the {} of the whole map, {} in its core; images cannot be added \
              or removed\n",
-            info.images, region.images_of_whole, region.core_images
+            info.images, region.map_images, region.core_images
         )]);
     } else if let Some(whole) = &info.compressed {
         let times = whole.bytes as f64 / info.bytes.max(1) as f64;
@@ -215,10 +253,10 @@ fn describe(info: &Info) -> String {
         None => text.push_str("  self-test   none: covariances are calibrated with those of other maps\n"),
     }
     for image in info.image_list.iter().flatten() {
-        let ImageInfo { name, keypoints, points_seen, camera } = image;
+        let ImageInfo { name, keypoints, observations, camera } = image;
         let name = printable(name);
         text.extend([format!(
-            "{points_seen:>7} of {keypoints:>6} keypoints with a map point  {camera}  \
+            "{observations:>7} of {keypoints:>6} keypoints with a map point  {camera}  \
              {name}\n"
         )]);
     }

@@ -47,31 +47,50 @@ pub(crate) struct FetchArgs {
     json: bool,
 }
 
-/// What was published.
+/// The published objects.
 #[derive(Serialize)]
-struct PublishedDocument<'a> {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct PublishedDocument<'a> {
+    /// 1.
     version: u32,
+    /// Destination, as given.
     url: &'a str,
+    /// Name of the map.
     map: &'a str,
+    /// Id of the manifest, which is now the current one.
     manifest: String,
+    /// Number of uploaded objects.
     objects_sent: usize,
+    /// Their bytes.
     bytes_sent: u64,
-    objects_there: usize,
-    bytes_there: u64,
+    /// Number of objects that existed already.
+    objects_existing: usize,
+    /// Their bytes.
+    bytes_existing: u64,
 }
 
-/// What was fetched.
+/// The fetched objects.
 #[derive(Serialize)]
-struct FetchedDocument<'a> {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct FetchedDocument<'a> {
+    /// 1.
     version: u32,
+    /// Source, as given.
     url: &'a str,
+    /// Name of the map.
     map: &'a str,
+    /// Id of the manifest.
     manifest: String,
+    /// The written folder, as given.
     folder: String,
+    /// Number of fetched objects.
     objects_fetched: usize,
+    /// Their bytes.
     bytes_fetched: u64,
-    objects_there: usize,
-    bytes_there: u64,
+    /// Number of intact objects that existed already.
+    objects_existing: usize,
+    /// Their bytes.
+    bytes_existing: u64,
 }
 
 pub(super) fn publish(args: &PublishArgs, ui: &Ui) -> Outcome {
@@ -90,8 +109,8 @@ pub(super) fn publish(args: &PublishArgs, ui: &Ui) -> Outcome {
             manifest: manifest.to_string(),
             objects_sent: sent,
             bytes_sent: sent_bytes,
-            objects_there: there,
-            bytes_there: there_bytes,
+            objects_existing: there,
+            bytes_existing: there_bytes,
         })?;
     } else {
         ui.print(format!(
@@ -125,8 +144,8 @@ pub(super) fn fetch(args: &FetchArgs, ui: &Ui) -> Outcome {
             folder: args.out.display().to_string(),
             objects_fetched: fetched,
             bytes_fetched: fetched_bytes,
-            objects_there: there,
-            bytes_there: there_bytes,
+            objects_existing: there,
+            bytes_existing: there_bytes,
         })?;
     } else {
         ui.print(format!(

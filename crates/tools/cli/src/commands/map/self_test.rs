@@ -97,43 +97,74 @@ const MIN_POINTS: usize = 10;
 
 /// A self-test as JSON.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct SelfTestInfo {
+    /// Number of localized images, each left out of the map meanwhile.
     images: u32,
+    /// Median over the images of their median distance to the observed points, map units.
     scale: f64,
+    /// Assumed noise of keypoints, pixels.
     assumed_noise_px: f64,
+    /// One entry per obfuscation scheme.
     schemes: Vec<SchemeInfo>,
 }
 
+/// Self-test under one obfuscation scheme.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct SchemeInfo {
+    /// Obfuscation scheme.
     scheme: &'static str,
+    /// Number of images with a pose.
     localized: u32,
+    /// Number of images with a trusted pose.
     trusted: u32,
+    /// Threshold (`translation/degrees`) to share of images within it.
     recall: BTreeMap<String, f64>,
-    recall_of_scale: BTreeMap<String, f64>,
+    /// The same with the translation as a share of `scale`, for maps whose unit is not the metre.
+    relative_recall: BTreeMap<String, f64>,
+    /// Median orientation error over all images, degrees; null when half of them or more were not localized.
     median_rotation_deg: Option<f64>,
+    /// Median error of the camera centre over all images, map units; null when half of them or more were not
+    /// localized.
     median_translation: Option<f64>,
+    /// Median of the estimated noise of inliers, over trusted poses, pixels.
     noise_px: f64,
+    /// Coverage of covariances, before and after calibration.
     coverage: BeforeAfter,
+    /// Calibration of the covariances of answers.
     calibration: CalibrationInfo,
 }
 
+/// Coverage before and after calibration.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct BeforeAfter {
+    /// With the estimator's covariances.
     before: CoverageInfo,
+    /// With covariances that were calibrated without the image itself.
     after: CoverageInfo,
 }
 
+/// Coverage of covariances.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct CoverageInfo {
+    /// Percentage of the confidence region to share of true camera centres in it, over trusted poses.
     center: BTreeMap<String, f64>,
+    /// The same for whole poses.
     pose: BTreeMap<String, f64>,
 }
 
+/// Calibration of covariances.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct CalibrationInfo {
+    /// Factor of the covariance.
     factor: f64,
+    /// Standard deviation whose square is then added to each variance of the rotation, degrees.
     rotation_floor_deg: f64,
+    /// The same for the translation, map units.
     translation_floor: f64,
 }
 
@@ -183,7 +214,7 @@ impl SchemeInfo {
             localized: test.localized,
             trusted: test.trusted,
             recall: ABSOLUTE.map(key).into_iter().zip(test.within.iter().map(share)).collect(),
-            recall_of_scale: RELATIVE
+            relative_recall: RELATIVE
                 .map(key)
                 .into_iter()
                 .zip(test.within_of_scale.iter().map(share))
@@ -212,21 +243,21 @@ impl SchemeInfo {
         let percent_of =
             |shares: &BTreeMap<String, f64>, key: String| 100.0 * shares.get(&key).copied().unwrap_or(0.0);
         let level = || percent(LEVELS[1]);
-        vec![
-            self.scheme.to_owned(),
-            self.localized.to_string(),
-            self.trusted.to_string(),
-            format!("{:.0} %", percent_of(&self.recall_of_scale, key(RELATIVE[1]))),
-            error,
-            format!("{:.1} px", self.noise_px),
-            format!(
-                "{:.0} → {:.0} %",
-                percent_of(&self.coverage.before.pose, level()),
-                percent_of(&self.coverage.after.pose, level())
-            ),
-            significant(self.calibration.factor.sqrt()),
-            significant(self.calibration.translation_floor),
-        ]
+        let covered = format!(
+            "{:.0} -> {:.0}",
+            percent_of(&self.coverage.before.pose, level()),
+            percent_of(&self.coverage.after.pose, level())
+        );
+        format!(
+            "    {:<24}{:>9}{:>9}{:>8.0} %{error:>20}{:>6.1} px{covered:>12}{:>7.1}, {:.4}\n",
+            self.scheme,
+            self.localized,
+            self.trusted,
+            percent_of(&self.relative_recall, key(RELATIVE[1])),
+            self.noise_px,
+            self.calibration.factor.sqrt(),
+            self.calibration.translation_floor,
+        )
     }
 }
 

@@ -41,20 +41,66 @@ pub(crate) struct SplitArgs {
     json: bool,
 }
 
-/// What was written.
+/// The regions that were written.
 #[derive(Serialize)]
-struct SplitDocument<'a> {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct SplitDocument<'a> {
+    /// 1.
     version: u32,
+    /// The written folder, as given.
     folder: String,
+    /// Id of the manifest: the SHA-256 of its bytes.
     manifest: String,
+    /// Name of the map.
     map: &'a str,
+    /// Id of the profile, as sealed queries carry it.
     profile: String,
+    /// Number of images of the whole map.
     images: u64,
+    /// Number of points of the whole map.
     points: u64,
+    /// Bytes of all objects: regions, index and profile.
     bytes: u64,
-    bytes_of_whole: u64,
+    /// Bytes of the whole map's file.
+    map_bytes: u64,
+    /// Bytes of the index.
     index_bytes: u64,
-    regions: &'a [RegionEntry],
+    /// The regions.
+    regions: Vec<RegionDocument>,
+}
+
+/// A region.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct RegionDocument {
+    /// SHA-256 of its map file, which is its name in `objects`.
+    sha256: String,
+    /// Bytes of its map file.
+    bytes: u64,
+    /// Number of its images.
+    images: u64,
+    /// Number of images in its core, which are in no other core.
+    core_images: u64,
+    /// Number of its points.
+    points: u64,
+    /// Mean of the camera centres of its core, map units.
+    center: [f64; 3],
+    /// Distance of the farthest camera centre of its core from `center`, map units.
+    radius: f64,
+}
+
+impl RegionDocument {
+    fn of(region: &RegionEntry) -> Self {
+        Self {
+            sha256: region.sha256.to_string(),
+            bytes: region.bytes,
+            images: region.images,
+            core_images: region.core_images,
+            points: region.points,
+            center: region.centre,
+            radius: region.radius,
+        }
+    }
 }
 
 pub(super) fn run(args: &SplitArgs, ui: &Ui) -> Outcome {
@@ -103,9 +149,9 @@ fn document<'a>(manifest: &'a Manifest, map: &MapFile, folder: &Path) -> SplitDo
         images: manifest.images,
         points: manifest.points,
         bytes: manifest.byte_count(),
-        bytes_of_whole: map.byte_count(),
+        map_bytes: map.byte_count(),
         index_bytes: manifest.index.bytes,
-        regions: &manifest.regions,
+        regions: manifest.regions.iter().map(RegionDocument::of).collect(),
     }
 }
 
@@ -121,11 +167,11 @@ fn describe(document: &SplitDocument<'_>) -> String {
         document.images,
         images_in_regions as f64 / document.images as f64,
         mb(document.bytes),
-        mb(document.bytes_of_whole),
+        mb(document.map_bytes),
         mb(document.index_bytes),
     );
     for region in document.regions.iter().take(SHOWN) {
-        let [x, y, z] = region.centre;
+        let [x, y, z] = region.center;
         text.extend([format!(
             "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {} of ({}, {}, {})\n",
             &region.sha256.to_string()[..12],

@@ -1,7 +1,7 @@
 //! `veiloc query`: the client of the service.
 
 mod connection;
-mod send;
+pub(crate) mod send;
 mod session;
 
 use std::sync::Arc;

@@ -39,7 +39,7 @@ pub(crate) struct Args {
     #[arg(required_unless_present = "rig")]
     image: Option<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
-    /// its standard deviations (docs/reference/json.md). Gives one pose of the device.
+    /// its standard deviations (docs/reference/formats.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE",
         conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
@@ -103,23 +103,28 @@ struct QueryResponse {
     steps: Option<Vec<StepDocument>>,
 }
 
-/// The document of `veiloc query send --json`.
+/// The answer of the service, as over HTTP ([http.md](http.md)). Without a pose the command ends with 1 and prints no
+/// document.
 #[derive(Serialize)]
-struct Document {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct Document {
     #[serde(flatten)]
+    #[cfg_attr(feature = "schema", schemars(schema_with = "crate::json_reference::answer_schema"))]
     answer: AnswerDocument,
+    /// The messages that were sent; absent without `--progressive`.
     #[serde(skip_serializing_if = "Option::is_none")]
     steps: Option<Vec<StepDocument>>,
 }
 
 /// A step of a progressive query.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct StepDocument {
-    /// Rows sent, including those of the steps before.
+    /// Number of rows sent, including those of the steps before.
     rows: usize,
     /// Bytes of the message.
     bytes: usize,
-    /// `trusted`, `doubtful` or `not-found`.
+    /// State of its answer: `trusted`, `doubtful` or `not-found`.
     state: &'static str,
 }
 

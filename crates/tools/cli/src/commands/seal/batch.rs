@@ -19,49 +19,62 @@ use crate::items::{self, BatchSummary, InputError, Item};
 use crate::lists;
 use crate::ui::Ui;
 
-/// The document of `veiloc seal --json`.
+/// One entry of `images` for each image.
 #[derive(Serialize)]
-struct SealDocument {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct SealDocument {
+    /// 1.
     version: u32,
     /// Obfuscation scheme.
     scheme: String,
+    /// Number of sealed images.
     sealed: usize,
+    /// Number of images that were not sealed.
     failed: usize,
+    /// The images, in the order given.
     images: Vec<ImageDocument>,
 }
 
+/// An image. The fields from `out` to `focal_known` are absent when it was not sealed.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct ImageDocument {
+    /// The image.
     file: String,
+    /// Whether it was sealed.
     status: SealStatus,
-    /// The sealed query's file.
+    /// File of the sealed query; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<String>,
-    /// Number of keypoints in the image.
+    /// Number of keypoints found in the image; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    found: Option<usize>,
-    /// Rows sent.
+    keypoints: Option<usize>,
+    /// Number of rows of the query, decoys included; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    sent: Option<usize>,
+    sent_rows: Option<usize>,
+    /// Bytes of the sealed query; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<usize>,
-    /// Hidden share of the image.
+    /// Share of the image that a mask hides; absent when nothing is hidden.
     #[serde(skip_serializing_if = "Option::is_none")]
-    hidden: Option<f64>,
-    /// Number of hidden detections per class.
+    masked: Option<f64>,
+    /// Class to number of detected and hidden objects; absent without `--hide`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    found_to_hide: Option<BTreeMap<String, usize>>,
-    /// Model of the global descriptor that was computed from the whole image and is sent.
+    detections: Option<BTreeMap<String, usize>>,
+    /// Model of the global descriptor that was computed from the whole image and is sent (`--image-global`); absent
+    /// when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     image_global: Option<String>,
-    /// Knowledge of the focal length, as stated in the query.
+    /// How the focal length is known, as stated in the query: `calibrated`, `exif` or `unknown`; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
+    /// Why the image was not sealed; absent when sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<InputError>,
 }
 
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 enum SealStatus {
     Sealed,
@@ -170,11 +183,11 @@ fn document_of(
         file,
         status,
         out: sealed.as_ref().map(|_| out.display().to_string()),
-        found: sealed.as_ref().map(|s| s.found),
-        sent: sealed.as_ref().map(|s| s.sent),
+        keypoints: sealed.as_ref().map(|s| s.found),
+        sent_rows: sealed.as_ref().map(|s| s.sent),
         bytes: sealed.as_ref().map(|s| s.bytes.len()),
-        hidden: hidden.share(),
-        found_to_hide: hidden.found.map(|found| found.into_iter().collect()),
+        masked: hidden.share(),
+        detections: hidden.found.map(|found| found.into_iter().collect()),
         image_global: sealed.as_ref().and(of_image).cloned(),
         focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,

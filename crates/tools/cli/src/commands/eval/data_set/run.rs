@@ -44,7 +44,7 @@ pub(in crate::commands::eval) fn evaluate(
         data: scenes.iter().map(|scene| scene.name.clone()).collect(),
         run: facts(args),
         seed: args.pose.run.seed,
-        places: Vec::new(),
+        scenes: Vec::new(),
         schemes: Vec::new(),
         queries: Vec::new(),
     };
@@ -67,9 +67,9 @@ pub(in crate::commands::eval) fn evaluate(
         args.attack.attack(&scene.name, &evaluation, &mut attacked, ui)?;
         add(&mut document, scene, found, &evaluation);
         if let Some(report) = &mut report {
-            let rows = document.schemes.iter().filter(|row| row.place == scene.name);
+            let rows = document.schemes.iter().filter(|row| row.scene == scene.name);
             let rows = rows.map(|row| (row.condition.as_deref(), &row.summary));
-            let queries = document.queries.iter().filter(|query| query.place.as_ref() == Some(&scene.name));
+            let queries = document.queries.iter().filter(|query| query.scene.as_ref() == Some(&scene.name));
             let queries = queries.map(|query| (query.condition.as_deref(), &query.result));
             report.add(&scene.name, &evaluation, rows, queries, ui)?;
         }
@@ -166,13 +166,8 @@ fn scene_evaluation(
 }
 
 /// Adds the result of a scene.
-fn add(
-    document: &mut DataSetEvaluation,
-    scene: &DatasetScene,
-    found: EvaluationDocument,
-    evaluation: &SceneEvaluation,
-) {
-    document.places.push(SceneInfo {
+fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
+    document.scenes.push(PlaceFacts {
         name: scene.name.clone(),
         is_official: scene.is_official,
         queries: scene.queries.len(),
@@ -197,15 +192,15 @@ fn add(
                 row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
             let summary =
                 if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
-            document.schemes.push(SceneSummary {
-                place: scene.name.clone(),
+            document.schemes.push(PlaceSummary {
+                scene: scene.name.clone(),
                 condition: condition.clone(),
                 summary,
             });
         }
     }
-    document.queries.extend(found.queries.into_iter().map(|result| SceneQuery {
-        place: Some(scene.name.clone()),
+    document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
+        scene: Some(scene.name.clone()),
         condition: condition_of(&result.name),
         result,
     }));
