@@ -62,7 +62,9 @@ fn images_are_reconstructed_and_compared() {
     assert!(!page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised,"));
     assert!(page.contains("1 images are named by their ImageNet synset"));
     let document = text("rows.json");
-    for field in ["\"named\": 1", "\"answered\": 1", "\"st_lpips\": 0.", "\"top_5\": true", "\"top_5\": 2"] {
+    for field in
+        ["\"labelled\": 1", "\"pseudo_labelled\": 1", "\"st_lpips\": 0.", "\"top_5\": true", "\"top_5\": 2"]
+    {
         assert!(document.contains(field), "{field} {document}");
     }
 }
