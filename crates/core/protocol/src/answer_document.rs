@@ -42,7 +42,7 @@ pub struct AnswerDocument {
     pub focal_scale: Option<f64>,
     /// Whether there are no doubts about the pose. A pose that is not trusted should not be shown to a user.
     pub trusted: bool,
-    /// Reasons not to trust the pose.
+    /// Reasons not to trust the pose; may be empty.
     pub doubts: Vec<DoubtDocument>,
     /// How strong the evidence is.
     pub confidence: ConfidenceDocument,

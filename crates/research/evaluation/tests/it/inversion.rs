@@ -83,7 +83,7 @@ fn document_has_rows_for_schemes_and_attacks() {
         "random-lines graph",
         "random-lines realistic",
         "random-lines lines",
-        &format!("{dcl} guess"),
+        &format!("{dcl} prior"),
         &format!("{dcl} closed-form"),
         &format!("{dcl} graph"),
         &format!("{dcl} realistic"),
