@@ -184,7 +184,8 @@ def blanked(query):
 def provoke_load(checker, scene):
     """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
     tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
-    slow = ["--workers", "1", "--queue", "1", "--hypotheses", "20000"]
+    # So many hypotheses that no machine tests them all within the timeout.
+    slow = ["--workers", "1", "--queue", "1", "--hypotheses", "10000000"]
     busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1")
     for path, body in ((LOCALIZE, scene.query), (RIG, rig_of(scene.query))):
         ask_busy = lambda i, path=path, body=body: request(
