@@ -2,12 +2,18 @@
 # Prints a transcript of setting up a service: map, certificate, token, `veiloc serve`, one query, and curl on the other resources.
 #
 #     VEILOC_DATA=../shared/data scripts/service_demo.sh
+#
+# VEILOC=PROGRAM uses a program that is already built.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
 
-cargo build --release --quiet
-bin="$(cargo metadata --format-version 1 --no-deps | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')/release"
+if [ -n "${VEILOC:-}" ]; then
+    bin="$(cd "$(dirname "$VEILOC")" && pwd)"
+else
+    cargo build --release --quiet
+    bin="$(cargo metadata --format-version 1 --no-deps | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')/release"
+fi
 PATH="$bin:$PATH"
 scene="$(cd "$VEILOC_DATA/redkitchen" && pwd)"
 work="$(mktemp -d)"
