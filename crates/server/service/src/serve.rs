@@ -2,7 +2,6 @@
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
-use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
 use axum::Router;
@@ -163,19 +162,22 @@ impl Server {
         let ending = watch::Sender::new(false);
         let listeners: Vec<Arc<Listener>> = listeners.into_iter().map(Arc::new).collect();
         let mut phase = stop.subscribe();
+        let mut accepting = JoinSet::new();
+        for listener in &listeners {
+            accepting.spawn(accept(app.clone(), listener.clone(), ending.clone()));
+        }
+        wait_for(&mut phase, Phase::Draining).await;
         tokio::select! {
-            () = accept_all(&app, &listeners, &ending) => {}
-            () = async {
-                wait_for(&mut phase, Phase::Draining).await;
-                tokio::select! {
-                    () = tokio::time::sleep(app.options.timeouts.drain) => {}
-                    () = wait_for(&mut phase, Phase::Finishing) => {}
-                }
-            } => {}
+            () = tokio::time::sleep(app.options.timeouts.drain) => {}
+            () = wait_for(&mut phase, Phase::Finishing) => {}
         }
         advance(&stop, Phase::Finishing);
+        // A task that is only told to stop keeps its listener open for a moment; connections of that moment would be
+        // accepted by the system, and then lost.
+        accepting.shutdown().await;
         for listener in listeners {
-            accept_pending(&app, &listener, &ending);
+            let listener = Arc::into_inner(listener).expect("the task that shared it has ended");
+            accept_pending_and_close(&app, listener, &ending);
         }
         ending.send_replace(true);
         tokio::select! {
@@ -227,26 +229,16 @@ async fn wait_for(phase: &mut watch::Receiver<Phase>, target: Phase) {
     }
 }
 
-/// Accepts the connections that are already pending, without waiting for more.
-fn accept_pending(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<bool>) {
+/// Accepts the connections that are already pending, without waiting for more, and closes the listener.
+fn accept_pending_and_close(app: &Arc<App>, listener: Listener, ending: &watch::Sender<bool>) {
     let router = router(app.clone());
-    let mut context = Context::from_waker(Waker::noop());
-    while let Poll::Ready(Ok((stream, from))) = listener.poll_accept(&mut context) {
-        let may_speak_tls = listener.may_speak_tls();
+    let may_speak_tls = listener.may_speak_tls();
+    while let Some((stream, from)) = listener.accept_pending() {
         if let Some(slot) = admit(app, from) {
             let ending = ending.subscribe();
             tokio::spawn(serve_stream(stream, may_speak_tls, slot, app.clone(), router.clone(), ending));
         }
     }
-}
-
-/// Accepts connections of all listeners until the future is dropped.
-async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch::Sender<bool>) {
-    let mut accepting = JoinSet::new();
-    for listener in listeners {
-        accepting.spawn(accept(app.clone(), listener.clone(), ending.clone()));
-    }
-    while accepting.join_next().await.is_some() {}
 }
 
 /// Accepts connections of one listener until the future is dropped.

@@ -42,6 +42,10 @@ impl UnixSocket {
         &self.path
     }
 
+    pub(crate) const fn listener(&self) -> &UnixListener {
+        &self.listener
+    }
+
     pub(crate) fn poll_accept(&self, context: &mut Context<'_>) -> Poll<io::Result<UnixStream>> {
         Poll::Ready(ready!(self.listener.poll_accept(context)).map(|(stream, _)| stream))
     }
