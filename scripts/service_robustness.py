@@ -2,7 +2,7 @@
 """Prints the tables of docs/results/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
 
     cargo build --release
-    VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60]
+    VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60] [--veiloc PROGRAM]
 
 The map is of RedKitchen; the query image is not in it. Processes are killed by SIGKILL, so they cannot clean up. The script checks
 the state afterwards, and exits with 1 when an invariant is violated.
@@ -364,6 +364,7 @@ def killed_requests(scene, requests, rng):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", type=pathlib.Path, help="the program to test (default: the release build of this repository)")
     parser.add_argument("--requests", type=int, default=1000, help="requests during which the server is killed five times")
     parser.add_argument("--kills", type=int, default=60, help="killed map writes, and killed reloads")
     parser.add_argument("--seed", type=int, default=0, help="seed of the kill times")
@@ -371,7 +372,7 @@ def main():
     data = os.environ.get("VEILOC_DATA")
     if not data:
         sys.exit("set VEILOC_DATA to the folder of the real photographs")
-    veiloc = target_dir() / "release" / "veiloc"
+    veiloc = arguments.veiloc or target_dir() / "release" / "veiloc"
     if not veiloc.exists():
         sys.exit("build the program first: cargo build --release")
     rng = random.Random(arguments.seed)
