@@ -88,12 +88,12 @@ def positions():
     ]
     tensors = dict(middles=fields() / np.sqrt(np.float32(12)), bins=np.array([2], np.int64), last=np.array([3], np.int64))
     write(DATA / "learned/positions.onnx", inputs, {"logits": [1, "N", "B"]}, nodes, factor=np.float32(-50), **tensors)
-    describe("positions", "positions", "made up", 12, scheme="dcl", sees="row")
+    describe("positions", "positions", "made-up", 12, scheme="dcl", sees="row")
     # An untrained network.
     zero = [node("Mul", "guess nothing", "small"), node("Mul", "small nothing", "logits")]
     keep = [node("ReduceSum", "descriptors", "d", keepdims=0), node("ReduceSum", "places", "p", keepdims=0)]
     write(DATA / "learned/untrained.onnx", inputs, {"logits": [1, "N", "B"]}, zero + keep, nothing=np.float32(0))
-    describe("untrained", "positions", "made up", 12, scheme="dcl", sees="set")
+    describe("untrained", "positions", "made-up", 12, scheme="dcl", sees="set")
 
 
 def neighbours():
@@ -103,7 +103,7 @@ def neighbours():
     nodes = [node("MatMul", "descriptors rows", "long")]
     nodes += [node("ReduceL2", "long", "length", axes=[-1], keepdims=1), node("Div", "long length", "embedding")]
     write(DATA / "learned/neighbours.onnx", {"descriptors": [1, "N", 12]}, {"embedding": [1, "N", 3]}, nodes, rows=rows)
-    describe("neighbours", "neighbours", "made up", 12)
+    describe("neighbours", "neighbours", "made-up", 12)
     # The network uses only a few of the 128 numbers of a descriptor.
     few = np.eye(128, 8, dtype=np.float32)
     nodes = [node("MatMul", "descriptors rows", "long"), node("Tanh", "long", "embedding")]

@@ -92,7 +92,7 @@ def keypoints(args, names, folder):
     with gzip.open(out) as lines:
         for row in map(json.loads, lines):
             numbers = np.frombuffer(base64.b64decode(row["descriptors"]), np.uint8).astype(np.int16)
-            if args.features != "sift":
+            if row["descriptor_encoding"] != "unsigned":
                 numbers -= 128
             found[Path(row["name"]).stem] = (np.array(row["keypoints"]).reshape(-1, 2), numbers.reshape(-1, row["descriptor_dim"]))
     both = {}

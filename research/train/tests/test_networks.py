@@ -28,6 +28,7 @@ def line(name="a.png", count=60, dimension=128, size=(96, 64), seed=0):
         "keypoints": (rng.random((count, 2)) * size).round(3).tolist(),
         "descriptors": base64.b64encode(rng.integers(0, 256, count * dimension, dtype=np.uint8).tobytes()).decode(),
         "descriptor_dim": dimension,
+        **({} if dimension == 128 else {"features": "own", "descriptor_encoding": "unsigned", "descriptor_norm": 500}),
     }  # fmt: skip
 
 
@@ -55,6 +56,31 @@ def test_keypoint_files_are_read_and_split(files):
     outside = line()
     outside["keypoints"][3] = [96.0, 10.0]
     assert len(data.inside(outside).keypoints) == 59
+
+
+def test_descriptors_of_one_kind_are_read_without_their_offset(tmp_path):
+    kind = {"features": "compact", "descriptor_dim": 64, "descriptor_encoding": "coarse", "descriptor_norm": 374}
+    compact = line(dimension=64) | kind
+    image = data.inside(compact)
+    encoded = np.frombuffer(base64.b64decode(compact["descriptors"]), np.uint8).reshape(60, 64)
+    assert image.features == "compact" and (image.descriptors == encoded.astype(int) - 128).all()
+    assert data.inside(line()).features == "sift"
+    for name, fields in {"compact": compact, "sift": line()}.items():
+        (tmp_path / name).write_text(json.dumps(fields) + "\n")
+    with pytest.raises(SystemExit, match="compact of 64 numbers, sift of 128"):
+        data.read_keypoints([tmp_path / "sift", tmp_path / "compact"], most=2)
+    del compact["features"], compact["descriptor_encoding"]
+    with pytest.raises(SystemExit, match="descriptor_encoding"):
+        data.inside(compact)
+
+
+def test_only_sift_descriptors_are_mirrored(monkeypatch, tmp_path):
+    fields = line(dimension=128) | {"features": "own", "descriptor_encoding": "signed", "descriptor_norm": 500}
+    (tmp_path / "own.jsonl").write_text((json.dumps(fields) + "\n") * 2)
+    arguments = ["positions", str(tmp_path / "own.jsonl"), "-o", str(tmp_path / "own"), "--mirror"]
+    monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments])
+    with pytest.raises(SystemExit, match="only for descriptors of kind sift"):
+        command.main()
 
 
 def test_descriptors_have_the_length_that_networks_expect():

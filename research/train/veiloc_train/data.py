@@ -4,6 +4,7 @@ import base64
 import gzip
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,28 +20,33 @@ class KeypointImage:
     height: int
     #: `[N, 2]`: u, v in pixels, from the image corner.
     keypoints: np.ndarray
-    #: `[N, D]` bytes.
+    #: `[N, D]` numbers.
     descriptors: np.ndarray
+    #: Kind of the descriptors, as for --features of the program.
+    features: str
 
 
 def read_keypoints(paths: list[Path], most: int | None = None, need: int = 2) -> list[KeypointImage]:
     """Reads all images of these files with at least `need` keypoints inside the image, at most `most`."""
     images = []
-    for path in paths:
-        opened = gzip.open if path.suffix == ".gz" else open
-        with opened(path, "rt") as lines:
-            for line in lines:
-                image = inside(json.loads(line))
-                if len(image.keypoints) >= need:
-                    images.append(image)
-                if most is not None and len(images) >= most:
-                    return images
+    for image in map(inside, (json.loads(line) for path in paths for line in lines_of(path))):
+        if len(image.keypoints) >= need:
+            images.append(image)
+        if most is not None and len(images) >= most:
+            break
     if not images:
         sys.exit(f"no image with {need} keypoints in {', '.join(map(str, paths))}")
-    dimensions = {image.descriptors.shape[1] for image in images}
-    if len(dimensions) > 1:
-        sys.exit(f"the descriptors have different lengths: {sorted(dimensions)}")
+    kinds = sorted({(image.features, image.descriptors.shape[1]) for image in images})
+    if len(kinds) > 1:
+        sys.exit("the descriptors are of different kinds: " + ", ".join(f"{name} of {length} numbers" for name, length in kinds))
     return images
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """The lines of a text file, plain or gzipped."""
+    opened = gzip.open if path.suffix == ".gz" else open
+    with opened(path, "rt") as lines:
+        yield from lines
 
 
 def inside(fields: dict) -> KeypointImage:
@@ -50,8 +56,14 @@ def inside(fields: dict) -> KeypointImage:
     descriptors = np.frombuffer(base64.b64decode(fields["descriptors"]), dtype=np.uint8).reshape(-1, dimension)
     if len(keypoints) != len(descriptors):
         sys.exit(f"{fields['name']}: {len(keypoints)} keypoints and {len(descriptors)} descriptors")
+    features = fields.get("features", "sift")
+    encoding = fields.get("descriptor_encoding", "unsigned" if (features, dimension) == ("sift", 128) else None)
+    if encoding is None:
+        sys.exit(f"{fields['name']}: descriptors of {dimension} numbers need features and descriptor_encoding")
+    if encoding != "unsigned":
+        descriptors = descriptors.astype(np.int16) - 128
     kept = ((keypoints >= 0) & (keypoints < [width, height])).all(axis=1)
-    return KeypointImage(fields["name"], width, height, keypoints[kept], descriptors[kept])
+    return KeypointImage(fields["name"], width, height, keypoints[kept], descriptors[kept], features)
 
 
 def scaled(descriptors: np.ndarray) -> np.ndarray:

@@ -189,4 +189,4 @@ def run(args: argparse.Namespace) -> None:
 
     trained = loop.train(loop.Task(network, draws.batch, lambda batch: loss(*(x.to(args.device) for x in batch)), validate), args)
     more = {"side": args.side, "multiple": multiple, "visible": args.form == "invsfm"}
-    export(trained, args.out, "inversion", args.features, dimension, **more)
+    export(trained, args.out, "inversion", training[0].features, dimension, **more)

@@ -35,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate:
     parser.add_argument("keypoints", type=Path, nargs="+", help="files of `veiloc eval keypoints`")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="STEM",
                         help="STEM.onnx and STEM.toml are the network, STEM.csv its curve, STEM.pt the checkpoint")  # fmt: skip
-    parser.add_argument("--features", default="sift", help="descriptor type, as for --features of the program")
     parser.add_argument("--steps", type=int, default=steps, help="steps of the optimizer (%(default)s)")
     parser.add_argument("--batch", type=int, default=batch, help="images per step (%(default)s)")
     parser.add_argument("--rate", type=float, default=rate, help="highest learning rate (%(default)s)")

@@ -111,4 +111,4 @@ def run(args: argparse.Namespace) -> None:
 
     network.to(args.device)
     trained = loop.train(loop.Task(network, drawn, loss, Validation(validation, network, args)), args)
-    export(trained, args.out, "neighbours", args.features, dimension)
+    export(trained, args.out, "neighbours", training[0].features, dimension)

@@ -6,6 +6,7 @@ gives the gain over the prior-only baseline in bits, and errors.
 
 import argparse
 import math
+import sys
 
 import numpy as np
 import torch
@@ -139,6 +140,8 @@ def run(args: argparse.Namespace) -> None:
     loop.setup(args)
     scheme = Scheme.parse(args.scheme)
     training, validation = split(read_keypoints(args.keypoints, args.images), args.validation)
+    if args.mirror and training[0].features != "sift":
+        sys.exit(f"--mirror is only for descriptors of kind sift, and these are of kind {training[0].features}")
     dimension = training[0].descriptors.shape[1]
     network = Positions(dimension, args.sees, args.waves, args.width, args.heads, args.layers, args.dropout)
     print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers")
@@ -153,4 +156,4 @@ def run(args: argparse.Namespace) -> None:
 
     network.to(args.device)
     trained = loop.train(loop.Task(network, drawn, loss, Validation(validation, network, args, scheme)), args)
-    export(trained, args.out, "positions", args.features, dimension, scheme=args.scheme, sees=args.sees)
+    export(trained, args.out, "positions", training[0].features, dimension, scheme=args.scheme, sees=args.sees)

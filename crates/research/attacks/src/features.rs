@@ -20,7 +20,7 @@ impl DecodedDescriptors {
         Self::from_values(rows.kind().dim(), rows.len(), values)
     }
 
-    /// From `[N · dimension]` row-major bytes, one integer value per byte, as in keypoint files.
+    /// From `[N · dimension]` row-major bytes, one number from 0 to 255 per byte.
     ///
     /// # Errors
     /// [`AttackError::Descriptors`] when the number of bytes is not a multiple of `dimension`.

@@ -36,6 +36,18 @@ pub enum EvalError {
         /// Width and height in the file of keypoints, pixels.
         expected: [u32; 2],
     },
+    /// Descriptors of two kinds, or of a kind that a network was not trained on.
+    #[error(
+        "{name}: its descriptors are of kind {found}, but kind {expected} is required; extract them with --features {expected}"
+    )]
+    OtherFeatures {
+        /// The file or the image.
+        name: String,
+        /// Name of the kind that it has.
+        found: String,
+        /// Name of the required kind.
+        expected: String,
+    },
     /// A match refers to a keypoint that the image does not have.
     #[error("{image}: a match refers to a keypoint at ({u}, {v}), but the image has none there")]
     NoSuchKeypoint {

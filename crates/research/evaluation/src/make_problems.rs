@@ -125,7 +125,7 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
         width: camera.width,
         height: camera.height,
         keypoints: order.iter().filter_map(|row| pixels.get(*row).copied()).collect(),
-        descriptors: Some((descriptors.as_bytes().to_vec(), descriptors.kind().dim())),
+        descriptors: Some(descriptors),
     }
 }
 

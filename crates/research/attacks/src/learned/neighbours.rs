@@ -31,6 +31,11 @@ impl NeighbourNetwork {
         Ok(Self(network))
     }
 
+    /// The descriptor kind of its training data.
+    pub fn features(&self) -> &str {
+        self.0.features()
+    }
+
     /// The `k` likeliest neighbours of each keypoint, likeliest first; ties are ordered by index.
     ///
     /// # Errors

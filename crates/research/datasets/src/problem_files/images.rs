@@ -30,7 +30,7 @@ pub fn keypoints_of_image(
         width,
         height,
         keypoints: features.keypoints.iter().map(|k| rounded(k.pixel)).collect(),
-        descriptors: Some((features.descriptors.as_bytes().to_vec(), features.descriptors.kind().dim())),
+        descriptors: Some(features.descriptors),
     })
 }
 
@@ -65,7 +65,7 @@ pub fn keypoints_of_images(
 #[cfg(test)]
 mod tests {
     use image::GrayImage;
-    use veiloc_features::Sift;
+    use veiloc_features::{Compact, Sift};
 
     use super::*;
     use crate::problem_files::{encode_keypoints, read_keypoints};
@@ -90,17 +90,24 @@ mod tests {
         let paths = ["a.PNG", "b.png"].map(|name| folder.path().join(name));
         let mut limits = ExtractionLimits::default();
         (limits.max_keypoints, limits.max_image_side) = (40, 80);
-        let images = keypoints_of_images(&paths, &Sift::default(), limits, &()).expect("images");
+        let extractors: [&dyn Extractor; 2] = [&Compact::default(), &Sift::default()];
+        let [compact, images] =
+            extractors.map(|e| keypoints_of_images(&paths, e, limits, &()).expect("images"));
         assert_eq!(images.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);
         let image = &images[0];
         assert_eq!((image.width, image.height), (80, 60), "made smaller");
         assert_eq!(image.keypoints.len(), 40, "the strongest only");
         assert!(image.keypoints.iter().all(|p| (0.0..80.0).contains(&p.u) && (0.0..60.0).contains(&p.v)));
-        for gzip in [false, true] {
+        for (images, gzip) in [(&images, false), (&images, true), (&compact, true)] {
             let file = folder.path().join("keypoints");
-            std::fs::write(&file, encode_keypoints(&images, gzip).expect("encoded")).expect("written");
-            assert_eq!(read_keypoints(&file).expect("read"), images, "gzip {gzip}");
+            std::fs::write(&file, encode_keypoints(images, gzip).expect("encoded")).expect("written");
+            assert_eq!(&read_keypoints(&file).expect("read"), images, "gzip {gzip}");
         }
+        let kind = |image: &KeypointImage| image.descriptors.as_ref().map(|d| d.kind().name().to_owned());
+        assert_eq!(
+            [&images[0], &compact[0]].map(kind),
+            ["sift", "compact"].map(|name| Some(name.to_owned()))
+        );
     }
 
     #[test]

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use veiloc_attacks::learned::positions::{PositionNetwork, recover};
-use veiloc_attacks::{DecodedDescriptors, Observation};
+use veiloc_attacks::{Descriptors, Observation};
+use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
+use super::neighbours::check_features;
 use crate::EvalError;
 
 /// Position networks trained by an outsider.
@@ -38,6 +40,11 @@ impl TrainedPositions {
     /// Whether there is a network for this scheme.
     pub fn knows(&self, scheme: Scheme) -> bool {
         self.networks.iter().any(|n| n.scheme() == scheme)
+    }
+
+    /// Refuses images whose descriptors are of a kind that a network was not trained on.
+    pub(super) fn check_features(&self, images: &[&KeypointImage]) -> Result<(), EvalError> {
+        self.networks.iter().try_for_each(|network| check_features(images, network.features()))
     }
 
     /// Positions from the network of this scheme, `[N]`; `None` if there is none.

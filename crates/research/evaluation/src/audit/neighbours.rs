@@ -10,6 +10,7 @@ use veiloc_attacks::{
     transfer,
 };
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
+use veiloc_descriptor::DescriptorKind;
 
 use crate::EvalError;
 
@@ -83,14 +84,30 @@ impl NeighbourSource {
     ) -> Result<Option<Predictor>, EvalError> {
         match self {
             Self::Oracle | Self::Transferred => Ok(None),
-            Self::Network { model } => Ok(Some(Predictor::Network(Box::new(NeighbourNetwork::open(model)?)))),
+            Self::Network { model } => {
+                let network = NeighbourNetwork::open(model)?;
+                check_features(attacked, network.features())?;
+                Ok(Some(Predictor::Network(Box::new(network))))
+            }
             Self::Predicted { train } => {
                 let mut images = Vec::new();
+                let mut kind = None;
                 for file in train {
                     let all = read_keypoints(file)?;
+                    // Images of one file have one kind.
+                    if let Some(own) = all.iter().find_map(kind_of) {
+                        let first = *kind.get_or_insert(own);
+                        if own != first {
+                            let name = file.display().to_string();
+                            return Err(other_features(name, own.name(), first.name()));
+                        }
+                    }
                     for image in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
                         images.push(known(image)?);
                     }
+                }
+                if let Some(kind) = kind {
+                    check_features(attacked, kind.name())?;
                 }
                 Ok(Some(Predictor::Statistic(NeighbourPredictor::fit(&images, k)?)))
             }
@@ -138,14 +155,31 @@ pub(super) fn from_others(
     transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(crate) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
-    let Some((bytes, dimension)) = &image.descriptors else {
-        return Err(EvalError::Options(format!(
-            "{} has no descriptors, but this attack needs them",
-            image.name
-        )));
-    };
-    Ok(DecodedDescriptors::new(bytes, *dimension)?)
+pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
+    match &image.descriptors {
+        Some(descriptors) => Ok(Descriptors::of(descriptors.view())),
+        None => {
+            Err(EvalError::Options(format!("{} has no descriptors, but this attack needs them", image.name)))
+        }
+    }
+}
+
+/// The kind of an image's descriptors, if it has any.
+fn kind_of(image: &KeypointImage) -> Option<DescriptorKind> {
+    image.descriptors.as_ref().map(|descriptors| descriptors.kind())
+}
+
+/// Refuses images whose descriptors are not of the kind with this name.
+pub(super) fn check_features(images: &[&KeypointImage], expected: &str) -> Result<(), EvalError> {
+    let other = images.iter().find_map(|image| {
+        let kind = kind_of(image).filter(|kind| kind.name() != expected)?;
+        Some(other_features(image.name.clone(), kind.name(), expected))
+    });
+    other.map_or(Ok(()), Err)
+}
+
+fn other_features(name: String, found: &str, expected: &str) -> EvalError {
+    EvalError::OtherFeatures { name, found: found.to_owned(), expected: expected.to_owned() }
 }
 
 /// Precision of neighbour lists, weighted by entries.

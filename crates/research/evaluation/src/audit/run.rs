@@ -102,6 +102,9 @@ pub fn attack_groups(
     let several = evaluation.attacks.iter().any(|a| a.needs.frames);
     let narrows = evaluation.attacks.iter().any(|a| a.needs.near_angles);
     let by_training = evaluation.attacks.iter().any(|a| a.needs.trained);
+    if by_training {
+        trained.check_features(&attacked)?;
+    }
     let mut precision = Precision::default();
     let mut statistics: BTreeMap<String, ServerStatistics> = BTreeMap::new();
     for (group_index, group) in groups.iter().enumerate() {

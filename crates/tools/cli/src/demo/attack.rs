@@ -102,7 +102,7 @@ fn sent_keypoints(
         width: query.camera().width,
         height: query.camera().height,
         keypoints: real.iter().map(|row| truth.pixels[*row]).collect(),
-        descriptors: Some((descriptors.as_bytes().to_vec(), descriptors.kind().dim())),
+        descriptors: Some(descriptors),
     })
 }
 

@@ -110,7 +110,8 @@ fn write_shifted_pair(scene: &common::TestScene) {
                 .collect();
             serde_json::json!({
                 "name": name, "width": 640, "height": 480, "keypoints": keypoints,
-                "descriptors": base64(&bytes), "descriptor_dim": 8,
+                "descriptors": base64(&bytes), "features": "phases", "descriptor_dim": 8,
+                "descriptor_encoding": "signed", "descriptor_norm": 200,
             })
             .to_string()
         })
@@ -163,6 +164,12 @@ fn eval_keypoints_output_is_attack_input() {
         .run("attack map.jsonl --limit 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
         .succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
+    scene.run(&format!("{keypoints} sift.jsonl --features sift")).succeeded();
+    let run = scene.run(
+        "attack map.jsonl --schemes dcl --attacks closed-form --neighbours predicted --train sift.jsonl",
+    );
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("kind compact, but kind sift is required"), "{run}");
     for (arguments, expected_words) in [
         ("images posed --list map.txt", "one folder"),
         ("posed", "no JPEG or PNG"),
@@ -196,7 +203,7 @@ fn neighbour_network_is_used_or_error_has_remedy() {
     let run = attack(&format!("--model {}", model("embedding.toml"))).succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
     for (name, expected_words) in [
-        (model("neighbours.toml"), "descriptors have dimension 128, but dimension 12 is required"),
+        (model("neighbours.toml"), "descriptors are of kind sift, but kind made-up is required"),
         (model("inversion.toml"), "of kind \"inversion\""),
         ("network-all.jsonl".to_owned(), "network-all.jsonl"),
         ("none.onnx".to_owned(), "none.toml"),

@@ -79,6 +79,11 @@ impl PositionNetwork {
         Ok(Self { network, scheme, sees })
     }
 
+    /// The descriptor kind of its training data.
+    pub fn features(&self) -> &str {
+        self.network.features()
+    }
+
     /// The scheme of its training data; it cannot be used on other schemes.
     pub fn scheme(&self) -> Scheme {
         self.scheme

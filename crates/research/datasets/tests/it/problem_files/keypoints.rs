@@ -9,8 +9,8 @@ use veiloc_testdata::real_data_test;
 
 /// Row `i` as a unit vector.
 fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
-    let (bytes, dimension) = image.descriptors.as_ref().expect("descriptors");
-    let row: Vec<f64> = bytes[i * dimension..][..*dimension].iter().map(|b| f64::from(*b)).collect();
+    let row: Vec<f64> =
+        image.descriptors.as_ref().expect("descriptors").view().values(i).map(f64::from).collect();
     let norm = row.iter().map(|x| x * x).sum::<f64>().sqrt();
     row.iter().map(|x| x / norm).collect()
 }

@@ -63,7 +63,8 @@ fn files(frames: usize, matches: Matches) -> (tempfile::TempDir, [PathBuf; 2]) {
         let seen: Vec<[f64; 2]> = points.iter().filter_map(|x| see(pose, x)).collect();
         let image = serde_json::json!({
             "name": format!("p{i}"), "width": 640, "height": 480, "keypoints": seen,
-            "descriptors": STANDARD.encode(&bytes), "descriptor_dim": 16,
+            "descriptors": STANDARD.encode(&bytes), "features": "random", "descriptor_dim": 16,
+            "descriptor_encoding": "unsigned", "descriptor_norm": 590,
         });
         let off = if matches == Matches::OtherKeypoints { 0.5 } else { 0.0 };
         let rows: Vec<usize> = (0..POINTS).step_by(2).collect();
