@@ -1,18 +1,17 @@
-//! Image retrieval: exhaustive search, the index of binary codes, and an HNSW graph.
+//! Image retrieval: exhaustive search, and the index of binary codes.
 //!
 //! `cargo bench -p veiloc-benches --bench search`; `IMAGES=10000,100000,1000000` for other sizes than ten thousand
-//! (each image takes 4 kB). The references are exhaustive search over all global descriptors, and HNSW (crate
-//! `instant-distance`) over the same binary codes. The candidates of index and graph are re-ranked exactly. Prints
-//! recall@10, the build time on all processors, the time of a search on one thread, and the memory in addition to the
-//! descriptors.
+//! (each image takes 4 kB). The reference is exhaustive search over all global descriptors. The candidates of the index
+//! are re-ranked exactly. Prints recall@10, the build time on all processors, the time of a search on one thread, and
+//! the memory in addition to the descriptors.
 //!
 //! Global descriptors are random, in scenes of ten images whose descriptors agree by a third to a half, as those of
-//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors.
+//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors, and `scripts/bench_search.py`
+//! compares it with usearch (HNSW) on them.
 #![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 use std::{hint::black_box, time::Instant};
 
-use instant_distance::{Builder, HnswMap, Point, Search};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -79,22 +78,6 @@ fn compare(images: usize) {
     let among = GlobalIndex::candidates_for(WANTED);
     let (found, ms) = timed(&mut |query| best(query, &mut index.candidates(query, among).into_iter()));
     print_row("binary-code index", seconds, index.byte_count(), ms, &found);
-
-    let start = Instant::now();
-    let to_code = |codes: &[i8]| BinaryCode::of(&GlobalDescriptor::new(codes.to_vec()));
-    let points: Vec<BinaryCode> = all.par_chunks_exact(CODES).map(to_code).collect();
-    let graph: HnswMap<BinaryCode, usize> =
-        Builder::default().ef_construction(100).ef_search(among).seed(1).build(points, (0..images).collect());
-    let seconds = start.elapsed().as_secs_f64();
-    let mut search = Search::default();
-    let (found, ms) = timed(&mut |query| {
-        let point = BinaryCode::of(query);
-        let near: Vec<usize> =
-            graph.search(&point, &mut search).take(among).map(|item| *item.value).collect();
-        best(query, &mut near.into_iter())
-    });
-    // Its binary codes, and 64 neighbours of 4 bytes on the lowest layer.
-    print_row("graph (HNSW)", seconds, images * (CODES / 8 + 4 * 64), ms, &found);
 }
 
 /// An image of a scene: a third to a half of its descriptor is common to the scene.
@@ -107,27 +90,4 @@ fn image_of(scene: usize, image: u64) -> Vec<i8> {
     (0..CODES)
         .map(|_| (0.9 * (share * number(&mut of_scene) + rest * number(&mut own))).clamp(-127.0, 127.0) as i8)
         .collect()
-}
-
-/// The binary code of a global descriptor, compared by Hamming distance.
-#[derive(Clone)]
-struct BinaryCode([u64; CODES / 64]);
-
-impl BinaryCode {
-    fn of(global: &GlobalDescriptor) -> Self {
-        let bytes = global.to_signs();
-        let mut words = [0; CODES / 64];
-        for (word, bytes) in words.iter_mut().zip(bytes.as_chunks::<8>().0) {
-            *word = u64::from_le_bytes(*bytes);
-        }
-        Self(words)
-    }
-}
-
-impl Point for BinaryCode {
-    fn distance(&self, other: &Self) -> f32 {
-        let mut differing = [0];
-        veiloc_simd::hamming(&self.0, &other.0, &mut differing);
-        differing[0] as f32
-    }
 }
