@@ -4,7 +4,7 @@
     pip install numpy usearch
     cargo build --release
     scripts/bench_search.py --map redkitchen.vmap --images redkitchen/images --query-list redkitchen/query.txt \
-        --others training-photos --csv docs/results/scale/usearch.csv
+        --distractors training-photos --csv docs/results/scale/usearch.csv
 
 `veiloc eval retrieval --save` searches, and writes its descriptors and queries; then usearch runs the same queries, in two ways: over
 the descriptors (`i8`, cosine), and over binary codes as veiloc's, the signs after a fixed rotation (`b1`, Hamming), with exact
@@ -161,7 +161,7 @@ def main() -> None:
     parser.add_argument("--map")
     parser.add_argument("--images")
     parser.add_argument("--query-list")
-    parser.add_argument("--others")
+    parser.add_argument("--distractors")
     parser.add_argument("--sizes", default="10000,100000,1000000")
     parser.add_argument("--usearch-up-to", type=int, default=1_000_000, help="run usearch only up to this size")
     parser.add_argument("--json", help="also write the document of `veiloc eval retrieval` to this file, for scripts/scale_plots.py")
@@ -178,7 +178,7 @@ def main() -> None:
         command = [args.veiloc, "eval", "retrieval", "--map", args.map, "--images", args.images, "--sizes", args.sizes,
                    "--save", folder, "--json"]
         command += ["--query-list", args.query_list] if args.query_list else []
-        command += ["--others", args.others] if args.others else []
+        command += ["--distractors", args.distractors] if args.distractors else []
         text = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
         if args.json:
             Path(args.json).write_bytes(text)
@@ -190,7 +190,7 @@ def main() -> None:
             beside = own["bytes"] - own["images"] * everything.shape[1]
             method = "every image" if every else "index"
             rows.append(row(own["images"], method, None if every else own["build_seconds"], None if every else beside,
-                            own["median_ms"], own["kept"]))  # fmt: skip
+                            own["median_ms"], own["recall"]))  # fmt: skip
         write(rows, args.csv)
         for size in sorted({row[IMAGES] for row in rows}):
             if size > args.usearch_up_to:

@@ -61,7 +61,7 @@ const ERRORS = {
   token: ["This service needs an access token. Enter it in the settings."],
   "wrong-profile": ["The map was replaced.", "Reload this page, and take another image from a few steps away."],
   network: ["The service cannot be reached.", "Check your connection, and try again."],
-  lopsided: ["One side of the image has too little detail.", "Turn or move a little, and try again."],
+  unbalanced: ["One side of the image has too little detail.", "Turn or move a little, and try again."],
 };
 
 function showError(error) {
@@ -234,7 +234,7 @@ function showAttack(result, isShown) {
     result.attack === "prior"
       ? `Median error ${px(result.medianPx)}, from each line alone.`
       : `Median error ${px(result.medianPx)}; from each line alone: ${px(result.priorMedianPx)}.`;
-  const neighbours = result.toldNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
+  const neighbours = result.trueNeighbours ? "This attack uses the true neighbours of each keypoint, which no attacker has." : "";
   el("attack-text").textContent = `${text} ${neighbours} ${isShown ? "" : "For an earlier image."}`;
   el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: recovered keypoints.`);
 }

@@ -18,7 +18,9 @@
 //! ```
 //! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
-//! use veiloc::server::{BuildOptions, Down, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map};
+//! use veiloc::server::{
+//!     BuildOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map,
+//! };
 //! # use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 //!
 //! let folder = tempfile::tempdir()?;
@@ -37,7 +39,8 @@
 //! let posed = PosedImages::new(mapped.into_iter().map(posed).collect(), Vec::new())?;
 //! let (mut model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
 //! assert!(report.warnings.is_empty());
-//! model.down = Some(Down::new([0.0, 0.0, -1.0])?); // as far as that is known: for devices that feel gravity
+//! // As far as that is known: for devices that feel gravity.
+//! model.down = Some(GravityDirection::new([0.0, 0.0, -1.0])?);
 //! write_map(&model, &folder.path().join("place.vmap"))?;
 //!
 //! // The device: it needs the map's profile, which holds no map data.

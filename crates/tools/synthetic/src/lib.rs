@@ -8,9 +8,9 @@
 //!
 //! ```
 //! use veiloc_geometry::Intrinsics;
-//! use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+//! use veiloc_synthetic::{PathOptions, RenderedRoom, RenderOptions};
 //!
-//! let room = Place::generate(7);
+//! let room = RenderedRoom::generate(7);
 //! let path = room.camera_path(&PathOptions::default());
 //! let camera: Intrinsics = "PINHOLE,160,120,131,131,80,60".parse()?;
 //! let view = room.render(&path.queries[0], &camera, &RenderOptions::default());

@@ -146,7 +146,7 @@ fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
     }
 }
 
-fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
+fn part(attacks: AttackDocument, gallery: &ShownImages) -> AuditPart {
     let relative_offset_error = attacks.attacks.iter().map(|row| {
         let same =
             |s: &&RowErrors| s.scheme == row.scheme && s.attack == row.attack && s.corrupt == row.corrupt;

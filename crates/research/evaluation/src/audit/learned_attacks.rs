@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_attacks::learned::positions::{PositionNetwork, recover};
-use veiloc_attacks::{Descriptors, Observation};
+use veiloc_attacks::{DecodedDescriptors, Observation};
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;

@@ -155,9 +155,9 @@ pub(super) fn from_others(
     transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
+pub(crate) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
     match &image.descriptors {
-        Some(descriptors) => Ok(Descriptors::of(descriptors.view())),
+        Some(descriptors) => Ok(DecodedDescriptors::of(descriptors.view())),
         None => {
             Err(EvalError::Options(format!("{} has no descriptors, but this attack needs them", image.name)))
         }

@@ -28,7 +28,7 @@ pub struct InversionDocument {
     /// Means over images, one entry per scheme and attack.
     pub summary: Vec<SummaryRow>,
     /// One entry per image, scheme and attack.
-    pub rows: Vec<RebuiltRow>,
+    pub rows: Vec<ReconstructionRow>,
 }
 
 /// A network.
@@ -86,7 +86,7 @@ impl ClassesRow {
     }
 
     /// In a sentence.
-    pub fn words(&self) -> String {
+    pub fn sentence(&self) -> String {
         let Self { labelled, labelled_top_1, labelled_top_5, pseudo_labelled } = self;
         format!(
             "Classes: {labelled} images are named by their ImageNet synset; the classifier recognises {labelled_top_1} of these \
@@ -99,7 +99,7 @@ impl ClassesRow {
 /// An image reconstructed from an image's descriptors, and its similarity to that image.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct RebuiltRow {
+pub struct ReconstructionRow {
     /// Name of the image.
     pub image: String,
     /// The scheme under which it was sent; `bag` for descriptors alone, `nothing` for no descriptors.

@@ -15,7 +15,7 @@ use crate::results::state::as_text;
 /// Results of out-of-map images.
 #[derive(Debug, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Negatives {
+pub struct NegativesResult {
     /// One entry per scheme.
     pub rows: Vec<NegativeRow>,
     /// One entry per image and scheme.

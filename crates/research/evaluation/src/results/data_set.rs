@@ -19,7 +19,7 @@ pub struct DataSetEvaluation {
     /// Seed of every random choice.
     pub seed: u64,
     /// The scenes, in the order of evaluation.
-    pub scenes: Vec<PlaceFacts>,
+    pub scenes: Vec<SceneInfo>,
     /// One entry per scene, condition and row of the table.
     pub schemes: Vec<SceneSummary>,
     /// One entry per scene, row and query.
@@ -29,7 +29,7 @@ pub struct DataSetEvaluation {
 /// Program and machine of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct RunFacts {
+pub struct RunInfo {
     /// Version of this program.
     pub veiloc: String,
     /// The command line, word by word.
@@ -45,7 +45,7 @@ pub struct RunFacts {
 /// A scene of a data set.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct PlaceFacts {
+pub struct SceneInfo {
     /// Name of the scene.
     pub name: String,
     /// Whether it is the complete published scene, so that published figures refer to the same images.
@@ -61,7 +61,7 @@ pub struct PlaceFacts {
 /// A row of the table of one scene.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct PlaceSummary {
+pub struct SceneSummary {
     /// The scene.
     pub scene: String,
     /// Condition of the queries, `day` or `night`; absent if the data set does not distinguish conditions.
@@ -75,7 +75,7 @@ pub struct PlaceSummary {
 /// A query of one scene under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct PlaceQuery {
+pub struct SceneQuery {
     /// The scene; absent in documents of one scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,

@@ -14,7 +14,7 @@ use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 /// Also of `eval pose` and `eval rig`.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Evaluation {
+pub struct EvaluationDocument {
     /// Version of this document.
     pub version: u32,
     /// The command: `eval scene`, `eval pose` or `eval rig`.

@@ -60,7 +60,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
 }
 
 fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
-    let errors: Vec<PoseError> =
+    let errors: Vec<PoseErrors> =
         queries.iter().filter(|q| q.has_ground_truth).map(|q| q.pose_error()).collect();
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();

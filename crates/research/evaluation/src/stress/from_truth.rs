@@ -14,7 +14,7 @@ use crate::results::metrics::PoseErrors;
 /// Errors of one query's estimates that start from the true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct FromTruth {
+pub struct TruthStartErrors {
     /// The engine's own optimum, over all matches: the result of a perfect search; absent without `--optimum`.
     pub optimum: ErrorDocument,
     /// Least squares on the true matches: a lower limit for estimators; absent without `--optimum`.

@@ -142,7 +142,8 @@ fn visibility_output_is_evaluated_by_roc_auc() {
     let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
     let judging = network("learned/inversion.toml");
     let (document, _) =
-        evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
+        evaluate(&paths, &judging, RealisticAttackOptions::default(), &ImageMetrics::default())
+            .expect("it runs");
     assert!(document.network.has_visibility && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
         // True keypoints are all correct, graph may recover all, and without positions there is no visibility.

@@ -32,7 +32,7 @@ pub fn json_reference() -> Result<String, String> {
     page.section("map fetch", &schema::<commands::map::publish::FetchedDocument<'_>>());
     page.section("token list", &schema::<commands::token::ListDocument>());
     page.section("query send", &schema::<commands::query::send::Document>());
-    page.section("eval scene", &schema::<results::Evaluation>());
+    page.section("eval scene", &schema::<results::EvaluationDocument>());
     page.section("eval stress", &schema::<stress::StressDocument>());
     page.section("eval negatives", &schema::<commands::eval::negatives::NegativesDocument>());
     page.section("eval retrieval", &schema::<commands::eval::retrieval::RetrievalDocument>());

@@ -144,7 +144,7 @@ pub struct BoundCell {
 /// were found.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Coverage {
+pub struct BoundCoverage {
     /// Scene; `all` for all scenes and noises of a scheme together.
     pub scene: String,
     /// Obfuscation scheme.

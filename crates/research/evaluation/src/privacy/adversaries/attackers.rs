@@ -58,7 +58,7 @@ pub(crate) struct Gain {
 /// One attack of an adversary with its gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct TriedAttack {
+pub struct AttackGain {
     /// Name of the attack.
     pub attack: String,
     /// Frames or seals that it used; absent for attacks on one query.

@@ -64,7 +64,7 @@ pub struct AdversaryRow {
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
     /// All its attacks.
-    pub attacks: Vec<TriedAttack>,
+    pub attacks: Vec<AttackGain>,
 }
 
 impl AdversariesDocument {

@@ -56,7 +56,7 @@ pub struct LayoutRow {
     /// Adversary to gain of its best attack over the prior-only baseline, bits per keypoint.
     pub bits: BTreeMap<&'static str, f64>,
     /// Whether the baseline's error is at least that under the paper's layout, and no realistic adversary gains more
-    /// than 0.05 bits ([`LEEWAY_BITS`]) above its gain there, with negative gains counted as zero; null when the paper's layout
+    /// than 0.05 bits ([`TOLERANCE_BITS`]) above its gain there, with negative gains counted as zero; null when the paper's layout
     /// was not evaluated.
     pub protects_as_paper: Option<bool>,
     /// The same adversaries with details.

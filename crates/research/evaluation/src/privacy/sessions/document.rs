@@ -119,7 +119,7 @@ pub struct SessionRow {
     /// Standard deviation of the orientation's drift from one frame to the next, degrees.
     pub drift_deg: f64,
     /// Attacked keypoints.
-    target: Measured,
+    target: AttackedKeypoints,
     /// Method of the attack.
     method: Method,
     /// Number of attacked images with a pose that the server trusts.
@@ -215,8 +215,8 @@ impl SessionRow {
     /// The attacked keypoints, as one word.
     pub const fn attacked_keypoints(&self) -> &'static str {
         match self.target {
-            Measured::Private => "private",
-            Measured::Matched => "matched",
+            AttackedKeypoints::Private => "private",
+            AttackedKeypoints::Matched => "matched",
         }
     }
 

@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::EvalError;
-use crate::results::metrics::{PoseError, Threshold, finite, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, finite, median, recall};
 use crate::results::text_table::{TextTable, length};
 use run::{Query, Row};
 

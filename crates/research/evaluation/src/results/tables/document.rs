@@ -27,7 +27,7 @@ pub struct TableData {
     pub(super) data_set: String,
     /// The scenes in order, and whether each is the published one.
     pub(super) scenes: Vec<(String, bool)>,
-    pub(super) queries: Vec<PlaceQuery>,
+    pub(super) queries: Vec<SceneQuery>,
 }
 
 #[derive(Deserialize)]
@@ -36,8 +36,8 @@ struct ParsedDocument {
     command: String,
     data: Vec<String>,
     #[serde(default)]
-    scenes: Vec<PlaceFacts>,
-    queries: Vec<PlaceQuery>,
+    scenes: Vec<SceneInfo>,
+    queries: Vec<SceneQuery>,
 }
 
 impl TableData {
@@ -115,7 +115,7 @@ impl TableData {
 
     /// The queries with ground truth of a row and column.
     pub(super) fn cell(&self, row: &str, column: &str) -> Vec<&QueryResult> {
-        let of_column = |query: &&PlaceQuery| {
+        let of_column = |query: &&SceneQuery| {
             query.condition.as_deref().or(query.scene.as_deref()) == Some(column)
                 && query.result.has_ground_truth
         };

@@ -19,7 +19,7 @@ fn document(official: bool) -> String {
                 if found.is_none() && scheme == "dcl" {
                     result.sealed_bytes = Some(0);
                 }
-                queries.push(PlaceQuery { scene: Some(scene.to_owned()), condition: None, result });
+                queries.push(SceneQuery { scene: Some(scene.to_owned()), condition: None, result });
             }
         }
     }

@@ -84,7 +84,7 @@ pub(crate) struct NegativesDocument {
     /// Number of images that cannot be used; they are not counted in the fields below.
     failed: usize,
     #[serde(flatten)]
-    result: Negatives,
+    result: NegativesResult,
     /// Images that cannot be used; may be empty.
     errors: Vec<InputErrorDocument>,
 }

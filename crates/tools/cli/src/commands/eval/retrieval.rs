@@ -108,7 +108,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         map: args.map.display().to_string(),
         seed: args.seed,
         queries: evaluation.queries.len(),
-        out_of_map: evaluation.others.len(),
+        out_of_map: evaluation.distractors.len(),
         rows,
     };
     args.json.print(&text, &document, ui)?;

@@ -137,12 +137,12 @@ impl InfoOutput {
                 camera: image.camera().to_string(),
             })
             .collect();
-        let mut doubts = self.doubts;
+        let mut warnings = self.warnings;
         let seen: Vec<usize> = images.iter().map(|i| i.observations).collect();
-        let of_test = map.self_test().and_then(Doubt::of_self_test);
-        for doubt in Doubt::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
-            if !doubts.contains(&doubt) {
-                doubts.push(doubt);
+        let of_test = map.self_test().and_then(MapWarning::of_self_test);
+        for warning in MapWarning::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
+            if !warnings.contains(&warning) {
+                warnings.push(warning);
             }
         }
         let warning = |d: &MapWarning| Warning { name: d.name(), message: d.to_string() };

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use serde::Serialize;
 use veiloc_evaluation::results::text_table::TextTable;
-use veiloc_map::{ABSOLUTE, Coverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
+use veiloc_map::{ABSOLUTE, ConfidenceCoverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test};
-use veiloc_mapping::{Doubt, diagnose};
+use veiloc_mapping::{MapWarning, diagnose};
 use veiloc_report::significant;
 
 use crate::exit::Failure;
@@ -66,8 +66,8 @@ impl KeepBrokenArgs {
         if self.keep_broken || !is_broken(model, warnings) {
             return Ok(());
         }
-        for doubt in doubts {
-            ui.warning(doubt);
+        for warning in warnings {
+            ui.warning(warning);
         }
         Err(Failure::with_help(
             format!(
@@ -243,21 +243,21 @@ impl SchemeInfo {
         let percent_of =
             |shares: &BTreeMap<String, f64>, key: String| 100.0 * shares.get(&key).copied().unwrap_or(0.0);
         let level = || percent(LEVELS[1]);
-        let covered = format!(
-            "{:.0} -> {:.0}",
-            percent_of(&self.coverage.before.pose, level()),
-            percent_of(&self.coverage.after.pose, level())
-        );
-        format!(
-            "    {:<24}{:>9}{:>9}{:>8.0} %{error:>20}{:>6.1} px{covered:>12}{:>7.1}, {:.4}\n",
-            self.scheme,
-            self.localized,
-            self.trusted,
-            percent_of(&self.relative_recall, key(RELATIVE[1])),
-            self.noise_px,
-            self.calibration.factor.sqrt(),
-            self.calibration.translation_floor,
-        )
+        vec![
+            self.scheme.to_owned(),
+            self.localized.to_string(),
+            self.trusted.to_string(),
+            format!("{:.0} %", percent_of(&self.relative_recall, key(RELATIVE[1]))),
+            error,
+            format!("{:.1} px", self.noise_px),
+            format!(
+                "{:.0} → {:.0} %",
+                percent_of(&self.coverage.before.pose, level()),
+                percent_of(&self.coverage.after.pose, level())
+            ),
+            significant(self.calibration.factor.sqrt()),
+            significant(self.calibration.translation_floor),
+        ]
     }
 }
 

@@ -166,8 +166,13 @@ fn scene_evaluation(
 }
 
 /// Adds the result of a scene.
-fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
-    document.scenes.push(PlaceFacts {
+fn add(
+    document: &mut DataSetEvaluation,
+    scene: &DatasetScene,
+    found: EvaluationDocument,
+    evaluation: &SceneEvaluation,
+) {
+    document.scenes.push(SceneInfo {
         name: scene.name.clone(),
         is_official: scene.is_official,
         queries: scene.queries.len(),
@@ -192,14 +197,14 @@ fn add(document: &mut DataSetEvaluation, scene: &Place, found: Evaluation, evalu
                 row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
             let summary =
                 if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
-            document.schemes.push(PlaceSummary {
+            document.schemes.push(SceneSummary {
                 scene: scene.name.clone(),
                 condition: condition.clone(),
                 summary,
             });
         }
     }
-    document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
+    document.queries.extend(found.queries.into_iter().map(|result| SceneQuery {
         scene: Some(scene.name.clone()),
         condition: condition_of(&result.name),
         result,
