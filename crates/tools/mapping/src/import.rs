@@ -1,6 +1,7 @@
 //! Imports a complete COLMAP model as a map: its points and observations stay, descriptors are added.
 
-use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use rayon::prelude::*;
@@ -31,7 +32,7 @@ pub struct ImportReport {
     pub skipped: Vec<BadImage>,
     /// Points of the model.
     pub points: usize,
-    /// Points in the map: those with at least one observation near a detected keypoint.
+    /// Points in the map: those with detected keypoints near their observations in two or more images.
     pub points_kept: usize,
     /// Observations of the model.
     pub observations: usize,
@@ -74,8 +75,9 @@ impl fmt::Display for ImportReport {
 ///
 /// A COLMAP model has no descriptors. Keypoints are extracted from the images, and each observation is assigned to the
 /// nearest keypoint within 2 pixels (and to keypoints at the same position with other orientations). Positions of
-/// points are COLMAP's. Points without such a keypoint are left out. All keypoints with a point stay, and the strongest
-/// of the others up to the limit in [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction).
+/// points are COLMAP's. Points without such keypoints in two or more images are left out. All keypoints with a point
+/// stay, and the strongest of the others up to the limit in
+/// [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction).
 ///
 /// # Errors
 /// [`MappingError`]: a model without images, unusable images, no keypoints, or no point with a keypoint near one of its
@@ -114,6 +116,11 @@ pub fn import(
     for point in colmap.points() {
         let Some(mut track) = tracks.remove(&point.id) else { continue };
         track.sort_unstable();
+        // One image does not determine the depth of a point, so nothing would check its position.
+        let images: BTreeSet<u32> = track.iter().map(|o| o.image).collect();
+        if images.len() < MIN_IMAGES {
+            continue;
+        }
         model.points.push(MapPoint { position: point.position, error: 0.0, track });
     }
     measure(&mut model);
@@ -153,14 +160,23 @@ fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> ObservationAssign
     pairs.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     let mut point_of: BTreeMap<u32, u64> = BTreeMap::new();
     let mut position_of: BTreeMap<usize, Pixel> = BTreeMap::new();
-    for (_, keypoint, index) in pairs {
+    // First a keypoint for each observation: several observations may share a position, with different orientations.
+    for &(_, keypoint, index) in &pairs {
         let Some(point) = points2d[index].point else { continue };
-        if point_of.contains_key(&keypoint) {
-            continue;
+        if let (Entry::Vacant(keypoint), Entry::Vacant(position)) =
+            (point_of.entry(keypoint), position_of.entry(index))
+        {
+            position.insert(at(*keypoint.key()));
+            keypoint.insert(point);
         }
-        let position = *position_of.entry(index).or_insert_with(|| at(keypoint));
+    }
+    // Then the free keypoints at the same positions.
+    for (_, keypoint, index) in pairs {
+        let (Some(point), Some(position)) = (points2d[index].point, position_of.get(&index)) else {
+            continue;
+        };
         if position.distance(&at(keypoint)) <= SAME_POSITION_PX {
-            point_of.insert(keypoint, point);
+            point_of.entry(keypoint).or_insert(point);
         }
     }
     ObservationAssignment {
@@ -259,7 +275,26 @@ fn report(
 
 /// Maximum number of keypoints per image for the assignment.
 const MAX_KEYPOINTS: u32 = 65_536;
+/// Minimum number of images in which a point of the map has a keypoint.
+const MIN_IMAGES: usize = 2;
 /// Maximum distance of an observation and its keypoint.
 const MAX_DISTANCE_PX: f64 = 2.0;
 /// Closer keypoints are one position, detected with several orientations.
 const SAME_POSITION_PX: f64 = 0.01;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two points that share a pixel, each with a keypoint of another orientation: both keep their observation.
+    #[test]
+    fn each_observation_at_one_position_gets_a_keypoint() {
+        let observed = |u, point| ColmapPoint2d { pixel: Pixel::new(u, 20.0), point: Some(point) };
+        let keypoints = [[10.0, 20.0], [10.0, 20.0], [10.0, 20.0], [11.0, 20.0], [30.0, 20.0]];
+        let joined = join(&[observed(10.0, 7), observed(10.0, 8), observed(31.5, 9)], &keypoints);
+        assert_eq!(joined.observations, 3);
+        let of = |point: u64| joined.keypoints.iter().filter(|(p, _)| *p == point).count();
+        assert_eq!((of(7) + of(8), of(9)), (3, 1));
+        assert!(of(7) > 0 && of(8) > 0);
+    }
+}

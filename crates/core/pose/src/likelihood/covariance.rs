@@ -29,7 +29,8 @@ use crate::likelihood::pose_priors::PosePriors;
 type Matrix7 = SMatrix<f64, 7, 7>;
 
 /// Minimum of a match's variance relative to the mean: the map's covariances show which points are worse, not that a
-/// point is perfect.
+/// point is perfect. The maximum is the square of the largest score, which is bounded: a match whose map point is off
+/// by much more than the noise loses its weight instead of moving the pose.
 const MIN_VARIANCE_SHARE: f64 = 0.2;
 
 /// The inputs of a pose covariance.
@@ -83,12 +84,14 @@ impl CovarianceInputs<'_> {
         let rows = self.matches.residuals();
         let weighted_residuals = self.weighted_residuals();
         let agreeing: f64 = weighted_residuals.iter().map(|item| item.right).sum();
-        let variance = self.variance(&weighted_residuals, agreeing)?;
+        let (variance, max_share) = self.variance(&weighted_residuals, agreeing)?;
+        let map_variance = |item: &WeightedResidual| item.map_variance.min(max_share * variance);
         let mean =
-            weighted_residuals.iter().map(|item| item.right * item.map_variance).sum::<f64>() / agreeing;
+            weighted_residuals.iter().map(|item| item.right * map_variance(item)).sum::<f64>() / agreeing;
         let (mut hessian, mut score_covariance) = (Matrix7::zeros(), Matrix7::zeros());
         for item in &weighted_residuals {
-            let factor = (1.0 + (item.map_variance - mean) / variance).max(MIN_VARIANCE_SHARE);
+            let share = 1.0 + (map_variance(item) - mean) / variance;
+            let factor = share.clamp(MIN_VARIANCE_SHARE, max_share);
             for row in 0..rows {
                 let j = self.row(&item.residual, row);
                 let square = j * j.transpose() * (item.right / variance);
@@ -131,8 +134,9 @@ impl CovarianceInputs<'_> {
             .collect()
     }
 
-    /// `V`: effective variance of one residual, pixels squared; `None` when there are too few.
-    fn variance(&self, weighted_residuals: &[WeightedResidual], agreeing: f64) -> Option<f64> {
+    /// `V`: effective variance of one residual, pixels squared, and the ratio of the largest squared score to the mean;
+    /// `None` when there are too few.
+    fn variance(&self, weighted_residuals: &[WeightedResidual], agreeing: f64) -> Option<(f64, f64)> {
         let scale = self.matches.freedom() * self.noise * self.noise;
         let rows = self.matches.residuals() as f64;
         let (mut pulls, mut slopes, mut squared_slopes) = (0.0, 0.0, 0.0);
@@ -153,7 +157,10 @@ impl CovarianceInputs<'_> {
         }
         let spread = (squared_slopes * agreeing / (slopes * slopes) - 1.0).max(0.0);
         let correction = 1.0 + 6.0 / rows / agreeing * spread;
-        Some(correction.powi(2) * pulls * agreeing / (slopes * slopes) * (agreeing / freedom))
+        let variance = correction.powi(2) * pulls * agreeing / (slopes * slopes) * (agreeing / freedom);
+        // Ψ² is largest at e² = ν σ²; `pulls` holds the mean over the residuals of a match.
+        let largest = 36.0 / (4.0 * scale * rows);
+        Some((variance, (largest * agreeing / pulls).max(1.0)))
     }
 
     fn row(&self, residual: &Residual, row: usize) -> SVector<f64, 7> {
