@@ -174,7 +174,7 @@ fn describe(document: &SplitDocument<'_>) -> String {
         let [x, y, z] = region.center;
         text.extend([format!(
             "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {} of ({}, {}, {})\n",
-            &region.sha256.to_string()[..12],
+            &region.sha256[..12],
             region.images,
             region.core_images,
             region.points,
