@@ -73,19 +73,27 @@ pub(crate) fn prepare(
     })?
 }
 
-/// Pose of a map image in the self-test: step to the true pose, rows of the covariance, whether it was trusted, noise
-/// in pixels. Private to `self_test_share` and `with_self_test`.
-pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], bool, f64);
+/// Pose of a map image in the self-test: step to the true pose, rows of the covariance and of its part from the camera
+/// model, whether it was trusted, noise in pixels. Private to `self_test_share` and `with_self_test`.
+pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64);
 
 /// One image: its index in the map, and a pose or None for each scheme.
 pub(crate) type ImageParts = (usize, Vec<Option<TrialParts>>);
 
 pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> ImageParts {
-    let parts = |trial: SelfTestTrial| (trial.step, trial.covariance, trial.trusted, trial.noise_px);
+    let parts = |trial: SelfTestTrial| {
+        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px)
+    };
     (image, trials.into_iter().map(|trial| trial.map(parts)).collect())
 }
 
 pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTrial>> {
-    let trial = |(step, covariance, trusted, noise_px)| SelfTestTrial { step, covariance, trusted, noise_px };
+    let trial = |(step, covariance, camera_covariance, trusted, noise_px)| SelfTestTrial {
+        step,
+        covariance,
+        camera_covariance,
+        trusted,
+        noise_px,
+    };
     parts.into_iter().map(|parts| parts.map(trial)).collect()
 }

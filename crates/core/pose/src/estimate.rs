@@ -3,12 +3,13 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
+use crate::camera_refinement::CameraRefinement;
 use crate::confidence::{assess, free_direction};
 use crate::error::PoseError;
 use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
     Correspondences, FocalPrior, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale,
-    free_along, with_shift,
+    Symmetric6, free_along, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
@@ -165,6 +166,8 @@ fn conclude<'a>(
     let seen = matches.visible_from(&start.pose);
     let FocalRefinement { search, polished, factor, verdict } =
         FocalRefinement::new(search, &seen, &start, focal, options.estimate_noise);
+    let CameraRefinement { search, polished, change, covariance: camera_covariance, focal: verdict } =
+        CameraRefinement::new(search, &seen, polished, factor, focal, verdict, options.estimate_noise);
     let focal_sd = (verdict == FocalVerdict::Wrong && search.is_likelihood()).then(|| focal.sd());
     let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
@@ -190,9 +193,12 @@ fn conclude<'a>(
     let known = search.priors();
     let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
     let margin = search.margin(&polished, &by_matches, options.estimate_noise);
-    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin)
-        .with_covariances(&covariance, &by_matches);
-    confidence.log_evidence -= known.loss(&polished.pose);
+    let with_camera = |of: &Symmetric6| -> Symmetric6 {
+        std::array::from_fn(|i| std::array::from_fn(|j| of[i][j] + camera_covariance[i][j]))
+    };
+    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin);
+    (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
+    confidence = confidence.with_covariances(&covariance, &by_matches);
     if let FocalVerdict::Suspicious(other) = verdict {
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
@@ -211,7 +217,9 @@ fn conclude<'a>(
         hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
-        focal_scale: factor,
+        focal_scale: change.factor(),
+        principal_shift_px: change.principal_shift_px(&seen.camera),
+        camera_covariance,
         covariance,
         covariance_by_matches: by_matches,
         confidence,

@@ -49,6 +49,7 @@
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
 mod ambiguity;
+mod camera_refinement;
 mod confidence;
 mod cramer_rao;
 mod error;

@@ -25,8 +25,13 @@ pub struct PoseEstimate {
     pub noise_px: f64,
     /// Estimated focal length relative to the given one; 1 when it was not estimated.
     pub focal_scale: f64,
-    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
-    /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
+    /// Estimated principal point relative to the given one, pixels; 0 when it was not estimated.
+    pub principal_shift_px: [f64; 2],
+    /// The part of [`Self::covariance`] that is due to the camera model: errors of focal length, principal point and
+    /// distortion, which all matches share.
+    pub camera_covariance: [[f64; 6]; 6],
+    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): from the noise of
+    /// keypoints and map points, and from the camera model. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],
     /// The same from the matches alone, without camera priors ([`Gravity`](crate::Gravity),
     /// [`PositionPrior`](crate::PositionPrior)): the basis of trust.
@@ -42,6 +47,12 @@ pub struct PoseEstimate {
 }
 
 impl PoseEstimate {
+    /// [`Self::covariance`] without the part that is due to the camera model: the noise of keypoints and map points
+    /// alone.
+    pub fn noise_covariance(&self) -> [[f64; 6]; 6] {
+        std::array::from_fn(|i| std::array::from_fn(|j| self.covariance[i][j] - self.camera_covariance[i][j]))
+    }
+
     /// Covariance of the camera centre in the world frame, map units squared.
     pub fn center_covariance(&self) -> [[f64; 3]; 3] {
         self.cam_from_world.center_covariance(&self.covariance)

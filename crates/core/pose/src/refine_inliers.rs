@@ -49,6 +49,8 @@ pub fn refine_pose(
         hypotheses: 0,
         score: refined.loss,
         noise_px,
+        principal_shift_px: [0.0; 2],
+        camera_covariance: [[0.0; 6]; 6],
         focal_scale: 1.0,
         free_direction: None,
         covariance,

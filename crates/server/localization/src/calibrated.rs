@@ -10,6 +10,8 @@ use crate::error::LocalizeError;
 pub(crate) struct RawEstimate<'a> {
     pub(crate) covariance: &'a [[f64; 6]; 6],
     pub(crate) by_matches: &'a [[f64; 6]; 6],
+    /// The part of both that comes from the camera model.
+    pub(crate) camera: &'a [[f64; 6]; 6],
     pub(crate) confidence: Confidence,
 }
 
@@ -35,8 +37,9 @@ impl RawEstimate<'_> {
             || CovarianceCalibration::unmeasured(self.confidence.distance),
             |test| test.calibration,
         );
-        let covariance = calibration.apply(self.covariance);
-        let confidence = self.confidence.with_covariances(&covariance, &calibration.apply(self.by_matches));
+        let covariance = calibration.apply(self.covariance, self.camera);
+        let confidence =
+            self.confidence.with_covariances(&covariance, &calibration.apply(self.by_matches, self.camera));
         let state = confidence.state();
         if state == State::NotFound {
             let source = PoseError::Chance { log_evidence: confidence.log_evidence };

@@ -83,8 +83,11 @@ pub struct Localization {
     /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by
     /// the self-test of the map, or by [`veiloc_map::CovarianceCalibration::unmeasured`] without one.
     pub covariance: [[f64; 6]; 6],
-    /// The covariance of the estimator in the same chart: from the noise of keypoints and map points only.
+    /// The covariance of the estimator in the same chart: from the noise of keypoints and map points, and from the
+    /// camera model.
     pub own_covariance: [[f64; 6]; 6],
+    /// The part of it that comes from the camera model.
+    pub camera_covariance: [[f64; 6]; 6],
     /// Whether to trust the pose, with the doubts. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
     /// Use of the gravity direction.
@@ -95,6 +98,8 @@ pub struct Localization {
     pub noise_px: f64,
     /// Estimated over given focal length; 1 if it was not estimated.
     pub focal_scale: f64,
+    /// Estimated principal point relative to the given one, pixels; 0 if it was not estimated.
+    pub principal_shift_px: [f64; 2],
     /// Inlier rows of the query: those with an inlier pair.
     pub inliers: usize,
     /// Matched rows of the query, to one or more map points.
@@ -269,6 +274,7 @@ pub fn localize_matched(
     let own = RawEstimate {
         covariance: &estimate.covariance,
         by_matches: &estimate.covariance_by_matches,
+        camera: &estimate.camera_covariance,
         confidence: estimate.confidence,
     };
     let CalibratedEstimate { covariance, confidence, state } =
@@ -282,6 +288,7 @@ pub fn localize_matched(
         cam_from_world: estimate.cam_from_world,
         covariance,
         own_covariance: estimate.covariance,
+        camera_covariance: estimate.camera_covariance,
         confidence,
         gravity: match query.gravity() {
             None => GravityUse::NotProvided,
@@ -291,6 +298,7 @@ pub fn localize_matched(
         state,
         noise_px: estimate.noise_px,
         focal_scale: estimate.focal_scale,
+        principal_shift_px: estimate.principal_shift_px,
         inliers: estimate.inlier_keypoints,
         pairs: rows.len(),
         matched: matched.collect(),

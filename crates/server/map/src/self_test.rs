@@ -64,7 +64,8 @@ pub struct ConfidenceCoverage {
     pub pose: [f64; 3],
 }
 
-/// Maps the covariance `C` of the estimator to the reported one: `C' = a C + diag(s_r² I, s_t² I)`, in the chart of
+/// Maps the covariance `C` of the estimator to the reported one: `C' = a (C − C_camera) + C_camera + diag(s_r² I, s_t² I)`,
+/// in the chart of
 /// [`CameraFromWorld::perturbed`](veiloc_geometry::CameraFromWorld::perturbed).
 ///
 /// `C` covers the noise of the keypoints of the query and of each map point. It does not cover errors that all points
@@ -98,11 +99,15 @@ impl CovarianceCalibration {
         }
     }
 
-    /// The reported covariance. Infinite entries stay infinite.
-    pub fn apply(&self, covariance: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+    /// The reported covariance: `camera` is the part of it that comes from the query's camera model, which a self-test
+    /// with the map's own cameras says nothing about. Infinite entries stay infinite.
+    pub fn apply(&self, covariance: &[[f64; 6]; 6], camera: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
         let floor = |i: usize| if i < 3 { self.rotation_floor } else { self.translation_floor }.powi(2);
         std::array::from_fn(|i| {
-            std::array::from_fn(|j| self.factor * covariance[i][j] + if i == j { floor(i) } else { 0.0 })
+            std::array::from_fn(|j| {
+                let own = covariance[i][j] - camera[i][j];
+                self.factor * own + camera[i][j] + if i == j { floor(i) } else { 0.0 }
+            })
         })
     }
 
@@ -179,7 +184,7 @@ mod tests {
         let calibration = CovarianceCalibration { factor: 2.0, rotation_floor: 0.1, translation_floor: 3.0 };
         let mut covariance = [[0.5; 6]; 6];
         covariance[5][5] = f64::INFINITY;
-        let applied = calibration.apply(&covariance);
+        let applied = calibration.apply(&covariance, &[[0.0; 6]; 6]);
         assert!((applied[0][0] - 1.01).abs() < 1e-12 && (applied[3][3] - 10.0).abs() < 1e-12);
         assert_eq!((applied[0][3], applied[5][4], applied[5][5]), (1.0, 1.0, f64::INFINITY));
     }

@@ -83,8 +83,12 @@ fn main() -> Result<(), Failure> {
                 found.confidence.is_trusted().then(|| {
                     let step = found.cam_from_world.step_to(&image.cam_from_world);
                     let default = CovarianceCalibration::unmeasured(found.confidence.distance);
-                    [found.own_covariance, default.apply(&found.own_covariance), found.covariance]
-                        .map(|c| squared(&c, &step))
+                    [
+                        found.own_covariance,
+                        default.apply(&found.own_covariance, &found.camera_covariance),
+                        found.covariance,
+                    ]
+                    .map(|c| squared(&c, &step))
                 })
             })
             .collect();

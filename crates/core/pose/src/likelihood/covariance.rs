@@ -165,7 +165,7 @@ impl CovarianceInputs<'_> {
 
     fn row(&self, residual: &Residual, row: usize) -> SVector<f64, 7> {
         let j = residual.jacobian[row];
-        let by_focal = if self.focal_sd.is_some() { residual.by_log_focal[row] } else { 0.0 };
+        let by_focal = if self.focal_sd.is_some() { residual.by_camera[row][0] } else { 0.0 };
         SVector::from([j[0], j[1], j[2], j[3], j[4], j[5], by_focal])
     }
 }

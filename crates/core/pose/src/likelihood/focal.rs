@@ -8,6 +8,7 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
+use crate::likelihood::camera_error::BentCamera;
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::matches::Matches;
 use crate::likelihood::pose_priors::PosePriors;
@@ -180,7 +181,8 @@ impl FocalObjective<'_> {
 
     /// Loss and derivatives at a pose and focal length.
     pub fn linearize(&self, at: &PoseWithFocal) -> FocalSystem {
-        let (matches, camera) = (self.matches, self.matches.camera_with_focal(at.factor));
+        let matches = self.matches;
+        let camera = BentCamera::straight(matches.camera_with_focal(at.factor));
         let mut system =
             FocalSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
         let scale = matches.freedom() * self.noise * self.noise;
@@ -198,11 +200,11 @@ impl FocalObjective<'_> {
                 Vector7::from([six[0], six[1], six[2], six[3], six[4], six[5], seventh])
             };
             for row in 0..matches.residuals() {
-                let j = column(&residual.jacobian[row], residual.by_log_focal[row]);
+                let j = column(&residual.jacobian[row], residual.by_camera[row][0]);
                 system.gradient += j * (weight * residual.error[row]);
                 system.hessian += j * j.transpose() * weight;
             }
-            system.gradient -= column(&residual.radius_jacobian, residual.radius_by_log_focal) * right;
+            system.gradient -= column(&residual.radius_jacobian, residual.radius_by_camera[0]) * right;
         }
         let mut six = System::empty();
         self.priors.add_to(&at.pose, &mut six);

@@ -25,6 +25,7 @@ use std::hash::Hash;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
+use crate::likelihood::camera_error::{BentCamera, CAMERA};
 use crate::likelihood::outlier_density;
 use crate::likelihood::problem::{Correspondences, MatchViewpoint, PoseProblem};
 use crate::likelihood::visibility::visibility;
@@ -88,10 +89,11 @@ pub(crate) struct Residual {
     pub(crate) log_radius: f64,
     /// Its derivative.
     pub(crate) radius_jacobian: [f64; 6],
-    /// Derivative of each error by the logarithm of the focal length.
-    pub(crate) by_log_focal: [f64; 2],
+    /// Derivative of each error by the camera, [`CameraChange`](crate::likelihood::CameraChange); the first is by the
+    /// logarithm of the focal length.
+    pub(crate) by_camera: [[f64; CAMERA]; 2],
     /// The same for `log r`.
-    pub(crate) radius_by_log_focal: f64,
+    pub(crate) radius_by_camera: [f64; CAMERA],
 }
 
 impl Residual {
@@ -195,6 +197,11 @@ impl<'a> Matches<'a> {
         Self { camera: self.camera_with_focal(factor), ..self.clone() }
     }
 
+    /// These correspondences seen by another camera.
+    pub fn with_camera(&self, camera: Pinhole) -> Self {
+        Self { camera, ..self.clone() }
+    }
+
     /// The camera with the focal length multiplied by a factor.
     pub(crate) fn camera_with_focal(&self, factor: f64) -> Pinhole {
         Pinhole { focal: self.camera.focal.map(|f| f * factor), ..self.camera }
@@ -259,26 +266,34 @@ impl<'a> Matches<'a> {
 
     /// Residual with derivatives; `None` behind the camera or, when `gated`, where the point cannot be visible.
     pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
-        self.residual_of(&self.camera, i, pose, gated)
+        self.residual_of(&BentCamera::straight(self.camera), i, pose, gated)
     }
 
-    /// The same for a camera with another focal length.
+    /// The same for another camera.
     pub(crate) fn residual_of(
         &self,
-        c: &Pinhole,
+        camera: &BentCamera,
         i: usize,
         pose: &CameraFromWorld,
         gated: bool,
     ) -> Option<Residual> {
+        let c = &camera.pinhole;
         let p = pose.rotation() * self.points[i] + pose.translation();
-        let pixel = pixel_of(c, &p)?;
-        if gated && !self.admits(i, &pixel) {
+        if !(p.z > 0.0) {
             return None;
         }
         let plane = Vector2::new(p.x / p.z, p.y / p.z);
+        let (bent, by_plane) = camera.bend(&plane);
+        let pixel = Vector2::new(c.focal[0] * bent.x + c.principal[0], c.focal[1] * bent.y + c.principal[1]);
+        if gated && !self.admits(i, &pixel) {
+            return None;
+        }
         // Gradients of u and v by the point in the camera frame.
-        let du = Vector3::new(c.focal[0], 0.0, -c.focal[0] * plane.x) / p.z;
-        let dv = Vector3::new(0.0, c.focal[1], -c.focal[1] * plane.y) / p.z;
+        let gradient = |axis: usize| {
+            let (x, y) = (by_plane[(axis, 0)], by_plane[(axis, 1)]);
+            Vector3::new(x, y, -(x * plane.x + y * plane.y)) * (c.focal[axis] / p.z)
+        };
+        let (du, dv) = (gradient(0), gradient(1));
         let chart = |g: Vector3<f64>| {
             let turn = p.cross(&g);
             [turn.x, turn.y, turn.z, g.x, g.y, g.z]
@@ -289,21 +304,20 @@ impl<'a> Matches<'a> {
             jacobian: [[0.0; 6]; 2],
             log_radius: 0.0,
             radius_jacobian: [0.0; 6],
-            by_log_focal: [0.0; 2],
-            radius_by_log_focal: 0.0,
+            by_camera: [[0.0; CAMERA]; 2],
+            radius_by_camera: [0.0; CAMERA],
         };
-        // How the projection moves with the logarithm of the focal length.
-        let zoom = Vector2::new(pixel.x - c.principal[0], pixel.y - c.principal[1]);
+        let by_change = camera.pixel_by_change(&plane, &bent);
         match self.observations {
             Correspondences::Points { .. } => {
                 residual.error = [pixel.x - o.x, pixel.y - o.y];
                 residual.jacobian = [chart(du), chart(dv)];
-                residual.by_log_focal = [zoom.x, zoom.y];
+                residual.by_camera = [by_change.map(|d| d.x), by_change.map(|d| d.y)];
             }
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
                 residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
                 residual.jacobian[0] = chart(du * o.x + dv * o.y);
-                residual.by_log_focal[0] = o.x * zoom.x + o.y * zoom.y;
+                residual.by_camera[0] = by_change.map(|d| o.x * d.x + o.y * d.y);
             }
         }
         if let Correspondences::Anchored { pencils, .. } = self.observations {
@@ -313,7 +327,7 @@ impl<'a> Matches<'a> {
             residual.log_radius = 0.5 * squared.ln();
             let slope = from_anchor * (anchor.z / squared);
             residual.radius_jacobian = chart(du * slope.x + dv * slope.y);
-            residual.radius_by_log_focal = zoom.dot(&slope);
+            residual.radius_by_camera = by_change.map(|d| d.dot(&slope));
         }
         Some(residual)
     }
@@ -406,6 +420,7 @@ fn chord_length(line: &PixelLine, camera: &Pinhole) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::likelihood::CameraChange;
     use crate::likelihood::test_data::observe;
     use veiloc_geometry::nalgebra::Rotation3;
     use veiloc_geometry::{Pencils, Point3, Rigid3};
@@ -455,6 +470,43 @@ mod tests {
                     let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
                     let given = here.radius_jacobian[k];
                     assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_by_camera_agree_with_finite_differences() {
+        let at = CameraChange([0.02, -0.03, 0.004, 0.01, -0.02, -0.05]);
+        for kind in 0..3 {
+            let problem = problem(kind);
+            let matches = Matches::new(&problem, 0.2);
+            let pose = near_identity();
+            let with = |change: &CameraChange, i: usize| {
+                let camera = BentCamera::changed(&matches.camera, change);
+                matches.residual_of(&camera, i, &pose, false).expect("in front")
+            };
+            for i in 0..matches.len() {
+                let here = with(&at, i);
+                for k in 0..CAMERA {
+                    let h = 1e-6;
+                    let moved = |s: f64| {
+                        let mut change = at;
+                        change.0[k] += s;
+                        with(&change, i)
+                    };
+                    let (plus, minus) = (moved(h), moved(-h));
+                    for row in 0..2 {
+                        let numeric = (plus.error[row] - minus.error[row]) / (2.0 * h);
+                        let given = here.by_camera[row][k];
+                        assert!(
+                            (numeric - given).abs() < 1e-3 * (1.0 + given.abs()),
+                            "{k} {numeric} {given}"
+                        );
+                    }
+                    let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
+                    let given = here.radius_by_camera[k];
+                    assert!((numeric - given).abs() < 1e-3 * (1.0 + given.abs()), "{k} {numeric} {given}");
                 }
             }
         }

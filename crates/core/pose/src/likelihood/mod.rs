@@ -12,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 mod by_anchor;
+mod camera_error;
 mod covariance;
 mod descent;
 mod fisher;
@@ -27,6 +28,7 @@ mod refine;
 mod test_data;
 mod visibility;
 
+pub use camera_error::{CameraChange, CameraObjective, CameraVerdict, PoseWithCamera};
 pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};
 pub use fisher::{MIN_LOG_LIKELIHOOD_RATIO, Symmetric6, inverse_or_infinite};

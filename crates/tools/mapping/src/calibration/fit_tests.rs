@@ -19,10 +19,16 @@ fn trials(count: usize, truth: &CovarianceCalibration, seed: u64) -> Vec<SelfTes
             let a = Matrix6::from_fn(|i, _| size * if i < 3 { 5e-4 } else { 5e-3 } * normal(&mut rng));
             let c = a * a.transpose();
             let covariance = std::array::from_fn(|i| std::array::from_fn(|j| c[(i, j)]));
-            let errs = truth.apply(&covariance);
+            let errs = truth.apply(&covariance, &[[0.0; 6]; 6]);
             let root = Matrix6::from_fn(|i, j| errs[i][j]).cholesky().expect("a covariance").l();
             let step = root * Vector6::from_fn(|_, _| normal(&mut rng));
-            SelfTestTrial { step: step.into(), covariance, trusted: true, noise_px: 1.0 }
+            SelfTestTrial {
+                step: step.into(),
+                covariance,
+                camera_covariance: [[0.0; 6]; 6],
+                trusted: true,
+                noise_px: 1.0,
+            }
         })
         .collect()
 }

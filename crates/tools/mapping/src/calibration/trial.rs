@@ -13,6 +13,8 @@ pub struct SelfTestTrial {
     pub step: [f64; 6],
     /// The estimator's own covariance in that chart.
     pub covariance: [[f64; 6]; 6],
+    /// The part of it that comes from the camera model.
+    pub camera_covariance: [[f64; 6]; 6],
     /// Whether the pose is trusted.
     pub trusted: bool,
     /// Keypoint noise estimated from the inliers, pixels.
@@ -24,6 +26,7 @@ impl SelfTestTrial {
         Self {
             step: found.cam_from_world.step_to(truth),
             covariance: found.own_covariance,
+            camera_covariance: found.camera_covariance,
             trusted: found.confidence.is_trusted(),
             noise_px: found.noise_px,
         }
@@ -55,7 +58,7 @@ impl SelfTestTrial {
     /// Squared error in units of the calibrated covariance, for the centre and for the pose, and half the logarithm of
     /// the covariance's determinant; `None` if the matrix is not a covariance.
     pub(crate) fn squared_distances(&self, calibration: &CovarianceCalibration) -> Option<Distances> {
-        let c = calibration.apply(&self.covariance);
+        let c = calibration.apply(&self.covariance, &self.camera_covariance);
         let pose = Matrix6::from_fn(|i, j| c[i][j]).cholesky()?;
         let center = pose_center(&c).cholesky()?;
         let step = Vector6::from(self.step);

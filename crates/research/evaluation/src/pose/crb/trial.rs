@@ -32,7 +32,7 @@ pub(super) struct Trial {
     pub(super) localized: bool,
     /// Share of the true correspondences among the estimate's inliers.
     pub(super) inlier_recall: f64,
-    /// Errors in units of the estimated covariance.
+    /// Errors in units of the estimated covariance, without its part from the camera, which is exact here.
     pub(super) normalized: NormalizedError,
 }
 
@@ -116,7 +116,7 @@ fn assess(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Tria
         predicted: Vec::new(),
         localized: true,
         inlier_recall: agreed as f64 / all.max(1) as f64,
-        normalized: NormalizedError::of(pose, &estimate.covariance, &truth.cam_from_world),
+        normalized: NormalizedError::of(pose, &estimate.noise_covariance(), &truth.cam_from_world),
     }
 }
 

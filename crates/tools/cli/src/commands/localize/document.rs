@@ -114,6 +114,9 @@ pub(super) struct QueryDocument {
     /// found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) focal_scale: Option<f64>,
+    /// Estimated principal point minus that of the query, pixels; absent when it was not estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) principal_shift_px: Option<[f64; 2]>,
     /// Use of the query's gravity: `used`, or `unused` when the map does not know the direction of gravity; absent if
     /// the query has none, or nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -197,6 +200,7 @@ pub(super) fn localized_query(file: String, found: &Localization) -> QueryDocume
         covariance: Some(found.covariance),
         noise_px: Some(found.noise_px),
         focal_scale: Some(found.focal_scale),
+        principal_shift_px: (found.principal_shift_px != [0.0; 2]).then_some(found.principal_shift_px),
         gravity: match found.gravity {
             GravityUse::NotProvided => None,
             GravityUse::Used => Some("used"),
@@ -259,6 +263,7 @@ pub(super) fn failed_query(file: String, error: ErrorDocument) -> QueryDocument 
         covariance: None,
         noise_px: None,
         focal_scale: None,
+        principal_shift_px: None,
         gravity: None,
         trusted: false,
         doubts: Vec::new(),
