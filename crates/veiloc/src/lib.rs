@@ -21,11 +21,11 @@
 //! use veiloc::server::{
 //!     BuildOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map,
 //! };
-//! # use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+//! # use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;
-//! # let place = Place::generate(11);
+//! # let place = RenderedRoom::generate(11);
 //! # let path = place.camera_path(&PathOptions::with_counts(30, 9));
 //! let mapped: Vec<(String, CameraFromWorld)> = /* names and poses of the map's images */
 //! #     path.mapping[..10].iter().enumerate().map(|(i, pose)| (format!("map-{i}.png"), *pose)).collect();
