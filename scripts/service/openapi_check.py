@@ -184,7 +184,7 @@ def blanked(query):
 def provoke_load(checker, scene):
     """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
     tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
-    # So many hypotheses that no machine tests them all within the timeout.
+    # More hypotheses than any machine can test within the timeout.
     slow = ["--workers", "1", "--queue", "1", "--hypotheses", "10000000"]
     busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1")
     for path, body in ((LOCALIZE, scene.query), (RIG, rig_of(scene.query))):

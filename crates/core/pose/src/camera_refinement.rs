@@ -1,14 +1,11 @@
 //! The camera of a pose: the given one, or another that the matches make likelier.
 //!
-//! Follows the focal length ([`crate::focal_search`]). The principal point of a cropped image, exchanged or missing
-//! numbers, and pixels that are not square move the pose without a word from the residuals' scale: a shift of the
-//! principal point looks like a rotation. The matches tell it, because a rotation also changes the perspective.
-
-use veiloc_geometry::nalgebra::Matrix6;
+//! It is tested after the focal length ([`crate::focal_search`]). A wrong principal point, as in a cropped image, and
+//! pixels that are not square move the pose, but the residuals hardly grow: a shift of the principal point resembles a
+//! rotation. Many matches can distinguish both, because a rotation also changes the perspective.
 
 use crate::likelihood::{
-    CameraChange, CameraObjective, CameraVerdict, FocalPrior, FocalVerdict, Matches, PoseWithCamera,
-    Symmetric6,
+    CameraChange, CameraObjective, FocalPrior, FocalVerdict, Matches, PoseWithCamera, Symmetric6,
 };
 use crate::ransac::search::{Polished, Search};
 
@@ -39,25 +36,21 @@ impl<'a> CameraRefinement<'a> {
     ) -> Self {
         let mut at = PoseWithCamera { pose: polished.pose, change: CameraChange::of_focal(factor) };
         if !search.is_likelihood() {
-            let covariance = Matrix6::zeros().into();
+            let covariance = [[0.0; 6]; 6];
             return Self { search, polished, change: at.change, covariance, focal };
         }
-        let verdict = Self::objective(&search, seen, &polished, known).verdict(&at);
-        let is_estimated = match verdict {
-            CameraVerdict::Fine => false,
-            CameraVerdict::Wrong(other) => {
-                at.change = other.change.without_bending();
-                search.fix_visible(seen.with_camera(at.change.pinhole(&seen.camera)));
-                polished = search.polish(&other.pose, estimate_noise);
-                at.pose = polished.pose;
-                // The focal length was refined with the rest of the camera.
-                focal = FocalVerdict::Fine;
-                true
-            }
-        };
+        let better = Self::objective(&search, seen, &polished, known).better_camera(&at);
+        if let Some(other) = &better {
+            at.change = other.change.without_bending();
+            search.fix_visible(seen.with_camera(at.change.pinhole(&seen.camera)));
+            polished = search.polish(&other.pose, estimate_noise);
+            at.pose = polished.pose;
+            // The focal length was refined with the rest of the camera.
+            focal = FocalVerdict::Fine;
+        }
         let objective = Self::objective(&search, seen, &polished, known);
         let covariance =
-            if is_estimated { objective.covariance_of_estimated(&at) } else { objective.covariance(&at) };
+            if better.is_some() { objective.covariance_of_estimated(&at) } else { objective.covariance(&at) };
         Self { search, polished, change: at.change, covariance, focal }
     }
 

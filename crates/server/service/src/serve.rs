@@ -172,8 +172,8 @@ impl Server {
             () = wait_for(&mut phase, Phase::Finishing) => {}
         }
         advance(&stop, Phase::Finishing);
-        // A task that is only told to stop keeps its listener open for a moment; connections of that moment would be
-        // accepted by the system, and then lost.
+        // An aborted task that is not awaited keeps its listener open for a moment: the system would accept
+        // connections in that moment, and they would be lost.
         accepting.shutdown().await;
         for listener in listeners {
             let listener = Arc::into_inner(listener).expect("the task that shared it has ended");

@@ -15,7 +15,7 @@
 //! `J` is how the pose moves with the camera when the matches are fixed, so `C_camera` is the covariance that the
 //! camera model adds to a pose that was estimated with the given camera: what the matches leave open about it, and
 //! what they say against it. `G = −½ gᵀ (δ, θ)` is the gain of log likelihood; a camera that the matches clearly
-//! contradict is estimated together with the pose ([`CameraVerdict`]).
+//! contradict is estimated together with the pose ([`CameraObjective::better_camera`]).
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::Pinhole;
@@ -24,7 +24,7 @@ use veiloc_geometry::nalgebra::{Matrix6, SMatrix, SVector, Vector2};
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::fisher::Symmetric6;
 use crate::likelihood::focal::FocalVerdict;
-use crate::likelihood::matches::Matches;
+use crate::likelihood::matches::{LikelihoodTerm, Matches};
 use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::problem::FocalPrior;
 use crate::likelihood::refine::System;
@@ -179,15 +179,6 @@ pub struct PoseWithCamera {
     pub change: CameraChange,
 }
 
-/// The verdict on a camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum CameraVerdict {
-    /// The matches do not clearly contradict it.
-    Fine,
-    /// Another camera explains the matches clearly better: with it the pose is estimated again.
-    Wrong(PoseWithCamera),
-}
-
 /// The likelihood over chosen correspondences with the camera as parameters.
 pub struct CameraObjective<'a> {
     /// With the camera as given.
@@ -270,7 +261,7 @@ impl CameraObjective<'_> {
             FocalPrior::Calibrated => CALIBRATED_SD,
             FocalPrior::Exif | FocalPrior::Unknown => UNCALIBRATED_SD,
         };
-        self.covariance_for(at, &self.with_fixed_focal(sd)).unwrap_or([[0.0; 6]; 6])
+        covariance_in(&self.linearize(at), &self.with_fixed_focal(sd), false).unwrap_or([[0.0; 6]; 6])
     }
 
     /// The same for a camera that was estimated: what the matches leave open, and how the map's own cameras differ from
@@ -283,10 +274,6 @@ impl CameraObjective<'_> {
         std::array::from_fn(|i| std::array::from_fn(|j| open[i][j] + of_map[i][j]))
     }
 
-    fn covariance_for(&self, at: &PoseWithCamera, sd: &[f64; CAMERA]) -> Option<Symmetric6> {
-        covariance_in(&self.linearize(at), sd, false)
-    }
-
     fn with_fixed_focal(&self, mut sd: [f64; CAMERA]) -> [f64; CAMERA] {
         if !self.with_focal {
             sd[0] = 1e-9;
@@ -294,39 +281,36 @@ impl CameraObjective<'_> {
         sd
     }
 
-    /// The verdict on the camera at an optimum for it.
+    /// Another camera that explains the matches clearly better, with its pose; `at` is an optimum for the given camera.
     ///
     /// One linearized step decides whether to refine. The refinement is necessary because matches that the wrong camera
     /// lost return only during it.
-    pub fn verdict(&self, at: &PoseWithCamera) -> CameraVerdict {
+    pub fn better_camera(&self, at: &PoseWithCamera) -> Option<PoseWithCamera> {
         let here = self.linearize(at);
         if here.agreeing < MIN_AGREEING {
-            return CameraVerdict::Fine;
+            return None;
         }
         let min_gain = FocalVerdict::min_gain(self.matches.observations, here.agreeing);
-        let Some(step) = solved(&here, &OPEN_SD, &at.change, 0.0) else { return CameraVerdict::Fine };
+        let step = solved(&here, &OPEN_SD, &at.change, 0.0)?;
         // Half of the thresholds: the linear step is shorter than the refined one while matches are lost.
         let is_near = (0..CAMERA).all(|k| step[6 + k].abs() < 0.5 * MIN_WRONG[k]);
         let eliminated = here.without_pose();
         let log_odds =
             |gain: f64| eliminated.as_ref().and_then(|e| e.log_odds(gain)).unwrap_or(f64::NEG_INFINITY);
         if is_near || log_odds(-step.dot(&here.gradient)) < 0.0 {
-            return CameraVerdict::Fine;
+            return None;
         }
         let open = self.descend(at, &OPEN_SD);
         let gain = self.gain(&here, at, &open, &OPEN_SD);
         if gain < min_gain || log_odds(gain) < MIN_LOG_ODDS {
-            return CameraVerdict::Fine;
+            return None;
         }
         let straight = PoseWithCamera { change: open.change.without_bending(), ..open };
         let other = self.descend(&straight, &STRAIGHT_SD);
         let is_large = (0..CAMERA).any(|k| (other.change.0[k] - at.change.0[k]).abs() > MIN_WRONG[k]);
         // Where distortion explains much of it, other parameters would only stand for the distortion.
-        if is_large && self.gain(&here, at, &other, &STRAIGHT_SD) > MIN_STRAIGHT_GAIN * gain {
-            CameraVerdict::Wrong(other)
-        } else {
-            CameraVerdict::Fine
-        }
+        let gain_of_other = self.gain(&here, at, &other, &STRAIGHT_SD);
+        (is_large && gain_of_other > MIN_STRAIGHT_GAIN * gain).then_some(other)
     }
 
     /// What another camera gains in log likelihood under a prior.
@@ -341,7 +325,7 @@ impl CameraObjective<'_> {
     }
 
     fn descend(&self, start: &PoseWithCamera, sd: &[f64; CAMERA]) -> PoseWithCamera {
-        let step = |at: &PoseWithCamera, here: &CameraSystem, damping| {
+        let step = |at: &PoseWithCamera, (here, _): &(CameraSystem, f64), damping| {
             Some((moved(at, &solved(here, sd, &at.change, damping)?)?, f64::INFINITY))
         };
         let look = |at: &PoseWithCamera| {
@@ -349,14 +333,8 @@ impl CameraObjective<'_> {
             let loss = penalized(&system, &at.change, sd);
             (system, loss)
         };
-        levenberg_marquardt(
-            *start,
-            Convergence { steps: 20, min_gain: 1e-6 },
-            look,
-            |here| here.1,
-            |at, here, damping| step(at, &here.0, damping),
-        )
-        .at
+        let convergence = Convergence { steps: 20, min_gain: 1e-6 };
+        levenberg_marquardt(*start, convergence, look, |(_, loss)| *loss, step).at
     }
 
     /// Loss and derivatives at a pose and camera.
@@ -369,20 +347,15 @@ impl CameraObjective<'_> {
             gradient: VectorAll::zeros(),
             hessian: MatrixAll::zeros(),
         };
-        let scale = matches.freedom() * self.noise * self.noise;
-        let noise_term = matches.noise_term(self.noise);
         let column = |pose: &[f64; 6], camera: &[f64; CAMERA]| {
             VectorAll::from_fn(|k, _| if k < 6 { pose[k] } else { camera[k - 6] })
         };
         for &i in &self.active {
             let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
-            let squared = residual.squared();
-            let llr = matches.log_likelihood_const[i] + noise_term + residual.log_radius
-                - 3.0 * (squared / scale).ln_1p();
-            let right = 1.0 / (1.0 + (-llr).exp());
-            let weight = 6.0 * right / (scale + squared);
-            system.agreeing += usize::from(llr > 0.0);
-            system.loss -= llr.max(0.0) + (-llr.abs()).exp().ln_1p();
+            let LikelihoodTerm { log_ratio, right, weight, loss } =
+                matches.likelihood_term(i, &residual, self.noise);
+            system.agreeing += usize::from(log_ratio > 0.0);
+            system.loss += loss;
             for row in 0..matches.residuals() {
                 let j = column(&residual.jacobian[row], &residual.by_camera[row]);
                 system.gradient += j * (weight * residual.error[row]);

@@ -10,7 +10,7 @@ use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
 use crate::likelihood::camera_error::BentCamera;
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
-use crate::likelihood::matches::Matches;
+use crate::likelihood::matches::{LikelihoodTerm, Matches};
 use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::problem::{Correspondences, FocalPrior};
 use crate::likelihood::refine::System;
@@ -185,17 +185,12 @@ impl FocalObjective<'_> {
         let camera = BentCamera::straight(matches.camera_with_focal(at.factor));
         let mut system =
             FocalSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
-        let scale = matches.freedom() * self.noise * self.noise;
-        let noise_term = matches.noise_term(self.noise);
         for &i in &self.active {
             let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
-            let squared = residual.squared();
-            let llr = matches.log_likelihood_const[i] + noise_term + residual.log_radius
-                - 3.0 * (squared / scale).ln_1p();
-            let right = 1.0 / (1.0 + (-llr).exp());
-            let weight = 6.0 * right / (scale + squared);
-            system.agreeing += usize::from(llr > 0.0);
-            system.loss -= llr.max(0.0) + (-llr.abs()).exp().ln_1p();
+            let LikelihoodTerm { log_ratio, right, weight, loss } =
+                matches.likelihood_term(i, &residual, self.noise);
+            system.agreeing += usize::from(log_ratio > 0.0);
+            system.loss += loss;
             let column = |six: &[f64; 6], seventh: f64| {
                 Vector7::from([six[0], six[1], six[2], six[3], six[4], six[5], seventh])
             };

@@ -96,6 +96,19 @@ pub(crate) struct Residual {
     pub(crate) radius_by_camera: [f64; CAMERA],
 }
 
+/// One correspondence in the soft likelihood.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LikelihoodTerm {
+    /// Log likelihood ratio.
+    pub(crate) log_ratio: f64,
+    /// Probability that it is right: also the weight of `−log r`.
+    pub(crate) right: f64,
+    /// Weight of each squared residual.
+    pub(crate) weight: f64,
+    /// `−log(1 + exp(log_ratio))`.
+    pub(crate) loss: f64,
+}
+
 impl Residual {
     pub(crate) fn squared(&self) -> f64 {
         self.error[0] * self.error[0] + self.error[1] * self.error[1]
@@ -246,6 +259,21 @@ impl<'a> Matches<'a> {
     /// The noise-dependent part of the log likelihood (noise in pixels), to add to [`Self::log_likelihood_const`].
     pub fn noise_term(&self, noise: f64) -> f64 {
         -(self.residuals() as f64) * noise.ln()
+    }
+
+    /// The part of one correspondence in the soft likelihood at this scale of the noise, pixels.
+    pub(crate) fn likelihood_term(&self, i: usize, residual: &Residual, noise: f64) -> LikelihoodTerm {
+        let scale = self.freedom() * noise * noise;
+        let squared = residual.squared();
+        let log_ratio = self.log_likelihood_const[i] + self.noise_term(noise) + residual.log_radius
+            - 3.0 * (squared / scale).ln_1p();
+        let right = 1.0 / (1.0 + (-log_ratio).exp());
+        LikelihoodTerm {
+            log_ratio,
+            right,
+            weight: 6.0 * right / (scale + squared),
+            loss: -(log_ratio.max(0.0) + (-log_ratio.abs()).exp().ln_1p()),
+        }
     }
 
     /// Margin of the gates, pixels.

@@ -28,7 +28,7 @@ mod refine;
 mod test_data;
 mod visibility;
 
-pub use camera_error::{CameraChange, CameraObjective, CameraVerdict, PoseWithCamera};
+pub use camera_error::{CameraChange, CameraObjective, PoseWithCamera};
 pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};
 pub use fisher::{MIN_LOG_LIKELIHOOD_RATIO, Symmetric6, inverse_or_infinite};

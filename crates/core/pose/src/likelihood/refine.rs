@@ -95,10 +95,6 @@ fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
 pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
     let mut system = System::empty();
     let gated = matches!(loss, Loss::Likelihood { .. });
-    let noise_term = match loss {
-        Loss::Likelihood { noise } => matches.noise_term(noise),
-        Loss::Squared | Loss::Truncated { .. } => 0.0,
-    };
     for &i in active {
         let Some(residual) = matches.residual(i, pose, gated) else {
             system.loss += loss_out_of_sight(loss);
@@ -113,12 +109,8 @@ pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &Cam
                 (0.5 * e2.min(t2), if e2 < t2 { 1.0 } else { 0.0 }, 0.0)
             }
             Loss::Likelihood { noise } => {
-                let scale = matches.freedom() * noise * noise;
-                let llr = matches.log_likelihood_const[i] + noise_term + residual.log_radius
-                    - 3.0 * (e2 / scale).ln_1p();
-                let right = 1.0 / (1.0 + (-llr).exp());
-                let softplus = llr.max(0.0) + (-llr.abs()).exp().ln_1p();
-                (-softplus, 6.0 * right / (scale + e2), right)
+                let term = matches.likelihood_term(i, &residual, noise);
+                (term.loss, term.weight, term.right)
             }
         };
         system.loss += value;

@@ -85,7 +85,7 @@ pub struct ShownAttack {
 
 impl ShownImages {
     /// Collects the positions of the first images.
-    pub fn keeping(max_shown: usize) -> Self {
+    pub fn with_limit(max_shown: usize) -> Self {
         Self { max_shown, ..Self::default() }
     }
 

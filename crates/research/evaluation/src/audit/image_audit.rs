@@ -189,7 +189,7 @@ struct AuditObserver<'a> {
 
 impl<'a> AuditObserver<'a> {
     fn new(shown: usize, progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: ShownImages::keeping(shown), stage: AttackProgress::new(progress, stage) }
+        Self { gallery: ShownImages::with_limit(shown), stage: AttackProgress::new(progress, stage) }
     }
 }
 

@@ -63,7 +63,7 @@ impl Listener {
 
     /// Accepts the next connection that is already pending; `None` if there is none.
     ///
-    /// It asks the system, not the runtime, which may not have been told of the newest connections.
+    /// It asks the system, not the runtime: the runtime may not know the newest connections yet.
     pub fn accept_pending(&self) -> Option<(Stream, Option<IpAddr>)> {
         loop {
             let accepted = match &self.0 {
@@ -133,7 +133,7 @@ mod tests {
         connect: impl Fn(&ListenAddress),
     ) {
         let listener = Listener::bind(&address, 0o600).await.expect("bound");
-        assert!(listener.accept_pending().is_none(), "nobody has connected, and nothing waits");
+        assert!(listener.accept_pending().is_none(), "no connection, and the call does not wait");
         let address = listener.address().expect("an address");
         (0..3).for_each(|_| connect(&address));
         assert!(listener.poll_accept(&mut Context::from_waker(Waker::noop())).is_pending());

@@ -114,7 +114,7 @@ struct AttackRecorder<'a> {
 
 impl<'a> AttackRecorder<'a> {
     fn new(progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: ShownImages::keeping(1), stage: AttackProgress::new(progress, stage) }
+        Self { gallery: ShownImages::with_limit(1), stage: AttackProgress::new(progress, stage) }
     }
 }
 
