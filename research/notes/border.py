@@ -2,8 +2,8 @@
 """Border bits: what a learner can tell from a sent descriptor about where its keypoint is (rule L11 of docs/reference/privacy-rules.md).
 
 A descriptor whose patch reaches over the image's border may show the border. For each way to treat such keypoints
-(`cut`, `sent`, `whole`: crates/device/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.
-A network learns on the rows of one half of the images, and is judged on the other half, told apart by a hash of their
+(`cut`, `sent`, `whole`: crates/device/obfuscation/examples/sent_rows.rs), out-of-map images are sealed as a device does.
+A network learns on the rows of one half of the images, and is judged on the other half, chosen by a hash of their
 names. It is given the 128 bytes of a row and sums, zeros and mirror symmetries of their cells. It answers in which of 17
 zones of the sealed image the keypoint is: nearer to one of the four sides than 8, 16, 32 or 64 pixels, or farther in
 than that. Each way has a network of its own: one learned on descriptors that were cut would look for the wrong things.
@@ -210,7 +210,7 @@ def main():
             half = digit[rows.image]
             judged = looked_at & (half >= 5)
             learner = Learner(rows, looked_at & (half < 4), looked_at & (half == 4), arguments.epochs, arguments.seed)
-            line("of elsewhere", way, len(rows.image) / len(images), learner.judge(rows, judged))
+            line("out of the map", way, len(rows.image) / len(images), learner.judge(rows, judged))
             if arguments.keypoints:
                 write_keypoints(rows, half >= 5, arguments.keypoints / f"{way}.jsonl")
             for place in PLACES:

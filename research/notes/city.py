@@ -7,7 +7,7 @@
     research/notes/city.py --out CITY --plot docs/images/city.svg             only the drawing
 
 Renders a city (`veiloc synth city`, rooms that look alike among them), puts the two real places beside it in one world, and
-builds maps of more and more of it: the real places alone, then with the rooms of --steps, then with all, with images of elsewhere
+builds maps of more and more of it: the real places alone, then with the rooms of --steps, then with all, with out-of-map images
 that show no place of it, and at last without the rooms that look like another. Every map gets all queries: those of rooms
 that it does not have must not be trusted anywhere, least of all in a room that looks like theirs. What was computed is kept in
 CITY; a run that was interrupted goes on there. Standard library only, and log_plot.py beside it.
@@ -31,7 +31,7 @@ from log_plot import LogPlot, page  # noqa: E402
 
 # Where the other places lie in the city's world, metres: far from its rooms and from each other.
 ASIDE = {"redkitchen": (-1000.0, 0.0, 0.0), "herzjesu": (0.0, -1000.0, 0.0)}
-# Metres between images of elsewhere, of which none sees what another one does.
+# Metres between out-of-map images, of which none sees what another one does.
 APART = 200.0
 SCHEMES = ["points", "dcl"]
 
@@ -253,7 +253,7 @@ def figures(queries):
 
 
 def table(rows):
-    print("| images | points | GB | build, s | GB of memory | of elsewhere |")
+    print("| images | points | GB | build, s | GB of memory | out of the map |")
     print("|--:|--:|--:|--:|--:|--:|")
     for row in rows:
         facts = row["map"]

@@ -41,7 +41,7 @@ CONSTANTS = {
     "road_ms": 0.48,
     # Regions that a query is asked in: `veiloc_cluster_regions`.
     "regions_asked": 1.17,
-    # Each image in so many regions: `veiloc map split`.
+    # The number of regions of each image: `veiloc map split`.
     "held": 1.45,
     # Bytes an image: of a whole map, and packed at a twentieth (scripts/compress.sh).
     "bytes_whole": 215_800,
@@ -195,7 +195,7 @@ def on_one_machine(constants, workers, clients, seconds, seed=1):
 
 
 def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
-    """Times of answers, milliseconds, of one map on so many machines that each hold any region with `copies` of each."""
+    """Times of answers, milliseconds, of one map on this number of machines that each hold any region with `copies` of each."""
     c = constants
     town = Town(c, seed)
     all_machines = [Machine(c["processors"], c["processors"]) for _ in range(machines)]

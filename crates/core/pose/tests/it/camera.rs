@@ -102,7 +102,7 @@ fn uncertain_orientation_is_doubted() {
 #[test]
 fn unknown_focal_length_widens_the_covariance() {
     for scheme in SCHEMES {
-        // Of the noise alone: the camera model adds about as much to a calibrated camera of so many matches.
+        // Of the noise alone: the camera model adds about as much to a calibrated camera with this number of matches.
         let sd = |knowledge| {
             let mut rng = ChaCha8Rng::seed_from_u64(2);
             let (mut problem, _) = zoomed(scheme, 1.0, &mut rng);
