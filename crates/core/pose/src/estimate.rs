@@ -5,6 +5,7 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::camera_refinement::CameraRefinement;
 use crate::confidence::{assess, free_direction};
+use crate::copies::WithoutCopies;
 use crate::error::PoseError;
 use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
@@ -22,6 +23,10 @@ use crate::ransac::{Budget, Estimator, lo_ransac};
 /// LO-RANSAC with the solvers of the problem's kind, then a final refinement, which is accepted only when it does not
 /// make the score worse. Equal problems, options and generator states give equal estimates.
 ///
+/// Equal correspondences count as one, and of many for one map point, or on one spot of the image and the map, only the
+/// four most probable count (not under [`ScoreKind::Msac`]): they have one cause. Equal ones have equal flags in
+/// [`PoseEstimate::inliers`]; those that do not count are not inliers.
+///
 /// # Errors
 /// [`PoseError`]: input that is inconsistent or not finite, too few correspondences, all lines of one anchor, or no
 /// pose with enough inliers.
@@ -32,10 +37,33 @@ pub fn estimate_pose<R: Rng + ?Sized>(
 ) -> Result<PoseEstimate, PoseError> {
     options.check()?;
     problem.check()?;
-    let matches = Matches::new(problem, options.expected_inlier_ratio);
     if options.score.unwrap_or_default() == ScoreKind::Msac {
+        let matches = Matches::new(problem, options.expected_inlier_ratio);
         return search_at(&matches, problem, options, 1.0, rng);
     }
+    without_copies(problem, |problem| estimate_checked(problem, options, rng))
+}
+
+/// Runs an estimation on the problem without copies.
+fn without_copies(
+    problem: &PoseProblem,
+    estimate: impl FnOnce(&PoseProblem) -> Result<PoseEstimate, PoseError>,
+) -> Result<PoseEstimate, PoseError> {
+    let Some(without) = WithoutCopies::of(problem) else { return estimate(problem) };
+    without.problem.check()?;
+    let mut estimate = estimate(&without.problem)?;
+    estimate.inliers = without.expand(&estimate.inliers);
+    estimate.inlier_count = estimate.inliers.iter().filter(|is_inlier| **is_inlier).count();
+    Ok(estimate)
+}
+
+/// [`estimate_pose`] under the likelihood, for a checked problem without copies.
+fn estimate_checked<R: Rng + ?Sized>(
+    problem: &PoseProblem,
+    options: &PoseOptions,
+    rng: &mut R,
+) -> Result<PoseEstimate, PoseError> {
+    let matches = Matches::new(problem, options.expected_inlier_ratio);
     let best = over_focal_lengths(problem.focal, |factor| {
         let observations = &problem.observations;
         search_at(&matches, problem, options, factor, rng)
@@ -110,6 +138,18 @@ pub fn optimize_pose(
     if !initial.is_finite() {
         return Err(PoseError::NotFinite { what: "initial pose", index: 0 });
     }
+    if options.score.unwrap_or_default() == ScoreKind::Msac {
+        return optimize_checked(problem, initial, options);
+    }
+    without_copies(problem, |problem| optimize_checked(problem, initial, options))
+}
+
+/// [`optimize_pose`] for a checked problem.
+fn optimize_checked(
+    problem: &PoseProblem,
+    initial: &CameraFromWorld,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let search = search(&matches, problem, options);
     let descended = search.descend(initial);

@@ -51,6 +51,7 @@
 mod ambiguity;
 mod camera_refinement;
 mod confidence;
+mod copies;
 mod cramer_rao;
 mod error;
 mod estimate;

@@ -51,6 +51,17 @@ impl Correspondences {
         }
     }
 
+    /// Those with these indices.
+    pub(crate) fn subset(&self, kept: &[usize]) -> Self {
+        match self {
+            Self::Points { pixels } => Self::Points { pixels: chosen(pixels, kept) },
+            Self::Lines { lines } => Self::Lines { lines: chosen(lines, kept) },
+            Self::Anchored { pencils, lines } => {
+                Self::Anchored { pencils: pencils.clone(), lines: chosen(lines, kept) }
+            }
+        }
+    }
+
     /// Residuals of one correspondence: two for points, one for lines.
     pub(crate) const fn residuals(&self) -> usize {
         match self {
@@ -167,6 +178,22 @@ impl PoseProblem {
         }
     }
 
+    /// The problem with only the correspondences of these indices.
+    pub(crate) fn subset(&self, kept: &[usize]) -> Self {
+        Self {
+            camera: self.camera,
+            observations: self.observations.subset(kept),
+            keypoints: chosen(&self.keypoints, kept),
+            points: chosen(&self.points, kept),
+            prior: self.prior.as_ref().map(|of| chosen(of, kept)),
+            seen_from: self.seen_from.as_ref().map(|of| chosen(of, kept)),
+            gravity: self.gravity,
+            position: self.position,
+            focal: self.focal,
+            point_covariances: self.point_covariances.as_ref().map(|of| chosen(of, kept)),
+        }
+    }
+
     /// Rejects problems from which no pose can be estimated. All other functions of this crate require a checked
     /// problem.
     ///
@@ -266,6 +293,10 @@ impl PoseProblem {
         }
         Ok(())
     }
+}
+
+fn chosen<T: Clone>(of: &[T], kept: &[usize]) -> Vec<T> {
+    kept.iter().map(|&i| of[i].clone()).collect()
 }
 
 /// Rejects a number that is not finite or not above 0.

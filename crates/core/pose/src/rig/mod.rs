@@ -25,6 +25,7 @@ use self::joint::Poses;
 use self::odometry::OdometryConstraint;
 use self::search::RigSearch;
 use crate::confidence::Confidence;
+use crate::copies::WithoutCopies;
 use crate::error::PoseError;
 use crate::focal_search::{WithConfidence, is_clear, over_focal_lengths};
 use crate::likelihood::{FocalPrior, FocalVerdict, Matches, PoseProblem};
@@ -119,6 +120,39 @@ pub fn estimate_rig_pose<R: Rng + ?Sized>(
     if frames.is_empty() {
         return Err(PoseError::NoFrames);
     }
+    for (frame, given) in frames.iter().enumerate() {
+        has_minimal_sample(&given.problem)
+            .map_err(|source| PoseError::Frame { frame, source: Box::new(source) })?;
+    }
+    let without: Vec<Option<WithoutCopies>> =
+        frames.iter().map(|frame| WithoutCopies::of(&frame.problem)).collect();
+    if without.iter().all(Option::is_none) {
+        return estimate_without_copies(frames, options, rng);
+    }
+    let fewer: Vec<RigFrame> = frames
+        .iter()
+        .zip(&without)
+        .map(|(frame, without)| match without {
+            Some(without) => RigFrame { problem: without.problem.clone(), ..frame.clone() },
+            None => frame.clone(),
+        })
+        .collect();
+    let mut estimate = estimate_without_copies(&fewer, options, rng)?;
+    for (frame, without) in estimate.frames.iter_mut().zip(&without) {
+        if let Some(without) = without {
+            frame.inliers = without.expand(&frame.inliers);
+            frame.inlier_count = frame.inliers.iter().filter(|is_inlier| **is_inlier).count();
+        }
+    }
+    Ok(estimate)
+}
+
+/// [`estimate_rig_pose`] for frames without copies.
+fn estimate_without_copies<R: Rng + ?Sized>(
+    frames: &[RigFrame],
+    options: &PoseOptions,
+    rng: &mut R,
+) -> Result<RigEstimate, PoseError> {
     let mut alone = Vec::with_capacity(frames.len());
     for (frame, given) in frames.iter().enumerate() {
         let of_frame = |source| PoseError::Frame { frame, source: Box::new(source) };

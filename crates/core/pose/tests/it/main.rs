@@ -2,6 +2,7 @@
 
 mod camera;
 mod camera_priors;
+mod copies;
 
 mod estimate;
 mod keypoints;
