@@ -24,7 +24,7 @@ use crate::args::{
     camera, extraction_args, extraction_error, feature_args, global_args, json_args, localization_args,
     progressive_args, report_args,
 };
-use crate::output::{exit, files, items, lists, stages, ui};
+use crate::output::{exit, files, items, lists, stages, targets, ui};
 
 use crate::exit::{Exit, Failure};
 use crate::ui::Ui;
@@ -100,32 +100,35 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => return print_parser_output(&error),
     };
     let ui = Arc::new(Ui::new(cli.quiet));
-    let result = exit::catch_panics(|| match &cli.command {
-        Command::Demo(args) => commands::demo::run(args, &ui),
-        Command::Map(command) => commands::map::run(command, &ui),
-        Command::Models(args) => commands::models::run(args, &ui),
-        #[cfg(feature = "hloc")]
-        Command::Features(args) => commands::features::run(args, &ui),
-        #[cfg(not(feature = "hloc"))]
-        Command::Features(args) => commands::missing_feature::run(args, "features", "hloc"),
-        Command::Seal(args) => commands::seal::run(args, &ui),
-        Command::Localize(args) => commands::localize::run(args, &ui),
-        // Its settings also come from a file and from variables.
-        Command::Serve(_) => {
-            commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
+    let result = exit::catch_panics(|| {
+        targets::check(&matches)?;
+        match &cli.command {
+            Command::Demo(args) => commands::demo::run(args, &ui),
+            Command::Map(command) => commands::map::run(command, &ui),
+            Command::Models(args) => commands::models::run(args, &ui),
+            #[cfg(feature = "hloc")]
+            Command::Features(args) => commands::features::run(args, &ui),
+            #[cfg(not(feature = "hloc"))]
+            Command::Features(args) => commands::missing_feature::run(args, "features", "hloc"),
+            Command::Seal(args) => commands::seal::run(args, &ui),
+            Command::Localize(args) => commands::localize::run(args, &ui),
+            // Its settings also come from a file and from variables.
+            Command::Serve(_) => {
+                commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
+            }
+            #[cfg(feature = "cluster")]
+            Command::Worker(_) => {
+                commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
+            }
+            #[cfg(not(feature = "cluster"))]
+            Command::Worker(args) => commands::missing_feature::run(args, "worker", "cluster"),
+            Command::Token(command) => commands::token::run(command, &ui),
+            Command::Query(command) => commands::query::run(command, &ui),
+            Command::Eval(command) => commands::eval::run(command, &ui),
+            Command::Attack(args) => commands::attack::run(args, &ui),
+            Command::Audit(args) => commands::audit::run(args, &ui),
+            Command::Synth(command) => commands::synth::run(command, &ui),
         }
-        #[cfg(feature = "cluster")]
-        Command::Worker(_) => {
-            commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
-        }
-        #[cfg(not(feature = "cluster"))]
-        Command::Worker(args) => commands::missing_feature::run(args, "worker", "cluster"),
-        Command::Token(command) => commands::token::run(command, &ui),
-        Command::Query(command) => commands::query::run(command, &ui),
-        Command::Eval(command) => commands::eval::run(command, &ui),
-        Command::Attack(args) => commands::attack::run(args, &ui),
-        Command::Audit(args) => commands::audit::run(args, &ui),
-        Command::Synth(command) => commands::synth::run(command, &ui),
     });
     let exit = result.unwrap_or_else(|failure| report_failure(&failure, &ui));
     // After any other error: results were lost.
@@ -172,6 +175,36 @@ mod tests {
         [("PX", "pixel"), ("SECONDS", "seconds"), ("PERCENT", "percent"), ("T/DEG", "degrees")];
     /// Value names whose absence needs no description: files and folders that are only used if given.
     const ON_DEMAND: [&str; 5] = ["FILE", "DIR", "PROBLEMS", "NAME=", "TOKEN"];
+
+    /// An argument whose help says that a file or folder is written has a type that is checked before the command.
+    #[test]
+    fn outputs_have_checked_types() {
+        use std::any::TypeId;
+
+        use crate::output::targets::{OutFile, OutFileOrFolder, OutFileOrStdout, OutFolder};
+
+        let checked = [
+            TypeId::of::<OutFile>(),
+            TypeId::of::<OutFileOrStdout>(),
+            TypeId::of::<OutFolder>(),
+            TypeId::of::<OutFileOrFolder>(),
+        ];
+        let (mut found, mut unchecked) = (0, Vec::new());
+        each_argument(&Cli::command(), "veiloc", &mut |path, argument| {
+            let value = argument.get_value_names().and_then(|names| names.first()).map_or("", |n| n.as_str());
+            let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+            let takes_path = value.starts_with("FILE") || value == "DIR";
+            let writes = ["Write", "Output", "Plot", "Destination of the report"];
+            let writes = writes.iter().any(|word| help.starts_with(word)) || help.contains(" to write");
+            if takes_path && (writes || argument.get_id() == "out") {
+                found += 1;
+                if checked.iter().all(|kind| argument.get_value_parser().type_id() != *kind) {
+                    unchecked.push(format!("{path} {}", argument.get_id()));
+                }
+            }
+        });
+        assert!(found > 30 && unchecked.is_empty(), "{found} outputs; unchecked: {unchecked:?}");
+    }
 
     #[test]
     fn help_names_defaults_and_units() {

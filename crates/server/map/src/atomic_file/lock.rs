@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 /// An exclusive lock on the file `.NAME.lock` next to the file that is to be replaced.
 ///
+/// If the path is a symbolic link, that file is the target of the link: the link stays.
+///
 /// The holder removes the lock file before it unlocks. So a new holder must check that it has locked the file that
 /// currently has this name, and try again otherwise.
 #[derive(Debug)]
@@ -23,12 +25,13 @@ impl TargetLock {
     /// # Errors
     /// The error of the system: the folder is missing or not writable.
     pub fn acquire(target: &Path) -> io::Result<Self> {
-        let lock_path = lock_path(target)?;
+        let target = followed(target)?;
+        let lock_path = lock_path(&target)?;
         loop {
             let file = open(&lock_path)?;
             file.lock()?;
             if is_at(&file, &lock_path)? {
-                return Ok(Self { target: target.to_owned(), lock_path, _file: file });
+                return Ok(Self { target, lock_path, _file: file });
             }
         }
     }
@@ -38,7 +41,8 @@ impl TargetLock {
     /// # Errors
     /// As [`Self::acquire`].
     pub fn try_acquire(target: &Path) -> io::Result<Option<Self>> {
-        let lock_path = lock_path(target)?;
+        let target = followed(target)?;
+        let lock_path = lock_path(&target)?;
         loop {
             let file = open(&lock_path)?;
             match file.try_lock() {
@@ -47,7 +51,7 @@ impl TargetLock {
                 Err(TryLockError::Error(error)) => return Err(error),
             }
             if is_at(&file, &lock_path)? {
-                return Ok(Some(Self { target: target.to_owned(), lock_path, _file: file }));
+                return Ok(Some(Self { target, lock_path, _file: file }));
             }
         }
     }
@@ -65,6 +69,24 @@ impl Drop for TargetLock {
             let _ = fs::remove_file(&self.lock_path);
         }
     }
+}
+
+/// Returns the file that a path names when its symbolic links are followed; the file need not exist.
+///
+/// # Errors
+/// A link cannot be read, or the links form a loop.
+pub fn followed(path: &Path) -> io::Result<PathBuf> {
+    /// As many as Linux follows.
+    const MOST: usize = 40;
+    let mut path = path.to_owned();
+    for _ in 0..MOST {
+        if !fs::symlink_metadata(&path).is_ok_and(|m| m.is_symlink()) {
+            return Ok(path);
+        }
+        // An absolute target replaces the whole path.
+        path = path.parent().unwrap_or(Path::new("")).join(fs::read_link(&path)?);
+    }
+    Err(io::Error::new(io::ErrorKind::InvalidInput, "its symbolic links form a loop"))
 }
 
 fn lock_path(target: &Path) -> io::Result<PathBuf> {

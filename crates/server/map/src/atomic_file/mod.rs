@@ -16,5 +16,5 @@
 mod lock;
 mod replace;
 
-pub use lock::TargetLock;
+pub use lock::{TargetLock, followed};
 pub use replace::{Permissions, replace_file, write_atomic};

@@ -242,6 +242,30 @@ mod tests {
         assert_eq!(names(dir.path()), ["place.vmap"]);
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn target_of_a_link_is_replaced_and_the_link_stays() {
+        use std::os::unix::fs::symlink;
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name);
+        fs::create_dir(path("maps")).unwrap();
+        fs::write(path("maps/1.vmap"), "old").unwrap();
+        symlink("maps/1.vmap", path("first")).unwrap();
+        symlink(path("first"), path("second")).unwrap();
+        symlink("maps/2.vmap", path("dangling")).unwrap();
+        symlink("loop", path("loop")).unwrap();
+        write_atomic(&path("second"), b"new").unwrap();
+        write_atomic(&path("dangling"), b"new").unwrap();
+        assert!(write_atomic(&path("loop"), b"new").is_err());
+        for name in ["1.vmap", "2.vmap"] {
+            assert_eq!(fs::read(path("maps").join(name)).unwrap(), b"new", "{name}");
+        }
+        assert_eq!(names(&path("maps")), ["1.vmap", "2.vmap"]);
+        for link in ["first", "second", "dangling", "loop"] {
+            assert!(fs::symlink_metadata(path(link)).unwrap().is_symlink(), "{link}");
+        }
+    }
+
     #[test]
     fn invalid_paths_are_errors() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,11 +1,10 @@
 //! `--json FILE`, for commands that also print a table.
 
-use std::path::PathBuf;
-
 use serde::Serialize;
 
 use crate::exit::Failure;
 use crate::files;
+use crate::targets::OutFileOrStdout;
 use crate::ui::Ui;
 
 /// Destination of the JSON document.
@@ -13,7 +12,7 @@ use crate::ui::Ui;
 pub(crate) struct JsonArgs {
     /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
+    json: Option<OutFileOrStdout>,
 }
 
 impl JsonArgs {

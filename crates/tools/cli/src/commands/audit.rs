@@ -18,6 +18,7 @@ use crate::feature_args::ImageFeatureArgs;
 use crate::files;
 use crate::json_args::JsonArgs;
 use crate::stages::Stages;
+use crate::targets::OutFileOrFolder;
 use crate::ui::Ui;
 
 use inputs::Inputs;
@@ -37,7 +38,7 @@ pub(crate) struct Args {
     inputs: Vec<PathBuf>,
     /// Destination of the report: a file name that ends in `.html`, or a folder, which then gets `audit.html`.
     #[arg(short, long, default_value = "audit.html", value_name = "FILE|FOLDER")]
-    out: PathBuf,
+    out: OutFileOrFolder,
     /// Attack only the first N images of each folder or file.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,

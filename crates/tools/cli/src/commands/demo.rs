@@ -12,6 +12,7 @@ use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Maximum number of map points that the web page shows.
@@ -25,7 +26,7 @@ const SHOWN_POINTS: usize = 20_000;
 pub(crate) struct Args {
     /// Folder for the images, the map, the sealed queries and the report.
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
-    out: PathBuf,
+    out: OutFolder,
     /// Seed of the scene and of every random choice.
     #[arg(long, default_value_t = 7, value_name = "N")]
     seed: u64,
@@ -45,7 +46,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let started = Instant::now();
-    let options = DemoOptions::new(args.out.clone(), args.seed);
+    let options = DemoOptions::new(args.out.to_path_buf(), args.seed);
     if args.page {
         return serve(args, &options, ui);
     }

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use crate::args::feature_args::ImageFeatureArgs;
 use rayon::prelude::*;
 use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
-use veiloc_mapping::importers::hloc::{ImageFeatures, write_features};
+use veiloc_mapping::importers::hloc::{ImageFeatures, check_feature_names, write_features};
 
 use crate::exit::{Exit, Outcome};
 use crate::items;
 use crate::lists;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Extract features of images for other programs, in the format of hloc's `extract_features`.
@@ -35,7 +36,7 @@ pub(crate) struct Args {
     max_size: u32,
     /// Output file: HDF5 with keypoints, scores, descriptors (float16, unit vectors) and image_size per image name.
     #[arg(long, value_name = "FILE.h5")]
-    out_hloc: PathBuf,
+    out_hloc: OutFile,
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -50,6 +51,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             items
         }
     };
+    let names = items::names(&items);
+    check_feature_names(names.iter().map(String::as_str))?;
     let limits = Limits { max_keypoints: args.max_keypoints as usize, max_side: args.max_size };
     let stage = ui.stage("Extracting features", items.len() as u64);
     let all: Result<Vec<ImageFeatures>, FeatureError> = items
@@ -64,7 +67,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let all = all?;
     let keypoints: usize = all.iter().map(|features| features.keypoints.len()).sum();
     let images = all.len();
-    write_features(&args.out_hloc, items::names(&items).into_iter().zip(all))?;
+    write_features(&args.out_hloc, names.into_iter().zip(all))?;
     ui.info(format!("{}: {images} images, {keypoints} keypoints", args.out_hloc.display()));
     Ok(Exit::Success)
 }

@@ -128,12 +128,6 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(stage) = &stage {
         stage.finish();
     }
-    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| QueryPose {
-        name: pose_files::name_of(item, sealing.is_some()),
-        pose: query.cam_from_world,
-        camera: *camera,
-    });
-    args.written.write(&poses.collect::<Vec<_>>(), ui)?;
     let count = |status| queries.iter().filter(|q| q.status == status).count();
     let document = LocalizeDocument {
         version: 2,
@@ -143,12 +137,18 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         failed: count(LocalizeStatus::Failed),
         queries,
     };
-    args.report.write(&document, &drawable, &map, &options, ui)?;
     if args.json {
         ui.json(&document)?;
     } else {
         ui.print(table(&document));
     }
+    let poses = items.iter().zip(&document.queries).zip(&cameras).map(|((item, query), camera)| QueryPose {
+        name: pose_files::name_of(item, sealing.is_some()),
+        pose: query.cam_from_world,
+        camera: *camera,
+    });
+    args.written.write(&poses.collect::<Vec<_>>(), ui)?;
+    args.report.write(&document, &drawable, &map, &options, ui)?;
     let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
     if unused > 0 {
         ui.info(format!(

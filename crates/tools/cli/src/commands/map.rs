@@ -16,7 +16,7 @@ use crate::args::global_args::MapGlobalArgs;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{GravityDirection, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
-use veiloc_mapping::importers::hloc::{read_pairs, write_pairs};
+use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
 use veiloc_mapping::{Input, MappingError, OnBadImage, VocabularyUpdate};
 
 use self::info::InfoOutput;
@@ -25,6 +25,7 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::lists;
 use crate::stages::Stages;
+use crate::targets::{OutFile, OutFolder};
 use crate::ui::Ui;
 
 /// What to do with a map.
@@ -71,7 +72,7 @@ struct OutputArgs {
     down: Option<GravityDirection>,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
-    out: PathBuf,
+    out: OutFile,
     /// Print facts about the map as JSON.
     #[arg(long)]
     json: bool,
@@ -129,7 +130,7 @@ pub(crate) struct BuildArgs {
     /// missing. It contains the same data on the images as the map: protect it in the same way. Default: nothing is
     /// stored.
     #[arg(long, value_name = "DIR")]
-    work: Option<PathBuf>,
+    work: Option<OutFolder>,
     #[command(flatten)]
     written: OutputArgs,
 }
@@ -143,7 +144,7 @@ struct PairArgs {
     pairs: Option<PathBuf>,
     /// Write the matched pairs as such a list. Default: not written.
     #[arg(long, value_name = "FILE")]
-    out_pairs: Option<PathBuf>,
+    out_pairs: Option<OutFile>,
 }
 
 /// Build a map from a complete COLMAP model, with its points and observations.
@@ -201,7 +202,7 @@ pub(crate) struct AddArgs {
     self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<OutFile>,
     /// Print facts about the map as JSON.
     #[arg(long)]
     json: bool,
@@ -226,7 +227,7 @@ pub(crate) struct RemoveArgs {
     self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<OutFile>,
     /// Print facts about the map as JSON.
     #[arg(long)]
     json: bool,
@@ -239,7 +240,7 @@ pub(crate) struct ProfileArgs {
     map: PathBuf,
     /// The profile file to write.
     #[arg(long, short, value_name = "FILE")]
-    out: PathBuf,
+    out: OutFile,
 }
 
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
@@ -268,6 +269,9 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let posed_input = args.posed.read()?;
+    if args.pairs.out_pairs.is_some() {
+        posed_input.names().try_for_each(check_pair_name)?;
+    }
     let options = args.extraction.options()?;
     let pairs = args.pairs.pairs.as_deref().map(read_pairs).transpose()?;
     let input = match &pairs {
@@ -287,10 +291,6 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
              {fault}"
         ));
     }
-    if let Some(path) = &args.pairs.out_pairs {
-        write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
-        ui.info(format!("{}: {} pairs", path.display(), report.pairs.len()));
-    }
     model.down = args.written.down;
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
     args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
@@ -301,7 +301,12 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         warnings: report.warnings,
         ..InfoOutput::default()
     };
-    output.print(&args.written.out, ui)
+    let outcome = output.print(&args.written.out, ui)?;
+    if let Some(path) = &args.pairs.out_pairs {
+        write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
+        ui.info(format!("{}: {} pairs", path.display(), report.pairs.len()));
+    }
+    Ok(outcome)
 }
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
@@ -439,6 +444,13 @@ impl PosedArgs {
 }
 
 impl PosedInput<'_> {
+    /// Names of the images to use.
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let listed = self.names.iter().flatten().map(String::as_str);
+        let of_model = self.images.images().iter().filter(|_| self.names.is_none());
+        listed.chain(of_model.map(|image| image.name.as_str()))
+    }
+
     fn input(&self) -> Input<'_> {
         let input = Input::new(&self.images, &self.args.images).on_bad_image(self.args.bad.on_bad_image());
         match &self.names {

@@ -18,6 +18,7 @@ use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{InputError, InputErrorKind, SkipArgs};
+use crate::targets::OutFileOrFolder;
 use crate::ui::Ui;
 
 /// Seal images: convert them to queries that hide the keypoint positions.
@@ -60,7 +61,7 @@ pub(crate) struct Args {
     /// Output file; a folder if it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders of a
     /// given folder are created in it too.
     #[arg(long, short, value_name = "OUT")]
-    out: PathBuf,
+    out: OutFileOrFolder,
     #[command(flatten)]
     skip: SkipArgs,
     /// Print one JSON document with the result of every image to stdout.

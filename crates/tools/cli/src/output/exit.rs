@@ -26,7 +26,8 @@ pub(crate) enum Exit {
 pub(crate) const EXIT_CODES: &str = "\
 Exit codes:
   0  done
-  1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
+  1  input was refused (of several files: at least one, see --skip-bad), an output file or folder cannot be
+     written to, which is checked before any work, or nothing was localized
   2  wrong usage of the command line
   3  results could not be written (for example, the disk is full), or there is a bug in veiloc
   4  localized, but a pose is doubtful (of several queries: at least one)

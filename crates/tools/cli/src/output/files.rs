@@ -2,7 +2,9 @@
 
 use std::fs;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use veiloc_map::atomic_file::write_atomic;
 
 use crate::output::exit::Failure;
 use crate::output::ui::Ui;
@@ -58,12 +60,7 @@ pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), F
 /// The file cannot be written; the error names it.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let fault = |e: std::io::Error| Failure::output(path.display(), &e);
-    if is_standard(path) {
-        return Err(Failure::with_help(
-            "-: stdout is used for other results of this command",
-            "give a file name; ./- is a file named -",
-        ));
-    }
+    refuse_standard(path)?;
     if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
         return match fs::OpenOptions::new().write(true).open(path).and_then(|mut f| f.write_all(bytes)) {
             // The reader closed the pipe: it needs no more.
@@ -71,32 +68,21 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
             _ => Ok(()),
         };
     }
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    let mut file = as_others_read(&mut tempfile::Builder::new()).tempfile_in(&folder).map_err(fault)?;
-    file.write_all(bytes).map_err(fault)?;
-    file.as_file().sync_all().map_err(fault)?;
-    file.persist(path).map_err(|e| fault(e.error))?;
+    write_atomic(path, bytes).map_err(fault)
+}
+
+/// Refuses stdout as a destination.
+///
+/// # Errors
+/// The path is `-`.
+pub(crate) fn refuse_standard(path: &Path) -> Result<(), Failure> {
+    if is_standard(path) {
+        return Err(Failure::with_help(
+            "-: stdout is used for other results of this command",
+            "give a file name; ./- is a file named -",
+        ));
+    }
     Ok(())
-}
-
-/// Profiles and reports are meant to be shared: they get the usual permissions, less the umask, instead of a temporary
-/// file's.
-#[cfg(unix)]
-fn as_others_read<'a, 'b, 'c>(
-    builder: &'a mut tempfile::Builder<'b, 'c>,
-) -> &'a mut tempfile::Builder<'b, 'c> {
-    use std::os::unix::fs::PermissionsExt as _;
-    builder.permissions(fs::Permissions::from_mode(0o666))
-}
-
-#[cfg(not(unix))]
-fn as_others_read<'a, 'b, 'c>(
-    builder: &'a mut tempfile::Builder<'b, 'c>,
-) -> &'a mut tempfile::Builder<'b, 'c> {
-    builder
 }
 
 /// Creates a folder with its parents.

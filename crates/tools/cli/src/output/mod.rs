@@ -2,6 +2,7 @@
 //!
 //! - [`items`]: input files and folders, the errors of single ones, and the summary.
 //! - [`lists`]: lists of images, with or without their cameras.
+//! - [`targets`]: output files and folders, checked before a command begins.
 //! - [`files`]: reading and writing whole files, never half-written.
 //! - [`ui`]: everything that is printed; [`progress`]: progress of a stage of work; [`stages`]: progress of a library's
 //!   work.
@@ -17,4 +18,5 @@ pub(crate) mod lists;
 pub(crate) mod position;
 pub(crate) mod progress;
 pub(crate) mod stages;
+pub(crate) mod targets;
 pub(crate) mod ui;

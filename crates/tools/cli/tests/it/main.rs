@@ -28,6 +28,7 @@ mod inversion;
 mod map_changes;
 mod masks;
 mod models;
+mod outputs;
 mod pipeline;
 mod pose_files;
 mod regions;

@@ -1,7 +1,5 @@
 //! `veiloc eval crb`: errors on synthetic problems relative to the Cramér–Rao bound.
 
-use std::path::PathBuf;
-
 use veiloc_evaluation::pose::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
 use veiloc_evaluation::results::Hypotheses;
 use veiloc_protocol::{AngleBits, Scheme};
@@ -12,6 +10,7 @@ use crate::files;
 use crate::json_args::JsonArgs;
 use crate::localization_args::{EngineArgs, positive};
 use crate::stages::Stages;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Report errors on random synthetic problems relative to the Cramér–Rao bound.
@@ -53,7 +52,7 @@ pub(crate) struct Args {
     seed: u64,
     /// Plot the translation errors relative to the bound into FILE, as SVG.
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutFile>,
     #[command(flatten)]
     json: JsonArgs,
 }
@@ -77,10 +76,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.angle_bits = AngleBits::new(args.angle_bits)?;
     evaluation.seed = args.seed;
     let document = evaluate_bound(&evaluation, &Stages::new(ui))?;
+    args.json.print(&table(&document), &document, ui)?;
     if let Some(path) = &args.plot {
         files::write(path, plots::bound(&document)?.as_bytes())?;
     }
-    args.json.print(&table(&document), &document, ui)?;
     let localized = document.cells.iter().any(|cell| cell.localized > 0.0);
     Ok(if localized { Exit::Success } else { Exit::Refused })
 }

@@ -33,7 +33,7 @@ pub(super) struct HtmlArgs {
 impl HtmlArgs {
     /// Begins a report of this number of scenes, with lengths in this unit; `None` if no report was requested.
     pub(super) fn begin(&self, scenes: usize, unit: LengthUnit) -> Result<Option<HtmlReport>, Failure> {
-        let Some(path) = self.report.file.clone() else { return Ok(None) };
+        let Some(path) = self.report.file.as_deref().map(Path::to_owned) else { return Ok(None) };
         let folder = tempfile::tempdir().map_err(|e| Failure::output(std::env::temp_dir().display(), &e))?;
         let each = usize::from(self.report.queries).div_ceil(scenes.max(1));
         Ok(Some(HtmlReport {

@@ -17,6 +17,7 @@ use crate::items;
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::stages::Stages;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 use super::html;
@@ -82,14 +83,14 @@ pub(crate) struct Args {
     min_score: f32,
     /// Write a contact sheet as PNG: the original, then a column for each row of the table, with boxes around objects.
     #[arg(long, value_name = "FILE")]
-    contact_sheet: Option<PathBuf>,
+    contact_sheet: Option<OutFile>,
     /// Number of images on the contact sheet and in the report.
     #[arg(long, default_value_t = 6, value_name = "N")]
     show: u32,
     /// Write a report into FILE: one HTML file without network access, with the table and the images of the contact
     /// sheets; everyone who gets the file gets these images. Default: no report.
     #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
+    report: Option<OutFile>,
     #[command(flatten)]
     json: JsonArgs,
 }
@@ -138,6 +139,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         shown: args.show as usize,
     };
     let (document, sheets) = evaluate_inversion(&evaluation, &metrics, &stages)?;
+    args.json.print(&evaluation_table(&document), &document, ui)?;
     if let (Some(path), Some(sheet)) = (&args.contact_sheet, sheets.first())
         && let Some(png) = sheet.png()?
     {
@@ -148,7 +150,6 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         let page = inversion_page(&document, &sheets, &html::facts(Some(args.seed)));
         html::write_page(path, &page, ui)?;
     }
-    args.json.print(&evaluation_table(&document), &document, ui)?;
     Ok(Exit::Success)
 }
 

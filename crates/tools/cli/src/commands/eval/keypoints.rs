@@ -11,6 +11,7 @@ use crate::files;
 use crate::items;
 use crate::lists;
 use crate::stages::Stages;
+use crate::targets::OutFileOrStdout;
 use crate::ui::Ui;
 
 /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
@@ -28,7 +29,7 @@ pub(crate) struct Args {
     list: Option<PathBuf>,
     /// Output file of the keypoints; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
-    out: PathBuf,
+    out: OutFileOrStdout,
     /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,

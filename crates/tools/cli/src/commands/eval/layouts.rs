@@ -16,6 +16,7 @@ use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::stages::Stages;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
@@ -56,7 +57,7 @@ pub(crate) struct Args {
     seeds: u64,
     /// Plot the adversaries' gain over the pose error into FILE, as SVG.
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutFile>,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
@@ -106,10 +107,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.k = args.k as usize;
     evaluation.seeds = args.seeds;
     let document = evaluate_layouts(&evaluation, &Stages::new(ui))?;
+    args.json.print(&layouts_table(&document), &document, ui)?;
     if let Some(path) = &args.plot {
         files::write(path, plots::layouts(&document)?.as_bytes())?;
     }
-    args.json.print(&layouts_table(&document), &document, ui)?;
     let localized =
         document.rows.iter().any(|row| row.conditions.iter().any(|c| c.median_translation.is_some()));
     Ok(if localized { Exit::Success } else { Exit::Refused })

@@ -14,6 +14,7 @@ use crate::files;
 use crate::lists;
 use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
+use crate::targets::{OutFile, OutFileOrStdout};
 use crate::ui::Ui;
 
 /// Write correspondence sets of a scene with known poses, for `eval pose`.
@@ -26,11 +27,11 @@ pub(crate) struct Args {
     posed_scene: PosedSceneArgs,
     /// Output file of the problems; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
-    out: PathBuf,
+    out: OutFileOrStdout,
     /// Output file for all keypoints of the queries, with descriptors, strongest first, as read by `attack` and `eval
     /// adversaries`; positions are those of the problems. They are in the clear: use it for tests with your own images.
     #[arg(long, value_name = "FILE")]
-    keypoints: Option<PathBuf>,
+    keypoints: Option<OutFile>,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
     /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]

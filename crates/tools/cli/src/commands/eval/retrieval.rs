@@ -1,6 +1,6 @@
 //! `veiloc eval retrieval`: image retrieval as maps grow.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_evaluation::retrieval::{RetrievalEvaluation, RetrievalRow, evaluate_retrieval, table};
@@ -12,6 +12,7 @@ use crate::items::{self, Item};
 use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::stages::Stages;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Measure cost and recall of image retrieval as maps grow.
@@ -46,7 +47,7 @@ pub(crate) struct Args {
     /// Folder for the global descriptors as NumPy files, for a comparison with other indexes
     /// (`scripts/bench_search.py`): `searched.npy` of the largest size and `queries.npy`, int8, one row per image.
     #[arg(long, value_name = "DIR")]
-    save: Option<PathBuf>,
+    save: Option<OutFolder>,
     #[command(flatten)]
     features: MapFeatureArgs,
     #[command(flatten)]
@@ -98,7 +99,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sizes: args.sizes.clone(),
         retrieve: args.retrieve as usize,
         seed: args.seed,
-        save: args.save.clone(),
+        save: args.save.as_deref().map(Path::to_owned),
     };
     let rows = evaluate_retrieval(&map, extractor, &evaluation, &Stages::new(ui))?;
     let text = table(&rows);

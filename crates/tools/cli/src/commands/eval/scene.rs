@@ -1,6 +1,6 @@
 //! `veiloc eval scene`: runs the whole pipeline on a scene with known poses.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::pipeline::QueryTransmission;
 use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
@@ -17,6 +17,7 @@ use crate::lists;
 use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::progressive_args::ProgressiveArgs;
 use crate::stages::Stages;
+use crate::targets::{OutFile, OutFolder};
 use crate::ui::Ui;
 
 /// Run the whole pipeline on a scene with known poses.
@@ -41,7 +42,7 @@ pub(crate) struct Args {
     /// query. An interrupted run continues from there, and results for the same images and options are not computed
     /// again. Default: nothing is stored.
     #[arg(long, value_name = "DIR")]
-    work: Option<PathBuf>,
+    work: Option<OutFolder>,
     /// Queries that are localized in parallel; with more than one, times are those of a loaded machine.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     jobs: u16,
@@ -69,7 +70,7 @@ pub(super) struct SceneArgs {
     posed_scene: PosedSceneArgs,
     /// Write the map to this file.
     #[arg(long, value_name = "FILE")]
-    keep_map: Option<PathBuf>,
+    keep_map: Option<OutFile>,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
@@ -88,7 +89,7 @@ impl SceneArgs {
         let names = queries.iter().map(|query| query.name.clone()).collect();
         Ok(SceneEvaluation {
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
-            keep_map: self.keep_map.clone(),
+            keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
@@ -158,7 +159,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
         masks: args.masks.clone(),
-        work: args.work.clone(),
+        work: args.work.as_deref().map(Path::to_owned),
         jobs: args.jobs.into(),
         compress: args.compress,
         regions: args.regions(),
@@ -194,6 +195,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             ));
         }
     }
+    let exit = args.scene.report.finish(&result, ui)?;
     if let Some(mut report) = report {
         let methods = result.schemes.iter().map(|row| (None, row));
         let queries = result.queries.iter().map(|query| (None, query));
@@ -201,5 +203,5 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         let title = format!("Localization in {}", result.data.join(", "));
         report.write(&title, &serde_json::to_string(&result)?, html::facts(Some(evaluation.seed)), ui)?;
     }
-    args.scene.report.finish(&result, ui)
+    Ok(exit)
 }

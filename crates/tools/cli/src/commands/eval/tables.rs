@@ -8,6 +8,7 @@ use veiloc_report::plots::{self, ErrorAxis};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Print the results of an evaluation as the tables of a paper.
@@ -39,7 +40,7 @@ pub(crate) struct Args {
     no_published: bool,
     /// Plot position.svg, orientation.svg (share of queries within a threshold) and times.svg into this folder.
     #[arg(long, value_name = "DIR")]
-    plot: Option<PathBuf>,
+    plot: Option<OutFolder>,
     /// Number of bootstrap samples for the intervals.
     #[arg(long, default_value_t = 2000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     bootstrap_samples: u32,

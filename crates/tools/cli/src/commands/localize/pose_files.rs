@@ -1,6 +1,6 @@
 //! Writes the poses of queries for other programs.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use veiloc_evaluation::results::PoseDocument;
 use veiloc_evaluation::results::pose_lines::{hloc_line, tum_line, tum_stamps};
@@ -10,6 +10,7 @@ use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
 use crate::exit::Failure;
 use crate::files;
 use crate::items::Item;
+use crate::targets::{OutFile, OutFolder};
 use crate::ui::Ui;
 
 /// Output files of poses.
@@ -19,11 +20,11 @@ pub(super) struct PoseFileArgs {
     /// under its names; for sealed queries their paths without `.vquery`. Queries without a pose are left out. Default:
     /// not written.
     #[arg(long, value_name = "FILE")]
-    out_hloc: Option<PathBuf>,
+    out_hloc: Option<OutFile>,
     /// Write the localized images of the list as a COLMAP model without points, with the given cameras. Default: not
     /// written.
     #[arg(long, value_name = "DIR", requires = "list")]
-    out_colmap: Option<PathBuf>,
+    out_colmap: Option<OutFolder>,
     /// Write COLMAP's text files instead of the binary ones.
     #[arg(long, requires = "out_colmap")]
     text: bool,
@@ -31,7 +32,7 @@ pub(super) struct PoseFileArgs {
     /// each file name if all names are seconds with a decimal point, otherwise the index in the list. Default: not
     /// written.
     #[arg(long, value_name = "FILE")]
-    out_tum: Option<PathBuf>,
+    out_tum: Option<OutFile>,
 }
 
 /// Result of a query.
@@ -54,12 +55,6 @@ impl PoseFileArgs {
     /// # Errors
     /// A name contains white space.
     pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
-        if let Some(out) = self.files().find(|path| files::is_standard(path)) {
-            return Err(Failure::with_help(
-                format!("{}: stdout is used for the results", out.display()),
-                "give a file name; ./- is a file named -",
-            ));
-        }
         let called = items.iter().map(|item| name_of(item, are_images));
         for name in called.filter(|_| self.out_hloc.is_some()) {
             if name.contains(char::is_whitespace) {
@@ -70,10 +65,6 @@ impl PoseFileArgs {
             }
         }
         Ok(())
-    }
-
-    fn files(&self) -> impl Iterator<Item = &Path> {
-        [&self.out_hloc, &self.out_colmap, &self.out_tum].into_iter().filter_map(|path| path.as_deref())
     }
 
     /// Writes the requested files.

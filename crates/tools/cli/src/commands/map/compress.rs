@@ -9,6 +9,7 @@ use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 use super::info::InfoOutput;
 use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Compress a map: a tenth of the bytes with almost no loss.
@@ -39,7 +40,7 @@ pub(crate) struct CompressArgs {
     no_self_test: bool,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
-    out: PathBuf,
+    out: OutFile,
     /// Print facts about the map as JSON.
     #[arg(long)]
     json: bool,

@@ -6,6 +6,7 @@ use veiloc_map::colmap::{export, write_binary, write_text};
 use veiloc_map::{MapFile, write_ply};
 
 use crate::exit::{Exit, Outcome};
+use crate::targets::{OutFile, OutFolder};
 use crate::ui::Ui;
 
 /// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
@@ -23,13 +24,13 @@ pub(crate) struct ExportArgs {
     /// Folder of the COLMAP model to write: cameras.bin, images.bin and points3D.bin. It is created if it does not
     /// exist. No default.
     #[arg(long, value_name = "DIR", required_unless_present = "ply")]
-    colmap: Option<PathBuf>,
+    colmap: Option<OutFolder>,
     /// Write COLMAP's text files instead of the binary ones.
     #[arg(long, requires = "colmap")]
     text: bool,
     /// The PLY file of points to write. No default.
     #[arg(long, value_name = "FILE")]
-    ply: Option<PathBuf>,
+    ply: Option<OutFile>,
 }
 
 pub(super) fn run(args: &ExportArgs, ui: &Ui) -> Outcome {

@@ -8,6 +8,7 @@ use veiloc_map::regions::{ObjectId, RegionFolder};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::output::progress::Stage;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Publish the regions of a map to object storage, for services.
@@ -38,7 +39,7 @@ pub(crate) struct FetchArgs {
     map: String,
     /// The folder to write.
     #[arg(long, short, value_name = "DIR")]
-    out: PathBuf,
+    out: OutFolder,
     /// Id of the manifest. Default: the current one.
     #[arg(long, value_name = "SHA256")]
     manifest: Option<ObjectId>,

@@ -10,6 +10,7 @@ use veiloc_report::significant;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Split a map into regions, for maps that exceed one machine.
@@ -25,7 +26,7 @@ pub(crate) struct SplitArgs {
     /// Folder to write: `manifest.json` and `objects`. Objects that only an older manifest in the folder names are
     /// removed.
     #[arg(long, short, value_name = "DIR")]
-    out: PathBuf,
+    out: OutFolder,
     /// Maximum number of images per region, including those beside its core.
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..))]
     images: u32,

@@ -233,7 +233,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
             let out = if into_folder {
                 args.out.join(item.below.with_extension("vquery"))
             } else {
-                args.out.clone()
+                args.out.to_path_buf()
             };
             let mask = match &args.masks {
                 Some(folder) => Some(mask_in(folder, Path::new(item.name()))),

@@ -1,7 +1,7 @@
 //! `veiloc synth city`: hundreds of rendered rooms in one world.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use veiloc_features::Progress as _;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
@@ -11,6 +11,7 @@ use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Render many rooms in one world, some of them similar, to test how maps, retrieval and trust scale.
@@ -22,7 +23,7 @@ use crate::ui::Ui;
 pub(crate) struct Args {
     /// Output folder; it must be new or empty.
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: OutFolder,
     /// Number of rooms.
     #[arg(long, default_value_t = 250, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     rooms: u32,

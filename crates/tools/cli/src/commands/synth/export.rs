@@ -1,7 +1,5 @@
 //! `veiloc synth export`: writes a rendered scene in the layout of a published data set.
 
-use std::path::PathBuf;
-
 use veiloc_datasets::DatasetError;
 use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
 use veiloc_features::Progress as _;
@@ -9,6 +7,7 @@ use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
 use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
+use crate::targets::OutFolder;
 use crate::ui::Ui;
 
 /// Brightness of a query at night, relative to day.
@@ -25,7 +24,7 @@ pub(crate) struct Args {
     layout: DatasetLayout,
     /// Output folder; it must be new or empty.
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: OutFolder,
     /// Name of the scene, for layouts with several scenes.
     #[arg(long, default_value = "room", value_name = "NAME")]
     scene: String,

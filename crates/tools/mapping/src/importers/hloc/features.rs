@@ -235,11 +235,25 @@ impl ImageFeatures {
     }
 }
 
+/// Checks that a feature file can hold images of these names.
+///
+/// # Errors
+/// [`MappingError::Unwritable`] for a duplicate name, a name that is also a folder of another, or one that leaves its
+/// folder.
+pub fn check_feature_names<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<(), MappingError> {
+    let mut tree = GroupTree::default();
+    for name in names {
+        let values = Values::Single(Vec::new());
+        tree.put(name, vec![NewDataset { name: KEYPOINTS, shape: vec![0, 2], values, attribute: None }])?;
+    }
+    Ok(())
+}
+
 /// Writes the features of images by name, like hloc's `extract_features`: keypoints and scores as float32 (a hundredth
 /// of a pixel is preserved), descriptors in columns as float16.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a duplicate name, or different numbers of vectors and keypoints;
+/// As [`check_feature_names`]; [`MappingError::Unwritable`] for different numbers of vectors and keypoints;
 /// [`MappingError::Io`].
 pub fn write_features(
     path: &Path,

@@ -55,11 +55,11 @@ mod stored;
 mod write;
 
 #[cfg(feature = "hloc")]
-pub use features::{FeaturesFile, ImageFeatures, Vectors, write_features};
+pub use features::{FeaturesFile, ImageFeatures, Vectors, check_feature_names, write_features};
 #[cfg(feature = "hloc")]
 pub use globals::{GlobalsFile, write_globals};
 #[cfg(feature = "hloc")]
 pub use matches::{KeypointMatch, MatchesFile, write_matches};
-pub use pairs::{read_pairs, write_pairs};
+pub use pairs::{check_pair_name, read_pairs, write_pairs};
 #[cfg(feature = "hloc")]
 pub use stored::StoredFeatures;

@@ -34,23 +34,30 @@ pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
     Ok(pairs)
 }
 
+/// Checks that a list of pairs can hold a name.
+///
+/// # Errors
+/// [`MappingError::Unwritable`] for a name with white space, which separates the names in such a list.
+pub fn check_pair_name(name: &str) -> Result<(), MappingError> {
+    if name.is_empty() || name.contains(char::is_whitespace) {
+        let reason = "white space separates the names in a list of pairs".to_owned();
+        return Err(MappingError::Unwritable { name: name.to_owned(), reason });
+    }
+    Ok(())
+}
+
 /// Writes a list of pairs.
 ///
 /// # Errors
-/// [`MappingError::Unwritable`] for a name with white space, which separates the names in such a list;
-/// [`MappingError::Io`].
+/// As [`check_pair_name`], and [`MappingError::Io`].
 pub fn write_pairs<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
 ) -> Result<(), MappingError> {
     let mut text = String::new();
     for (first, second) in pairs {
-        for name in [first, second] {
-            if name.is_empty() || name.contains(char::is_whitespace) {
-                let reason = "white space separates the names in a list of pairs".to_owned();
-                return Err(MappingError::Unwritable { name: name.to_owned(), reason });
-            }
-        }
+        check_pair_name(first)?;
+        check_pair_name(second)?;
         text.extend([first, " ", second, "\n"]);
     }
     write_atomic(path, text.as_bytes()).map_err(|source| MappingError::Io { path: path.to_owned(), source })

@@ -8,6 +8,7 @@ use super::run::refused;
 use super::submission::write_submissions;
 use super::{DataSet, DataSetArgs, evaluate};
 use crate::exit::Outcome;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Aachen Day-Night: build a map of the database images and localize the day and night queries.
@@ -31,7 +32,7 @@ pub(crate) struct Args {
     /// Write the poses for visuallocalization.net, `name qw qx qy qz tx ty tz` per line, with file names without
     /// folders; with several schemes one file per scheme, with the scheme appended to the name.
     #[arg(long, value_name = "FILE")]
-    submission: Option<PathBuf>,
+    submission: Option<OutFile>,
 }
 
 const DATA_SET: DataSet = DataSet {

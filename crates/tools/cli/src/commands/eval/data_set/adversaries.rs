@@ -1,7 +1,5 @@
 //! `--attack N` of the data-set commands: what each adversary recovers from the queries of each scene.
 
-use std::path::PathBuf;
-
 use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::privacy::adversaries::{
     AdversariesDocument, AdversariesEvaluation, AdversaryScene, adversaries_table, evaluate_adversaries,
@@ -10,6 +8,7 @@ use veiloc_evaluation::privacy::adversaries::{
 use crate::exit::Failure;
 use crate::files;
 use crate::stages::Stages;
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Attacks on the queries of the scenes.
@@ -25,7 +24,7 @@ pub(in crate::commands::eval) struct AttackArgs {
     attack_neighbours: u32,
     /// Write the attack results as in `eval adversaries --json`, with the names of the scenes. Default: only a table.
     #[arg(long, value_name = "FILE", requires = "attack")]
-    attack_json: Option<PathBuf>,
+    attack_json: Option<OutFile>,
 }
 
 impl AttackArgs {

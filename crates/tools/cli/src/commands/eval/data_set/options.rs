@@ -12,6 +12,7 @@ use crate::exit::Failure;
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
 use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::targets::OutFolder;
 
 /// Selection of scenes, map building, and localization of the queries.
 #[derive(clap::Args)]
@@ -39,7 +40,7 @@ pub(in crate::commands::eval) struct DataSetArgs {
     /// query. An interrupted run continues from there, and results for the same images and options are not computed
     /// again. Default: nothing is stored.
     #[arg(long, value_name = "DIR")]
-    pub(super) work: Option<PathBuf>,
+    pub(super) work: Option<OutFolder>,
     /// Queries that are localized in parallel. Default: one per core; times are then those of a loaded machine. Use 1
     /// to report times.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]

@@ -75,10 +75,6 @@ pub(in crate::commands::eval) fn evaluate(
         }
     }
     let json = serde_json::to_string(&document)?;
-    if let Some(report) = report {
-        let title = format!("veiloc {}", data_set.command);
-        report.write(&title, &json, html::facts(Some(document.seed)), ui)?;
-    }
     let judged = TableData::parse(&json);
     let text = if let Ok(data) = &judged {
         let options = TableOptions {
@@ -97,6 +93,10 @@ pub(in crate::commands::eval) fn evaluate(
     };
     args.json.print(&text, &document, ui)?;
     args.attack.finish(attacked.as_ref(), args.json.takes_stdout(), ui)?;
+    if let Some(report) = report {
+        let title = format!("veiloc {}", data_set.command);
+        report.write(&title, &json, html::facts(Some(document.seed)), ui)?;
+    }
     let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
 }
