@@ -46,10 +46,12 @@ fn test_options(images: usize) -> SelfTestOptions {
 }
 
 impl Map {
-    /// The map of a model that was built or changed, with a self-test if one is requested.
+    /// The map of a model that was built or changed, with a self-test if one is requested. `remarks`: what was left out
+    /// of the poses.
     fn finished(
         mut model: MapModel,
         warnings: &[MapWarning],
+        remarks: &[String],
         with_test: bool,
         progress: &ProgressCallback,
     ) -> Result<Self> {
@@ -57,7 +59,8 @@ impl Map {
             model.self_test =
                 Some(self_test(&model, &SelfTestOptions::default(), progress).map_err(BindingError::map)?);
         }
-        Self::of_model(&model, warnings.iter().map(ToString::to_string).collect())
+        let warnings = warnings.iter().map(ToString::to_string);
+        Self::of_model(&model, warnings.chain(remarks.iter().cloned()).collect())
     }
 
     fn of_model(model: &MapModel, warnings: Vec<String>) -> Result<Self> {
@@ -117,7 +120,7 @@ impl Map {
             let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
-            Self::finished(model, &report.warnings, self_test, progress)
+            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }
 
@@ -151,7 +154,7 @@ impl Map {
             let input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
-            Self::finished(model, &report.warnings, self_test, progress)
+            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }
 
@@ -201,7 +204,7 @@ impl Map {
             }
             let mut model = self.file.to_model();
             let report = veiloc_mapping::add(&mut model, &input, progress)?;
-            Self::finished(model, &report.warnings, self_test, progress)
+            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }
 

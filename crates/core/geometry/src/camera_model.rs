@@ -111,12 +111,12 @@ impl CameraModel {
     pub const NAMES: &'static str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, \
                                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and THIN_PRISM_FISHEYE";
 
-    /// Builds a model from COLMAP's name and parameters.
+    /// Builds a model from COLMAP's name, in capitals or not, and parameters.
     ///
     /// # Errors
     /// [`IntrinsicsError`] for an unknown name, a wrong number of parameters, or an invalid value.
     pub fn new(name: &str, params: &[f64]) -> Result<Self, IntrinsicsError> {
-        let row = ROWS.iter().find(|row| row.1 == name);
+        let row = ROWS.iter().find(|row| row.1.eq_ignore_ascii_case(name));
         let Some(&(id, model, order)) = row else {
             return Err(IntrinsicsError::UnknownModel { name: name.to_owned() });
         };
@@ -138,6 +138,11 @@ impl CameraModel {
             return Err(IntrinsicsError::BadValue { what: "field of view omega (radians)", value: omega });
         }
         Ok(made)
+    }
+
+    /// Returns whether a word is the name of a model, in capitals or not.
+    pub fn is_name(word: &str) -> bool {
+        ROWS.iter().any(|row| row.1.eq_ignore_ascii_case(word))
     }
 
     fn of(id: i32, params: &[f64]) -> Option<Self> {

@@ -76,6 +76,15 @@ impl Intrinsics {
     }
 }
 
+/// Reads a side of an image, pixels. Some programs write it with decimals that are zero (`640.0`).
+pub(crate) fn side(text: &str) -> Option<u32> {
+    let whole = || {
+        let side: f64 = text.parse().ok()?;
+        (side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side)).then_some(side as u32)
+    };
+    text.parse().ok().or_else(whole)
+}
+
 /// `MODEL,WIDTH,HEIGHT,PARAMS…`, the command line format, or the same with spaces, as in COLMAP's `cameras.txt`.
 impl FromStr for Intrinsics {
     type Err = IntrinsicsError;
@@ -87,8 +96,8 @@ impl FromStr for Intrinsics {
         // Several spaces are one separator; an empty field between commas is an error.
         let mut parts = text.split(is_separator).map(str::trim).filter(|part| has_commas || !part.is_empty());
         let name = parts.next().filter(|n| !n.is_empty()).ok_or_else(syntax)?;
-        let width = parts.next().and_then(|p| p.parse().ok()).ok_or_else(syntax)?;
-        let height = parts.next().and_then(|p| p.parse().ok()).ok_or_else(syntax)?;
+        let width = parts.next().and_then(side).ok_or_else(syntax)?;
+        let height = parts.next().and_then(side).ok_or_else(syntax)?;
         let params: Vec<f64> = parts.map(str::parse).collect::<Result<_, _>>().map_err(|_| syntax())?;
         Self::new(name, width, height, &params)
     }
@@ -190,6 +199,17 @@ mod tests {
         for text in ["", "PINHOLE", "PINHOLE,640", "PINHOLE,-1,480,1,1,1,1", "PINHOLE,640,480,x,1,1,1"] {
             assert!(text.parse::<Intrinsics>().is_err(), "{text:?}");
         }
+        for text in ["PINHOLE,640.5,480,1,1,1,1", "PINHOLE,-640.0,480,1,1,1,1", "PINHOLE,nan,480,1,1,1,1"] {
+            assert!(text.parse::<Intrinsics>().is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn sizes_with_decimals_and_small_letters_are_read() {
+        let camera: Intrinsics = "PINHOLE,640,480,500,500,320,240".parse().expect("valid");
+        assert_eq!("pinhole 640.0 480.0 500 500 320 240".parse::<Intrinsics>(), Ok(camera));
+        assert_eq!(Intrinsics::new("Pinhole", 640, 480, camera.model.params()), Ok(camera));
+        assert!(CameraModel::is_name("simple_radial") && !CameraModel::is_name("room"));
     }
 
     #[test]

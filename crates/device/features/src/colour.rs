@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::FeatureError;
-use crate::load::decode;
+use crate::load::decode_photo;
 
 /// A colour image: red, green and blue, `[height, width, 3]`, at least one pixel.
 #[derive(Clone, PartialEq, Eq)]
@@ -57,6 +57,6 @@ impl ColourImage {
 /// # Errors
 /// As [`crate::load_gray`].
 pub fn load_colour(path: &Path) -> Result<ColourImage, FeatureError> {
-    let image = decode(path)?.into_rgb8();
+    let image = decode_photo(path)?.into_rgb8();
     ColourImage::new(image.width(), image.height(), image.into_raw())
 }

@@ -1,7 +1,7 @@
 //! The camera from a file's EXIF focal length, for uncalibrated images.
 //!
 //! Read only when a caller requests it, and no other metadata is read: no time, no location, no maker. The result is a
-//! pinhole camera with its principal point in the middle.
+//! pinhole camera with its principal point in the middle. Damaged fields count as absent.
 //!
 //! # From EXIF to pixels
 //! The first of these that the file has:
@@ -41,7 +41,12 @@ pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
     let metadata = metadata.ok_or_else(|| no_focal("it has no EXIF"))?;
     // Some writers leave the marker of the segment before the data.
     let data = metadata.strip_prefix(b"Exif\0\0").unwrap_or(&metadata).to_vec();
-    let exif = Reader::new().read_raw(data).map_err(|_| no_focal("its EXIF is damaged"))?;
+    // Many writers spoil one field, or the link behind a directory, and other readers take the rest.
+    let exif = Reader::new()
+        .continue_on_error(true)
+        .read_raw(data)
+        .or_else(|error| error.distill_partial_result(|_| {}))
+        .map_err(|_| no_focal("its EXIF is damaged"))?;
     let focal = focal_px(&exif, size).map_err(no_focal)?;
     camera(path, size, focal)
 }

@@ -50,6 +50,13 @@ pub trait FeatureStore: Send + Sync {
     /// # Errors
     /// [`FeatureError::Extractor`] when the image has no stored features, or they are of an image of another size.
     fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError>;
+
+    /// The same features for images that are known together, by their names relative to a folder: a name in the store
+    /// is then never taken for another image's. `None`, the default, if the store makes no difference.
+    fn of_images(&self, folder: &Path, names: &[&str]) -> Option<Arc<dyn Extractor>> {
+        let _ = (folder, names);
+        None
+    }
 }
 
 /// A shared extractor: a network is read once, for the map and for sealing.

@@ -5,13 +5,14 @@ use std::str::FromStr;
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use veiloc_map::text::text_of;
 
 use crate::error::DatasetError;
 
 /// Reads a text file of the data set; the error for a missing file says what it is and where to get it.
 pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result<String, DatasetError> {
     match std::fs::read(path) {
-        Ok(bytes) => String::from_utf8(bytes).map_err(|_| DatasetError::Unusable {
+        Ok(bytes) => text_of(bytes).map_err(|_| DatasetError::Unusable {
             path: path.to_owned(),
             reason: "is not text; get the file again".to_owned(),
         }),

@@ -13,6 +13,7 @@
 //! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
 //! - [`MapView`]: a map file, whole or with one image left out.
+//! - [`text`]: text files that people and other programs write.
 //! - [`colmap`]: strict reader and writer of COLMAP models, text and binary; [`write_ply`] writes the points of a
 //!   map.
 //!
@@ -60,6 +61,7 @@ mod region;
 pub mod regions;
 mod self_test;
 mod settings;
+pub mod text;
 
 pub use compressed::{PointSummary, WholeMapSummary};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};

@@ -30,6 +30,7 @@ pub struct PosedImages {
     images: Vec<PosedImage>,
     points: Vec<Point3<World>>,
     by_name: BTreeMap<String, usize>,
+    remarks: Vec<String>,
 }
 
 impl PosedImages {
@@ -71,7 +72,16 @@ impl PosedImages {
     /// From parts that are known to be consistent.
     pub(crate) fn indexed(images: Vec<PosedImage>, points: Vec<Point3<World>>) -> Self {
         let by_name = images.iter().enumerate().map(|(index, image)| (image.name.clone(), index)).collect();
-        Self { images, points, by_name }
+        Self { images, points, by_name, remarks: Vec::new() }
+    }
+
+    pub(crate) fn with_remarks(self, remarks: Vec<String>) -> Self {
+        Self { remarks, ..self }
+    }
+
+    /// What reading left out or changed, for people; empty if everything was taken as it is.
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
     }
 
     /// All images, in the order given.

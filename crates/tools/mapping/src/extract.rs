@@ -11,6 +11,7 @@ use veiloc_protocol::ExtractionLimits;
 use crate::bad_image::{BadImage, BadReason};
 use crate::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
 use crate::error::MappingError;
+use crate::image_names::image_file;
 use crate::input::{CheckedImages, split_usable};
 use crate::progress::Progress;
 
@@ -50,11 +51,16 @@ pub(crate) fn extract_each<'a, T: Send>(
     then: impl Fn(&PosedImage, ExtractedFeatures) -> T + Sync,
 ) -> Result<ExtractionResult<'a, T>, MappingError> {
     let CheckedImages { images, mut skipped, folder, on_bad, cache } = input;
+    let names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
+    let stored = extractor_pair.extractor.stored().and_then(|stored| stored.of_images(folder, &names));
+    let extractor_pair =
+        ExtractorPair { extractor: stored.as_deref().unwrap_or(extractor_pair.extractor), ..extractor_pair };
     progress.start("Extracting features", images.len());
     let all: Vec<Result<(&PosedImage, T), BadImage>> = images
         .into_par_iter()
         .map(|image| {
-            let extracted = extract(&folder.join(&image.name), &image.camera, extractor_pair, limits, cache);
+            let extracted =
+                extract(&image_file(folder, &image.name), &image.camera, extractor_pair, limits, cache);
             progress.advance(1);
             let extracted =
                 extracted.map_err(|e| BadImage { name: image.name.clone(), reason: BadReason::Image(e) })?;

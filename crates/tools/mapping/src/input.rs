@@ -1,6 +1,6 @@
 //! Input of map building: the images, the folder of their files, and the treatment of unusable images.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use veiloc_features::{Extractors, FeatureError, SharedGlobal};
@@ -9,6 +9,7 @@ use veiloc_map::{PosedImage, PosedImages};
 use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::cache::BuildCache;
 use crate::error::MappingError;
+use crate::image_names::{NameIndex, image_file};
 
 /// Images to map: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +51,8 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// Uses only the images with these names, in their order.
+    /// Uses only the images with these names, in their order. A name may differ from the image's in its spelling
+    /// ([`image_file`]).
     #[must_use]
     pub const fn with_names(self, names: &'a [String]) -> Self {
         Self { names: Some(names), ..self }
@@ -102,8 +104,8 @@ impl<'a> Input<'a> {
     /// Returns the given pairs as indices of these images, sorted and without duplicates.
     pub(crate) fn pairs_of(&self, images: &[&PosedImage]) -> Result<Option<Vec<(u32, u32)>>, MappingError> {
         let Some(pairs) = self.pairs else { return Ok(None) };
-        let index: BTreeMap<&str, u32> = images.iter().map(|image| image.name.as_str()).zip(0..).collect();
-        let of = |name: &String| index.get(name.as_str()).copied();
+        let index = NameIndex::new(images.iter().map(|image| image.name.as_str()).zip(0..));
+        let of = |name: &String| index.get(name);
         let known = pairs.iter().filter_map(|(a, b)| Some((of(a)?, of(b)?))).filter(|(a, b)| a != b);
         let known: BTreeSet<(u32, u32)> = known.map(|(a, b)| (a.min(b), a.max(b))).collect();
         if known.is_empty() {
@@ -137,8 +139,9 @@ impl<'a> Input<'a> {
             |names| names.iter().map(String::as_str).collect(),
         );
         let mut seen = BTreeSet::new();
+        let index = NameIndex::new(self.posed.images().iter().map(|image| (image.name.as_str(), image)));
         let results = named.into_iter().map(|name| {
-            let usable = self.usable(name, &mut seen, &is_in_map);
+            let usable = self.usable(name, &index, &mut seen, &is_in_map);
             usable.map_err(|reason| BadImage { name: name.to_owned(), reason })
         });
         let (images, skipped) = split_usable(results.collect(), self.on_bad)?;
@@ -148,17 +151,19 @@ impl<'a> Input<'a> {
     fn usable(
         &self,
         name: &'a str,
+        index: &NameIndex<&'a PosedImage>,
         seen: &mut BTreeSet<&'a str>,
         is_in_map: impl Fn(&str) -> bool,
     ) -> Result<&'a PosedImage, BadReason> {
-        if !seen.insert(name) {
+        let found = index.get(name);
+        if !seen.insert(found.map_or(name, |image| &image.name)) {
             return Err(BadReason::Twice);
         }
-        let image = self.posed.get(name).ok_or(BadReason::NoPose)?;
-        if is_in_map(name) {
+        let image = found.ok_or(BadReason::NoPose)?;
+        if is_in_map(&image.name) {
             return Err(BadReason::AlreadyInMap);
         }
-        let path = self.folder.join(name);
+        let path = image_file(self.folder, &image.name);
         match path.metadata() {
             Ok(file) if file.is_file() => Ok(image),
             Ok(_) => Err(BadReason::NoFile { path }),

@@ -71,6 +71,23 @@ fn focal_length_from_exif_of_cameras() {
     close((3888, 2592), &unknown, expected);
 }
 
+/// Files of piexif and of thermal cameras: other readers take what is whole.
+#[test]
+fn whole_fields_of_damaged_exif_are_used() {
+    let expected = focal((400, 300), &[Short(FOCAL_35MM, 26)]).expect("a focal length");
+    let fields = [Short(FOCAL_35MM, 26), Rational(FOCAL_LENGTH, 42, 10)];
+    let whole = made::tiff(&[], &fields);
+    // Without the value of the last field, and then without the link behind the directory too.
+    for cut in [4, 8, 12] {
+        let camera =
+            camera_of("a.jpg", (400, 300), Some(whole[..whole.len() - cut].to_vec())).expect("a camera");
+        assert_eq!(camera.pinhole().focal[0], expected, "{cut} bytes are missing");
+    }
+    let short = made::tiff(&[], &fields[..1]);
+    let camera = camera_of("a.jpg", (400, 300), Some(short[..short.len() - 4].to_vec())).expect("a camera");
+    assert_eq!(camera.pinhole().focal[0], expected, "the link behind the directory is missing");
+}
+
 #[test]
 fn unusable_exif_is_rejected_with_a_reason() {
     let refused = |found: Result<f64, FeatureError>, word: &str| {

@@ -8,6 +8,7 @@ use flate2::Compression;
 use flate2::read::MultiGzDecoder;
 use flate2::write::GzEncoder;
 use serde::de::DeserializeOwned;
+use veiloc_map::text::without_mark;
 
 use crate::error::DatasetError;
 
@@ -45,7 +46,7 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<(usize, T)>, Dataset
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let value = serde_json::from_slice(&line).map_err(|e| fault(e.to_string()))?;
+        let value = serde_json::from_slice(without_mark(&line)).map_err(|e| fault(e.to_string()))?;
         values.push((number, value));
     }
     if values.is_empty() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::PosedImages;
+use veiloc_mapping::image_file;
 
 use crate::error::EvalError;
 
@@ -60,7 +61,7 @@ pub fn posed_queries(
             })?;
             Ok(PosedQuery {
                 name: name.clone(),
-                path: images.join(name),
+                path: image_file(images, name),
                 camera: image.camera,
                 cam_from_world: image.cam_from_world,
             })

@@ -7,6 +7,7 @@ use veiloc_features::Progress;
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localization::{Localization, localize};
 use veiloc_map::MapFile;
+use veiloc_mapping::image_file;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_protocol::{Scheme, SealedQuery};
 
@@ -85,7 +86,7 @@ fn drawn_query(
     let seal_options = |scheme| {
         with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
-    let path = evaluation.images.join(name);
+    let path = image_file(&evaluation.images, name);
     let extraction = seal_options(Scheme::default());
     let mask = evaluation.mask_of(name);
     let (features, used) = extract_features(&path, mask.as_deref(), &camera, profile, &extraction)?;

@@ -9,6 +9,7 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::BuildOptions;
+use veiloc_mapping::image_file;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
@@ -109,7 +110,7 @@ impl SceneEvaluation {
     pub(super) fn unposed(&self) -> impl Iterator<Item = EvaluatedQuery> {
         self.unposed.iter().map(|(name, camera)| EvaluatedQuery {
             name: name.clone(),
-            path: self.images.join(name),
+            path: image_file(&self.images, name),
             camera: *camera,
             truth: None,
         })

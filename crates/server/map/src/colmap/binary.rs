@@ -11,17 +11,18 @@ use crate::error::{FilePosition, MapError};
 /// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
 pub(super) const NO_POINT: u64 = u64::MAX;
 
-/// Reads the model in a folder, with its points on request.
-pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
+/// Reads the cameras and images of the model in a folder.
+pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?,
         images: Bytes::open(dir.join("images.bin"))?.records(73, image)?,
-        points: if with_points {
-            Bytes::open(dir.join("points3D.bin"))?.records(51, point)?
-        } else {
-            Vec::new()
-        },
+        ..Parts::default()
     })
+}
+
+/// Reads the points of the model in a folder.
+pub(super) fn read_points(dir: &Path) -> Result<Vec<ColmapPoint>, MapError> {
+    Bytes::open(dir.join("points3D.bin"))?.records(51, point)
 }
 
 /// A file that is read sequentially.

@@ -4,14 +4,16 @@
 //! both, the binary ones are read, as COLMAP does. `frames` and `rigs`, which newer COLMAPs write beside them, hold
 //! nothing that these three do not say for single cameras, and are ignored.
 //!
-//! Reading is strict: an accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index
-//! checks. Lengths in a file are checked before memory is allocated.
+//! An accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index checks. Cameras and poses
+//! are read strictly. Points and observations that `images` and `points3D` do not agree on are left out, with a remark
+//! ([`ColmapModel::remarks`]). Lengths in a file are checked before memory is allocated.
 
 mod binary;
 mod export;
 mod folder;
 mod model;
 mod posed;
+mod reconcile;
 mod text;
 mod write;
 mod write_binary;
@@ -30,10 +32,13 @@ use crate::posed::PosedImages;
 ///
 /// # Errors
 /// [`MapError`] with file, position and remedy: no model, a record that cannot be parsed, an unsupported camera
-/// model, non-finite numbers, duplicate ids or names, dangling references.
+/// model, numbers of cameras and poses that are not finite, duplicate ids or names of cameras and images.
 pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
     match ModelFiles::in_folder(dir) {
-        Some(files) if files.points => files.read(dir),
+        Some(files) if files.points => {
+            let points = files.read_points(dir)?;
+            files.read(dir, points, Vec::new())
+        }
         _ => Err(no_model(dir, "cameras, images and points3D")),
     }
 }
@@ -41,10 +46,17 @@ pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
 /// Reads cameras and poses of the model in a folder, text or binary, and its points if present.
 ///
 /// # Errors
-/// As for [`read_model`], but a folder without `points3D` is a model without points.
+/// As for [`read_model`], but a folder without `points3D` is a model without points, and so is one whose `points3D`
+/// cannot be read, with a remark ([`PosedImages::remarks`]).
 pub fn read_posed(dir: &Path) -> Result<PosedImages, MapError> {
     let files = ModelFiles::in_folder(dir).ok_or_else(|| no_model(dir, "cameras and images"))?;
-    Ok(PosedImages::from(&files.read(dir)?))
+    let points = if files.points { files.read_points(dir) } else { Ok(Vec::new()) };
+    let (points, remarks) = match points {
+        Ok(points) => (points, Vec::new()),
+        Err(error) => (Vec::new(), vec![format!("the points of the model are not used: {error}")]),
+    };
+    let files = ModelFiles { points: files.points && remarks.is_empty(), ..files };
+    Ok(PosedImages::from(&files.read(dir, points, remarks)?))
 }
 
 /// The error for a folder without a model, which names the folders in it that hold one: COLMAP writes its models into
@@ -76,10 +88,21 @@ impl ModelFiles {
         order.into_iter().map(|(binary, points)| Self { binary, points }).find(has)
     }
 
-    fn read(self, dir: &Path) -> Result<ColmapModel, MapError> {
-        let read = if self.binary { binary::read } else { text::read };
-        let mut parts = read(dir, self.points)?;
-        if !self.points {
+    fn read_points(self, dir: &Path) -> Result<Vec<ColmapPoint>, MapError> {
+        if self.binary { binary::read_points(dir) } else { text::read_points(dir) }
+    }
+
+    fn read(
+        self,
+        dir: &Path,
+        points: Vec<ColmapPoint>,
+        remarks: Vec<String>,
+    ) -> Result<ColmapModel, MapError> {
+        let mut parts = if self.binary { binary::read(dir)? } else { text::read(dir)? };
+        (parts.points, parts.remarks) = (points, remarks);
+        if self.points {
+            parts.reconcile();
+        } else {
             parts.forget_points();
         }
         ColmapModel::checked(parts, Some(dir))

@@ -15,6 +15,8 @@ pub(crate) struct Parts {
     pub(crate) cameras: Vec<(u32, Intrinsics)>,
     pub(crate) images: Vec<ColmapImage>,
     pub(crate) points: Vec<ColmapPoint>,
+    /// What was left out or changed, for people.
+    pub(crate) remarks: Vec<String>,
 }
 
 impl Parts {
@@ -75,6 +77,7 @@ pub struct ColmapModel {
     by_name: BTreeMap<String, usize>,
     /// Index in `images` by id.
     by_id: BTreeMap<u32, usize>,
+    remarks: Vec<String>,
 }
 
 impl ColmapModel {
@@ -87,7 +90,7 @@ impl ColmapModel {
         images: Vec<ColmapImage>,
         points: Vec<ColmapPoint>,
     ) -> Result<Self, MapError> {
-        Self::checked(Parts { cameras, images, points }, None)
+        Self::checked(Parts { cameras, images, points, remarks: Vec::new() }, None)
     }
 
     pub(crate) fn checked(parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
@@ -97,7 +100,8 @@ impl ColmapModel {
             reason,
         };
         let mut cameras = BTreeMap::new();
-        for (id, camera) in parts.cameras {
+        let mut parts = parts;
+        for (id, camera) in std::mem::take(&mut parts.cameras) {
             if cameras.insert(id, camera).is_some() {
                 return Err(refuse(
                     ModelRecord::Camera(id),
@@ -139,7 +143,8 @@ impl ColmapModel {
                 ));
             }
         }
-        let model = Self { cameras, images: parts.images, points: parts.points, by_name, by_id };
+        let Parts { images, points, remarks, .. } = parts;
+        let model = Self { cameras, images, points, by_name, by_id, remarks };
         model.check_tracks().map_err(|(record, reason)| refuse(record, reason))?;
         Ok(model)
     }
@@ -212,6 +217,11 @@ impl ColmapModel {
     /// Points in the model's order.
     pub fn points(&self) -> &[ColmapPoint] {
         &self.points
+    }
+
+    /// What reading left out or changed, for people; empty for a model that was taken as it is.
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
     }
 
     /// Names of all images, in the model's order.

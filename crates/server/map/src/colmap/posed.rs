@@ -16,6 +16,7 @@ impl From<&ColmapModel> for PosedImages {
             seen: image.points2d.iter().filter_map(|p| index.get(&p.point?).copied()).collect(),
         });
         // The other requirements of posed images were checked when the COLMAP model was made.
-        Self::indexed(images.collect(), model.points().iter().map(|p| p.position).collect())
+        let posed = Self::indexed(images.collect(), model.points().iter().map(|p| p.position).collect());
+        posed.with_remarks(model.remarks().to_vec())
     }
 }

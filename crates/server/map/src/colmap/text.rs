@@ -6,16 +6,23 @@ use std::str::{FromStr, SplitAsciiWhitespace};
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
+use super::binary::NO_POINT;
 use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
 use crate::error::{FilePosition, MapError};
+use crate::text::text_of;
 
-/// Reads the model in a folder, with its points on request.
-pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
+/// Reads the cameras and images of the model in a folder.
+pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: cameras(&Text::open(dir.join("cameras.txt"))?)?,
         images: images(&Text::open(dir.join("images.txt"))?)?,
-        points: if with_points { points(&Text::open(dir.join("points3D.txt"))?)? } else { Vec::new() },
+        ..Parts::default()
     })
+}
+
+/// Reads the points of the model in a folder.
+pub(super) fn read_points(dir: &Path) -> Result<Vec<ColmapPoint>, MapError> {
+    points(&Text::open(dir.join("points3D.txt"))?)
 }
 
 /// A text file and its name.
@@ -27,7 +34,7 @@ struct Text {
 impl Text {
     fn open(path: PathBuf) -> Result<Self, MapError> {
         let bytes = fs::read(&path).map_err(MapError::io(&path))?;
-        match String::from_utf8(bytes) {
+        match text_of(bytes) {
             Ok(content) => Ok(Self { path, content }),
             Err(error) => {
                 let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
@@ -81,6 +88,15 @@ impl<'a> Fields<'a> {
         })
     }
 
+    /// A side of an image, pixels.
+    fn side(&mut self, what: &str) -> Result<u32, MapError> {
+        let side: f64 = self.number(what)?;
+        if side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
+            return Ok(side as u32);
+        }
+        Err(self.text.refuse(self.line, format!("{what} is {side}, which is not a number of pixels")))
+    }
+
     fn numbers<const N: usize>(&mut self, what: &str) -> Result<[f64; N], MapError> {
         let mut all = [0.0; N];
         for value in &mut all {
@@ -100,7 +116,7 @@ fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
         .map(|mut fields| {
             let id = fields.number("CAMERA_ID")?;
             let model = fields.word("MODEL")?;
-            let (width, height) = (fields.number("WIDTH")?, fields.number("HEIGHT")?);
+            let (width, height) = (fields.side("WIDTH")?, fields.side("HEIGHT")?);
             let mut params = Vec::new();
             while let Some(word) = fields.rest.next() {
                 let number = word.parse::<f64>();
@@ -165,11 +181,12 @@ fn points2d(text: &Text, line: usize, content: &str) -> Result<Vec<ColmapPoint2d
     (0..count / 3)
         .map(|_| {
             let [u, v] = fields.numbers("2D point")?;
-            let point: i64 = fields.number("POINT3D_ID")?;
-            if point < -1 {
+            let point: i128 = fields.number("POINT3D_ID")?;
+            if !(-1..=i128::from(NO_POINT)).contains(&point) {
                 return Err(fields.refuse(format!("POINT3D_ID is {point}; it is -1 or the id of a point")));
             }
-            Ok(ColmapPoint2d { pixel: Pixel::new(u, v), point: u64::try_from(point).ok() })
+            let point = u64::try_from(point).ok().filter(|id| *id != NO_POINT);
+            Ok(ColmapPoint2d { pixel: Pixel::new(u, v), point })
         })
         .collect()
 }
@@ -182,7 +199,12 @@ fn points(text: &Text) -> Result<Vec<ColmapPoint>, MapError> {
             let [x, y, z] = fields.numbers("position")?;
             let mut color = [0; 3];
             for channel in &mut color {
-                *channel = fields.number("color")?;
+                // Some programs write it with decimals.
+                let value: f64 = fields.number("color")?;
+                if !(0.0..=255.0).contains(&value) {
+                    return Err(fields.refuse(format!("color is {value}; it is from 0 to 255")));
+                }
+                *channel = value.round() as u8;
             }
             let error = fields.number("ERROR")?;
             let count = fields.rest.clone().count();

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use veiloc_map::text::without_mark;
+
 use crate::auth::entry::TokenEntry;
 use crate::auth::error::{LineError, TokensError};
 use crate::auth::key::TokenKey;
@@ -41,7 +43,7 @@ impl TokenList {
     /// [`TokensError`]: an invalid line, two lines with the same token, or a file without any token.
     pub fn parse(bytes: &[u8]) -> Result<Self, TokensError> {
         let at = |line, fault| TokensError::Line { line, fault };
-        let text = std::str::from_utf8(bytes).map_err(|error| {
+        let text = std::str::from_utf8(without_mark(bytes)).map_err(|error| {
             let before = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
             at(1 + before.matches('\n').count(), LineError::NoText)
         })?;

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use veiloc_features::{DisplayTurn, FeatureError, display_turn};
 use veiloc_geometry::Intrinsics;
+use veiloc_map::text::text_of;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_protocol::FocalKnowledge;
 
@@ -110,7 +111,7 @@ pub(crate) fn warn_of_turned<'a>(images: impl IntoIterator<Item = (&'a Path, Cam
 fn only_camera(path: &Path) -> Result<Intrinsics, Failure> {
     let refused =
         |reason: String, help: &str| Failure::with_help(format!("{}: {reason}", path.display()), help);
-    let text = String::from_utf8(files::read(path)?).map_err(|_| {
+    let text = text_of(files::read(path)?).map_err(|_| {
         refused(
             "is not text".to_owned(),
             "give a cameras.txt; `colmap model_converter --output_type TXT` converts a binary model",
@@ -174,6 +175,7 @@ mod tests {
         let file = format!("# Camera list\n#   CAMERA_ID, MODEL, …\n1 {with_spaces}\n\n7 {with_spaces}\n");
         assert_eq!(in_file(&file).expect("one camera, twice"), camera);
         assert_eq!(in_file(&with_spaces).expect("without an id"), camera);
+        assert_eq!(in_file(&format!("\u{feff}1 {with_spaces}")).expect("a byte order mark"), camera);
     }
 
     #[test]

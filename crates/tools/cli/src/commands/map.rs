@@ -8,19 +8,21 @@ pub(crate) mod publish;
 mod self_test;
 pub(crate) mod split;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::args::extraction_args::ExtractionArgs;
 use crate::args::feature_args::MapFeatureArgs;
 use crate::args::global_args::MapGlobalArgs;
-use veiloc_map::colmap::{read_model, read_posed};
+use veiloc_map::colmap::read_model;
 use veiloc_map::{GravityDirection, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
-use veiloc_mapping::{Input, MappingError, OnBadImage, VocabularyUpdate};
+use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, VocabularyUpdate};
 
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
+use crate::commands::posed::{read_posed, warn_of};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::lists;
@@ -268,12 +270,15 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 }
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
-    let posed_input = args.posed.read()?;
+    let posed_input = args.posed.read(ui)?;
     if args.pairs.out_pairs.is_some() {
         posed_input.names().try_for_each(check_pair_name)?;
     }
     let options = args.extraction.options()?;
     let pairs = args.pairs.pairs.as_deref().map(read_pairs).transpose()?;
+    if let (Some(path), Some(pairs)) = (&args.pairs.pairs, &pairs) {
+        warn_of_unknown(path, pairs, posed_input.names(), ui);
+    }
     let input = match &pairs {
         Some(pairs) => posed_input.input().with_pairs(pairs),
         None => posed_input.input(),
@@ -309,8 +314,37 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     Ok(outcome)
 }
 
+/// Warns of pairs that are not matched, because an image of theirs is not mapped.
+fn warn_of_unknown<'a>(
+    path: &Path,
+    pairs: &'a [(String, String)],
+    mapped: impl Iterator<Item = &'a str>,
+    ui: &Ui,
+) {
+    const SHOWN: usize = 5;
+    let mapped = NameIndex::new(mapped.map(|name| (name, ())));
+    let is_unknown = |name: &&String| mapped.get(name).is_none();
+    let unknown: BTreeSet<&String> = pairs.iter().flat_map(|(a, b)| [a, b]).filter(is_unknown).collect();
+    if unknown.is_empty() {
+        return;
+    }
+    let left_out = pairs.iter().filter(|(a, b)| unknown.contains(a) || unknown.contains(b)).count();
+    let shown: Vec<&str> = unknown.iter().take(SHOWN).map(|name| name.as_str()).collect();
+    let more = match unknown.len().saturating_sub(SHOWN) {
+        0 => String::new(),
+        n => format!(" and {n} more"),
+    };
+    ui.warn(format_args!(
+        "warning: {}: {left_out} of {} pairs are left out, because these images are not mapped: {}{more}",
+        path.display(),
+        pairs.len(),
+        shown.join(", ")
+    ));
+}
+
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let colmap = read_model(&args.model)?;
+    warn_of(&args.model, colmap.remarks(), ui);
     let options = args.extraction.options()?;
     let posed = PosedImages::from(&colmap);
     let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
@@ -331,7 +365,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
 }
 
 fn add(args: &AddArgs, ui: &Ui) -> Outcome {
-    let posed_input = args.posed.read()?;
+    let posed_input = args.posed.read(ui)?;
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
     let extractors = args.features.extractors(&model.profile)?;
@@ -436,8 +470,8 @@ struct PosedInput<'a> {
 }
 
 impl PosedArgs {
-    fn read(&self) -> Result<PosedInput<'_>, Failure> {
-        let images = read_posed(&self.posed)?;
+    fn read(&self, ui: &Ui) -> Result<PosedInput<'_>, Failure> {
+        let images = read_posed(&self.posed, ui)?;
         let names = self.list.as_deref().map(lists::read_list).transpose()?;
         Ok(PosedInput { images, names, args: self })
     }

@@ -19,6 +19,7 @@ mod mask_args;
 pub(crate) mod missing_feature;
 pub(crate) mod models;
 mod page_args;
+mod posed;
 pub(crate) mod query;
 mod rig_file;
 pub(crate) mod seal;

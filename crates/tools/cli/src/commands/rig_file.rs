@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use veiloc_geometry::CameraFromRig;
+use veiloc_map::text::without_mark;
 use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
 
 use crate::exit::Failure;
@@ -55,8 +56,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
         return Err(refused(format!("longer than {MAX_BYTES} bytes"), form));
     }
     let bytes = files::read(path)?;
-    let file: RigFile =
-        serde_json::from_slice(&bytes).map_err(|e| refused(format!("not a rig file: {e}"), form))?;
+    let file: RigFile = serde_json::from_slice(without_mark(&bytes))
+        .map_err(|e| refused(format!("not a rig file: {e}"), form))?;
     let count = file.frames.len();
     if !(1..=RigMessage::MAX_FRAMES).contains(&count) {
         let help = "a session has 1 to 32 frames; localize a longer one in parts";

@@ -9,6 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use veiloc_mapping::image_file;
 
 use crate::output::exit::{Exit, Failure, Outcome, remedy_of_io};
 use crate::output::files;
@@ -212,9 +213,12 @@ fn unread_images(folder: &Path) -> Option<String> {
     }
 }
 
-/// Returns the files of a list: its names in a folder.
+/// Returns the files of a list: its names in a folder, in the spelling that the files have.
 pub(crate) fn files_of_list<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
-    names.into_iter().map(|name| check_file(folder.join(name), Path::new(name), Path::new(""))).collect()
+    names
+        .into_iter()
+        .map(|name| check_file(image_file(folder, name), Path::new(name), Path::new("")))
+        .collect()
 }
 
 /// Returns a file with its error if it cannot be opened.

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use veiloc_geometry::{Intrinsics, IntrinsicsError};
+use veiloc_geometry::{CameraModel, Intrinsics, IntrinsicsError};
+use veiloc_map::text::text_of;
 
 use crate::output::exit::Failure;
 use crate::output::files;
@@ -25,7 +26,7 @@ pub(crate) struct ListedImage {
 /// The file cannot be read, is not text, has no name or one name twice, or has an invalid camera.
 pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<ListedImage>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
-    let text = String::from_utf8(files::read(path)?)
+    let text = text_of(files::read(path)?)
         .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name per line"))?;
     let mut listed = Vec::new();
     let mut seen = BTreeSet::new();
@@ -101,8 +102,8 @@ pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
     text.parse()
 }
 
-/// Splits `name MODEL W H PARAMS…`. A model is recognized by its spelling, so that an unknown model is not taken for a
-/// part of the name.
+/// Splits `name MODEL W H PARAMS…`. A model is recognized by its spelling in capitals, so that an unknown model is not
+/// taken for a part of the name, and a known model in small letters too.
 fn name_and_camera(line: &str) -> (&str, Option<&str>) {
     line.match_indices(char::is_whitespace)
         .map(|(at, _)| (line[..at].trim_end(), line[at..].trim_start()))
@@ -113,10 +114,13 @@ fn name_and_camera(line: &str) -> (&str, Option<&str>) {
 fn is_camera(text: &str) -> bool {
     let mut words = text.split_whitespace();
     let is_model = |word: &str| {
+        if CameraModel::is_name(word) {
+            return true;
+        }
         word.starts_with(|c: char| c.is_ascii_uppercase())
             && word.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_')
     };
-    let size = |word: Option<&str>| word.is_some_and(|w| w.parse::<u32>().is_ok());
+    let size = |word: Option<&str>| word.is_some_and(|w| w.parse::<f64>().is_ok_and(|side| side >= 0.0));
     words.next().is_some_and(is_model) && size(words.next()) && size(words.next())
 }
 
@@ -159,6 +163,16 @@ a GIRL 3 of 4.jpg
         assert_eq!(listed[0].camera, camera("SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019"));
         assert_eq!(listed[2].camera, camera("PINHOLE,640,480,500,500,320,240"));
         assert_eq!((listed[3].camera, listed[3].line), (None, 6));
+    }
+
+    #[test]
+    fn lists_of_other_programs_are_read() {
+        let text = "\u{feff}a.jpg pinhole 640.0 480.0 500 500 320 240\r\na girl 3 of 4.jpg\r\n";
+        let (_folder, path) = list_file(text);
+        let listed = read_with_cameras(&path).expect("a list");
+        assert_eq!(listed[0].name, "a.jpg", "the byte order mark is no part of the name");
+        assert_eq!(listed[0].camera, "PINHOLE,640,480,500,500,320,240".parse().ok());
+        assert_eq!((listed[1].name.as_str(), listed[1].camera), ("a girl 3 of 4.jpg", None));
     }
 
     #[test]

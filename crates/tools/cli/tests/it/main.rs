@@ -28,6 +28,7 @@ mod inversion;
 mod map_changes;
 mod masks;
 mod models;
+mod other_programs;
 mod outputs;
 mod pipeline;
 mod pose_files;

@@ -6,6 +6,7 @@ use std::path::Path;
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_mapping::build_cache::CacheKey;
+use veiloc_mapping::image_file;
 
 use super::io;
 use crate::error::EvalError;
@@ -48,13 +49,13 @@ impl EvaluationKey for CacheKey {
         let extractor = evaluation.build.extractors.named(&evaluation.build.features);
         let extractor = extractor?;
         // An image that cannot be read is reported when the map is built.
-        let Ok(gray) = load_gray(&evaluation.images.join(name)) else { return Ok(()) };
+        let Ok(gray) = load_gray(&image_file(&evaluation.images, name)) else { return Ok(()) };
         let image = Image::from(gray);
         match extractor.stored() {
             // Each stored global descriptor is hashed: one does not represent the others.
             Some(stored) => {
                 for name in evaluation.map_list.iter().chain(&evaluation.query_list) {
-                    let path = evaluation.images.join(name);
+                    let path = image_file(&evaluation.images, name);
                     let Ok(gray) = load_gray(&path) else { continue };
                     if let Ok(features) = stored.features(&path, (gray.width(), gray.height())) {
                         self.features(&features);

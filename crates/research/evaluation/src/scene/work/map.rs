@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::results::MapSummary;
 use veiloc_map::atomic_file::write_atomic;
 use veiloc_mapping::build_cache::CacheKey;
+use veiloc_mapping::image_file;
 
 use super::key::EvaluationKey as _;
 use super::{Work, io};
@@ -37,7 +38,7 @@ impl Work {
                 key.pose(Some(&image.cam_from_world));
                 key.debug(&image.seen);
             }
-            key.file(&evaluation.images.join(name))?;
+            key.file(&image_file(&evaluation.images, name))?;
         }
         let name = key.hex();
         let path = |ending: &str| self.folder.join(format!("map-{}.{ending}", &name[..16]));

@@ -1,11 +1,11 @@
 //! The settings file: TOML whose keys are the flags.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{ArgAction, Command};
 use toml::de::{DeTable, DeValue};
+use veiloc_map::text::read_text;
 
 use super::error::SettingsError;
 use super::is_setting;
@@ -43,8 +43,8 @@ impl SettingsFile {
 
 /// Reads the file and checks it against the flags of `command`.
 pub(super) fn read(path: &Path, command: &Command) -> Result<SettingsFile, SettingsError> {
-    let text = fs::read_to_string(path)
-        .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
+    let text =
+        read_text(path).map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
     parse(&text, path, command)
 }
 

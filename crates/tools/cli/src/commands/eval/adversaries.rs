@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use veiloc_evaluation::privacy::adversaries::{
     AdversariesEvaluation, Adversary, AdversaryScene, adversaries_table, evaluate_adversaries,
 };
-use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 
 use crate::commands::eval::posed_scene::OptionalPosedSceneArgs;
+use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
@@ -93,7 +93,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
     if let Some(scene) = args.posed_scene.given() {
         evaluation.scene = Some(AdversaryScene {
-            posed: read_posed(&scene.posed)?,
+            posed: read_posed(&scene.posed, ui)?,
             images: scene.images,
             map_list: lists::read_list(&scene.map_list)?,
             query_list: lists::read_list(&scene.query_list)?,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use veiloc_evaluation::results::comparison::{Comparison, ComparisonOptions, Run, compare};
 use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_map::text::read_text;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;
@@ -96,7 +97,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 }
 
 fn read(path: &Path) -> Result<Run, Failure> {
-    let text = std::fs::read_to_string(path).map_err(|e| {
+    let text = read_text(path).map_err(|e| {
         Failure::with_help(format!("{}: {e}", path.display()), "give a file written by --json")
     })?;
     Run::parse(&text).map_err(|error| {

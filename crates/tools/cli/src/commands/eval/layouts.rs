@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use veiloc_evaluation::privacy::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
 use veiloc_evaluation::stress::StressCondition;
-use veiloc_map::colmap::read_posed;
 use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
 
 use crate::commands::eval::posed_scene::PosedSceneArgs;
+use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
@@ -86,7 +86,7 @@ Adversaries; the best attack of each counts (see `attack`):
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
     let mut evaluation = LayoutsEvaluation::new(
-        read_posed(&args.posed_scene.posed)?,
+        read_posed(&args.posed_scene.posed, ui)?,
         args.posed_scene.images.clone(),
         lists::read_list(&args.posed_scene.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),

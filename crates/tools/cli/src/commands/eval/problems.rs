@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_evaluation::{ProblemSource, make_problems, masks_of};
-use veiloc_map::colmap::read_posed;
 
 use crate::commands::eval::posed_scene::PosedSceneArgs;
+use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
@@ -48,7 +48,7 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let query_list = lists::read_list(&args.posed_scene.query_list)?;
     let source = ProblemSource {
-        posed: &read_posed(&args.posed_scene.posed)?,
+        posed: &read_posed(&args.posed_scene.posed, ui)?,
         images: &args.posed_scene.images,
         map_list: &lists::read_list(&args.posed_scene.map_list)?,
         query_list: &query_list,

@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         ));
     }
     let evaluation = RigEvaluation {
-        scene: args.scene.evaluation()?,
+        scene: args.scene.evaluation(ui)?,
         frames: args.frames.iter().map(|n| n.get()).collect(),
         rotation_sd_deg: args.rotation_noise,
         translation_sd: args.translation_noise,

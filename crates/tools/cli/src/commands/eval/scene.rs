@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::pipeline::QueryTransmission;
 use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
-use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
 
 use crate::commands::eval::html::{self, HtmlArgs};
 use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
 use crate::commands::eval::report::ReportArgs;
+use crate::commands::posed::read_posed;
 use crate::exit::{Failure, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::lists;
@@ -83,7 +83,7 @@ pub(super) struct SceneArgs {
 
 impl SceneArgs {
     /// Returns the evaluation without gravity and negatives.
-    pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
+    pub(super) fn evaluation(&self, ui: &Ui) -> Result<SceneEvaluation, Failure> {
         // A device may know its lens better than the model does, so cameras in the list take precedence.
         let queries = lists::read_with_cameras(&self.posed_scene.query_list)?;
         let names = queries.iter().map(|query| query.name.clone()).collect();
@@ -97,7 +97,7 @@ impl SceneArgs {
             localize: self.matching.options(&self.pose),
             seed: self.pose.run.seed,
             ..SceneEvaluation::of_scene(
-                read_posed(&self.posed_scene.posed)?,
+                read_posed(&self.posed_scene.posed, ui)?,
                 self.posed_scene.images.clone(),
                 lists::read_list(&self.posed_scene.map_list)?,
                 names,
@@ -134,10 +134,10 @@ struct NegativeArgs {
 }
 
 impl NegativeArgs {
-    fn negatives(&self) -> Result<Option<NegativeQueryImages>, Failure> {
+    fn negatives(&self, ui: &Ui) -> Result<Option<NegativeQueryImages>, Failure> {
         match (&self.posed, &self.images, &self.list) {
             (Some(posed), Some(images), Some(list)) => Ok(Some(NegativeQueryImages {
-                posed: read_posed(posed)?,
+                posed: read_posed(posed, ui)?,
                 images: images.clone(),
                 list: lists::read_list(list)?,
             })),
@@ -157,7 +157,7 @@ fn above_one(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = SceneEvaluation {
         gravity_sd_deg: args.gravity.sd_deg,
-        negatives: args.negatives.negatives()?,
+        negatives: args.negatives.negatives(ui)?,
         masks: args.masks.clone(),
         work: args.work.as_deref().map(Path::to_owned),
         jobs: args.jobs.into(),
@@ -167,7 +167,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .progressive
             .stop_criterion()
             .map_or(QueryTransmission::Whole, QueryTransmission::Progressive),
-        ..args.scene.evaluation()?
+        ..args.scene.evaluation(ui)?
     };
     let report = args.html.begin(1, LengthUnit::Map)?;
     if let Some(report) = &report {

@@ -63,7 +63,7 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let default = SessionOptions::default();
     let evaluation = SessionsEvaluation {
-        scene: args.scene.evaluation()?,
+        scene: args.scene.evaluation(ui)?,
         anchors: args.anchors.clone(),
         motions: args.motion.clone(),
         frames: args.frames.iter().map(|n| n.get()).collect(),

@@ -2,10 +2,10 @@
 
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress, table};
-use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 
 use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
+use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
@@ -76,7 +76,7 @@ on --seed, the name of the image and the name of the stress):
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
     let mut evaluation = StressEvaluation::new(
-        read_posed(&args.posed_scene.posed)?,
+        read_posed(&args.posed_scene.posed, ui)?,
         args.posed_scene.images.clone(),
         lists::read_list(&args.posed_scene.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::results::tables::{Cells, Format, TableData, TableOptions, tables};
+use veiloc_map::text::read_text;
 use veiloc_report::plots::{self, ErrorAxis};
 
 use crate::exit::{Exit, Failure, Outcome};
@@ -56,7 +57,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             "give a file written by `eval 7scenes --json FILE` or another data-set command",
         )
     };
-    let text = std::fs::read_to_string(&args.results).map_err(|e| refused(&e))?;
+    let text = read_text(&args.results).map_err(|e| refused(&e))?;
     let data = TableData::parse(&text).map_err(|e| refused(&e))?;
     let options = TableOptions {
         format: match (args.latex, args.csv) {

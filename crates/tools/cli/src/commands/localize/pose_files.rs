@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use veiloc_evaluation::results::PoseDocument;
-use veiloc_evaluation::results::pose_lines::{hloc_line, tum_line, tum_stamps};
+use veiloc_evaluation::results::pose_lines::{TumStamps, hloc_line, tum_line, tum_stamps};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
 
@@ -28,9 +28,9 @@ pub(super) struct PoseFileArgs {
     /// Write COLMAP's text files instead of the binary ones.
     #[arg(long, requires = "out_colmap")]
     text: bool,
-    /// Write the poses as a TUM trajectory: `time tx ty tz qx qy qz qw`, camera to world. The time is the number in
-    /// each file name if all names are seconds with a decimal point, otherwise the index in the list. Default: not
-    /// written.
+    /// Write the poses as a TUM trajectory: `time tx ty tz qx qy qz qw`, camera to world. The time, in seconds, is the
+    /// number in each file name if all names are seconds with a decimal point, microseconds (16 digits) or nanoseconds
+    /// (17 to 19 digits), otherwise the index in the list. Default: not written.
     #[arg(long, value_name = "FILE")]
     out_tum: Option<OutFile>,
 }
@@ -78,12 +78,13 @@ impl PoseFileArgs {
             save(path, &lines.collect::<String>(), answered.len(), ui)?;
         }
         if let Some(path) = &self.out_tum {
-            let stamps = tum_stamps(answered.iter().map(|query| query.name.as_str()));
+            let TumStamps { stamps, source } = tum_stamps(answered.iter().map(|query| query.name.as_str()));
             let lines = answered
                 .iter()
                 .zip(stamps)
                 .filter_map(|(query, stamp)| Some(tum_line(&stamp, &query.pose?.pose()?) + "\n"));
             save(path, &lines.collect::<String>(), answered.len(), ui)?;
+            ui.info(format!("{}: {source}", path.display()));
         }
         if let Some(dir) = &self.out_colmap {
             let model = colmap_model(posed())?;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use veiloc_map::atomic_file::write_atomic;
+use veiloc_map::text::without_mark;
 
 use crate::MappingError;
 
@@ -18,7 +19,7 @@ pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
         line,
         reason: reason.to_owned(),
     };
-    let text = std::str::from_utf8(&bytes)
+    let text = std::str::from_utf8(without_mark(&bytes))
         .map_err(|_| refused(1, "is not text; give a list with two image names per line"))?;
     let mut pairs = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
@@ -79,6 +80,12 @@ mod tests {
             [pair("db/a.jpg", "db/b.jpg"), pair("db/a.jpg", "c.png")]
         );
         assert!(write_pairs(&path, [("a b.jpg", "c.jpg")]).is_err());
+        std::fs::write(&path, "\u{feff}a.jpg b.jpg\r\n").expect("written");
+        assert_eq!(
+            read_pairs(&path).expect("pairs"),
+            [pair("a.jpg", "b.jpg")],
+            "a byte order mark is no part of the name"
+        );
         for text in ["", "\n", "a.jpg\n", "a b c\n", "a a\n"] {
             std::fs::write(&path, text).expect("written");
             assert!(matches!(read_pairs(&path), Err(MappingError::PairsLine { line: 1, .. })), "{text:?}");

@@ -1,21 +1,34 @@
 //! A feature file instead of an extractor.
 
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use veiloc_descriptor::{DescriptorKind, Encoding};
 use veiloc_features::{Extractor, FeatureError, FeatureStore, Features, Image};
 
 use crate::MappingError;
+use crate::image_names::{NameIndex, other_spellings};
 use crate::importers::hloc::FeaturesFile;
 
 /// Features of a file by image name, without extraction.
 ///
-/// An image is found by the end of its path: for `images/db/a.jpg` the file may have `db/a.jpg` or `a.jpg`; if it has
-/// both, the image is ambiguous and refused.
-#[derive(Debug)]
+/// For images that are known together ([`FeatureStore::of_images`]) the name relative to their folder counts first. Only
+/// if the file does not have it, an end of the path counts: for `images/db/a.jpg` the file may have `images/db/a.jpg`,
+/// `db/a.jpg` or `a.jpg`, of which the longest counts. An end that is another image's name, or that fits another image
+/// as well, is refused.
+#[derive(Debug, Clone)]
 pub struct StoredFeatures {
-    file: FeaturesFile,
+    file: Arc<FeaturesFile>,
     kind: DescriptorKind,
+    images: Option<Arc<ImageNames>>,
+}
+
+/// Images that are known together.
+#[derive(Debug)]
+struct ImageNames {
+    folder: PathBuf,
+    /// Relative to the folder.
+    names: Vec<String>,
 }
 
 impl StoredFeatures {
@@ -46,34 +59,75 @@ impl StoredFeatures {
                 DescriptorKind::new(name, dim, Encoding::Signed, length).map_err(|e| bad(e.to_string()))?
             }
         };
-        Ok(Self { file, kind })
+        Ok(Self { file: Arc::new(file), kind, images: None })
     }
 
     /// Returns the name of the image at this path in the file.
     fn name_of(&self, path: &Path) -> Result<String, String> {
-        let parts: Vec<&str> = path
-            .components()
-            .filter_map(|part| match part {
-                Component::Normal(part) => part.to_str(),
-                _ => None,
-            })
-            .collect();
-        let ends = (0..parts.len()).map(|from| parts[from..].join("/"));
-        let held: Vec<String> = ends.filter(|name| self.file.holds(name)).collect();
+        let inside = |images: &ImageNames| path.strip_prefix(&images.folder).ok().map(joined);
+        let relative = self.images.as_deref().and_then(inside);
+        if let Some(held) = relative.as_deref().and_then(|name| self.held(name)) {
+            return Ok(held);
+        }
         let file = self.file.path().display();
-        match held.as_slice() {
-            [name] => Ok(name.clone()),
-            [] => Err(format!(
+        let Some(end) = self.held_end(&joined(path)) else {
+            return Err(format!(
                 "{file} has no features of {}; extract them, or remove the image from the list",
                 path.display()
-            )),
-            [one, other, ..] => Err(format!(
-                "{file} has both {one} and {other}, and {} may be either; use complete image names in \
-                 feature files",
+            ));
+        };
+        let other = match (&self.images, relative) {
+            (Some(images), Some(own)) => self.other_image(images, &own, &end),
+            _ => other_file(path, &end).map(|other| other.display().to_string()),
+        };
+        match other {
+            Some(other) => Err(format!(
+                "{file} has no features of {}, and its {end} may be those of {other}; use image names relative to the \
+                 folder of the images in feature files",
                 path.display()
             )),
+            None => Ok(end),
         }
     }
+
+    /// Returns the name in the file, in the spelling that it has there.
+    fn held(&self, name: &str) -> Option<String> {
+        let spellings = std::iter::once(name.to_owned()).chain(other_spellings(name));
+        { spellings }.find(|name| self.file.holds(name))
+    }
+
+    /// Returns the longest end of a path that the file has.
+    fn held_end(&self, path: &str) -> Option<String> {
+        let starts = std::iter::once(0).chain(path.match_indices('/').map(|(at, _)| at + 1));
+        starts.map(|at| &path[at..]).find_map(|end| self.held(end))
+    }
+
+    /// Returns another of the images whose features these are, or may be.
+    fn other_image(&self, images: &ImageNames, own: &str, end: &str) -> Option<String> {
+        let index = NameIndex::new([(end, ())]);
+        let fits = |name: &str| {
+            let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
+            let mut ends = starts.map(|at| &name[at..]);
+            ends.any(|part| index.get(part).is_some())
+                && (index.get(name).is_some() || self.held(name).is_none())
+        };
+        images.names.iter().find(|name| *name != own && fits(name)).cloned()
+    }
+}
+
+/// The parts of a path that name something, with `/`.
+fn joined(path: &Path) -> String {
+    let parts = path.components().filter_map(|part| match part {
+        Component::Normal(part) => part.to_str(),
+        _ => None,
+    });
+    parts.collect::<Vec<_>>().join("/")
+}
+
+/// Another image file whose name relative to a folder above this image is `end`.
+fn other_file(path: &Path, end: &str) -> Option<PathBuf> {
+    let mut others = path.ancestors().skip(2).map(|folder| folder.join(end));
+    others.find(|other| other != path && other.is_file())
 }
 
 impl Extractor for StoredFeatures {
@@ -99,6 +153,12 @@ impl Extractor for StoredFeatures {
 }
 
 impl FeatureStore for StoredFeatures {
+    fn of_images(&self, folder: &Path, names: &[&str]) -> Option<Arc<dyn Extractor>> {
+        let names = names.iter().map(|name| joined(Path::new(name))).collect();
+        let images = Some(Arc::new(ImageNames { folder: folder.to_owned(), names }));
+        Some(Arc::new(Self { images, ..self.clone() }))
+    }
+
     fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError> {
         let refused = |reason: String| FeatureError::Extractor { name: self.kind.name().to_owned(), reason };
         let name = self.name_of(path).map_err(refused)?;

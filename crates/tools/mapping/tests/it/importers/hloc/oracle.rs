@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_descriptor::{DescriptorKind, Encoding};
-use veiloc_features::{Extractor, FeatureError};
+use veiloc_features::{Extractor, FeatureError, FeatureStore};
 use veiloc_geometry::Pixel;
 use veiloc_mapping::MappingError;
 use veiloc_mapping::importers::hloc::{
@@ -155,6 +155,75 @@ fn stored_features_match_path_suffix() {
     assert!(compact.is_err_and(|e| e.to_string().contains("--features")));
     assert!(StoredFeatures::open(&data("feats-half.h5"), "No Name", None).is_err());
     assert!(StoredFeatures::open(&data("globals.h5"), "mine", None).is_err());
+}
+
+/// Which features images of a folder get: the number of their keypoints, or a part of the message.
+fn names_found(held: &[(&str, usize)], images: &[&str], expected: &[Result<usize, &str>]) {
+    let place = tempfile::tempdir().expect("a folder");
+    let folder = place.path().join("images");
+    let features = |count: usize| ImageFeatures {
+        keypoints: (0..count).map(|i| Pixel::new(i as f64, 0.5)).collect(),
+        scores: None,
+        descriptors: Vectors { dim: 2, values: [1.0, 0.0].repeat(count) },
+        image_size: None,
+        uncertainty: None,
+    };
+    let path = place.path().join("f.h5");
+    write_features(&path, held.iter().map(|(name, count)| (name.to_string(), features(*count))))
+        .expect("written");
+    for name in images {
+        let file = folder.join(name);
+        std::fs::create_dir_all(file.parent().expect("a folder")).expect("a folder");
+        std::fs::write(file, "an image").expect("written");
+    }
+    let alone = StoredFeatures::open(&path, "mine", None).expect("a file");
+    let together = alone.stored().and_then(|own| own.of_images(&folder, images)).expect("names matter");
+    for (name, expected) in images.iter().zip(expected) {
+        let found = together.stored().expect("stored").features(&folder.join(name), (640, 480));
+        match (found, expected) {
+            (Ok(found), Ok(count)) => assert_eq!(found.keypoints.len(), *count, "{name} of {images:?}"),
+            (Err(error), Err(part)) => assert!(error.to_string().contains(part), "{error}"),
+            (found, _) => panic!("{name} of {images:?}: {:?}", found.map(|f| f.keypoints.len())),
+        }
+        // A single image has no other names to compare with; the longest end of its path counts.
+        let ends = held.iter().filter(|(own, _)| folder.join(name).ends_with(own));
+        if let (Ok(found), Some(longest)) =
+            (alone.features(&folder.join(name), (640, 480)), ends.max_by_key(|(own, _)| own.len()))
+        {
+            assert_eq!(found.keypoints.len(), longest.1, "{name}");
+        }
+    }
+}
+
+#[test]
+fn no_image_gets_the_features_of_another() {
+    names_found(&[("a.jpg", 1), ("cam1/a.jpg", 2)], &["a.jpg", "cam1/a.jpg"], &[Ok(1), Ok(2)]);
+    let missing = Err("may be those of a.jpg");
+    names_found(&[("a.jpg", 1)], &["a.jpg", "cam1/a.jpg"], &[Ok(1), missing]);
+    let either = [Err("may be those of cam1/a.jpg"), Err("may be those of cam0/a.jpg")];
+    names_found(&[("a.jpg", 1)], &["cam0/a.jpg", "cam1/a.jpg"], &either);
+    names_found(&[("a.jpg", 1), ("cam1/a.jpg", 2)], &["cam0/a.jpg", "cam1/a.jpg"], &[Ok(1), Ok(2)]);
+    // Names with more or fewer folders than the image's name, for one image only.
+    names_found(&[("a.jpg", 1), ("b.jpg", 2)], &["db/a.jpg", "db/b.jpg"], &[Ok(1), Ok(2)]);
+    names_found(&[("images/a.jpg", 1), ("images/b.jpg", 2)], &["a.jpg", "b.jpg"], &[Ok(1), Ok(2)]);
+    names_found(&[("b.jpg", 1)], &["a.jpg", "b.jpg"], &[Err("has no features"), Ok(1)]);
+    names_found(&[("K\u{fc}che/a.jpg", 3)], &["Ku\u{308}che/a.jpg"], &[Ok(3)]);
+}
+
+/// Without a list, the features of a file in a folder above are not taken either.
+#[test]
+fn single_image_does_not_get_the_features_of_a_file_above() {
+    let place = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir_all(place.path().join("db/sub")).expect("folders");
+    for name in ["db/a.jpg", "db/sub/db/a.jpg"] {
+        let file = place.path().join(name);
+        std::fs::create_dir_all(file.parent().expect("a folder")).expect("a folder");
+        std::fs::write(file, "an image").expect("written");
+    }
+    let stored = StoredFeatures::open(&data("feats-half.h5"), "mine", None).expect("a file");
+    assert!(stored.features(&place.path().join("db/a.jpg"), (640, 480)).is_ok());
+    let error = stored.features(&place.path().join("db/sub/db/a.jpg"), (640, 480)).expect_err("of db/a.jpg");
+    assert!(error.to_string().contains("may be those of"), "{error}");
 }
 
 /// Features written here are read back to the same bytes.
