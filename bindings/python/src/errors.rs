@@ -161,6 +161,9 @@ impl From<MappingError> for BindingError {
             MappingError::BadImages(_) => Self::image(format_args!(
                 "{error}; repair these images, remove them from the list, or pass skip_bad=True"
             )),
+            MappingError::OtherFrame { .. } => Self::map(format_args!(
+                "{error}\ngive poses in one frame, or transform those of the named images with other_frame=\"align\""
+            )),
             error => Self::map(error),
         }
     }

@@ -26,7 +26,7 @@ use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::posed::{down_of, on_bad, posed_of};
+use crate::posed::{down_of, on_bad, on_other_frame, posed_of};
 use crate::profile::Profile;
 
 /// A map, in which sealed queries are localized.
@@ -81,6 +81,8 @@ impl Map {
     ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
     ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
     ///     skip_bad: skip images that cannot be used, instead of raising an error.
+    ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
+    ///         `"align"` (transform their poses) or `"accept"` (do not compare).
     ///     work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
     ///         images.
     ///     progress: a callable of (stage, done, total).
@@ -89,7 +91,7 @@ impl Map {
     ///     ImageError: an image cannot be used.
     ///     MapError: the model cannot be read, or no map can be built from these images.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, work=None, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, other_frame="refuse", work=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -100,15 +102,18 @@ impl Map {
         down: Option<&Bound<'_, PyAny>>,
         self_test: bool,
         skip_bad: bool,
+        other_frame: &str,
         work: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let posed = posed_of(posed)?;
         let down = down.map(down_of).transpose()?;
+        let other_frame = on_other_frame(other_frame)?;
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
         ProgressCallback::new(py, progress)?.run(py, |progress| {
-            let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
+            let mut input =
+                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
@@ -180,11 +185,12 @@ impl Map {
     ///
     /// Args:
     ///     posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
+    ///     other_frame: as for `build`; the images are localized in the map before they are added.
     ///
     /// Raises:
     ///     ImageError: an image cannot be used.
     ///     MapError: the poses cannot be read, or an image is in the map already.
-    #[pyo3(signature = (posed, images, *, names=None, self_test=true, skip_bad=false, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, self_test=true, skip_bad=false, other_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn add(
         &self,
@@ -194,11 +200,14 @@ impl Map {
         names: Option<Vec<String>>,
         self_test: bool,
         skip_bad: bool,
+        other_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let posed = posed_of(posed)?;
+        let other_frame = on_other_frame(other_frame)?;
         ProgressCallback::new(py, progress)?.run(py, |progress| {
-            let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
+            let mut input =
+                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
             if let Some(names) = &names {
                 input = input.with_names(names);
             }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use veiloc_map::colmap::read_posed;
 use veiloc_map::{GravityDirection, PosedImage, PosedImages};
-use veiloc_mapping::OnBadImage;
+use veiloc_mapping::{OnBadImage, OnOtherFrame};
 
 use crate::arrays;
 use crate::camera::camera_of;
@@ -35,6 +35,18 @@ pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<GravityDirection> {
     match down.extract::<String>() {
         Ok(text) => text.parse::<GravityDirection>().map_err(BindingError::input),
         Err(_) => GravityDirection::new(arrays::vector::<3>("down", down)?).map_err(BindingError::input),
+    }
+}
+
+/// The treatment of images in another frame.
+pub(crate) fn on_other_frame(name: &str) -> Result<OnOtherFrame> {
+    match name {
+        "refuse" => Ok(OnOtherFrame::Refuse),
+        "align" => Ok(OnOtherFrame::Align),
+        "accept" => Ok(OnOtherFrame::Accept),
+        other => Err(BindingError::input(format!(
+            "other_frame: {other:?} is none of \"refuse\", \"align\", \"accept\""
+        ))),
     }
 }
 

@@ -282,6 +282,7 @@ class Map:
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
+        other_frame: Literal["refuse", "align", "accept"] = "refuse",
         work: Path | None = None,
         progress: Progress | None = None,
     ) -> Map:
@@ -296,6 +297,8 @@ class Map:
             down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
             self_test: localize some of the map's own images, to calibrate the covariances of its answers.
             skip_bad: skip images that cannot be used, instead of raising an error.
+            other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
+                `"align"` (transform their poses) or `"accept"` (do not compare).
             work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
                 images.
             progress: a callable of (stage, done, total).
@@ -345,12 +348,14 @@ class Map:
         names: Sequence[str] | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
+        other_frame: Literal["refuse", "align", "accept"] = "refuse",
         progress: Progress | None = None,
     ) -> Map:
         """Returns the map with more posed images; the profile stays the same.
 
         Args:
             posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
+            other_frame: as for `build`; the images are localized in the map before they are added.
 
         Raises:
             ImageError: an image cannot be used.

@@ -12,12 +12,13 @@ use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
+use crate::frames::{FrameReport, OnOtherFrame, compare_groups, refused};
 use crate::input::Input;
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
 use crate::progress::Progress;
-use crate::report::BuildReport;
+use crate::report::{BuildReport, MapWarning};
 use crate::scene::Scene;
 use crate::triangulation::{nearest_to_both_rays, widest_angle_deg};
 use crate::vocabulary::learn;
@@ -30,7 +31,8 @@ use crate::vocabulary::learn;
 /// # Errors
 /// [`MappingError`]: features of an unknown kind, no images, unusable images (all are named: duplicate, without pose or
 /// without file before any computation; unreadable or not of their camera's size when they are read), no keypoints, or
-/// no triangulated point.
+/// no triangulated point, or a group of images whose poses are in another frame than the rest
+/// ([`MappingError::OtherFrame`], [`Input::on_other_frame`]).
 pub fn build(
     input: &Input<'_>,
     options: &BuildOptions,
@@ -47,36 +49,76 @@ pub fn build(
     let mut model = MapModel::empty(profile, options.settings);
     append_images(&mut model, &images, features)?;
 
-    let settings = &for_images(&options.settings, images.len());
-    let mut scene = Scene::of(&model, settings);
-    let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let MatchResult { edges, pairs } = match input.pairs_of(&images)? {
-        Some(pairs) => match_given(&scene, pairs, settings, input.cache(), progress),
-        None => {
-            match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, input.cache(), progress)
+    let given_pairs = input.pairs_of(&images)?;
+    let mut seeds = seeds_of(input.posed(), &images);
+    let mut frame: Option<FrameReport> = None;
+    let MatchResult { edges, pairs } = loop {
+        let matched =
+            triangulate_all(&mut model, given_pairs.clone(), seeds.clone(), input.cache(), progress)?;
+        if input.other_frame() == OnOtherFrame::Accept {
+            break matched;
+        }
+        let (compared, groups) = compare_groups(&model, progress)?;
+        frame = match (compared, frame.take()) {
+            (Some(now), Some(before)) => Some(FrameReport { aligned: before.aligned, ..now }),
+            (now, before) => now.or(before),
+        };
+        let aligned = frame.as_ref().map_or(0, |report| report.aligned.len());
+        if groups.is_empty() {
+            break matched;
+        }
+        if input.other_frame() == OnOtherFrame::Refuse || aligned >= MAX_ALIGNED_GROUPS {
+            return Err(refused(groups));
+        }
+        for group in groups {
+            group.align(&mut model);
+            // Points of the posed images are in their frame.
+            group.images.iter().for_each(|image| seeds[*image].clear());
+            frame.get_or_insert_default().aligned.push(group.frame);
         }
     };
+    let mut report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
+    explain(&mut report, &model);
+    report.warnings.extend(frame.iter().filter(|f| f.localized > 0).flat_map(MapWarning::of_frame));
+    report.frame = frame;
+    let name = |index: u32| images[index as usize].name.clone();
+    report.pairs = pairs.into_iter().map(|(a, b)| (name(a), name(b))).collect();
+    Ok((model, report))
+}
+
+/// Matches the images of a model, and replaces its points.
+fn triangulate_all(
+    model: &mut MapModel,
+    pairs: Option<Vec<(u32, u32)>>,
+    seeds: Seeds,
+    cache: Option<&dyn BuildCache>,
+    progress: &dyn Progress,
+) -> Result<MatchResult, MappingError> {
+    model.points.clear();
+    let settings = &for_images(&model.settings, model.images.len());
+    let mut scene = Scene::of(model, settings);
+    let focus: Vec<u32> = (0..model.images.len() as u32).collect();
+    let matched = match pairs {
+        Some(pairs) => match_given(&scene, pairs, settings, cache, progress),
+        None => match_images(&scene, seeds, &focus, settings, cache, progress),
+    };
     progress.start("Triangulating points", 1);
-    grow(&mut scene, &edges.verified, settings);
+    grow(&mut scene, &matched.edges.verified, settings);
     let points = scene.finish();
     progress.advance(1);
     progress.finish();
     if points.is_empty() {
         return Err(MappingError::NoPoints {
-            images: images.len(),
-            matches: edges.matches,
-            verified: edges.verified.len(),
-            cause: diagnose(&model),
+            images: model.images.len(),
+            matches: matched.edges.matches,
+            verified: matched.edges.verified.len(),
+            cause: diagnose(model),
         });
     }
     model.points = points;
-    sort_points(&mut model);
+    sort_points(model);
     model.link_keypoints();
-    let mut report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
-    explain(&mut report, &model);
-    let name = |index: u32| images[index as usize].name.clone();
-    report.pairs = pairs.into_iter().map(|(a, b)| (name(a), name(b))).collect();
-    Ok((model, report))
+    Ok(matched)
 }
 
 /// Sorts points by their first observations, so that the points of one image are adjacent in the file.
@@ -226,5 +268,7 @@ pub(crate) fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     }
 }
 
+/// Groups whose poses are transformed, at most; more are not sessions of one place but inconsistent poses.
+const MAX_ALIGNED_GROUPS: usize = 16;
 /// Seeds need their depth only to about 20 %.
 const MIN_SEED_ANGLE_DEG: f64 = 0.5;

@@ -4,22 +4,23 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalModel};
-use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
+use veiloc_map::{MapImage, MapModel, Observation};
 use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images};
-use crate::cache::{BuildCache, ExtractedFeatures};
+use crate::cache::BuildCache;
 use crate::complete::grow;
 use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
+use crate::frames::{FrameReport, MAX_TESTED, OnOtherFrame, ReferenceMap, refused};
 use crate::input::Input;
 use crate::matching::Edges;
 use crate::options::for_images;
 use crate::pairs::Seeds;
 use crate::progress::Progress;
-use crate::report::BuildReport;
+use crate::report::{BuildReport, MapWarning};
 use crate::scene::{Fallback, Scene};
 use crate::vocabulary::learn;
 
@@ -29,8 +30,12 @@ use crate::vocabulary::learn;
 /// refined, and new points are appended; all other points, the vocabulary and the profile stay bit-identical. An error
 /// leaves the map unchanged.
 ///
+/// Before they join, the images are localized in the map: groups whose poses are in another frame are refused, or
+/// transformed ([`Input::on_other_frame`]). This needs memory for a copy of the map's file.
+///
 /// # Errors
-/// [`MappingError`] as for [`build`](crate::build), and if an image is already in the map.
+/// [`MappingError`] as for [`build`](crate::build), if an image is already in the map, and
+/// [`MappingError::OtherFrame`].
 pub fn add(
     model: &mut MapModel,
     input: &Input<'_>,
@@ -53,27 +58,65 @@ pub fn add(
     let extractor_pair = ExtractorPair { extractor, global };
     let ExtractionResult { images, features, skipped } =
         extract_all(checked, extractor_pair, model.settings.extraction, progress)?;
-    let before = model.images.len();
-    let edges = integrate(model, &images, features, input.cache(), progress)?;
+    let before = (model.images.len(), model.cameras.len());
+    let reference = match input.other_frame() {
+        OnOtherFrame::Accept => None,
+        OnOtherFrame::Refuse | OnOtherFrame::Align => ReferenceMap::of(model)?,
+    };
+    append_images(model, &images, features)?;
+    let frame = match reference.map(|reference| in_frame_of(&reference, model, before.0, input, progress)) {
+        Some(Err(error)) => {
+            model.images.truncate(before.0);
+            model.cameras.truncate(before.1);
+            return Err(error);
+        }
+        Some(Ok(frame)) => Some(frame),
+        None => None,
+    };
+    let before = before.0;
+    let edges = join(model, before, input.cache(), progress);
     model.images[before..].iter_mut().for_each(|image| image.name.insert_str(0, prefix));
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);
+    report.warnings.extend(frame.iter().flat_map(MapWarning::of_frame));
+    report.frame = frame;
     Ok(report)
 }
 
-/// The steps after extraction. An error leaves the map unchanged.
-pub(crate) fn integrate(
+/// Compares the poses of the images from `before` on with the map, and transforms them if requested.
+fn in_frame_of(
+    reference: &ReferenceMap,
     model: &mut MapModel,
-    images: &[&PosedImage],
-    features: Vec<ExtractedFeatures>,
+    before: usize,
+    input: &Input<'_>,
+    progress: &dyn Progress,
+) -> Result<FrameReport, MappingError> {
+    let images: Vec<usize> = (before..model.images.len()).collect();
+    let (mut report, groups) = reference.compare(model, &images, MAX_TESTED, progress);
+    if input.other_frame() == OnOtherFrame::Refuse && !groups.is_empty() {
+        return Err(refused(groups));
+    }
+    let wrong = &report.disagreeing;
+    if wrong.len() >= 2 && 2 * wrong.len() > report.localized {
+        return Err(MappingError::PosesDisagree { names: wrong.clone(), localized: report.localized });
+    }
+    for group in &groups {
+        group.align(model);
+    }
+    report.aligned = groups.into_iter().map(|group| group.frame).collect();
+    Ok(report)
+}
+
+/// Matches and triangulates the images from `before` on, which have no points yet.
+pub(crate) fn join(
+    model: &mut MapModel,
+    before: usize,
     cache: Option<&dyn BuildCache>,
     progress: &dyn Progress,
-) -> Result<Edges, MappingError> {
-    let before = model.images.len() as u32;
-    append_images(model, images, features)?;
+) -> Edges {
     let settings = for_images(&model.settings, model.images.len());
     let mut scene = Scene::of(model, &settings);
-    let focus: Vec<u32> = (before..model.images.len() as u32).collect();
+    let focus: Vec<u32> = (before as u32..model.images.len() as u32).collect();
     let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, cache, progress).edges;
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, &settings);
@@ -83,7 +126,7 @@ pub(crate) fn integrate(
     model.points = points;
     model.self_test = None;
     model.link_keypoints();
-    Ok(edges)
+    edges
 }
 
 /// Treatment of the vocabulary when images are removed from a map.

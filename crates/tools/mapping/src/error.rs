@@ -10,6 +10,7 @@ use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
+use crate::frames::OtherFrame;
 use crate::report::MapWarning;
 
 /// Errors of building, changing and testing maps, and of reading and writing hloc's files.
@@ -33,6 +34,25 @@ pub enum MappingError {
     /// Images cannot be used.
     #[error("{0}")]
     BadImages(BadImages),
+    /// The poses of images are in another frame than the rest of the map.
+    #[error("{}", other_frames(groups))]
+    OtherFrame {
+        /// Each group of images, with the transform of its poses to the frame of the map.
+        groups: Vec<OtherFrame>,
+    },
+    /// The poses of most added images disagree with the map, and no transform to its frame explains them.
+    #[error(
+        "{} localized elsewhere in the map than the poses say ({} of {localized} localized images), and no common \
+         transform explains it, so nothing was changed; check the poses and cameras",
+        names_are(names),
+        names.len()
+    )]
+    PosesDisagree {
+        /// Names of the images.
+        names: Vec<String>,
+        /// Number of localized images.
+        localized: usize,
+    },
     /// Images to remove are not in the map.
     #[error(
         "{} not in the map, so nothing was removed; `veiloc map info --images` lists the names",
@@ -191,6 +211,16 @@ impl MappingError {
     pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), source }
     }
+}
+
+/// The groups, one per line.
+fn other_frames(groups: &[OtherFrame]) -> String {
+    let each = groups.iter().map(|group| format!("\n  {group}"));
+    format!(
+        "the poses of some images are in another frame than the rest of the map, so nothing was written; the \
+         map without them localizes them elsewhere{}",
+        each.collect::<String>()
+    )
 }
 
 /// `a, b and 3 more are`, for messages.

@@ -9,6 +9,7 @@ use veiloc_map::{PosedImage, PosedImages};
 use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::cache::BuildCache;
 use crate::error::MappingError;
+use crate::frames::OnOtherFrame;
 use crate::image_names::{NameIndex, image_file};
 
 /// Images to map: their poses, and the folder of their files.
@@ -23,6 +24,7 @@ pub struct Input<'a> {
     cache: Option<&'a dyn BuildCache>,
     pairs: Option<&'a [(String, String)]>,
     prefix: &'a str,
+    on_other_frame: OnOtherFrame,
 }
 
 /// Treatment of unusable images.
@@ -48,6 +50,7 @@ impl<'a> Input<'a> {
             cache: None,
             pairs: None,
             prefix: "",
+            on_other_frame: OnOtherFrame::Refuse,
         }
     }
 
@@ -95,6 +98,16 @@ impl<'a> Input<'a> {
     #[must_use]
     pub const fn with_prefix(self, prefix: &'a str) -> Self {
         Self { prefix, ..self }
+    }
+
+    /// Sets the treatment of images whose poses are in another frame than the rest of the map.
+    #[must_use]
+    pub const fn on_other_frame(self, on_other_frame: OnOtherFrame) -> Self {
+        Self { on_other_frame, ..self }
+    }
+
+    pub(crate) const fn other_frame(&self) -> OnOtherFrame {
+        self.on_other_frame
     }
 
     pub(crate) const fn prefix(&self) -> &'a str {

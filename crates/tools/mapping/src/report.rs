@@ -5,6 +5,7 @@ use std::fmt;
 use veiloc_map::{MapModel, SelfTest};
 
 use crate::bad_image::BadImage;
+use crate::frames::FrameReport;
 
 /// Result of building a map, or of adding images to one.
 #[derive(Debug)]
@@ -20,6 +21,8 @@ pub struct BuildReport {
     pub verified: usize,
     /// The matched image pairs, in the order of the images; empty for an imported map and for added images.
     pub pairs: Vec<(String, String)>,
+    /// Comparison of the poses with the frame of the map; `None` if there was nothing to compare.
+    pub frame: Option<FrameReport>,
     /// Reasons why the map may be unusable; empty if none was found.
     pub warnings: Vec<MapWarning>,
 }
@@ -34,7 +37,7 @@ impl BuildReport {
     ) -> Self {
         let mut warnings = MapWarning::of_matches(matches, verified);
         warnings.extend(warnings_about(model));
-        Self { images, skipped, matches, verified, pairs: Vec::new(), warnings }
+        Self { images, skipped, matches, verified, pairs: Vec::new(), frame: None, warnings }
     }
 }
 
@@ -69,6 +72,18 @@ pub enum MapWarning {
         right: u32,
         /// Number of tested images.
         images: u32,
+    },
+    /// Whether images are in the map's frame is not known: none of them was localized in the map without them.
+    FrameUnknown {
+        /// Number of images.
+        images: usize,
+    },
+    /// The poses of images disagree with the map, without a common transform or by a small distance.
+    PosesDisagree {
+        /// Number of images whose pose disagrees.
+        images: usize,
+        /// Number of compared images.
+        of: usize,
     },
     /// Matches would agree with the poses much better if the input had this mistake.
     LikelyCause {
@@ -143,6 +158,14 @@ impl MapWarning {
         (2 * right < test.images).then_some(Self::SelfTest { right, images: test.images })
     }
 
+    /// Returns the warnings that follow from a comparison of poses with the frame of a map.
+    pub(crate) fn of_frame(report: &FrameReport) -> Vec<Self> {
+        let unknown = (report.localized == 0).then_some(Self::FrameUnknown { images: report.tested });
+        let images = report.disagreeing.len() + report.near.len();
+        let disagree = (images > 0).then_some(Self::PosesDisagree { images, of: report.localized });
+        unknown.into_iter().chain(disagree).collect()
+    }
+
     /// Returns whether so few matches agree with the poses that a diagnosis is useful.
     pub(crate) fn needs_diagnosis(matches: usize, verified: usize) -> bool {
         (verified as f64) < DIAGNOSE_BELOW * matches as f64
@@ -160,6 +183,8 @@ impl MapWarning {
             Self::FewPoints { .. } => "few-points",
             Self::BlindImages { .. } => "blind-images",
             Self::SelfTest { .. } => "self-test",
+            Self::FrameUnknown { .. } => "frame-unknown",
+            Self::PosesDisagree { .. } => "poses-disagree",
             Self::LikelyCause { fault, .. } => match fault {
                 InputMistake::CameraToWorld => "poses-camera-to-world",
                 InputMistake::AxesUpAndBack => "axes-up-and-back",
@@ -186,6 +211,20 @@ impl fmt::Display for MapWarning {
             }
             Self::SelfTest { right, images } => {
                 write!(f, "the map localizes only {right} of {images} of its own images")
+            }
+            Self::FrameUnknown { images } => {
+                return write!(
+                    f,
+                    "whether the poses of {images} images are in the frame of the map could not be checked: \
+                     none of these images was localized in the map without them"
+                );
+            }
+            Self::PosesDisagree { images, of } => {
+                return write!(
+                    f,
+                    "the poses of {images} of {of} compared images disagree with the map (it localizes them \
+                     elsewhere, without a common transform or only a little); queries near them may be wrong"
+                );
             }
             Self::LikelyCause { fault, agree_percent, would_percent } => {
                 return write!(

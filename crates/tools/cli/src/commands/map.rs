@@ -2,6 +2,7 @@
 
 mod compress;
 mod export;
+mod frame;
 pub(crate) mod info;
 #[cfg(feature = "cluster")]
 pub(crate) mod publish;
@@ -20,6 +21,7 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
 use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, VocabularyUpdate};
 
+use self::frame::FrameArgs;
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
 use crate::commands::posed::{read_posed, warn_of};
@@ -114,7 +116,8 @@ impl BadImageArgs {
 /// Build a map from images with known poses.
 ///
 /// Extracts features, matches overlapping images, checks the matches against the known poses, triangulates map points,
-/// localizes some of the map's own images as a self-test, and writes one file. An existing map stays unchanged if the
+/// localizes some of the map's own images as a self-test, and writes one file. A group of images whose poses are in
+/// another frame than the rest is refused, or its poses are transformed with --align. An existing map stays unchanged if the
 /// build is interrupted, or if nothing can be localized in the new map.
 #[derive(clap::Args)]
 pub(crate) struct BuildArgs {
@@ -128,6 +131,8 @@ pub(crate) struct BuildArgs {
     keep: KeepBrokenArgs,
     #[command(flatten)]
     pairs: PairArgs,
+    #[command(flatten)]
+    frame: FrameArgs,
     /// Folder for features and matches. An interrupted build, or a build with more images, computes only what is
     /// missing. It contains the same data on the images as the map: protect it in the same way. Default: nothing is
     /// stored.
@@ -186,6 +191,9 @@ pub(crate) struct InfoArgs {
 }
 
 /// Add images with known poses to a map, without rebuilding it.
+///
+/// Before they join, the images are localized in the map. If their poses are in another frame than the map, the command
+/// refuses them, or transforms them with --align.
 #[derive(clap::Args)]
 pub(crate) struct AddArgs {
     /// The map.
@@ -200,6 +208,8 @@ pub(crate) struct AddArgs {
     /// names as images of the map. Default: none.
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     prefix: String,
+    #[command(flatten)]
+    frame: FrameArgs,
     #[command(flatten)]
     self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
@@ -283,13 +293,14 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         Some(pairs) => posed_input.input().with_pairs(pairs),
         None => posed_input.input(),
     };
+    let input = input.on_other_frame(args.frame.on_other_frame());
     let cache = args.work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose()?;
     let input = match &cache {
         Some(cache) => input.with_cache(cache),
         None => input,
     };
     let (mut model, mut report) =
-        veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+        veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_remedy)?;
     if let Some(fault) = cache.and_then(|cache| cache.finish().err()) {
         ui.warn(format!(
             "the work folder is incomplete, and the missing part will be computed again: \
@@ -304,6 +315,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         json: args.written.json,
         skipped: report.skipped,
         warnings: report.warnings,
+        frame: report.frame,
         ..InfoOutput::default()
     };
     let outcome = output.print(&args.written.out, ui)?;
@@ -349,7 +361,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let posed = PosedImages::from(&colmap);
     let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
     let (mut model, mut report) =
-        veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+        veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_remedy)?;
     model.down = args.written.down;
     ui.info(&report);
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
@@ -371,14 +383,16 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let extractors = args.features.extractors(&model.profile)?;
     let global = args.global.extractor(&args.features.models(), &model.profile)?;
     let mut input = posed_input.input().with_extractors(&extractors).with_prefix(&args.prefix);
+    input = input.on_other_frame(args.frame.on_other_frame());
     if let Some(global) = &global {
         input = input.with_global(global);
     }
-    let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_skip_bad)?;
+    let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_remedy)?;
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
     edit.write(&model)?;
     let output = InfoOutput {
         json: args.json,
+        frame: report.frame,
         skipped: report.skipped,
         warnings: report.warnings,
         ..InfoOutput::default()
@@ -443,13 +457,15 @@ impl<'a> MapEdit<'a> {
     }
 }
 
-/// Adds the remedy --skip-bad, which the library does not know, to the error.
-fn with_skip_bad(error: MappingError) -> Failure {
+/// Adds the flags that are the remedy, which the library does not know, to the error.
+fn with_remedy(error: MappingError) -> Failure {
     match error {
         MappingError::BadImages(_) => Failure::with_help(
             error,
             "repair them, remove them from the list, or leave them out with --skip-bad",
         ),
+        MappingError::OtherFrame { .. } => Failure::with_help(error, frame::REMEDY),
+        MappingError::PosesDisagree { .. } => Failure::with_help(error, frame::REMEDY_OF_POSES),
         error => error.into(),
     }
 }

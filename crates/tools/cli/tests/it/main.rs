@@ -21,6 +21,7 @@ mod eval_pose;
 mod eval_scene;
 mod eval_stress;
 mod export;
+mod frames;
 mod gravity;
 mod interchange;
 mod interrupted;

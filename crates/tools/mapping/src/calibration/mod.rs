@@ -31,8 +31,8 @@ mod fit;
 #[cfg(test)]
 mod fit_tests;
 mod minimum;
-mod query;
-mod run;
+pub(crate) mod query;
+pub(crate) mod run;
 mod summary;
 mod trial;
 

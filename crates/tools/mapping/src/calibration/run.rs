@@ -164,13 +164,13 @@ fn trials_of(
 }
 
 /// Returns up to `limit` of the image indices, evenly spaced.
-fn evenly_spaced(images: usize, limit: usize) -> Vec<usize> {
+pub(crate) fn evenly_spaced(images: usize, limit: usize) -> Vec<usize> {
     let count = images.min(limit);
     (0..count).map(|i| (2 * i + 1) * images / (2 * count)).collect()
 }
 
 /// Median over the images of the median distance to their points, map units; 0 if no image has points.
-fn scale(model: &MapModel) -> f64 {
+pub(crate) fn scale(model: &MapModel) -> f64 {
     let of_image = |image: &veiloc_map::MapImage| {
         let center = image.cam_from_world.center();
         let seen = image.point_of_keypoint.iter().flatten();

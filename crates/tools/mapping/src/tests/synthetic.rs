@@ -10,7 +10,7 @@ use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
 use crate::cache::ExtractedFeatures;
-use crate::change::{VocabularyUpdate, integrate, remove};
+use crate::change::{VocabularyUpdate, join, remove};
 use crate::complete::grow;
 use crate::error::MappingError;
 use crate::scene::Scene;
@@ -91,6 +91,13 @@ fn empty_map() -> MapModel {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
     let profile = Profile::vlad(Vocabulary::new(words).unwrap());
     MapModel::empty(profile, BuildSettings::default())
+}
+
+/// The steps of `add` after extraction, without a comparison of frames.
+fn integrate(model: &mut MapModel, images: &[&PosedImage], features: Vec<ExtractedFeatures>) {
+    let before = model.images.len();
+    append_images(model, images, features).unwrap();
+    join(model, before, None, &());
 }
 
 /// The steps of `build` after extraction.
@@ -179,8 +186,7 @@ fn removed_and_re_added_images_give_similar_points() {
 
     let without = model.clone();
     let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &known_scene.posed[*i]).collect();
-    integrate(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into(), None, &())
-        .unwrap();
+    integrate(&mut model, &chosen, [14, 15].map(|i| copy(&known_scene.features[i])).into());
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -206,7 +212,7 @@ fn emptied_map_can_be_extended_again() {
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
     let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
-    integrate(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
+    integrate(&mut model, &images, known_scene.features.iter().map(copy).collect());
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }
@@ -241,7 +247,7 @@ fn changes_use_the_build_settings() {
         remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap();
         assert_eq!(model.settings, *settings);
         let images: Vec<&PosedImage> = known_scene.posed.iter().collect();
-        integrate(&mut model, &images, known_scene.features.iter().map(copy).collect(), None, &()).unwrap();
+        integrate(&mut model, &images, known_scene.features.iter().map(copy).collect());
         model.validate().unwrap();
         model
     };

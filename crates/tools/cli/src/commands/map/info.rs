@@ -4,8 +4,9 @@ use std::path::Path;
 
 use serde::Serialize;
 use veiloc_map::MapFile;
-use veiloc_mapping::{BadImage, MapWarning, SkippedImages};
+use veiloc_mapping::{BadImage, FrameReport, MapWarning, SkippedImages};
 
+use super::frame::{self, FrameInfo};
 use super::self_test::SelfTestInfo;
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
@@ -50,6 +51,9 @@ pub(crate) struct Info {
     region: Option<RegionInfo>,
     /// Result of the self-test; null if the map was not tested.
     self_test: Option<SelfTestInfo>,
+    /// Comparison of the poses of images with the frame of the map; absent if there was none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<FrameInfo>,
     /// Reasons to expect poor localization; may be empty.
     warnings: Vec<Warning>,
     /// Images that `--skip-bad` left out; absent when there are none.
@@ -123,6 +127,7 @@ pub(super) struct InfoOutput {
     pub(super) list: bool,
     pub(super) skipped: Vec<BadImage>,
     pub(super) warnings: Vec<MapWarning>,
+    pub(super) frame: Option<FrameReport>,
 }
 
 impl InfoOutput {
@@ -151,10 +156,14 @@ impl InfoOutput {
             warnings: warnings.iter().map(warning).collect(),
             skipped: self.skipped.iter().map(skipped).collect(),
             image_list: self.list.then_some(images),
+            frame: self.frame.as_ref().map(FrameInfo::of),
             ..facts(&map, path)
         };
         if !self.skipped.is_empty() {
             ui.info(SkippedImages(self.skipped));
+        }
+        if let Some(frame) = &self.frame {
+            frame::print(frame, ui);
         }
         for warning in &info.warnings {
             ui.warning(&warning.message);
@@ -199,6 +208,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
             .part_of()
             .map(|region| RegionInfo { core_images: region.core_count(), map_images: region.images }),
         self_test: map.self_test().map(SelfTestInfo::of),
+        frame: None,
         warnings: Vec::new(),
         skipped: Vec::new(),
         image_list: None,
