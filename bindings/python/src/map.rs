@@ -240,7 +240,7 @@ impl Map {
             let mut model = self.file.to_model();
             veiloc_mapping::remove(&mut model, &names, words, progress)?;
             model.self_test = None;
-            Self::finished(model, &[], self_test, progress)
+            Self::finished(model, &[], &[], self_test, progress)
         })?
     }
 
