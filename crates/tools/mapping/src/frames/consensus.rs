@@ -2,7 +2,7 @@
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
-use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+use veiloc_geometry::nalgebra::Matrix6;
 
 use super::similarity::{Fit, PosePair, Similarity3, fit};
 
@@ -12,8 +12,6 @@ pub(crate) struct Comparison {
     /// Index of the image.
     pub(crate) image: usize,
     pair: PosePair,
-    /// Inverse of the covariance of the localized pose, with floors.
-    information: Matrix6<f64>,
 }
 
 impl Comparison {
@@ -37,13 +35,12 @@ impl Comparison {
         let information = matrix.cholesky()?.inverse();
         let (center_sd, rotation_sd) =
             (position_sd(&covariance), rotation_sd_degrees(&covariance).to_radians());
-        Some(Self { image, pair: PosePair { given, in_map, center_sd, rotation_sd }, information })
+        Some(Self { image, pair: PosePair { given, in_map, center_sd, rotation_sd, information } })
     }
 
     /// Distance between the localized pose and the transformed given one, in standard deviations.
     fn deviations(&self, map_from_given: &Similarity3) -> f64 {
-        let step = Vector6::from(self.pair.in_map.step_to(&map_from_given.transform_pose(&self.pair.given)));
-        step.dot(&(self.information * step)).max(0.0).sqrt()
+        self.pair.squared_distance(map_from_given).sqrt()
     }
 
     /// Whether the given pose differs by much more than the uncertainty and by a relevant amount.
@@ -143,10 +140,15 @@ fn frame_of(comparisons: &[Comparison], members: Vec<usize>, found: Fit) -> Foun
 fn largest_consensus(comparisons: &[Comparison], among: &[usize]) -> Option<(Fit, Vec<usize>)> {
     let of =
         |members: &[usize]| -> Fit { fit(&members.iter().map(|i| comparisons[*i].pair).collect::<Vec<_>>()) };
+    // Single images give rigid hypotheses; pairs also the scale, if single images find no majority.
     let singles = among.iter().map(|i| vec![*i]);
     let pairs = among.iter().enumerate().flat_map(|(k, i)| among[k + 1..].iter().map(|j| vec![*i, *j]));
     let mut best: Option<(Fit, Vec<usize>)> = None;
     for minimal in singles.chain(pairs) {
+        let majority = best.as_ref().is_some_and(|(_, members)| 2 * members.len() > among.len());
+        if minimal.len() == 2 && majority {
+            break;
+        }
         let mut members = minimal;
         let mut found = of(&members);
         for round in 0..ROUNDS {

@@ -1,7 +1,9 @@
 //! Similarity between two world frames, and its closed-form estimate from poses of the same images in both.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use veiloc_geometry::nalgebra::{
+    DMatrix, DVector, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6,
+};
 
 /// The similarity from the frame of given poses to the frame of a map, `x_map = s R x_given + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +34,13 @@ impl Similarity3 {
         CameraFromWorld::new(rotation, -(rotation * center))
     }
 
+    /// The same rotation and scale, with the translation that fits the mean centre.
+    fn through(self, pairs: &[PosePair]) -> Self {
+        let apart = |p: &PosePair| p.map_center() - self.scale * (self.rotation * p.given_center());
+        let translation = pairs.iter().map(apart).sum::<Vector3<f64>>() / pairs.len() as f64;
+        Self { translation, ..self }
+    }
+
     /// Angle of the rotation, degrees.
     pub fn angle_deg(&self) -> f64 {
         UnitQuaternion::from_rotation_matrix(&self.rotation).angle().to_degrees()
@@ -47,6 +56,33 @@ pub(crate) struct PosePair {
     pub(crate) center_sd: f64,
     /// Standard deviation of the orientation, radians.
     pub(crate) rotation_sd: f64,
+    /// Inverse of the covariance of the pose in the map.
+    pub(crate) information: Matrix6<f64>,
+}
+
+impl PosePair {
+    /// Step from the pose in the map to the transformed given one.
+    fn step(&self, map_from_given: &Similarity3) -> Vector6<f64> {
+        Vector6::from(self.in_map.step_to(&map_from_given.transform_pose(&self.given)))
+    }
+
+    fn given_center(&self) -> Vector3<f64> {
+        self.given.center().coords
+    }
+
+    fn map_center(&self) -> Vector3<f64> {
+        self.in_map.center().coords
+    }
+
+    fn center_weight(&self) -> f64 {
+        self.center_sd.powi(-2)
+    }
+
+    /// Squared length of that step, in units of the covariance.
+    pub(crate) fn squared_distance(&self, map_from_given: &Similarity3) -> f64 {
+        let step = self.step(map_from_given);
+        step.dot(&(self.information * step)).max(0.0)
+    }
 }
 
 /// An estimated similarity.
@@ -61,50 +97,111 @@ pub(crate) struct Fit {
     pub(crate) rotation_sd_deg: f64,
 }
 
-/// Estimates the similarity from at least one pair by weighted least squares on centres and orientations: Umeyama's
-/// closed form (PAMI 1991), whose covariance matrix of the centres is extended by the relative orientations.
+/// Estimates the similarity from at least one pair: the closed form, refined with the whole covariances of the poses,
+/// because errors of centre and orientation are strongly correlated.
 ///
-/// A single pair, and centres on one line, determine the rotation by their orientations. The scale stays 1 if the
-/// centres do not determine it, or if it differs from 1 by less than three standard deviations.
+/// A single pair, and centres on one line, determine the rotation by their orientations. The scale is 1 if the centres
+/// do not determine it, or if it differs from 1 by less than three standard deviations.
 pub(crate) fn fit(pairs: &[PosePair]) -> Fit {
-    let weights: Vec<(f64, f64)> =
-        pairs.iter().map(|p| (p.center_sd.powi(-2), p.rotation_sd.powi(-2))).collect();
-    let of_centers: f64 = weights.iter().map(|(c, _)| c).sum();
-    let of_rotations: f64 = weights.iter().map(|(_, r)| r).sum();
-    let mean = |center: &dyn Fn(&PosePair) -> Vector3<f64>| -> Vector3<f64> {
-        pairs.iter().zip(&weights).map(|(p, (c, _))| center(p) * *c).sum::<Vector3<f64>>() / of_centers
+    let start = closed_form(pairs);
+    let rigid = refine(pairs, Similarity3 { scale: 1.0, ..start }.through(pairs), 6);
+    let free = (pairs.len() > 1).then(|| refine(pairs, start, 7)).filter(|free| free.scale_sd.is_some());
+    let Some(free) = free else { return rigid };
+    let (scale, sd) = (free.map_from_given.scale, free.scale_sd.unwrap_or(f64::INFINITY));
+    if (scale - 1.0).abs() > 3.0 * sd {
+        // Also an uncertain scale is better than 1 if it certainly is not 1.
+        free
+    } else {
+        Fit { scale_sd: (sd < MAX_RELATIVE_SCALE_SD * scale).then_some(sd), ..rigid }
+    }
+}
+
+/// Umeyama's closed form (PAMI 1991) for isotropic errors, with the relative orientations added to the covariance matrix
+/// of the centres.
+fn closed_form(pairs: &[PosePair]) -> Similarity3 {
+    let of_centers: f64 = pairs.iter().map(PosePair::center_weight).sum();
+    let mean = |center: fn(&PosePair) -> Vector3<f64>| -> Vector3<f64> {
+        pairs.iter().map(|p| center(p) * p.center_weight()).sum::<Vector3<f64>>() / of_centers
     };
-    let given_center = |p: &PosePair| p.given.center().coords;
-    let map_center = |p: &PosePair| p.in_map.center().coords;
-    let (mean_given, mean_map) = (mean(&given_center), mean(&map_center));
+    let (mean_given, mean_map) = (mean(PosePair::given_center), mean(PosePair::map_center));
     let mut orientations = Matrix3::zeros();
     let mut centers = Matrix3::zeros();
     let mut spread = 0.0;
-    for (pair, (c, r)) in pairs.iter().zip(&weights) {
-        orientations += (pair.in_map.rotation().inverse() * pair.given.rotation()).matrix() * *r;
-        let (x, y) = (given_center(pair) - mean_given, map_center(pair) - mean_map);
-        centers += y * x.transpose() * *c;
-        spread += c * x.norm_squared();
+    for pair in pairs {
+        orientations +=
+            (pair.in_map.rotation().inverse() * pair.given.rotation()).matrix() * pair.rotation_sd.powi(-2);
+        let (x, y) = (pair.given_center() - mean_given, pair.map_center() - mean_map);
+        centers += y * x.transpose() * pair.center_weight();
+        spread += pair.center_weight() * x.norm_squared();
     }
     let mut rotation = nearest_rotation(&orientations);
-    let scale_sd = spread.sqrt().recip();
-    let scale_for = |rotation: &Rotation3<f64>| (rotation.matrix().transpose() * centers).trace() / spread;
     let mut scale = 1.0;
-    let mut determined = false;
     for _ in 0..ROUNDS {
-        let free = scale_for(&rotation);
-        // Also an uncertain scale is better than 1 if it certainly is not 1.
-        let differs = free > 0.0 && (free - 1.0).abs() > 3.0 * scale_sd;
-        determined = differs || scale_sd < MAX_RELATIVE_SCALE_SD * free;
-        scale = if differs { free } else { 1.0 };
+        let free = (rotation.matrix().transpose() * centers).trace() / spread;
+        scale = if free.is_finite() && free > 0.0 { free } else { 1.0 };
         rotation = nearest_rotation(&(orientations + centers * scale));
     }
-    let translation = mean_map - scale * (rotation * mean_given);
+    Similarity3 { scale, rotation, translation: mean_map - scale * (rotation * mean_given) }
+}
+
+/// Gauss-Newton from a start: rotation, translation of the mean centre, and with 7 parameters the logarithm of the
+/// scale.
+fn refine(pairs: &[PosePair], start: Similarity3, parameters: usize) -> Fit {
+    let count = pairs.len() as f64;
+    let mean: Vector3<f64> = pairs.iter().map(PosePair::given_center).sum::<Vector3<f64>>() / count;
+    let stepped = |from: &Similarity3, step: &DVector<f64>| {
+        let turn = Rotation3::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+        let moved = from.transform(&mean) + Vector3::new(step[3], step[4], step[5]);
+        let scale = from.scale * step.get(6).map_or(1.0, |log| log.exp());
+        let rotation = turn * from.rotation;
+        Similarity3 { scale, rotation, translation: moved - scale * (rotation * mean) }
+    };
+    let cost = |at: &Similarity3| pairs.iter().map(|p| p.squared_distance(at)).sum::<f64>();
+    let mut found = start;
+    let mut inverse = None;
+    for _ in 0..MAX_STEPS {
+        let mut normal = DMatrix::zeros(parameters, parameters);
+        let mut gradient = DVector::zeros(parameters);
+        for pair in pairs {
+            let at = pair.step(&found);
+            let columns: Vec<Vector6<f64>> = (0..parameters)
+                .map(|k| {
+                    let mut step = DVector::zeros(parameters);
+                    step[k] = DIFFERENCE;
+                    (pair.step(&stepped(&found, &step)) - at) / DIFFERENCE
+                })
+                .collect();
+            for (i, a) in columns.iter().enumerate() {
+                let weighted = pair.information * a;
+                gradient[i] += weighted.dot(&at);
+                for (j, b) in columns.iter().enumerate() {
+                    normal[(i, j)] += weighted.dot(b);
+                }
+            }
+        }
+        let Some(cholesky) = normal.cholesky() else { break };
+        let next = stepped(&found, &-cholesky.solve(&gradient));
+        inverse = Some(cholesky.inverse());
+        let (before, after) = (cost(&found), cost(&next));
+        // Written so that NaN ends the loop.
+        if !(after < before) {
+            break;
+        }
+        found = next;
+        if before - after < 1e-6 * (1.0 + before) {
+            break;
+        }
+    }
+    let sd = |at: usize| {
+        let block = inverse.as_ref().map(|c| Matrix3::from_fn(|i, j| c[(at + i, at + j)]));
+        block.map_or(f64::INFINITY, |block| block.symmetric_eigenvalues().max().max(0.0).sqrt())
+    };
+    let log_scale_sd = inverse.as_ref().filter(|_| parameters == 7).map(|c| c[(6, 6)].sqrt());
     Fit {
-        map_from_given: Similarity3 { scale, rotation, translation },
-        scale_sd: determined.then_some(scale_sd),
-        center_sd: of_centers.sqrt().recip(),
-        rotation_sd_deg: of_rotations.sqrt().recip().to_degrees(),
+        map_from_given: found,
+        scale_sd: log_scale_sd.map(|sd| sd * found.scale).filter(|sd| sd.is_finite()),
+        center_sd: sd(3),
+        rotation_sd_deg: sd(0).to_degrees(),
     }
 }
 
@@ -119,6 +216,10 @@ fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
 
 /// Alternations between rotation and scale; they change each other little.
 const ROUNDS: usize = 4;
+/// Maximum number of Gauss-Newton steps.
+const MAX_STEPS: usize = 8;
+/// Step of numeric derivatives, radians and map units.
+const DIFFERENCE: f64 = 1e-6;
 /// Standard deviation of the scale relative to the scale, from which the scale is not determined.
 const MAX_RELATIVE_SCALE_SD: f64 = 0.1;
 
@@ -143,7 +244,10 @@ mod tests {
                 let exact = map_from_given.transform_pose(&given);
                 let a = 3.1 * i as f64;
                 let step = [0.0, 0.0, 0.0, noise * a.sin(), noise * a.cos(), noise * (2.0 * a).sin()];
-                PosePair { given, in_map: exact.perturbed(&step), center_sd: 0.01, rotation_sd: 0.001 }
+                let variances = [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4];
+                let information = Matrix6::from_diagonal(&Vector6::from(variances.map(f64::recip)));
+                let in_map = exact.perturbed(&step);
+                PosePair { given, in_map, center_sd: 0.01, rotation_sd: 0.001, information }
             })
             .collect()
     }
