@@ -93,14 +93,13 @@ impl ColmapModel {
         Self::checked(Parts { cameras, images, points, remarks: Vec::new() }, None)
     }
 
-    pub(crate) fn checked(parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
+    pub(crate) fn checked(mut parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
         let refuse = |record: ModelRecord, reason: String| MapError::ColmapRecord {
             dir: dir.map(Path::to_owned),
             record,
             reason,
         };
         let mut cameras = BTreeMap::new();
-        let mut parts = parts;
         for (id, camera) in std::mem::take(&mut parts.cameras) {
             if cameras.insert(id, camera).is_some() {
                 return Err(refuse(

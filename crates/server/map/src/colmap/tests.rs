@@ -190,7 +190,7 @@ fn points_on_which_the_files_disagree_are_left_out() {
     // Image, its points, expected observations of point 5, and parts of the remarks.
     let whole = "5 0.1 0.2 3 10 20 30 0.25 1 0 2 0\n";
     let cases = [
-        (IMAGES, "".to_owned(), None, ["2 observations", "2 are only in images, 0 only in points3D"]),
+        (IMAGES, String::new(), None, ["2 observations", "2 are only in images, 0 only in points3D"]),
         (IMAGES, p("5 0 0 nan 10 20 30 0.2 1 0 2 0"), None, ["1 of 1 points", "2 are only in images"]),
         (IMAGES, whole.repeat(2), Some(2), ["1 of 2 points have", "the id of another point"]),
         (

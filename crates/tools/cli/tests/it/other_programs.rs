@@ -26,9 +26,10 @@ fn models_and_lists_of_other_systems_are_read() {
         };
         scene.write(&format!("photos/{name}"), scene.read(&format!("images/map-{k:02}.png")));
     }
-    let others: String = (2..10).map(|k| format!("map-{k:02}.png\n")).collect();
+    let others = (2..10).map(|k| format!("map-{k:02}.png\n")).collect::<Vec<_>>().concat();
     scene.write("windows.txt", format!("\u{feff}cam0/00.png\nK\u{fc}che.png\n{others}"));
-    let pairs: String = (2..9).map(|k| format!("map-{k:02}.png map-{:02}.png\n", k + 1)).collect();
+    let pair = |k: u32| format!("map-{k:02}.png map-{:02}.png\n", k + 1);
+    let pairs = (2..9).map(pair).collect::<Vec<_>>().concat();
     let first = "\u{feff}cam0/00.png K\u{fc}che.png\nK\u{fc}che.png map-02.png\n";
     scene.write("pairs.txt", format!("{first}{pairs}gone.png map-02.png\nmap-03.png lost.png\n"));
     let build = "map build --posed windows --images photos --list windows.txt --max-keypoints 1024 \

@@ -92,8 +92,8 @@ impl StoredFeatures {
 
     /// Returns the name in the file, in the spelling that it has there.
     fn held(&self, name: &str) -> Option<String> {
-        let spellings = std::iter::once(name.to_owned()).chain(other_spellings(name));
-        { spellings }.find(|name| self.file.holds(name))
+        let mut spellings = std::iter::once(name.to_owned()).chain(other_spellings(name));
+        spellings.find(|name| self.file.holds(name))
     }
 
     /// Returns the longest end of a path that the file has.
