@@ -2,10 +2,12 @@
 """Tests our COLMAP reader and writer against COLMAP's own.
 
     .venv/bin/python scripts/oracle_colmap.py fixtures      writes crates/server/map/tests/data/colmap/{text,binary}
+    .venv/bin/python scripts/oracle_colmap.py rigs          writes crates/server/map/tests/data/colmap/rigs-{text,binary}
     .venv/bin/python scripts/oracle_colmap.py read DIR      reads a model that we wrote, and prints its content as COLMAP reads it
 
 `fixtures` creates a small model (five camera models, four images, points, an image without 2D points), and pycolmap writes it as text
 and as binary; the tests of crates/server/map compare our two readers with them.
+`rigs` does the same with a rig of two cameras, one of which has a pose on it, and a camera of its own.
 `read` recomputes every reprojection error with COLMAP's projection and compares it with the ERROR column.
 """
 
@@ -57,6 +59,40 @@ def fixtures(root):
                 file.unlink()
 
 
+def rigs(root):
+    rng = np.random.default_rng(1)
+    pose = lambda turn, step: pycolmap.Rigid3d(pycolmap.Rotation3d(rng.normal(size=3) * turn), rng.normal(size=3) * step)
+    camera = lambda number: pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number)
+    model = pycolmap.Reconstruction()
+    for i in (1, 2, 3):
+        model.add_camera(pycolmap.Camera(model="PINHOLE", width=640, height=480, params=[500, 510, 320, 240], camera_id=i))
+    stereo = pycolmap.Rig(rig_id=5)
+    stereo.add_ref_sensor(camera(1))
+    stereo.add_sensor(camera(2), pose(0.8, 0.3))
+    alone = pycolmap.Rig(rig_id=6)
+    alone.add_ref_sensor(camera(3))
+    model.add_rig(stereo)
+    model.add_rig(alone)
+    # Frame: its rig, and the camera of each of its images. The third has no image of the reference sensor.
+    number = 0
+    for frame_id, (rig, cameras) in enumerate([(5, [1, 2]), (5, [2, 1]), (5, [2]), (6, [3])], 1):
+        frame = pycolmap.Frame(frame_id=frame_id, rig_id=rig, rig_from_world=pose(0.5, 1.0))
+        images = []
+        for sensor in cameras:
+            number += 1
+            frame.add_data_id(pycolmap.data_t(camera(sensor), number))
+            images.append(pycolmap.Image(name=f"camera{sensor}/{frame_id}.jpg", camera_id=sensor, image_id=number))
+            images[-1].frame_id = frame_id
+        model.add_frame(frame)
+        for image in images:
+            model.add_image(image)
+        model.register_frame(frame_id)
+    for name, write in [("rigs-text", model.write_text), ("rigs-binary", model.write_binary)]:
+        folder = root / name
+        folder.mkdir(parents=True, exist_ok=True)
+        write(str(folder))
+
+
 def read(folder):
     model = pycolmap.Reconstruction(str(folder))
     print(model.summary())
@@ -69,6 +105,8 @@ def read(folder):
 if __name__ == "__main__":
     if sys.argv[1:] == ["fixtures"]:
         fixtures(Path(__file__).parent.parent / "crates/server/map/tests/data/colmap")
+    elif sys.argv[1:] == ["rigs"]:
+        rigs(Path(__file__).parent.parent / "crates/server/map/tests/data/colmap")
     elif len(sys.argv) == 3 and sys.argv[1] == "read":
         read(Path(sys.argv[2]))
     else:

@@ -142,7 +142,7 @@ def test_poselib_option_names_and_unknown_options(problem):
     "camera, words",
     [
         ({**CAMERA, "params": [1.0, 2.0]}, "takes 4 parameters"),
-        ({**CAMERA, "model": "FISHEYE"}, "not supported"),
+        ({**CAMERA, "model": "SPHERICAL"}, "not supported"),
         ({**CAMERA, "focal": 3}, "focal"),
         ({"model": "PINHOLE"}, "width"),
         ({**CAMERA, "width": -1}, "width"),

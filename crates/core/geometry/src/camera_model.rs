@@ -12,6 +12,12 @@ pub enum IntrinsicsError {
         /// The given name.
         name: String,
     },
+    /// A panorama.
+    #[error(
+        "camera model EQUIRECTANGULAR is not supported: a panorama sees more than half of the directions, and has no pinhole \
+         image; cut it into perspective images first"
+    )]
+    Panorama,
     /// Wrong number of parameters for the model.
     #[error("camera model {model} takes {expected} parameters ({order}), {actual} were given")]
     ParameterCount {
@@ -54,7 +60,10 @@ pub enum IntrinsicsError {
 /// | `FullOpenCv` | `r (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`, and tangential terms |
 /// | fisheye | `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, with the terms that the model has |
 /// | `ThinPrismFisheye` | the same, and tangential and prism terms |
+/// | `RadTanThinPrismFisheye` | `θ (1 + k0 θ² + … + k5 θ¹²)`, then tangential and prism terms of that position |
 /// | `Fov` | `atan(2 r tan(ω/2)) / ω` |
+/// | division | `s` with `r = s / (1 + k s²)` |
+/// | `Eucm` | `r / (α √(β r² + 1) + 1 − α)` |
 ///
 /// A ray at 90° from the axis or more has no position on the plane, and thus no pixel, for every lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,12 +91,24 @@ pub enum CameraModel {
     RadialFisheye([f64; 5]),
     /// `fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1`
     ThinPrismFisheye([f64; 12]),
+    /// `fx, fy, cx, cy, k0, k1, k2, k3, k4, k5, p0, p1, s0, s1, s2, s3`
+    RadTanThinPrismFisheye([f64; 16]),
+    /// `f, cx, cy, k`
+    SimpleDivision([f64; 4]),
+    /// `fx, fy, cx, cy, k`
+    Division([f64; 5]),
+    /// `f, cx, cy`
+    SimpleFisheye([f64; 3]),
+    /// `fx, fy, cx, cy`
+    Fisheye([f64; 4]),
+    /// `fx, fy, cx, cy, alpha, beta`
+    Eucm([f64; 6]),
 }
 
 /// COLMAP's number, name, and parameters in order.
 type Row = (i32, &'static str, &'static str);
 
-const ROWS: [Row; 11] = [
+const ROWS: [Row; 17] = [
     (0, "SIMPLE_PINHOLE", "f, cx, cy"),
     (1, "PINHOLE", "fx, fy, cx, cy"),
     (2, "SIMPLE_RADIAL", "f, cx, cy, k"),
@@ -99,17 +120,28 @@ const ROWS: [Row; 11] = [
     (8, "SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k"),
     (9, "RADIAL_FISHEYE", "f, cx, cy, k1, k2"),
     (10, "THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1"),
+    (11, "RAD_TAN_THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k0, k1, k2, k3, k4, k5, p0, p1, s0, s1, s2, s3"),
+    (12, "SIMPLE_DIVISION", "f, cx, cy, k"),
+    (13, "DIVISION", "fx, fy, cx, cy, k"),
+    (14, "SIMPLE_FISHEYE", "f, cx, cy"),
+    (15, "FISHEYE", "fx, fy, cx, cy"),
+    (16, "EUCM", "fx, fy, cx, cy, alpha, beta"),
 ];
+
+/// COLMAP's number and name of a panorama, which is no camera here.
+const PANORAMA: (i32, &str) = (17, "EQUIRECTANGULAR");
 
 /// Maximum field of view of [`CameraModel::Fov`], radians.
 const WIDEST_FOV: f64 = std::f64::consts::PI;
 
 impl CameraModel {
     /// Maximum number of parameters of a model.
-    pub const MAX_PARAMS: usize = 12;
+    pub const MAX_PARAMS: usize = 16;
     /// Names of all models, for messages.
     pub const NAMES: &'static str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, \
-                                     SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and THIN_PRISM_FISHEYE";
+                                     SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, THIN_PRISM_FISHEYE, \
+                                     RAD_TAN_THIN_PRISM_FISHEYE, SIMPLE_DIVISION, DIVISION, SIMPLE_FISHEYE, FISHEYE and \
+                                     EUCM";
 
     /// Builds a model from COLMAP's name, in capitals or not, and parameters.
     ///
@@ -118,6 +150,9 @@ impl CameraModel {
     pub fn new(name: &str, params: &[f64]) -> Result<Self, IntrinsicsError> {
         let row = ROWS.iter().find(|row| row.1.eq_ignore_ascii_case(name));
         let Some(&(id, model, order)) = row else {
+            if name.eq_ignore_ascii_case(PANORAMA.1) {
+                return Err(IntrinsicsError::Panorama);
+            }
             return Err(IntrinsicsError::UnknownModel { name: name.to_owned() });
         };
         let made = Self::of(id, params).ok_or_else(|| IntrinsicsError::ParameterCount {
@@ -136,6 +171,14 @@ impl CameraModel {
             && omega.abs() >= WIDEST_FOV
         {
             return Err(IntrinsicsError::BadValue { what: "field of view omega (radians)", value: omega });
+        }
+        if let Self::Eucm([.., alpha, beta]) = made {
+            if !(0.0..=1.0).contains(&alpha) {
+                return Err(IntrinsicsError::BadValue { what: "parameter alpha (0 to 1)", value: alpha });
+            }
+            if beta <= 0.0 {
+                return Err(IntrinsicsError::BadValue { what: "parameter beta (above 0)", value: beta });
+            }
         }
         Ok(made)
     }
@@ -158,6 +201,12 @@ impl CameraModel {
             8 => Self::SimpleRadialFisheye(params.try_into().ok()?),
             9 => Self::RadialFisheye(params.try_into().ok()?),
             10 => Self::ThinPrismFisheye(params.try_into().ok()?),
+            11 => Self::RadTanThinPrismFisheye(params.try_into().ok()?),
+            12 => Self::SimpleDivision(params.try_into().ok()?),
+            13 => Self::Division(params.try_into().ok()?),
+            14 => Self::SimpleFisheye(params.try_into().ok()?),
+            15 => Self::Fisheye(params.try_into().ok()?),
+            16 => Self::Eucm(params.try_into().ok()?),
             _ => return None,
         })
     }
@@ -181,6 +230,12 @@ impl CameraModel {
             Self::SimpleRadialFisheye(_) => 8,
             Self::RadialFisheye(_) => 9,
             Self::ThinPrismFisheye(_) => 10,
+            Self::RadTanThinPrismFisheye(_) => 11,
+            Self::SimpleDivision(_) => 12,
+            Self::Division(_) => 13,
+            Self::SimpleFisheye(_) => 14,
+            Self::Fisheye(_) => 15,
+            Self::Eucm(_) => 16,
         }
     }
 
@@ -192,21 +247,33 @@ impl CameraModel {
     /// The parameters in COLMAP's order.
     pub const fn params(&self) -> &[f64] {
         match self {
-            Self::SimplePinhole(p) => p,
-            Self::Pinhole(p) | Self::SimpleRadial(p) | Self::SimpleRadialFisheye(p) => p,
-            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) => p,
+            Self::SimplePinhole(p) | Self::SimpleFisheye(p) => p,
+            Self::Pinhole(p)
+            | Self::SimpleRadial(p)
+            | Self::SimpleRadialFisheye(p)
+            | Self::SimpleDivision(p)
+            | Self::Fisheye(p) => p,
+            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) | Self::Division(p) => p,
+            Self::Eucm(p) => p,
             Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
             Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
+            Self::RadTanThinPrismFisheye(p) => p,
         }
     }
 
     const fn params_mut(&mut self) -> &mut [f64] {
         match self {
-            Self::SimplePinhole(p) => p,
-            Self::Pinhole(p) | Self::SimpleRadial(p) | Self::SimpleRadialFisheye(p) => p,
-            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) => p,
+            Self::SimplePinhole(p) | Self::SimpleFisheye(p) => p,
+            Self::Pinhole(p)
+            | Self::SimpleRadial(p)
+            | Self::SimpleRadialFisheye(p)
+            | Self::SimpleDivision(p)
+            | Self::Fisheye(p) => p,
+            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) | Self::Division(p) => p,
+            Self::Eucm(p) => p,
             Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
             Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
+            Self::RadTanThinPrismFisheye(p) => p,
         }
     }
 
@@ -219,6 +286,8 @@ impl CameraModel {
                 | Self::Radial(_)
                 | Self::SimpleRadialFisheye(_)
                 | Self::RadialFisheye(_)
+                | Self::SimpleDivision(_)
+                | Self::SimpleFisheye(_)
         )
     }
 
@@ -244,43 +313,48 @@ impl CameraModel {
 
     /// The distortion of the lens on the plane `z = 1`.
     pub(crate) const fn distortion(&self) -> Distortion {
-        const NONE: Planar = Planar::NONE;
         match *self {
             Self::SimplePinhole(_) | Self::Pinhole(_) => Distortion::None,
-            Self::SimpleRadial([_, _, _, k]) => {
-                Distortion::Plane(Planar { radial: [k, 0.0, 0.0, 0.0], ..NONE })
-            }
-            Self::Radial([_, _, _, k1, k2]) => {
-                Distortion::Plane(Planar { radial: [k1, k2, 0.0, 0.0], ..NONE })
-            }
+            Self::SimpleRadial([_, _, _, k]) => Distortion::Plane(Planar::of_radial([k])),
+            Self::Radial([_, _, _, k1, k2]) => Distortion::Plane(Planar::of_radial([k1, k2])),
             Self::OpenCv([_, _, _, _, k1, k2, p1, p2]) => {
-                Distortion::Plane(Planar { radial: [k1, k2, 0.0, 0.0], tangential: [p1, p2], ..NONE })
+                Distortion::Plane(Planar { tangential: [p1, p2], ..Planar::of_radial([k1, k2]) })
             }
             Self::FullOpenCv([_, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6]) => Distortion::Plane(Planar {
-                radial: [k1, k2, k3, 0.0],
                 divisor: [k4, k5, k6],
                 tangential: [p1, p2],
-                ..NONE
+                ..Planar::of_radial([k1, k2, k3])
             }),
-            Self::SimpleRadialFisheye([_, _, _, k]) => {
-                Distortion::Fisheye(Planar { radial: [k, 0.0, 0.0, 0.0], ..NONE })
-            }
-            Self::RadialFisheye([_, _, _, k1, k2]) => {
-                Distortion::Fisheye(Planar { radial: [k1, k2, 0.0, 0.0], ..NONE })
-            }
+            Self::SimpleFisheye(_) | Self::Fisheye(_) => Distortion::Fisheye(Planar::NONE),
+            Self::SimpleRadialFisheye([_, _, _, k]) => Distortion::Fisheye(Planar::of_radial([k])),
+            Self::RadialFisheye([_, _, _, k1, k2]) => Distortion::Fisheye(Planar::of_radial([k1, k2])),
             Self::OpenCvFisheye([_, _, _, _, k1, k2, k3, k4]) => {
-                Distortion::Fisheye(Planar { radial: [k1, k2, k3, k4], ..NONE })
+                Distortion::Fisheye(Planar::of_radial([k1, k2, k3, k4]))
             }
             Self::ThinPrismFisheye([_, _, _, _, k1, k2, p1, p2, k3, k4, sx, sy]) => {
                 Distortion::Fisheye(Planar {
-                    radial: [k1, k2, k3, k4],
                     tangential: [p1, p2],
-                    prism: [sx, sy],
-                    ..NONE
+                    prism: [[sx, 0.0], [sy, 0.0]],
+                    ..Planar::of_radial([k1, k2, k3, k4])
                 })
             }
+            Self::RadTanThinPrismFisheye([_, _, _, _, k0, k1, k2, k3, k4, k5, p0, p1, s0, s1, s2, s3]) => {
+                // `p0` and `p1` are OpenCV's `p2` and `p1`.
+                let rest = Planar { tangential: [p1, p0], prism: [[s0, s1], [s2, s3]], ..Planar::NONE };
+                Distortion::FisheyeInTwoSteps(Planar::of_radial([k0, k1, k2, k3, k4, k5]), rest)
+            }
             Self::Fov([_, _, _, _, omega]) => Distortion::Fov(omega),
+            Self::SimpleDivision([_, _, _, k]) | Self::Division([_, _, _, _, k]) => Distortion::Division(k),
+            Self::Eucm([_, _, _, _, alpha, beta]) => Distortion::Eucm(alpha, beta),
         }
+    }
+
+    /// The error for COLMAP's number of a model that is not supported here.
+    pub fn unsupported(id: i32) -> IntrinsicsError {
+        if id == PANORAMA.0 {
+            return IntrinsicsError::Panorama;
+        }
+        IntrinsicsError::UnknownModel { name: id.to_string() }
     }
 }
 

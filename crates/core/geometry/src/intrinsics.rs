@@ -155,7 +155,7 @@ impl Pinhole {
 mod tests {
     use super::*;
 
-    const CAMERAS: [&str; 11] = [
+    const CAMERAS: [&str; 17] = [
         "SIMPLE_PINHOLE,640,480,525.5,320,240",
         "PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7",
         "SIMPLE_RADIAL,1296,1936,2435.38,648,968,-0.0336422",
@@ -167,6 +167,12 @@ mod tests {
         "SIMPLE_RADIAL_FISHEYE,1000,800,500,510,390,-0.02",
         "RADIAL_FISHEYE,1000,800,500,510,390,-0.02,0.004",
         "THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.001,-0.0007,-0.004,0.0005,0.002,-0.001",
+        "RAD_TAN_THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.002,-0.004,0.001,-0.0002,0.001,-0.0007,0.002,-0.001,0.0005,0.0003",
+        "SIMPLE_DIVISION,1000,800,700,510,390,-0.2",
+        "DIVISION,1000,800,700,705,510,390,0.1",
+        "SIMPLE_FISHEYE,1000,800,500,510,390",
+        "FISHEYE,1000,800,500,505,510,390",
+        "EUCM,1000,800,500,505,510,390,0.6,1.1",
     ];
 
     #[test]
@@ -196,6 +202,10 @@ mod tests {
         assert!(Intrinsics::new("PINHOLE", 0, 480, &[1.0, 1.0, 3.0, 4.0]).is_err());
         assert!(Intrinsics::new("FOV", 640, 480, &[500.0, 500.0, 320.0, 240.0, 3.2]).is_err());
         assert!("FISHEYE,640,480,1".parse::<Intrinsics>().is_err());
+        for (alpha, beta) in [(-0.1, 1.0), (1.1, 1.0), (0.5, 0.0)] {
+            assert!(Intrinsics::new("EUCM", 640, 480, &[500.0, 500.0, 320.0, 240.0, alpha, beta]).is_err());
+        }
+        assert_eq!(Intrinsics::new("EQUIRECTANGULAR", 640, 320, &[]), Err(IntrinsicsError::Panorama));
         for text in ["", "PINHOLE", "PINHOLE,640", "PINHOLE,-1,480,1,1,1,1", "PINHOLE,640,480,x,1,1,1"] {
             assert!(text.parse::<Intrinsics>().is_err(), "{text:?}");
         }
@@ -225,7 +235,8 @@ mod tests {
                 model.params().len() <= CameraModel::MAX_PARAMS && CameraModel::NAMES.contains(model.name())
             );
         }
-        assert_eq!(CameraModel::from_colmap_id(11), None);
+        assert_eq!(CameraModel::from_colmap_id(17), None);
+        assert_eq!(CameraModel::unsupported(17), IntrinsicsError::Panorama);
         assert_eq!(CameraModel::from_colmap_id(-1), None);
     }
 

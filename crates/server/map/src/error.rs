@@ -60,6 +60,14 @@ pub enum MapError {
         /// What is wrong, and the remedy.
         reason: String,
     },
+    /// Rigs and frames of a COLMAP model are inconsistent.
+    #[error("COLMAP model in {}: rigs and frames: {reason}", dir.display())]
+    ColmapRigs {
+        /// The folder of the model.
+        dir: PathBuf,
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
     /// Posed images are inconsistent.
     #[error("the posed images are inconsistent: {record} {reason}")]
     PosedImages {

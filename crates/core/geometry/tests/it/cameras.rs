@@ -31,5 +31,5 @@ fn pixels_and_rays_agree_with_pycolmap() {
         assert!((ray.x - back_x).hypot(ray.y - back_y) < ORACLE_INVERSE_ERROR, "{camera} {line}: {ray:?}");
         points += 1;
     }
-    assert_eq!((models.len(), points), (11, 11 * 28));
+    assert_eq!((models.len(), points), (17, 17 * 28));
 }

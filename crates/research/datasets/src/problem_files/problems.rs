@@ -262,7 +262,7 @@ mod tests {
         let cases = [
             (GOOD.replace("[0,0,1],", ""), "points3d has 2 entries"),
             (GOOD.replace("\"q\":[1,0,0,0]", "\"q\":[0,0,0,0]"), "not a finite pose"),
-            (GOOD.replace("PINHOLE", "FISHEYE"), "FISHEYE"),
+            (GOOD.replace("PINHOLE", "SPHERICAL"), "SPHERICAL"),
             (GOOD.replace("[0.5,", "[-1,"), "ratio[0]"),
             (GOOD.replace("[3,4]", "[3]"), "invalid length"),
             ("{".to_owned(), "EOF"),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::PosedImages;
-use veiloc_mapping::image_file;
+use veiloc_mapping::{NameIndex, image_file};
 
 use crate::error::EvalError;
 
@@ -51,10 +51,11 @@ pub fn posed_queries(
     images: &Path,
     names: &[String],
 ) -> Result<Vec<PosedQuery>, EvalError> {
+    let index = NameIndex::new(posed.images().iter().map(|image| (image.name.as_str(), image)));
     names
         .iter()
         .map(|name| {
-            let image = posed.get(name).ok_or_else(|| {
+            let image = index.get(name).ok_or_else(|| {
                 EvalError::DataSet(format!(
                     "{name}: it is in the query list but has no pose; remove it from the list or add its pose"
                 ))

@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, Pixel, Point3};
+use veiloc_geometry::frames::Rigid3;
+use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, IntrinsicsError, Pixel, Point3};
 
 use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
+use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
 
 /// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
@@ -23,6 +25,14 @@ pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
 /// Reads the points of the model in a folder.
 pub(super) fn read_points(dir: &Path) -> Result<Vec<ColmapPoint>, MapError> {
     Bytes::open(dir.join("points3D.bin"))?.records(51, point)
+}
+
+/// Reads the rigs and frames of the model in a folder.
+pub(super) fn read_rigs(dir: &Path) -> Result<ColmapRigs, MapError> {
+    Ok(ColmapRigs {
+        rigs: Bytes::open(dir.join("rigs.bin"))?.records(8, rig)?,
+        frames: Bytes::open(dir.join("frames.bin"))?.records(68, frame)?,
+    })
 }
 
 /// A file that is read sequentially.
@@ -93,6 +103,22 @@ impl Bytes {
         Ok(all)
     }
 
+    fn sensor(&mut self) -> Result<ColmapSensor, MapError> {
+        let number = self.u32()?;
+        let kind = SensorKind::of_number(number)
+            .ok_or_else(|| self.refuse(format!("{number} is no kind of a sensor; export the model again")))?;
+        Ok(ColmapSensor { kind, id: self.u32()? })
+    }
+
+    fn pose<Out, In>(&mut self) -> Result<Rigid3<Out, In>, MapError> {
+        let (rotation, translation) = (self.f64s()?, self.f64s()?);
+        Rigid3::from_quaternion(rotation, translation).ok_or_else(|| {
+            self.refuse(
+                "the pose is not finite or its quaternion is zero; correct it, or remove the frame or sensor",
+            )
+        })
+    }
+
     fn refuse(&self, reason: impl Into<String>) -> MapError {
         MapError::Colmap {
             path: self.path.clone(),
@@ -102,16 +128,39 @@ impl Bytes {
     }
 }
 
+/// `id: u32, sensors: u32, reference: (kind: i32, id: u32), (kind: i32, id: u32, has pose: u8, pose: f64[7] or nothing)[]`
+fn rig(bytes: &mut Bytes) -> Result<ColmapRig, MapError> {
+    let (id, count) = (bytes.u32()?, bytes.u32()?);
+    let reference = if count > 0 { Some(bytes.sensor()?) } else { None };
+    let mut sensors = Vec::new();
+    for _ in 1..count {
+        let sensor = bytes.sensor()?;
+        let [has_pose] = bytes.take()?;
+        sensors.push((sensor, if has_pose == 0 { None } else { Some(bytes.pose()?) }));
+    }
+    Ok(ColmapRig { id, reference, sensors })
+}
+
+/// `id: u32, rig: u32, pose: f64[7], data: u32, (kind: i32, id: u32, image: u64)[]`
+fn frame(bytes: &mut Bytes) -> Result<ColmapFrame, MapError> {
+    let (id, rig_id) = (bytes.u32()?, bytes.u32()?);
+    let rig_from_world = bytes.pose()?;
+    let mut data = Vec::new();
+    for _ in 0..bytes.u32()? {
+        data.push((bytes.sensor()?, bytes.u64()?));
+    }
+    Ok(ColmapFrame { id, rig_id, rig_from_world, data })
+}
+
 /// `id: u32, model: i32, width: u64, height: u64, params: f64[]`
 fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
     let id = bytes.u32()?;
     let model = bytes.u32()? as i32;
     let Some((name, count)) = CameraModel::from_colmap_id(model) else {
-        return Err(bytes.refuse(format!(
-            "camera {id} has COLMAP's camera model number {model}, which is not supported; supported are {}: \
-             undistort the images with COLMAP",
-            CameraModel::NAMES
-        )));
+        let error = CameraModel::unsupported(model);
+        let remedy =
+            if error == IntrinsicsError::Panorama { "" } else { "; undistort the images with COLMAP" };
+        return Err(bytes.refuse(format!("camera {id}: {error}{remedy}")));
     };
     let (width, height) = (bytes.u64()?, bytes.u64()?);
     let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {

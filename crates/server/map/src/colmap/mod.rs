@@ -1,8 +1,9 @@
 //! COLMAP models: cameras, posed images with their 2D points, 3D points with their tracks.
 //!
 //! The three files `cameras`, `images`, `points3D` are read as text (`.txt`) or binary (`.bin`); where a folder has
-//! both, the binary ones are read, as COLMAP does. `frames` and `rigs`, which newer COLMAPs write beside them, hold
-//! nothing that these three do not say for single cameras, and are ignored.
+//! both, the binary ones are read, as COLMAP does. Where `rigs` and `frames` are beside them, as COLMAP 3.12 and newer
+//! write them, they hold the poses: an `images` file that says otherwise is overruled, with a remark. Both are written
+//! too.
 //!
 //! An accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index checks. Cameras and poses
 //! are read strictly. Points and observations that `images` and `points3D` do not agree on are left out, with a remark
@@ -14,6 +15,7 @@ mod folder;
 mod model;
 mod posed;
 mod reconcile;
+mod rigs;
 mod text;
 mod write;
 mod write_binary;
@@ -22,7 +24,8 @@ use std::path::Path;
 
 pub use export::export;
 pub use model::{ColmapImage, ColmapModel, ColmapPoint, ColmapPoint2d};
-pub use write::write_text;
+pub use rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
+pub use write::{check_text_folder, write_text};
 pub use write_binary::write_binary;
 
 use crate::error::MapError;
@@ -79,13 +82,16 @@ impl ModelFiles {
     /// Prefers models with points, then binary ones.
     fn in_folder(dir: &Path) -> Option<Self> {
         let has = |files: &Self| {
-            let extension = if files.binary { "bin" } else { "txt" };
-            let files: &[&str] =
+            let needed: &[&str] =
                 if files.points { &["cameras", "images", "points3D"] } else { &["cameras", "images"] };
-            files.iter().all(|f| dir.join(format!("{f}.{extension}")).is_file())
+            needed.iter().all(|file| files.has(dir, file))
         };
         let order = [(true, true), (false, true), (true, false), (false, false)];
         order.into_iter().map(|(binary, points)| Self { binary, points }).find(has)
+    }
+
+    fn has(self, dir: &Path, file: &str) -> bool {
+        dir.join(file).with_extension(if self.binary { "bin" } else { "txt" }).is_file()
     }
 
     fn read_points(self, dir: &Path) -> Result<Vec<ColmapPoint>, MapError> {
@@ -100,6 +106,10 @@ impl ModelFiles {
     ) -> Result<ColmapModel, MapError> {
         let mut parts = if self.binary { binary::read(dir)? } else { text::read(dir)? };
         (parts.points, parts.remarks) = (points, remarks);
+        if self.has(dir, "rigs") && self.has(dir, "frames") {
+            let rigs = if self.binary { binary::read_rigs(dir)? } else { text::read_rigs(dir)? };
+            parts.pose_by(rigs).map_err(|reason| MapError::ColmapRigs { dir: dir.to_owned(), reason })?;
+        }
         if self.points {
             parts.reconcile();
         } else {

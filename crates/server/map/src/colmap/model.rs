@@ -1,11 +1,13 @@
 //! A consistent COLMAP model in memory.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
+use super::rigs::ColmapRigs;
 use crate::error::{MapError, ModelRecord};
 use crate::model::{is_name, is_rigid};
 
@@ -15,6 +17,8 @@ pub(crate) struct Parts {
     pub(crate) cameras: Vec<(u32, Intrinsics)>,
     pub(crate) images: Vec<ColmapImage>,
     pub(crate) points: Vec<ColmapPoint>,
+    /// Rigs and frames, if the model has them.
+    pub(crate) rigs: Option<ColmapRigs>,
     /// What was left out or changed, for people.
     pub(crate) remarks: Vec<String>,
 }
@@ -77,6 +81,7 @@ pub struct ColmapModel {
     by_name: BTreeMap<String, usize>,
     /// Index in `images` by id.
     by_id: BTreeMap<u32, usize>,
+    rigs: Option<ColmapRigs>,
     remarks: Vec<String>,
 }
 
@@ -90,7 +95,7 @@ impl ColmapModel {
         images: Vec<ColmapImage>,
         points: Vec<ColmapPoint>,
     ) -> Result<Self, MapError> {
-        Self::checked(Parts { cameras, images, points, remarks: Vec::new() }, None)
+        Self::checked(Parts { cameras, images, points, ..Parts::default() }, None)
     }
 
     pub(crate) fn checked(mut parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
@@ -142,8 +147,8 @@ impl ColmapModel {
                 ));
             }
         }
-        let Parts { images, points, remarks, .. } = parts;
-        let model = Self { cameras, images, points, by_name, by_id, remarks };
+        let Parts { images, points, rigs, remarks, .. } = parts;
+        let model = Self { cameras, images, points, by_name, by_id, rigs, remarks };
         model.check_tracks().map_err(|(record, reason)| refuse(record, reason))?;
         Ok(model)
     }
@@ -216,6 +221,19 @@ impl ColmapModel {
     /// Points in the model's order.
     pub fn points(&self) -> &[ColmapPoint] {
         &self.points
+    }
+
+    /// The rigs and frames that were read; `None` for a model without them.
+    pub const fn rigs(&self) -> Option<&ColmapRigs> {
+        self.rigs.as_ref()
+    }
+
+    /// The rigs and frames of the model, or a rig for each camera and a frame for each image.
+    pub(super) fn rigs_to_write(&self) -> Cow<'_, ColmapRigs> {
+        match &self.rigs {
+            Some(rigs) => Cow::Borrowed(rigs),
+            None => Cow::Owned(ColmapRigs::trivial(self.cameras.keys().copied(), &self.images)),
+        }
     }
 
     /// What reading left out or changed, for people; empty for a model that was taken as it is.

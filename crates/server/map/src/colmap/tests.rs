@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_testdata::real_data_test;
 
-use super::{ColmapModel, read_model, read_posed, write_binary, write_text};
+use super::{ColmapFrame, ColmapModel, read_model, read_posed, write_binary, write_text};
 use crate::{MapError, PosedImages};
 
 /// Written by pycolmap, see `scripts/oracle_colmap.py`: the same model as text and as binary.
@@ -117,7 +117,7 @@ fn text_is_not_written_next_to_a_binary_model() {
     write_binary(&model, dir.path()).unwrap();
     let before = fs::read(dir.path().join("images.bin")).unwrap();
     assert!(matches!(write_text(&model, dir.path()), Err(MapError::BinaryModelThere { .. })));
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3);
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 5);
     assert_eq!(fs::read(dir.path().join("images.bin")).unwrap(), before);
 }
 
@@ -130,7 +130,7 @@ fn invalid_text_is_refused_with_file_and_line() {
         ("parameter count", [cameras("1 PINHOLE 640 480 1 2"), i(""), p("")], "cameras.txt, line 1"),
         ("not a number", [cameras("1 PINHOLE 640 480 a 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
         ("negative size", [cameras("1 PINHOLE -640 480 1 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
-        ("unknown model", [cameras("1 DIVISION 640 480 1 1 1 1 1"), i(""), p("")], "not supported"),
+        ("unknown model", [cameras("1 SPHERICAL 640 480 1 1 1 1 1"), i(""), p("")], "not supported"),
         ("camera twice", [CAMERAS.repeat(2), i(""), p("")], "camera 1 is defined twice"),
         ("NaN pose", [c(), i("1 1 0 0 0 nan 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
         ("zero quaternion", [c(), i("1 0 0 0 0 0 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
@@ -334,11 +334,156 @@ fn hostile_counts_are_refused_before_allocation() {
 fn invalid_binary_records_are_refused() {
     let error = damaged("cameras.bin", |bytes| bytes[12] = 99).unwrap_err().to_string();
     assert!(error.contains("cameras.bin") && error.contains("not supported"), "{error}");
+    let error = damaged("cameras.bin", |bytes| bytes[12] = 17).unwrap_err().to_string();
+    assert!(error.contains("cameras.bin") && error.contains("panorama"), "{error}");
     let nan = f64::NAN.to_le_bytes();
     let error = damaged("images.bin", |bytes| bytes[12..20].copy_from_slice(&nan)).unwrap_err().to_string();
     assert!(error.contains("images.bin") && error.contains("not finite"), "{error}");
     let model = damaged("points3D.bin", |bytes| bytes[16..24].copy_from_slice(&nan)).unwrap();
     assert!(model.remarks()[0].contains("1 of 12 points"), "{:?}", model.remarks());
+}
+
+/// Copies a fixture with rigs and changes one of its text files.
+fn with_rigs(file: &str, change: impl Fn(&str) -> String) -> Result<ColmapModel, MapError> {
+    let dir = tempfile::tempdir().unwrap();
+    for entry in fs::read_dir(fixture("rigs-text")).unwrap() {
+        let path = entry.unwrap().path();
+        let text = fs::read_to_string(&path).unwrap();
+        let name = path.file_name().unwrap();
+        fs::write(dir.path().join(name), if name == file { change(&text) } else { text }).unwrap();
+    }
+    read_model(dir.path())
+}
+
+fn assert_same_poses(a: &ColmapModel, b: &ColmapModel) {
+    assert_eq!(a.images().len(), b.images().len());
+    for image in a.images() {
+        let other = b.image_by_name(&image.name).unwrap();
+        assert!(image.cam_from_world.rotation_error_degrees(&other.cam_from_world) < 1e-10, "{}", image.name);
+        assert!(image.cam_from_world.translation_error(&other.cam_from_world) < 1e-10, "{}", image.name);
+    }
+}
+
+/// The poses of pycolmap's images file are those that it computes from rigs and frames.
+#[test]
+fn poses_of_rigs_and_frames_agree_with_pycolmap() {
+    for format in ["rigs-text", "rigs-binary"] {
+        let dir = tempfile::tempdir().unwrap();
+        let model = read_model(&fixture(format)).unwrap();
+        let extension = format.replace("rigs-", "").replace("text", "txt").replace("binary", "bin");
+        for file in ["cameras", "images", "points3D"].map(|file| format!("{file}.{extension}")) {
+            fs::copy(fixture(format).join(&file), dir.path().join(&file)).unwrap();
+        }
+        let of_images = read_model(dir.path()).unwrap();
+        assert_same_poses(&model, &of_images);
+        assert!(model.remarks().is_empty(), "{:?}", model.remarks());
+        let rigs = model.rigs().unwrap();
+        assert_eq!((rigs.rigs.len(), rigs.frames.len(), rigs.rigs[0].sensors.len()), (2, 4, 1));
+        assert!(of_images.rigs().is_none());
+    }
+    let (text, binary) = (read_model(&fixture("rigs-text")), read_model(&fixture("rigs-binary")));
+    assert_same_poses(&text.unwrap(), &binary.unwrap());
+}
+
+#[test]
+fn poses_of_rigs_and_frames_overrule_those_of_images() {
+    let truth = read_model(&fixture("rigs-text")).unwrap();
+    // Another state of the reconstruction: half the scale for the images of camera 2.
+    let halved = |text: &str| {
+        let half = |line: &str| {
+            let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            words[5..8].iter_mut().for_each(|word| *word = (word.parse::<f64>().unwrap() / 2.0).to_string());
+            words.join(" ")
+        };
+        let lines =
+            text.lines().map(|line| if line.contains(" camera2/") { half(line) } else { line.to_owned() });
+        lines.collect::<Vec<_>>().join("\n")
+    };
+    let model = with_rigs("images.txt", halved).unwrap();
+    assert_same_poses(&model, &truth);
+    let [remark] = model.remarks() else { panic!("{:?}", model.remarks()) };
+    assert!(
+        remark.contains("3 of 6 poses in images differ") && remark.contains("frames are used"),
+        "{remark}"
+    );
+    assert_eq!(PosedImages::from(&model).remarks(), model.remarks());
+
+    // A camera whose pose on its rig is not known, and an image without a frame, keep their own poses.
+    let without = |text: &str| {
+        let rig = text.lines().find(|line| line.starts_with('5')).unwrap();
+        let words: Vec<&str> = rig.split(' ').take(6).collect();
+        text.replace(rig, &format!("{} 0", words.join(" ")))
+    };
+    let model = with_rigs("rigs.txt", without).unwrap();
+    assert_same_poses(&model, &truth);
+    assert!(model.remarks()[0].starts_with("3 of 6 images have no frame"), "{:?}", model.remarks());
+    let fewer =
+        |text: &str| text.lines().filter(|line| !line.starts_with('4')).collect::<Vec<_>>().join("\n");
+    let model = with_rigs("frames.txt", fewer).unwrap();
+    assert!(model.remarks()[0].starts_with("1 of 6 images"), "{:?}", model.remarks());
+}
+
+#[test]
+fn rigs_and_frames_are_written() {
+    let model = read_model(&fixture("rigs-binary")).unwrap();
+    let plain = read_model(&fixture("binary")).unwrap();
+    for write in [write_text, write_binary] {
+        let dir = tempfile::tempdir().unwrap();
+        write(&model, dir.path()).unwrap();
+        let back = read_model(dir.path()).unwrap();
+        assert_same_poses(&back, &model);
+        assert!(back.remarks().is_empty(), "{:?}", back.remarks());
+        let (a, b) = (back.rigs().unwrap(), model.rigs().unwrap());
+        for (a, b) in a.rigs.iter().zip(&b.rigs) {
+            assert_eq!((a.id, a.reference, a.sensors.len()), (b.id, b.reference, b.sensors.len()));
+            for ((sensor, a), (other, b)) in a.sensors.iter().zip(&b.sensors) {
+                assert_eq!(sensor, other);
+                assert!(a.unwrap().rotation_error_degrees(&b.unwrap()) < 1e-10);
+            }
+        }
+        let data = |frame: &ColmapFrame| (frame.id, frame.rig_id, frame.data.clone());
+        assert!(a.frames.iter().map(data).eq(b.frames.iter().map(data)));
+
+        // A model without rigs, over the files of one with rigs.
+        write(&plain, dir.path()).unwrap();
+        let back = read_model(dir.path()).unwrap();
+        assert_same_poses(&back, &plain);
+        assert!(back.remarks().is_empty(), "{:?}", back.remarks());
+        let rigs = back.rigs().unwrap();
+        assert_eq!((rigs.rigs.len(), rigs.frames.len()), (plain.cameras().len(), plain.images().len()));
+    }
+}
+
+#[test]
+fn invalid_rigs_and_frames_are_refused() {
+    type Case = (&'static str, fn(&str) -> String, &'static str);
+    let cases: [Case; 8] = [
+        ("rigs.txt", |text| text.replace("5 2 CAMERA", "5 2 SONAR"), "SENSOR_TYPE is \"SONAR\""),
+        ("rigs.txt", |text| text.replace("6 1 CAMERA 3", "5 1 CAMERA 3"), "rig 5 is defined twice"),
+        ("rigs.txt", |text| text.replace("6 1 CAMERA 3", "6 1 CAMERA 2"), "sensor CAMERA 2 is on two rigs"),
+        ("rigs.txt", |text| text.replace("5 2 CAMERA", "5 3 CAMERA"), "ends before its SENSOR_TYPE"),
+        ("rigs.txt", |text| text.replace("6 1 CAMERA 3", "6 1 CAMERA 3 4"), "follows the last field"),
+        ("frames.txt", |text| text.replace("\n4 6 ", "\n4 7 "), "frame 4 has rig 7"),
+        ("frames.txt", |text| text.replace("\n4 6 ", "\n3 6 "), "frame 3 is defined twice"),
+        ("frames.txt", |text| text.replace("CAMERA 3 6", "CAMERA 3 5"), "image 5 is in two frames"),
+    ];
+    for (file, change, expected) in cases {
+        let error = with_rigs(file, change).expect_err(expected).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    for file in ["rigs.bin", "frames.bin"] {
+        let whole = fs::read(fixture("rigs-binary").join(file)).unwrap();
+        for cut in (0..whole.len()).step_by(5) {
+            let dir = tempfile::tempdir().unwrap();
+            for entry in fs::read_dir(fixture("rigs-binary")).unwrap() {
+                let path = entry.unwrap().path();
+                fs::copy(&path, dir.path().join(path.file_name().unwrap())).unwrap();
+            }
+            fs::write(dir.path().join(file), &whole[..cut]).unwrap();
+            let error = read_model(dir.path()).expect_err("cut").to_string();
+            assert!(error.contains(file), "{cut}: {error}");
+        }
+    }
 }
 
 #[real_data_test]

@@ -4,10 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
 
-use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
+use veiloc_geometry::frames::Rigid3;
+use veiloc_geometry::{CameraFromWorld, Intrinsics, IntrinsicsError, Pixel, Point3};
 
 use super::binary::NO_POINT;
 use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
+use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
 use crate::text::text_of;
 
@@ -105,9 +107,77 @@ impl<'a> Fields<'a> {
         Ok(all)
     }
 
+    fn sensor(&mut self) -> Result<ColmapSensor, MapError> {
+        let name = self.word("SENSOR_TYPE")?;
+        let kind = SensorKind::of_name(name).ok_or_else(|| {
+            self.refuse(format!("SENSOR_TYPE is {name:?}; CAMERA and IMU are known; remove the sensor"))
+        })?;
+        Ok(ColmapSensor { kind, id: self.number("SENSOR_ID")? })
+    }
+
+    fn pose<Out, In>(&mut self) -> Result<Rigid3<Out, In>, MapError> {
+        let (rotation, translation) = (self.numbers("quaternion")?, self.numbers("translation")?);
+        Rigid3::from_quaternion(rotation, translation).ok_or_else(|| {
+            self.refuse(
+                "the pose is not finite or its quaternion is zero; correct it, or remove the frame or sensor",
+            )
+        })
+    }
+
+    /// Refuses more words.
+    fn end(&mut self) -> Result<(), MapError> {
+        match self.rest.next() {
+            None => Ok(()),
+            Some(word) => Err(self.refuse(format!("{word:?} follows the last field of the line"))),
+        }
+    }
+
     fn refuse(&self, reason: impl Into<String>) -> MapError {
         self.text.refuse(self.line, reason)
     }
+}
+
+/// Reads the rigs and frames of the model in a folder.
+pub(super) fn read_rigs(dir: &Path) -> Result<ColmapRigs, MapError> {
+    Ok(ColmapRigs {
+        rigs: rigs(&Text::open(dir.join("rigs.txt"))?)?,
+        frames: frames(&Text::open(dir.join("frames.txt"))?)?,
+    })
+}
+
+/// `RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID SENSORS[] as (SENSOR_TYPE SENSOR_ID HAS_POSE [QW QX QY QZ TX TY TZ])`
+fn rigs(text: &Text) -> Result<Vec<ColmapRig>, MapError> {
+    text.records()
+        .map(|mut fields| {
+            let id = fields.number("RIG_ID")?;
+            let count: u32 = fields.number("NUM_SENSORS")?;
+            let reference = if count > 0 { Some(fields.sensor()?) } else { None };
+            let mut sensors = Vec::new();
+            for _ in 1..count {
+                let sensor = fields.sensor()?;
+                let has_pose: u8 = fields.number("HAS_POSE")?;
+                sensors.push((sensor, if has_pose == 0 { None } else { Some(fields.pose()?) }));
+            }
+            fields.end()?;
+            Ok(ColmapRig { id, reference, sensors })
+        })
+        .collect()
+}
+
+/// `FRAME_ID RIG_ID RIG_FROM_WORLD[QW QX QY QZ TX TY TZ] NUM_DATA_IDS DATA_IDS[] as (SENSOR_TYPE SENSOR_ID DATA_ID)`
+fn frames(text: &Text) -> Result<Vec<ColmapFrame>, MapError> {
+    text.records()
+        .map(|mut fields| {
+            let (id, rig_id) = (fields.number("FRAME_ID")?, fields.number("RIG_ID")?);
+            let rig_from_world = fields.pose()?;
+            let count: u32 = fields.number("NUM_DATA_IDS")?;
+            let data = (0..count)
+                .map(|_| Ok((fields.sensor()?, fields.number("DATA_ID")?)))
+                .collect::<Result<_, MapError>>()?;
+            fields.end()?;
+            Ok(ColmapFrame { id, rig_id, rig_from_world, data })
+        })
+        .collect()
 }
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`
@@ -122,8 +192,9 @@ fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
                 let number = word.parse::<f64>();
                 params.push(number.map_err(|_| fields.refuse("a parameter of the camera is not a number"))?);
             }
-            let camera = Intrinsics::new(model, width, height, &params).map_err(|e| {
-                fields.refuse(format!("{e}; undistort the images with COLMAP, or correct the line"))
+            let camera = Intrinsics::new(model, width, height, &params).map_err(|e| match e {
+                IntrinsicsError::Panorama => fields.refuse(e.to_string()),
+                e => fields.refuse(format!("{e}; undistort the images with COLMAP, or correct the line")),
             })?;
             Ok((id, camera))
         })

@@ -5,17 +5,22 @@ use std::path::Path;
 use super::binary::NO_POINT;
 use super::folder::write_files;
 use super::model::{ColmapImage, ColmapModel, ColmapPoint};
+use super::rigs::{ColmapFrame, ColmapRig, ColmapSensor};
 use crate::error::MapError;
 use veiloc_geometry::Intrinsics;
+use veiloc_geometry::frames::Rigid3;
 
-/// Writes a model as `cameras.bin`, `images.bin` and `points3D.bin` into a folder, which is created if missing; each
-/// file is replaced atomically.
+/// Writes a model as `cameras.bin`, `images.bin`, `points3D.bin`, `rigs.bin` and `frames.bin` into a folder, which is
+/// created if missing; each file is replaced atomically.
 ///
 /// # Errors
 /// [`MapError::Io`] naming the file.
 pub fn write_binary(model: &ColmapModel, dir: &Path) -> Result<(), MapError> {
     let cameras = records(model.cameras(), |(id, camera), out| put_camera(*id, camera, out));
+    let written = model.rigs_to_write();
     let files = [
+        ("rigs.bin", records(&written.rigs, put_rig)),
+        ("frames.bin", records(&written.frames, put_frame)),
         ("cameras.bin", cameras),
         ("images.bin", records(model.images(), put_image)),
         ("points3D.bin", records(model.points(), put_point)),
@@ -38,6 +43,45 @@ fn put_f64s<'a>(values: impl IntoIterator<Item = &'a f64>, out: &mut Vec<u8>) {
     out.extend(values.into_iter().flat_map(|value| value.to_le_bytes()));
 }
 
+fn put_sensor(sensor: ColmapSensor, out: &mut Vec<u8>) {
+    out.extend(sensor.kind.number().to_le_bytes());
+    out.extend(sensor.id.to_le_bytes());
+}
+
+fn put_pose<Out, In>(pose: &Rigid3<Out, In>, out: &mut Vec<u8>) {
+    put_f64s(&pose.quaternion(), out);
+    put_f64s(pose.translation(), out);
+}
+
+/// As `rig` in `binary.rs` reads it.
+fn put_rig(rig: &ColmapRig, out: &mut Vec<u8>) {
+    out.extend(rig.id.to_le_bytes());
+    let count = u32::from(rig.reference.is_some()) + rig.sensors.len() as u32;
+    out.extend(count.to_le_bytes());
+    if let Some(sensor) = rig.reference {
+        put_sensor(sensor, out);
+    }
+    for (sensor, pose) in &rig.sensors {
+        put_sensor(*sensor, out);
+        out.push(u8::from(pose.is_some()));
+        if let Some(pose) = pose {
+            put_pose(pose, out);
+        }
+    }
+}
+
+/// As `frame` in `binary.rs` reads it.
+fn put_frame(frame: &ColmapFrame, out: &mut Vec<u8>) {
+    out.extend(frame.id.to_le_bytes());
+    out.extend(frame.rig_id.to_le_bytes());
+    put_pose(&frame.rig_from_world, out);
+    out.extend((frame.data.len() as u32).to_le_bytes());
+    for (sensor, data) in &frame.data {
+        put_sensor(*sensor, out);
+        out.extend(data.to_le_bytes());
+    }
+}
+
 /// `id: u32, model: i32, width: u64, height: u64, params: f64[]`
 fn put_camera(id: u32, camera: &Intrinsics, out: &mut Vec<u8>) {
     out.extend(id.to_le_bytes());
@@ -50,8 +94,7 @@ fn put_camera(id: u32, camera: &Intrinsics, out: &mut Vec<u8>) {
 /// `id: u32, q: f64[4], t: f64[3], camera: u32, name: bytes to 0, points: u64, (x: f64, y: f64, point: u64)[]`
 fn put_image(image: &ColmapImage, out: &mut Vec<u8>) {
     out.extend(image.id.to_le_bytes());
-    put_f64s(&image.cam_from_world.quaternion(), out);
-    put_f64s(image.cam_from_world.translation(), out);
+    put_pose(&image.cam_from_world, out);
     out.extend(image.camera_id.to_le_bytes());
     out.extend(image.name.as_bytes());
     out.push(0);

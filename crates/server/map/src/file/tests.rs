@@ -431,6 +431,7 @@ fn cameras_with_more_than_eight_parameters_round_trip() {
         "THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.001,-0.0007,-0.004,0.0005,0.002,-0.001",
         "FOV,1000,800,500,505,510,390,0.9",
         "FULL_OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007,0.01,0.02,-0.01,0.003",
+        "RAD_TAN_THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.002,-0.004,0.001,-0.0002,0.001,-0.0007,0.002,-0.001,0.0005,0.0003",
     ] {
         model.cameras.insert(1, text.parse().unwrap());
     }
@@ -438,8 +439,8 @@ fn cameras_with_more_than_eight_parameters_round_trip() {
         image.camera = (image.camera + 1) % model.cameras.len();
     }
     let map = open_bytes(&to_bytes(&model)).unwrap();
-    assert_eq!(map.camera_count(), 5);
+    assert_eq!(map.camera_count(), 6);
     assert_eq!(map.to_model().cameras, model.cameras);
     let records = super::write::camera_records(&model.cameras);
-    assert_eq!(records.len(), 7, "two of them have a second record");
+    assert_eq!(records.len(), 9, "three of them have a second record");
 }

@@ -192,7 +192,7 @@ a GIRL 3 of 4.jpg
             "\n# nothing\n".as_bytes(),
             b"a.jpg\nb.jpg\na.jpg\n",
             b"a.jpg PINHOLE 640 480 1 1 1 1\na.jpg PINHOLE 640 480 2 2 1 1\n",
-            b"a.jpg DIVISION 640 480 1 1 1 1 0\n",
+            b"a.jpg SPHERICAL 640 480 1 1 1 1 0\n",
             b"a.jpg PINHOLE 640 480 1 1 1\n",
             &[0xff, 0xfe],
         ] {

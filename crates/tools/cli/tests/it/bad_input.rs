@@ -354,7 +354,8 @@ fn posed_models_and_lists() {
     model("short", &with_first(&|f| f.truncate(5)), &cameras);
     model("no-camera", &with_first(&|f| f[8] = "7"), &cameras);
     model("same-name", &images.replace("map-01.png", "map-00.png"), &cameras);
-    model("fisheye", &images, &cameras.replace("SIMPLE_RADIAL", "FISHEYE"));
+    model("fisheye", &images, &cameras.replace("SIMPLE_RADIAL", "SPHERICAL"));
+    model("panorama", &images, &cameras.replace("SIMPLE_RADIAL", "EQUIRECTANGULAR"));
     model("nan-camera", &images, &cameras.replace("330", "nan"));
     model("scaled", &images, &cameras.replace("400 300", "800 600"));
     scene.write("bad/cut-binary/cameras.bin", [1, 0, 0]);
@@ -388,7 +389,8 @@ fn posed_models_and_lists() {
             refused(posed("short"), &["images.txt", "line", "ends before"]),
             refused(posed("no-camera"), &["no-camera", "map-00.png", "camera 7", "add it"]),
             refused(posed("same-name"), &["same-name", "map-00.png", "twice", "keep one"]),
-            refused(posed("fisheye"), &["cameras.txt", "line", "FISHEYE", "undistort"]),
+            refused(posed("fisheye"), &["cameras.txt", "line", "SPHERICAL", "undistort"]),
+            refused(posed("panorama"), &["cameras.txt", "line", "EQUIRECTANGULAR", "perspective images"]),
             refused(posed("nan-camera"), &["cameras.txt", "line 2", "NaN", "correct the line"]),
             refused(posed("scaled"), &["map-00.png", "400x300", "800x600", "neither scaled nor turned"]),
             refused(posed("cut-binary"), &["cameras.bin", "byte 0", "export the model again"]),
@@ -455,7 +457,7 @@ fn problems() {
         &["bad/unequal.jsonl:2", "points3d has 2", "points2d has 3"],
     );
     case("ratios", &good.replace("0.6,", ""), &["bad/ratios.jsonl:2", "ratio has 2"]);
-    case("camera", &good.replace("PINHOLE", "FISHEYE"), &["bad/camera.jsonl:2", "FISHEYE"]);
+    case("camera", &good.replace("PINHOLE", "SPHERICAL"), &["bad/camera.jsonl:2", "SPHERICAL"]);
     case("focal", &good.replace("[500,500", "[0,500"), &["bad/focal.jsonl:2"]);
     case("pose", &good.replace("[1,0,0,0]", "[0,0,0,0]"), &["bad/pose.jsonl:2", "not a finite pose"]);
     case(

@@ -204,8 +204,8 @@ fn lists_may_have_cameras() {
     refused(seal("", "wrong"), &["query-0.png", "400x300", "640x480"]);
     list(&["../images/query-0.png PINHOLE 640 480 500 500 320 240".to_owned()]);
     refused(seal("", "wrong"), &["leads out of images"]);
-    list(&[format!("query-0.png {}", with_spaces.replace("SIMPLE_RADIAL", "FISHEYE"))]);
-    refused(seal("", "wrong"), &["seal.txt: line 1", "FISHEYE"]);
+    list(&[format!("query-0.png {}", with_spaces.replace("SIMPLE_RADIAL", "SPHERICAL"))]);
+    refused(seal("", "wrong"), &["seal.txt: line 1", "SPHERICAL"]);
 }
 
 #[test]

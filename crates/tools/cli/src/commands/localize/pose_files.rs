@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_evaluation::results::PoseDocument;
 use veiloc_evaluation::results::pose_lines::{TumStamps, hloc_line, tum_line, tum_stamps};
 use veiloc_geometry::Intrinsics;
-use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
+use veiloc_map::colmap::{ColmapImage, ColmapModel, check_text_folder, write_binary, write_text};
 
 use crate::exit::Failure;
 use crate::files;
@@ -50,11 +50,14 @@ pub(super) fn name_of(item: &Item, is_image: bool) -> String {
 }
 
 impl PoseFileArgs {
-    /// Refuses names that pose files cannot hold, before the computation.
+    /// Refuses names that pose files cannot hold, and a folder that cannot take a text model, before the computation.
     ///
     /// # Errors
-    /// A name contains white space.
+    /// A name contains white space, or the folder has a binary model.
     pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
+        if let Some(dir) = self.out_colmap.as_deref().filter(|_| self.text) {
+            check_text_folder(dir)?;
+        }
         let called = items.iter().map(|item| name_of(item, are_images));
         for name in called.filter(|_| self.out_hloc.is_some()) {
             if name.contains(char::is_whitespace) {

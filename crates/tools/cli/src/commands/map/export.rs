@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_map::colmap::{export, write_binary, write_text};
+use veiloc_map::colmap::{check_text_folder, export, write_binary, write_text};
 use veiloc_map::{MapFile, write_ply};
 
 use crate::exit::{Exit, Outcome};
@@ -21,8 +21,8 @@ use crate::ui::Ui;
 pub(crate) struct ExportArgs {
     /// The map.
     map: PathBuf,
-    /// Folder of the COLMAP model to write: cameras.bin, images.bin and points3D.bin. It is created if it does not
-    /// exist. No default.
+    /// Folder of the COLMAP model to write: cameras.bin, images.bin, points3D.bin, rigs.bin and frames.bin. It is
+    /// created if it does not exist. No default.
     #[arg(long, value_name = "DIR", required_unless_present = "ply")]
     colmap: Option<OutFolder>,
     /// Write COLMAP's text files instead of the binary ones.
@@ -34,6 +34,9 @@ pub(crate) struct ExportArgs {
 }
 
 pub(super) fn run(args: &ExportArgs, ui: &Ui) -> Outcome {
+    if let Some(dir) = args.colmap.as_deref().filter(|_| args.text) {
+        check_text_folder(dir)?;
+    }
     let model = MapFile::open(&args.map)?.to_model();
     if let Some(dir) = &args.colmap {
         let write = if args.text { write_text } else { write_binary };
