@@ -60,7 +60,7 @@ impl<'a> FolderWriter<'a> {
     pub fn region(&self, region: &Region) -> Result<RegionEntry, MapError> {
         let model = self.map.region(region.clone())?;
         let file = MapFile::of_model(&model)?;
-        let (centre, radius) = self.center_and_radius(region);
+        let (center, radius) = self.center_and_radius(region);
         let ObjectRef { sha256, bytes } = self.object(file.as_bytes())?;
         Ok(RegionEntry {
             sha256,
@@ -68,7 +68,7 @@ impl<'a> FolderWriter<'a> {
             images: region.of_images.len() as u64,
             core_images: region.core_count() as u64,
             points: model.points.len() as u64,
-            centre,
+            center,
             radius,
         })
     }

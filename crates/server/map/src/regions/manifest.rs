@@ -59,8 +59,8 @@ pub struct RegionEntry {
     /// Number of its points.
     pub points: u64,
     /// Mean of the camera centres of its core, in the axes of the map, map units.
-    pub centre: [f64; 3],
-    /// Distance of the farthest camera centre of its core from `centre`, map units.
+    pub center: [f64; 3],
+    /// Distance of the farthest camera centre of its core from `center`, map units.
     pub radius: f64,
 }
 
@@ -72,7 +72,7 @@ impl RegionEntry {
 
     /// Distance of a position from the ball around the cameras of the core, map units; 0 inside.
     pub fn distance_to(&self, position: &Point3<World>) -> f64 {
-        let [x, y, z] = self.centre;
+        let [x, y, z] = self.center;
         ((position.coords - Point3::<World>::new(x, y, z).coords).norm() - self.radius).max(0.0)
     }
 }
@@ -174,7 +174,7 @@ impl Manifest {
             if region.points > self.points {
                 return Err(format!("region {number} has {} points of {}", region.points, self.points));
             }
-            let is_finite = region.centre.iter().all(|c| c.is_finite());
+            let is_finite = region.center.iter().all(|c| c.is_finite());
             if !(is_finite && region.radius.is_finite() && region.radius >= 0.0) {
                 return Err(format!("region {number} has an invalid centre or radius"));
             }
@@ -214,7 +214,7 @@ mod tests {
             images,
             core_images,
             points: 50,
-            centre: [0.1, -2.5, 1e-7],
+            center: [0.1, -2.5, 1e-7],
             radius: 3.25,
         };
         Manifest::new(

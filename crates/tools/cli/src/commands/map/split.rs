@@ -98,7 +98,7 @@ impl RegionDocument {
             images: region.images,
             core_images: region.core_images,
             points: region.points,
-            center: region.centre,
+            center: region.center,
             radius: region.radius,
         }
     }
