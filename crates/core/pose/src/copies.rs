@@ -85,7 +85,9 @@ fn at_most(most: usize, mut matches: Vec<usize>, group: impl Fn(usize) -> Group)
     };
     let mut counts = vec![0_u32; mask + 1];
     let buckets: Vec<usize> = matches.iter().map(|&i| bucket(i)).collect();
-    buckets.iter().for_each(|&bucket| counts[bucket] += 1);
+    for &bucket in &buckets {
+        counts[bucket] += 1;
+    }
     let mut of_group: HashMap<Group, usize> = HashMap::new();
     let mut buckets = buckets.into_iter();
     matches.retain(|&i| {
