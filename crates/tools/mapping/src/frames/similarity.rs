@@ -183,8 +183,7 @@ fn refine(pairs: &[PosePair], start: Similarity3, parameters: usize) -> Fit {
         let next = stepped(&found, &-cholesky.solve(&gradient));
         inverse = Some(cholesky.inverse());
         let (before, after) = (cost(&found), cost(&next));
-        // Written so that NaN ends the loop.
-        if !(after < before) {
+        if after.is_nan() || after >= before {
             break;
         }
         found = next;
