@@ -1,5 +1,6 @@
 """Networks, their inputs, and interrupted training."""
 
+import argparse
 import base64
 import gzip
 import json
@@ -74,10 +75,12 @@ def test_descriptors_of_one_kind_are_read_without_their_offset(tmp_path):
         data.inside(compact)
 
 
-def test_only_sift_descriptors_are_mirrored(monkeypatch, tmp_path):
+@pytest.mark.parametrize("kind", ["positions", "inversion"])
+def test_only_sift_descriptors_are_mirrored(kind, monkeypatch, tmp_path):
     fields = line(dimension=128) | {"features": "own", "descriptor_encoding": "signed", "descriptor_norm": 500}
     (tmp_path / "own.jsonl").write_text((json.dumps(fields) + "\n") * 2)
-    arguments = ["positions", str(tmp_path / "own.jsonl"), "-o", str(tmp_path / "own"), "--mirror"]
+    folder = ["--image-folder", str(tmp_path)] if kind == "inversion" else []
+    arguments = [kind, str(tmp_path / "own.jsonl"), "-o", str(tmp_path / "own"), "--mirror", *folder]
     monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments])
     with pytest.raises(SystemExit, match="only for descriptors of kind sift"):
         command.main()
@@ -146,16 +149,49 @@ def test_embeddings_have_length_one():
 
 def test_grid_averages_the_descriptors_of_a_cell():
     places = np.array([[0.2, 0.9], [0.8, 0.1], [2.5, 1.5]])
-    descriptors = np.array([[2.0, 0], [0, 4], [6, 6]], np.float32)
-    grid = inversion.features(places, descriptors, (2, 3))
-    assert grid.shape == (3, 2, 3)
-    assert grid[:, 0, 0].tolist() == pytest.approx([1, 2, math.log(3)])
-    assert grid[:, 1, 2].tolist() == pytest.approx([6, 6, math.log(2)]) and np.count_nonzero(grid) == 6
-    # With a total weight below one the cell is not averaged.
-    grid = inversion.features(places[:1], descriptors[:1], (2, 3), np.array([0.5]))
-    assert grid[:, 0, 0].tolist() == pytest.approx([1, 0, math.log(1.5)])
-    right = inversion.right_share(places, np.array([True, False, True]), (2, 3))
-    assert right[0, 0, 0] == 0.5 and right[0, 1, 2] == 1 and np.isnan(right).sum() == 4
+    one = inversion.cells_of(places, (2, 3))
+    assert one.tolist() == [0, 0, 5]
+    descriptors = torch.tensor([[2.0, 0], [0, 4], [6, 6]])
+    # Two images: the second one has only the last keypoint.
+    cells = torch.from_numpy(np.concatenate([one, 6 + one[2:]]))
+    grid = inversion.features(cells, descriptors[[0, 1, 2, 2]], 2, (2, 3))
+    assert grid.shape == (2, 3, 2, 3)
+    assert grid[0, :, 0, 0].tolist() == pytest.approx([1, 2, math.log(3)])
+    assert grid[0, :, 1, 2].tolist() == grid[1, :, 1, 2].tolist() == pytest.approx([6, 6, math.log(2)])
+    assert grid[0].count_nonzero() == 6 and grid[1].count_nonzero() == 3
+    right = inversion.right_share(cells, torch.tensor([True, False, True, False]), 2, (2, 3))
+    assert right[0, 0, 0, 0] == 0.5 and right[0, 0, 1, 2] == 1 and right[1, 0, 1, 2] == 0 and right.isnan().sum() == 9
+
+
+def test_window_shows_its_box():
+    across = np.linspace(0, 255, 60).astype(np.uint8)
+    picture = torch.from_numpy(np.stack([np.tile(across, (40, 1)), np.tile(across[:40, None], (1, 60)), np.zeros((40, 60), np.uint8)]))
+    box = np.array([0.25, 0.5, 0.75, 1.0])
+    shown = inversion.window(picture, box, 8)[0]
+    assert shown.shape == (3, 8, 8) and shown[0, 0].tolist() == pytest.approx(np.linspace(0.281, 0.719, 8), abs=0.01)
+    assert shown[1, :, 0].tolist() == pytest.approx((0.5 + (np.arange(8) + 0.5) / 16) * across[39] / 255, abs=0.01)
+    assert torch.allclose(inversion.window(picture, box[[2, 1, 0, 3]], 8)[0], shown.flip(-1), atol=1e-6)
+
+
+def test_windows_hold_descriptors_at_their_pixels():
+    """A keypoint on a bright spot stays on it in every window, also in a mirrored one."""
+    arguments = argparse.Namespace(side=96, window=48, zoom=1.25, drop=0.0, wrong=0.0, mirror=True, batch=16, device="cpu")
+    fields = line(count=1) | {"keypoints": [[50.0, 30.0]]}
+    sampler = inversion.WindowSampler([data.inside(fields)], arguments, 16)
+    sampler.descriptors = torch.from_numpy(data.scaled(data.inside(fields).descriptors)).half()
+    picture = torch.zeros(3, 64, 96, dtype=torch.uint8)
+    picture[:, 28:32, 48:52] = 255
+    sampler.pixels = [picture]
+    drawn = sampler.batch(np.random.default_rng(0))
+    grid, right, images = sampler.on_device(drawn)
+    held = grid[:, -1] > 0
+    assert held.sum() == len(drawn.cells) > 8 and drawn.mirrored.any() and not drawn.mirrored.all()
+    assert (images[:, 0][held] > 0.9).all() and (images[:, 0] > 0.5).float().mean() < 0.02
+    assert (right[:, 0][held] == 1).all()
+    rows = [grid[i, :-1][:, held[i]].T[0] for i in range(16) if held[i].any()]
+    for row, is_mirrored in zip(rows, drawn.mirrored):
+        own = data.inside(fields).descriptors
+        assert np.allclose(row, data.scaled(data.mirrored(own) if is_mirrored else own)[0], atol=5e-3)
 
 
 def test_grid_size_is_the_nearest_multiple():
@@ -195,7 +231,7 @@ SMALL = ["--validation", "1", "--batch", "2", "--every", "2", "--device", "cpu"]
 KINDS = {
     "positions": ["--width", "8", "--heads", "2", "--layers", "1", "--waves", "3", "--rows", "30", "--mirror"],
     "neighbours": ["--width", "8", "--heads", "2", "--layers", "1", "--rows", "30", "--nearest", "5"],
-    "inversion": ["--width", "2", "--levels", "2", "--side", "32", "--form", "invsfm", "--wrong", "0.5"],
+    "inversion": ["--width", "2", "--levels", "2", "--side", "32", "--form", "invsfm", "--wrong", "0.5", "--mirror"],
 }
 
 

@@ -5,7 +5,9 @@ A training sample is a window of an image with a random scale around that of the
 """
 
 import argparse
-import io
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from PIL import Image
 from torch.nn import functional as F
 
 from . import loop
-from .data import KeypointImage, find_image, read_keypoints, scaled, split
+from .data import KeypointImage, find_image, mirrored, read_keypoints, scaled, split
 from .export import export
 from .models import FORMS, inversion, parameters
 from .perceptual import StLpips, unit
@@ -34,6 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wrong", type=float, default=0.0, help="largest share of misplaced keypoints (%(default)s)")
     parser.add_argument("--feature-network", type=Path, help="file of ST-LPIPS (AlexNet) for a perceptual loss (default: none)")
     parser.add_argument("--feature-weight", type=float, default=1.0, help="(%(default)s)")
+    parser.add_argument("--mirror", action="store_true", help="mirror half of the samples; only valid for SIFT descriptors")
+    parser.add_argument("--bf16", action="store_true", help="convolutions of 16 bits (bfloat16), for GPUs that have them")
 
 
 def grid_size(width: int, height: int, side: int, multiple: int) -> tuple[int, int]:
@@ -42,31 +46,30 @@ def grid_size(width: int, height: int, side: int, multiple: int) -> tuple[int, i
     return tuple(max(int(np.floor(x * scale / multiple + 0.5)), 1) * multiple for x in (width, height))
 
 
-def features(places: np.ndarray, descriptors: np.ndarray, shape: tuple[int, int], share: np.ndarray | None = None) -> np.ndarray:
-    """The input grid. `[D + 1, H, W]`
-
-    `places`: positions `[N, 2]` in cells; `descriptors`: scaled. A cell holds the weighted sum of its descriptors, divided by
-    max(1, total weight); the last channel is ln(1 + total weight)."""
-    height, width = shape
-    share = np.ones(len(places), np.float32) if share is None else share.astype(np.float32)
-    column, row = np.floor(places).astype(int).T
-    cell = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
-    sums = np.zeros((height * width, descriptors.shape[1] + 1), np.float32)
-    np.add.at(sums, cell, np.concatenate([descriptors * share[:, None], share[:, None]], axis=1))
-    total = sums[:, -1:].copy()
-    sums[:, :-1] /= np.maximum(total, 1.0)
-    sums[:, -1:] = np.log1p(total)
-    return np.ascontiguousarray(sums.T.reshape(-1, height, width))
+def cells_of(places: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Number of the cell of each position `[N, 2]`, in the order of rows."""
+    column, row = np.floor(places).astype(np.int64).T
+    return np.clip(row, 0, shape[0] - 1) * shape[1] + np.clip(column, 0, shape[1] - 1)
 
 
-def right_share(places: np.ndarray, right: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Share of the keypoints of each cell that are at their true position; NaN for an empty cell. `[1, H, W]`"""
-    height, width = shape
-    column, row = np.floor(places).astype(int).T
-    cell = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
-    counts, rights = (np.bincount(cell, w, height * width) for w in (None, right.astype(np.float64)))
-    with np.errstate(invalid="ignore"):
-        return (rights / counts).astype(np.float32).reshape(1, height, width)
+def features(cells: torch.Tensor, descriptors: torch.Tensor, images: int, shape: tuple[int, int]) -> torch.Tensor:
+    """The input grids of some images. `[images, D + 1, H, W]`
+
+    `cells`: numbers of the cells, continued from one image to the next; `descriptors`: scaled. A cell holds the mean of its descriptors;
+    the last channel is ln(1 + their number)."""
+    total = images * shape[0] * shape[1]
+    counts = torch.bincount(cells, minlength=total).to(descriptors.dtype)
+    grid = descriptors.new_zeros(total, descriptors.shape[1] + 1)
+    grid[:, :-1].index_add_(0, cells, descriptors / counts[cells, None])
+    grid[:, -1] = torch.log1p(counts)
+    return grid.reshape(images, *shape, -1).permute(0, 3, 1, 2)
+
+
+def right_share(cells: torch.Tensor, right: torch.Tensor, images: int, shape: tuple[int, int]) -> torch.Tensor:
+    """Share of the keypoints of each cell that are at their true position; NaN for an empty cell. `[images, 1, H, W]`"""
+    total = images * shape[0] * shape[1]
+    counts, rights = (torch.bincount(cells, w, minlength=total).float() for w in (None, right.float()))
+    return (rights / counts).reshape(images, 1, *shape)
 
 
 def misplaced(places: np.ndarray, share: float, shape: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -76,63 +79,113 @@ def misplaced(places: np.ndarray, share: float, shape: tuple[int, int], rng: np.
     return np.where(right[:, None], places, anywhere), right
 
 
-class Photographs:
-    """Image pixels by name; caches the bytes of the files."""
+def pixels(folders: list[Path], name: str, longest: int | None = None, size: tuple[int, int] | None = None) -> torch.Tensor:
+    """An image, resized to `size` (width, height), or so that its longer side is at most `longest`. `[3, H, W]`, 0 to 255."""
+    with Image.open(find_image(folders, name)) as opened:
+        picture = opened.convert("RGB")
+    if size is None:
+        scale = min(longest / max(picture.size), 1.0)
+        size = tuple(max(round(x * scale), 1) for x in picture.size)
+    small = picture.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
+    return torch.from_numpy(np.array(small)).permute(2, 0, 1)
 
-    def __init__(self, folders: list[Path]):
-        self.folders = folders
-        self.read: dict[str, bytes] = {}
 
-    def window(self, image: KeypointImage, box: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
-        """A part of an image (`box` in the pixels of its keypoints), resized to `shape`. `[3, H, W]`, 0 to 1."""
-        if image.name not in self.read:
-            self.read[image.name] = find_image(self.folders, image.name).read_bytes()
-        with Image.open(io.BytesIO(self.read[image.name])) as opened:
-            picture = opened.convert("RGB")
-        scale = (picture.width / image.width, picture.height / image.height)
-        box = tuple(min(max(x * scale[i % 2], 0.0), picture.size[i % 2]) for i, x in enumerate(box))
-        small = picture.resize((shape[1], shape[0]), Image.Resampling.BILINEAR, box=box, reducing_gap=2.0)
-        return np.asarray(small, np.float32).transpose(2, 0, 1) / 255.0
+def window(picture: torch.Tensor, box: np.ndarray, side: int) -> torch.Tensor:
+    """The part of a picture in a box (left, top, right, bottom, as shares of its sides; mirrored if right < left), each pixel the mean
+    of four samples. `[1, 3, side, side]`, 0 to 1."""
+    along = (torch.arange(2 * side, device=picture.device) + 0.5) / (2 * side)
+    x, y = (2.0 * (float(box[i]) + along * float(box[i + 2] - box[i])) - 1.0 for i in (0, 1))
+    places = torch.stack([x.expand(2 * side, -1), y[:, None].expand(-1, 2 * side)], dim=-1)
+    twice = F.grid_sample(picture[None].float(), places[None], mode="bilinear", padding_mode="border", align_corners=False)
+    return F.avg_pool2d(twice, 2) / 255.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows as a worker samples them: everything but descriptors and pixels, which are on the device."""
+
+    #: Number of the image of each window.
+    images: np.ndarray
+    #: As for `window`.
+    boxes: np.ndarray
+    #: Number of each keypoint among those of all images, its cell, whether it is at its true position, whether it is mirrored.
+    keypoints: torch.Tensor
+    cells: torch.Tensor
+    right: torch.Tensor
+    mirrored: torch.Tensor
 
 
 class WindowSampler:
     """Samples windows of images."""
 
-    def __init__(self, images: list[KeypointImage], photographs: Photographs, args: argparse.Namespace, multiple: int):
-        self.images, self.photographs, self.args, self.multiple = images, photographs, args, multiple
-        window = args.window or round(args.side * 2 / 3 / multiple) * multiple
-        self.window = max(window // multiple, 1) * multiple
+    def __init__(self, images: list[KeypointImage], args: argparse.Namespace, multiple: int):
+        self.images, self.args = images, args
+        side = args.window or round(args.side * 2 / 3 / multiple) * multiple
+        self.window = max(side // multiple, 1) * multiple
+        self.first = np.cumsum([0] + [len(image.keypoints) for image in images])
+        dimension = images[0].descriptors.shape[1]
+        self.mirrored_order = torch.from_numpy(mirrored(np.arange(dimension)[None])[0].copy()).to(args.device) if args.mirror else None
 
-    def one(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Features, shares of right positions, image."""
-        args, window = self.args, self.window
-        image = self.images[rng.integers(len(self.images))]
+    def load(self) -> None:
+        """Loads descriptors and pixels into the device's memory."""
+        device, longest = self.args.device, 2 * self.args.side
+        self.descriptors = torch.cat([torch.from_numpy(scaled(x.descriptors)).half().to(device) for x in self.images])
+        with ThreadPoolExecutor() as pool:
+            read = pool.map(lambda x: pixels(self.args.image_folder, x.name, longest), self.images)
+            self.pixels = [picture.to(device) for picture in read]
+
+    def one(self, rng: np.random.Generator) -> tuple:
+        args, side = self.args, self.window
+        number = rng.integers(len(self.images))
+        image = self.images[number]
         size = np.array([image.width, image.height])
         scale = args.side / size.max() * args.zoom ** rng.uniform(-1.0, 1.0)
-        scale = max(scale, window / size.min())
-        corner = rng.random(2) * (size - window / scale)
+        scale = max(scale, side / size.min())
+        corner = rng.random(2) * (size - side / scale)
         places = (image.keypoints - corner) * scale
-        kept = np.flatnonzero(((places >= 0) & (places < window)).all(axis=1))
+        kept = np.flatnonzero(((places >= 0) & (places < side)).all(axis=1))
         kept = kept[rng.random(len(kept)) >= rng.uniform(0.0, args.drop)]
-        shape = (window, window)
-        places, right = misplaced(places[kept], rng.uniform(0.0, args.wrong), shape, rng)
-        grid = features(places, scaled(image.descriptors[kept]), shape)
-        box = (*corner, *(corner + window / scale))
-        return grid, right_share(places, right, shape), self.photographs.window(image, box, shape)
+        box = np.concatenate([corner / size, (corner + side / scale) / size])
+        places = places[kept]
+        is_mirrored = args.mirror and rng.random() < 0.5
+        if is_mirrored:
+            places, box = np.stack([side - places[:, 0], places[:, 1]], axis=1), box[[2, 1, 0, 3]]
+        places, right = misplaced(places, rng.uniform(0.0, args.wrong), (side, side), rng)
+        return number, box, self.first[number] + kept, cells_of(places, (side, side)), right, np.full(len(kept), is_mirrored)
 
-    def batch(self, rng: np.random.Generator) -> list[torch.Tensor]:
+    def batch(self, rng: np.random.Generator) -> Windows:
         drawn = [self.one(rng) for _ in range(self.args.batch)]
-        return [torch.from_numpy(np.stack(x)) for x in zip(*drawn)]
+        numbers, boxes, keypoints, cells, right, is_mirrored = zip(*drawn)
+        cells = [x + i * self.window**2 for i, x in enumerate(cells)]
+        rows = (torch.from_numpy(np.concatenate(x)) for x in (keypoints, cells, right, is_mirrored))
+        return Windows(np.array(numbers), np.stack(boxes), *rows)
 
-    def whole(self, image: KeypointImage, rng: np.random.Generator) -> list[torch.Tensor]:
-        """A whole image, as in the program, with half of the share `--wrong` misplaced."""
-        width, height = grid_size(image.width, image.height, self.args.side, self.multiple)
-        places = image.keypoints * [width / image.width, height / image.height]
-        shape = (height, width)
-        places, right = misplaced(places, 0.5 * self.args.wrong, shape, rng)
-        grid = features(places, scaled(image.descriptors), shape)
-        picture = self.photographs.window(image, (0, 0, image.width, image.height), shape)
-        return [torch.from_numpy(x)[None].to(self.args.device) for x in (grid, right_share(places, right, shape), picture)]
+    def on_device(self, windows: Windows) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Grids, shares of right positions, images."""
+        device, count, shape = self.args.device, len(windows.images), (self.window, self.window)
+        cells = windows.cells.to(device)
+        descriptors = self.descriptors[windows.keypoints.to(device)].float()
+        if self.mirrored_order is not None:
+            descriptors = torch.where(windows.mirrored.to(device)[:, None], descriptors[:, self.mirrored_order], descriptors)
+        pictures = [window(self.pixels[i], box, self.window) for i, box in zip(windows.images, windows.boxes)]
+        return features(cells, descriptors, count, shape), right_share(cells, windows.right.to(device), count, shape), torch.cat(pictures)
+
+
+class WholeImage:
+    """A whole image, as in the program, with half of the share `--wrong` misplaced."""
+
+    def __init__(self, image: KeypointImage, args: argparse.Namespace, multiple: int):
+        rng = np.random.default_rng(0)
+        width, height = grid_size(image.width, image.height, args.side, multiple)
+        self.shape, self.device = (height, width), args.device
+        places, right = misplaced(image.keypoints * [width / image.width, height / image.height], 0.5 * args.wrong, self.shape, rng)
+        self.cells, self.right = torch.from_numpy(cells_of(places, self.shape)), torch.from_numpy(right)
+        self.descriptors = torch.from_numpy(scaled(image.descriptors))
+        self.picture = pixels(args.image_folder, image.name, size=(width, height))
+
+    def on_device(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        cells, right, descriptors, picture = (x.to(self.device) for x in (self.cells, self.right, self.descriptors, self.picture))
+        return features(cells, descriptors, 1, self.shape), right_share(cells, right, 1, self.shape), picture[None] / 255.0
 
 
 class Loss:
@@ -143,10 +196,10 @@ class Loss:
         self.backbone = StLpips.of_file(args.feature_network).to(args.device) if args.feature_network else None
 
     def of_image(self, made: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
-        loss = (made - image).abs().mean()
+        loss = (made.float() - image).abs().mean()
         if self.backbone is not None:
             pairs = zip(self.backbone.layers(made, 3), self.backbone.layers(image, 3))
-            loss = loss + self.weight * sum((unit(a) - unit(b)).square().sum(dim=1).mean() for a, b in pairs) / 3.0
+            loss = loss + self.weight * sum((unit(a.float()) - unit(b.float())).square().sum(dim=1).mean() for a, b in pairs) / 3.0
         return loss
 
     def __call__(self, grid: torch.Tensor, right: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
@@ -154,7 +207,7 @@ class Loss:
             return self.of_image(self.network(grid), image)
         logits, coarse, refined = self.network.stages(grid)
         filled = ~right.isnan()
-        visibility = F.binary_cross_entropy_with_logits(logits[filled], right[filled]) if filled.any() else 0.0
+        visibility = F.binary_cross_entropy_with_logits(logits[filled].float(), right[filled]) if filled.any() else 0.0
         return self.of_image(refined, image) + 0.5 * self.of_image(coarse, image) + 0.2 * visibility
 
 
@@ -162,24 +215,36 @@ def run(args: argparse.Namespace) -> None:
     loop.setup(args)
     multiple = 1 << (args.levels - 1)
     training, validation = split(read_keypoints(args.keypoints, args.images), args.validation)
+    if args.mirror and training[0].features != "sift":
+        sys.exit(f"--mirror is only for descriptors of kind sift, and these are of kind {training[0].features}")
     dimension = training[0].descriptors.shape[1]
-    network = inversion(args.form, dimension, args.width, args.levels).to(args.device)
-    photographs = Photographs(args.image_folder)
-    draws = WindowSampler(training, photographs, args, multiple)
+    network = inversion(args.form, dimension, args.width, args.levels).to(args.device, memory_format=torch.channels_last)
+    draws = WindowSampler(training, args, multiple)
+    draws.load()
+    whole = [WholeImage(image, args, multiple) for image in validation]
     loss = Loss(network, args)
     print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers, windows of {draws.window}")
 
+    def half_precision() -> torch.autocast:
+        return torch.autocast(torch.device(args.device).type, torch.bfloat16, enabled=args.bf16)
+
+    def loss_of(windows: Windows) -> torch.Tensor:
+        sampled = draws.on_device(windows)
+        with half_precision():
+            return loss(*sampled)
+
     def validate() -> dict[str, float]:
-        rng = np.random.default_rng(0)
         losses, differences, decibels, certain = [], [], [], []
-        for image in validation:
-            grid, right, picture = draws.whole(image, rng)
-            losses.append(loss(grid, right, picture).item())
-            made = network(grid)
+        for image in whole:
+            grid, right, picture = image.on_device()
+            with half_precision():
+                losses.append(loss(grid, right, picture).item())
+                made = network(grid)
             if args.form == "invsfm":
                 made, visible = made
                 filled = ~right.isnan()
                 certain.append(((visible > 0.5) == (right > 0.5))[filled].float().mean().item())
+            made = made.float()
             differences.append((made - picture).abs().mean().item())
             decibels.append(-10.0 * torch.log10((made - picture).square().mean()).item())
         figures = {"validation_loss": np.mean(losses), "l1": np.mean(differences), "psnr": np.mean(decibels)}
@@ -187,6 +252,6 @@ def run(args: argparse.Namespace) -> None:
             figures["visible"] = np.mean(certain)
         return {name: float(value) for name, value in figures.items()}
 
-    trained = loop.train(loop.Task(network, draws.batch, lambda batch: loss(*(x.to(args.device) for x in batch)), validate), args)
+    trained = loop.train(loop.Task(network, draws.batch, loss_of, validate), args)
     more = {"side": args.side, "multiple": multiple, "visible": args.form == "invsfm"}
-    export(trained, args.out, "inversion", training[0].features, dimension, **more)
+    export(trained.to(memory_format=torch.contiguous_format), args.out, "inversion", training[0].features, dimension, **more)

@@ -5,9 +5,7 @@ import csv
 import math
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
+from torch.utils.data import DataLoader, Dataset
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Task:
     """A network with its data, loss and validation."""
 
     network: nn.Module
-    #: Samples the batch of a step with the generator; runs in other threads.
+    #: Samples the batch of a step with the generator; runs in other processes, so it must not use a GPU.
     draw: Callable[[np.random.Generator], Any]
     #: The loss of a batch.
     loss: Callable[[Any], torch.Tensor]
@@ -46,13 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate:
     parser.add_argument("--resume", action="store_true", help="continue from STEM.pt, if it exists")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="(%(default)s)")
     parser.add_argument("--threads", type=int, help="CPU threads of PyTorch")
-    parser.add_argument("--workers", type=int, default=2, help="threads that prepare batches in advance; 0: none (%(default)s)")
+    parser.add_argument("--workers", type=int, default=2, help="processes that prepare batches in advance; 0: none (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
 
 
 def setup(args: argparse.Namespace) -> None:
-    """Sets seed and threads; call it before creating the network."""
+    """Sets seed, precision and threads; call it before creating the network."""
     torch.manual_seed(args.seed)
+    torch.set_float32_matmul_precision("high")  # TF32, where the device has it
     if args.threads:
         torch.set_num_threads(args.threads)
     args.out.parent.mkdir(parents=True, exist_ok=True)
@@ -76,29 +76,26 @@ def identity(args: argparse.Namespace) -> str:
     return repr(sorted((k, str(v)) for k, v in vars(args).items() if k not in loose))
 
 
-def draws(task: Task, args: argparse.Namespace, step: int) -> Iterator[Any]:
-    """The batches from this step on.
+class Steps(Dataset):
+    """The batch of each step.
 
     Each step has a generator seeded by its number, so a resumed training gets the same batches, with any number of workers.
     """
 
-    def draw(number: int) -> Any:
-        return task.draw(np.random.default_rng([args.seed, number]))
+    def __init__(self, draw: Callable[[np.random.Generator], Any], seed: int):
+        self.draw, self.seed = draw, seed
 
-    if args.workers == 0:
-        while True:
-            yield draw(step)
-            step += 1
-    with ThreadPoolExecutor(args.workers) as pool:
-        waiting = deque(pool.submit(draw, step + i) for i in range(2 * args.workers))
-        step += 2 * args.workers
-        try:
-            while True:
-                yield waiting.popleft().result()
-                waiting.append(pool.submit(draw, step))
-                step += 1
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    def __getitem__(self, step: int) -> Any:
+        return self.draw(np.random.default_rng([self.seed, step]))
+
+
+def draws(task: Task, args: argparse.Namespace, step: int) -> Iterator[Any]:
+    """The batches from this step on."""
+    context = "fork" if args.workers else None  # the functions that draw cannot be pickled
+    steps = Steps(task.draw, args.seed)
+    own = torch.Generator()  # the default one is that of the network's dropout
+    order = range(step, args.steps)
+    return iter(DataLoader(steps, None, sampler=order, num_workers=args.workers, multiprocessing_context=context, generator=own))
 
 
 def train(task: Task, args: argparse.Namespace) -> nn.Module:
@@ -146,7 +143,7 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
         losses.append(loss.item())
         state["step"] += 1
         state["seconds"] += time.monotonic() - started
-    drawn.close()
+    del drawn  # ends the workers
     network.load_state_dict(state["weights"])
     return network.eval()
 
