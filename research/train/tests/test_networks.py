@@ -165,12 +165,12 @@ def test_grid_averages_the_descriptors_of_a_cell():
 
 def test_window_shows_its_box():
     across = np.linspace(0, 255, 60).astype(np.uint8)
-    picture = torch.from_numpy(np.stack([np.tile(across, (40, 1)), np.tile(across[:40, None], (1, 60)), np.zeros((40, 60), np.uint8)]))
+    photo = torch.from_numpy(np.stack([np.tile(across, (40, 1)), np.tile(across[:40, None], (1, 60)), np.zeros((40, 60), np.uint8)]))
     box = np.array([0.25, 0.5, 0.75, 1.0])
-    shown = inversion.window(picture, box, 8)[0]
+    shown = inversion.window(photo, box, 8)[0]
     assert shown.shape == (3, 8, 8) and shown[0, 0].tolist() == pytest.approx(np.linspace(0.281, 0.719, 8), abs=0.01)
     assert shown[1, :, 0].tolist() == pytest.approx((0.5 + (np.arange(8) + 0.5) / 16) * across[39] / 255, abs=0.01)
-    assert torch.allclose(inversion.window(picture, box[[2, 1, 0, 3]], 8)[0], shown.flip(-1), atol=1e-6)
+    assert torch.allclose(inversion.window(photo, box[[2, 1, 0, 3]], 8)[0], shown.flip(-1), atol=1e-6)
 
 
 def test_windows_hold_descriptors_at_their_pixels():
@@ -179,9 +179,9 @@ def test_windows_hold_descriptors_at_their_pixels():
     fields = line(count=1) | {"keypoints": [[50.0, 30.0]]}
     sampler = inversion.WindowSampler([data.inside(fields)], arguments, 16)
     sampler.descriptors = torch.from_numpy(data.scaled(data.inside(fields).descriptors)).half()
-    picture = torch.zeros(3, 64, 96, dtype=torch.uint8)
-    picture[:, 28:32, 48:52] = 255
-    sampler.pixels = [picture]
+    photo = torch.zeros(3, 64, 96, dtype=torch.uint8)
+    photo[:, 28:32, 48:52] = 255
+    sampler.pixels = [photo]
     drawn = sampler.batch(np.random.default_rng(0))
     grid, right, images = sampler.on_device(drawn)
     held = grid[:, -1] > 0

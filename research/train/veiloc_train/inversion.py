@@ -82,21 +82,21 @@ def misplaced(places: np.ndarray, share: float, shape: tuple[int, int], rng: np.
 def pixels(folders: list[Path], name: str, longest: int | None = None, size: tuple[int, int] | None = None) -> torch.Tensor:
     """An image, resized to `size` (width, height), or so that its longer side is at most `longest`. `[3, H, W]`, 0 to 255."""
     with Image.open(find_image(folders, name)) as opened:
-        picture = opened.convert("RGB")
+        photo = opened.convert("RGB")
     if size is None:
-        scale = min(longest / max(picture.size), 1.0)
-        size = tuple(max(round(x * scale), 1) for x in picture.size)
-    small = picture.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
+        scale = min(longest / max(photo.size), 1.0)
+        size = tuple(max(round(x * scale), 1) for x in photo.size)
+    small = photo.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
     return torch.from_numpy(np.array(small)).permute(2, 0, 1)
 
 
-def window(picture: torch.Tensor, box: np.ndarray, side: int) -> torch.Tensor:
-    """The part of a picture in a box (left, top, right, bottom, as shares of its sides; mirrored if right < left), each pixel the mean
+def window(photo: torch.Tensor, box: np.ndarray, side: int) -> torch.Tensor:
+    """The part of a photo in a box (left, top, right, bottom, as shares of its sides; mirrored if right < left), each pixel the mean
     of four samples. `[1, 3, side, side]`, 0 to 1."""
-    along = (torch.arange(2 * side, device=picture.device) + 0.5) / (2 * side)
+    along = (torch.arange(2 * side, device=photo.device) + 0.5) / (2 * side)
     x, y = (2.0 * (float(box[i]) + along * float(box[i + 2] - box[i])) - 1.0 for i in (0, 1))
     places = torch.stack([x.expand(2 * side, -1), y[:, None].expand(-1, 2 * side)], dim=-1)
-    twice = F.grid_sample(picture[None].float(), places[None], mode="bilinear", padding_mode="border", align_corners=False)
+    twice = F.grid_sample(photo[None].float(), places[None], mode="bilinear", padding_mode="border", align_corners=False)
     return F.avg_pool2d(twice, 2) / 255.0
 
 
@@ -132,7 +132,7 @@ class WindowSampler:
         self.descriptors = torch.cat([torch.from_numpy(scaled(x.descriptors)).half().to(device) for x in self.images])
         with ThreadPoolExecutor() as pool:
             read = pool.map(lambda x: pixels(self.args.image_folder, x.name, longest), self.images)
-            self.pixels = [picture.to(device) for picture in read]
+            self.pixels = [photo.to(device) for photo in read]
 
     def one(self, rng: np.random.Generator) -> tuple:
         args, side = self.args, self.window
@@ -167,8 +167,8 @@ class WindowSampler:
         descriptors = self.descriptors[windows.keypoints.to(device)].float()
         if self.mirrored_order is not None:
             descriptors = torch.where(windows.mirrored.to(device)[:, None], descriptors[:, self.mirrored_order], descriptors)
-        pictures = [window(self.pixels[i], box, self.window) for i, box in zip(windows.images, windows.boxes)]
-        return features(cells, descriptors, count, shape), right_share(cells, windows.right.to(device), count, shape), torch.cat(pictures)
+        photos = [window(self.pixels[i], box, self.window) for i, box in zip(windows.images, windows.boxes)]
+        return features(cells, descriptors, count, shape), right_share(cells, windows.right.to(device), count, shape), torch.cat(photos)
 
 
 class WholeImage:
@@ -181,11 +181,11 @@ class WholeImage:
         places, right = misplaced(image.keypoints * [width / image.width, height / image.height], 0.5 * args.wrong, self.shape, rng)
         self.cells, self.right = torch.from_numpy(cells_of(places, self.shape)), torch.from_numpy(right)
         self.descriptors = torch.from_numpy(scaled(image.descriptors))
-        self.picture = pixels(args.image_folder, image.name, size=(width, height))
+        self.photo = pixels(args.image_folder, image.name, size=(width, height))
 
     def on_device(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        cells, right, descriptors, picture = (x.to(self.device) for x in (self.cells, self.right, self.descriptors, self.picture))
-        return features(cells, descriptors, 1, self.shape), right_share(cells, right, 1, self.shape), picture[None] / 255.0
+        cells, right, descriptors, photo = (x.to(self.device) for x in (self.cells, self.right, self.descriptors, self.photo))
+        return features(cells, descriptors, 1, self.shape), right_share(cells, right, 1, self.shape), photo[None] / 255.0
 
 
 class Loss:
@@ -236,17 +236,17 @@ def run(args: argparse.Namespace) -> None:
     def validate() -> dict[str, float]:
         losses, differences, decibels, certain = [], [], [], []
         for image in whole:
-            grid, right, picture = image.on_device()
+            grid, right, photo = image.on_device()
             with half_precision():
-                losses.append(loss(grid, right, picture).item())
+                losses.append(loss(grid, right, photo).item())
                 made = network(grid)
             if args.form == "invsfm":
                 made, visible = made
                 filled = ~right.isnan()
                 certain.append(((visible > 0.5) == (right > 0.5))[filled].float().mean().item())
             made = made.float()
-            differences.append((made - picture).abs().mean().item())
-            decibels.append(-10.0 * torch.log10((made - picture).square().mean()).item())
+            differences.append((made - photo).abs().mean().item())
+            decibels.append(-10.0 * torch.log10((made - photo).square().mean()).item())
         figures = {"validation_loss": np.mean(losses), "l1": np.mean(differences), "psnr": np.mean(decibels)}
         if certain:
             figures["visible"] = np.mean(certain)

@@ -128,6 +128,25 @@ const ROWS: [Row; 17] = [
     (16, "EUCM", "fx, fy, cx, cy, alpha, beta"),
 ];
 
+/// The parameters of a model in COLMAP's order, from a reference that may be mutable.
+macro_rules! params_of {
+    ($model:expr) => {
+        match $model {
+            Self::SimplePinhole(p) | Self::SimpleFisheye(p) => p,
+            Self::Pinhole(p)
+            | Self::SimpleRadial(p)
+            | Self::SimpleRadialFisheye(p)
+            | Self::SimpleDivision(p)
+            | Self::Fisheye(p) => p,
+            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) | Self::Division(p) => p,
+            Self::Eucm(p) => p,
+            Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
+            Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
+            Self::RadTanThinPrismFisheye(p) => p,
+        }
+    };
+}
+
 /// COLMAP's number and name of a panorama, which is no camera here.
 const PANORAMA: (i32, &str) = (17, "EQUIRECTANGULAR");
 
@@ -246,35 +265,11 @@ impl CameraModel {
 
     /// The parameters in COLMAP's order.
     pub const fn params(&self) -> &[f64] {
-        match self {
-            Self::SimplePinhole(p) | Self::SimpleFisheye(p) => p,
-            Self::Pinhole(p)
-            | Self::SimpleRadial(p)
-            | Self::SimpleRadialFisheye(p)
-            | Self::SimpleDivision(p)
-            | Self::Fisheye(p) => p,
-            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) | Self::Division(p) => p,
-            Self::Eucm(p) => p,
-            Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
-            Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
-            Self::RadTanThinPrismFisheye(p) => p,
-        }
+        params_of!(self)
     }
 
     const fn params_mut(&mut self) -> &mut [f64] {
-        match self {
-            Self::SimplePinhole(p) | Self::SimpleFisheye(p) => p,
-            Self::Pinhole(p)
-            | Self::SimpleRadial(p)
-            | Self::SimpleRadialFisheye(p)
-            | Self::SimpleDivision(p)
-            | Self::Fisheye(p) => p,
-            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) | Self::Division(p) => p,
-            Self::Eucm(p) => p,
-            Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
-            Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
-            Self::RadTanThinPrismFisheye(p) => p,
-        }
+        params_of!(self)
     }
 
     /// Whether both axes share one focal length.

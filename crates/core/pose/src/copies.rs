@@ -125,12 +125,8 @@ struct Spots<'a> {
 }
 
 impl<'a> Spots<'a> {
-    /// `None` for lines of any direction, which say nothing about the place along them, and when the points have no
-    /// extent.
+    /// `None` when the points have no extent.
     fn of(problem: &'a PoseProblem) -> Option<Self> {
-        if matches!(problem.observations, Correspondences::Lines { .. }) {
-            return None;
-        }
         let extent = |axis: usize| {
             let mut values: Vec<f64> = problem.points.iter().map(|p| p.coords[axis]).collect();
             let last = values.len().checked_sub(1)?;
@@ -152,6 +148,7 @@ impl<'a> Spots<'a> {
                 let angle = size / (0.5 * f64::from(self.problem.camera.height));
                 (lines[i].0.index() as u64, index(lines[i].1, angle), 0)
             }
+            // A line of any direction says nothing about the place along it: each is a spot of its own.
             Correspondences::Lines { .. } => (0, i as u64, 0),
         };
         let point = self.problem.points[i].coords;

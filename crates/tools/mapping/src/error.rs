@@ -42,8 +42,8 @@ pub enum MappingError {
     },
     /// The poses of most added images disagree with the map, and no transform to its frame explains them.
     #[error(
-        "{} localized elsewhere in the map than the poses say ({} of {localized} localized images), and no common \
-         transform explains it, so nothing was changed; check the poses and cameras",
+        "{} localized in the map with other poses than the given ones ({} of {localized} localized images), and no \
+         common transform explains it, so nothing was changed; check the poses and cameras",
         names_are(names),
         names.len()
     )]
@@ -218,7 +218,7 @@ fn other_frames(groups: &[OtherFrame]) -> String {
     let each = groups.iter().map(|group| format!("\n  {group}"));
     format!(
         "the poses of some images are in another frame than the rest of the map, so nothing was written; the \
-         map without them localizes them elsewhere{}",
+         map without them localizes them with other poses{}",
         each.collect::<String>()
     )
 }

@@ -223,7 +223,7 @@ impl fmt::Display for MapWarning {
                 return write!(
                     f,
                     "the poses of {images} of {of} compared images disagree with the map (it localizes them \
-                     elsewhere, without a common transform or only a little); queries near them may be wrong"
+                     with other poses, without a common transform or only a little away); queries near them may be wrong"
                 );
             }
             Self::LikelyCause { fault, agree_percent, would_percent } => {

@@ -64,7 +64,7 @@ output!(
 output!(
     /// A file that is written, or `-` for stdout.
     OutFileOrStdout,
-    |path| if files::is_standard(path) { Ok(()) } else { check_file(path) }
+    check_file_or_stdout
 );
 output!(
     /// A folder that is written, and created if it does not exist.

@@ -8,6 +8,8 @@ use std::collections::HashMap;
 
 use veiloc_map::MapModel;
 
+use super::consensus::median;
+
 /// A group of images, and its connection with the others.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LinkedGroup {
@@ -52,7 +54,7 @@ pub(crate) fn weakly_linked(model: &MapModel, min_images: usize, max_ratio: f64)
     let mut group_of: Vec<usize> = (0..count).collect();
     let mut found = Vec::new();
     let mut note = |(images, links): &(Vec<usize>, Vec<f64>), link: f64| {
-        let inside = median(links);
+        let inside = median(links.clone());
         if images.len() >= min_images && link < max_ratio * inside {
             let mut images = images.clone();
             images.sort_unstable();
@@ -79,9 +81,4 @@ pub(crate) fn weakly_linked(model: &MapModel, min_images: usize, max_ratio: f64)
     (0..count).filter(|g| Some(*g) != largest).for_each(|g| note(&groups[g], 0.0));
     found.sort_by(|x, y| x.ratio.total_cmp(&y.ratio).then_with(|| x.images.cmp(&y.images)));
     found
-}
-
-/// 0 for an empty list.
-fn median(values: &[f64]) -> f64 {
-    veiloc_geometry::statistics::upper_median(&mut values.to_vec()).unwrap_or(0.0)
 }

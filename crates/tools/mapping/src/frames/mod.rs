@@ -132,7 +132,8 @@ impl ReferenceMap {
         Ok(Some(Self { file: MapFile::of_model(model)?, scale: scale(model) }))
     }
 
-    /// Localizes up to `limit` of these images of `model`, evenly spaced, which have features but may lack points, and compares the poses. Returns the report and the groups in another frame, with their images.
+    /// Localizes up to `limit` of these images of `model`, evenly spaced, and compares the poses. The images have
+    /// features, and may lack points. Returns the report, and the groups in another frame with their images.
     pub(crate) fn compare(
         &self,
         model: &MapModel,

@@ -64,7 +64,7 @@ pub(super) struct FrameInfo {
     localized: usize,
     /// Median distance between given and localized camera centres over the images that agree, map units.
     median_distance: f64,
-    /// Names of images that the map localizes elsewhere, without a common transform.
+    /// Names of images that the map localizes with other poses, without a common transform.
     disagreeing: Vec<String>,
     /// Names of images that agree on a frame only a little away from the map's: by more than their ±, but too little to
     /// refuse them.
