@@ -44,8 +44,9 @@ pub(crate) const MIN_MARGIN: f64 = 8.0;
 /// Largest standard deviation of a trusted camera centre, relative to the distance of the observed points.
 const MAX_RELATIVE_SD: f64 = 0.05;
 
-/// Largest standard deviation of a trusted orientation, degrees: one that is 2° wrong is then two deviations off.
-const MAX_ROTATION_SD_DEG: f64 = 1.0;
+/// Largest standard deviation of a trusted orientation, degrees, calibrated. Of right poses of five places nearly all are
+/// below.
+const MAX_ROTATION_SD_DEG: f64 = 2.0;
 
 /// Minimum log evidence of the other anchors' lines for the camera's position along the ray of the richest anchor.
 const MIN_SIDE_EVIDENCE: f64 = 2.5;
@@ -74,8 +75,7 @@ pub struct Confidence {
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
-    /// The same from the matches alone and the estimator's own covariance; a map's calibration, which stands for errors
-    /// common to all queries, is not included.
+    /// The same from the matches alone; camera priors do not count for trust.
     pub held_rotation_deg: f64,
     /// A focal length, relative to the given one, that explains the matches better, but not enough to replace the given
     /// one; `None` when the given one is consistent or another was estimated.
@@ -191,8 +191,8 @@ impl Confidence {
     }
 
     /// These measures with another covariance, and another one from the matches alone, both in the chart of
-    /// [`CameraFromWorld::perturbed`]: the standard deviations are computed again; the evidence and
-    /// [`Self::held_rotation_deg`] do not change, and free directions stay free.
+    /// [`CameraFromWorld::perturbed`]: the standard deviations are computed again; the evidence does
+    /// not change, and free directions stay free.
     #[must_use]
     pub fn with_covariances(self, covariance: &[[f64; 6]; 6], by_matches: &[[f64; 6]; 6]) -> Self {
         let is_held = self.center_sd.is_finite();
@@ -202,6 +202,7 @@ impl Confidence {
             center_sd,
             center_sd_relative: center_sd / self.distance,
             held_relative: sd(by_matches) / self.distance,
+            held_rotation_deg: rotation_sd_degrees(by_matches),
             rotation_sd_deg: rotation_sd_degrees(covariance),
             ..self
         }

@@ -15,7 +15,7 @@ use crate::likelihood::{
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::minimal::Minimal;
-use crate::ransac::search::Search;
+use crate::ransac::search::{Agreement, Search};
 use crate::ransac::{Budget, Estimator, lo_ransac};
 
 /// Estimates the pose of a camera.
@@ -220,23 +220,27 @@ fn conclude<'a>(
     for &i in &inliers {
         mask[i] = true;
     }
-    let uncertainty = |known: &PosePriors, free| {
-        search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free)
+    let design_effect = search.design_effect(&polished.pose, &likelihoods, polished.noise);
+    let uncertainty = |known: &PosePriors, free, design_effect| {
+        let agreement = Agreement { likelihoods: &likelihoods, inliers: &inliers, design_effect };
+        search.uncertainty(known, &polished, &agreement, focal_sd, free)
     };
     // Only the matches decide about trust: camera priors never increase it.
     let nothing = PosePriors::default();
-    let (noise_px, mut by_matches) = uncertainty(&nothing, None);
-    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &by_matches);
+    let (noise_px, mut independent) = uncertainty(&nothing, None, 1.0);
+    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &independent);
     if free.is_some() {
-        by_matches = uncertainty(&nothing, free).1;
+        independent = uncertainty(&nothing, free, 1.0).1;
     }
-    let known = search.priors();
-    let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
-    let margin = search.margin(&polished, &by_matches, options.estimate_noise);
+    let margin = search.margin(&polished, &independent, options.estimate_noise);
     let with_camera = |of: &Symmetric6| -> Symmetric6 {
         std::array::from_fn(|i| std::array::from_fn(|j| of[i][j] + camera_covariance[i][j]))
     };
-    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin);
+    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &independent, margin);
+    let known = search.priors();
+    let mut by_matches = uncertainty(&nothing, free, design_effect).1;
+    let mut covariance =
+        if known.is_empty() { by_matches } else { uncertainty(known, free, design_effect).1 };
     (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
     confidence = confidence.with_covariances(&covariance, &by_matches);
     if let FocalVerdict::Suspicious(other) = verdict {

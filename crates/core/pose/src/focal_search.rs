@@ -167,7 +167,8 @@ impl<'a> FocalRefinement<'a> {
                     break;
                 }
             } else {
-                match FocalVerdict::of(gain, &there, refinement.min_gain()) {
+                let effect = refinement.objective(seen, focal).linearize(&there).cells.design_effect();
+                match FocalVerdict::of(gain / effect, &there, refinement.min_gain()) {
                     FocalVerdict::Wrong => refinement.verdict = FocalVerdict::Wrong,
                     suspicious @ FocalVerdict::Suspicious(_) => {
                         if refinement.verdict == FocalVerdict::Fine {

@@ -66,8 +66,8 @@ pub mod text;
 pub use compressed::{PointSummary, WholeMapSummary};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{
-    FORMAT_VERSION, ImageView, LeaveOneOut, LeaveOneOutPoint, MapFile, MapLock, MapMemory, MapView,
-    PointEvidence, byte_count, write,
+    FORMAT_VERSION, HeldOut, HeldOutPoint, ImageView, MapFile, MapLock, MapMemory, MapView, PointEvidence,
+    byte_count, write,
 };
 pub use gravity::{GravityDirection, GravityDirectionError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};

@@ -13,7 +13,7 @@
 //! - [`add`], [`remove`]: add and remove images; unaffected points stay bit-identical.
 //! - [`import`]: imports a complete COLMAP model with its points and observations.
 //! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
-//! - [`LeaveOneOutMap`]: the map without one of its images.
+//! - [`HoldOutMap`]: the map without some of its images.
 //! - [`diagnose`]: the likely reason why images are inconsistent.
 //! - [`BuildReport`]: the result of a build, and every [`MapWarning`] about the map.
 //!
@@ -61,11 +61,11 @@ mod diagnose;
 mod error;
 mod extract;
 mod frames;
+mod hold_out;
 mod image_names;
 mod import;
 pub mod importers;
 mod input;
-mod leave_out;
 mod matching;
 mod options;
 mod pairs;
@@ -86,10 +86,10 @@ pub use compress::{CompressOptions, CompressedMap, compress};
 pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use frames::{FrameReport, OnOtherFrame, OtherFrame, Similarity3};
+pub use hold_out::HoldOutMap;
 pub use image_names::{NameIndex, image_file};
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
-pub use leave_out::LeaveOneOutMap;
 pub use options::BuildOptions;
 pub use prepare::{BuildStage, ShareSummary, StageShare, prepare};
 pub use progress::Progress;

@@ -22,6 +22,7 @@ use veiloc_geometry::Pinhole;
 use veiloc_geometry::nalgebra::{Matrix6, SMatrix, SVector, Vector2};
 
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
+use crate::likelihood::design_effect::ScoreCells;
 use crate::likelihood::fisher::Symmetric6;
 use crate::likelihood::focal::FocalVerdict;
 use crate::likelihood::matches::{LikelihoodTerm, Matches};
@@ -56,10 +57,6 @@ const OPEN_SD: [f64; CAMERA] = [0.3, 0.1, 0.01, 0.2, 0.2, 0.3];
 
 /// For a camera that is estimated without distortion.
 const STRAIGHT_SD: [f64; CAMERA] = [0.3, 0.1, 1e-4, 0.2, 0.2, 1e-4];
-
-/// Errors of neighbouring keypoints are alike, so the variance of their mean falls more slowly than with their number:
-/// it is that of independent errors times one plus the number of matches over this.
-const MATCHES_PER_SHARED_ERROR: f64 = 1000.0;
 
 /// Logarithm of the prior odds that a query's camera is not what it says: one of 150.
 const LOG_PRIOR_ODDS: f64 = -5.0;
@@ -198,6 +195,7 @@ pub struct CameraObjective<'a> {
 
 /// Gauss–Newton system over the pose and the camera.
 struct CameraSystem {
+    cells: ScoreCells,
     agreeing: usize,
     loss: f64,
     gradient: VectorAll,
@@ -205,13 +203,8 @@ struct CameraSystem {
 }
 
 impl CameraSystem {
-    /// Variance of errors that neighbouring keypoints share, in multiples of that of independent errors.
-    fn shared_variance(&self) -> f64 {
-        1.0 + self.agreeing as f64 / MATCHES_PER_SHARED_ERROR
-    }
-
     /// The system with the pose eliminated; `None` when the matches do not determine the pose.
-    fn without_pose(&self) -> Option<WithoutPose> {
+    fn without_pose(&self, shared_variance: f64) -> Option<WithoutPose> {
         let pose = self.hessian.fixed_view::<6, 6>(0, 0).into_owned();
         let mixed = self.hessian.fixed_view::<6, CAMERA>(0, 6).into_owned();
         // Radians and map units differ in scale.
@@ -227,7 +220,7 @@ impl CameraSystem {
                 - mixed.transpose() * inverse * mixed,
             gradient: self.gradient.fixed_rows::<CAMERA>(6)
                 - mixed.transpose() * inverse * self.gradient.fixed_rows::<6>(0),
-            shared_variance: self.shared_variance(),
+            shared_variance,
         })
     }
 }
@@ -261,7 +254,9 @@ impl CameraObjective<'_> {
             FocalPrior::Calibrated => CALIBRATED_SD,
             FocalPrior::Exif | FocalPrior::Unknown => UNCALIBRATED_SD,
         };
-        covariance_in(&self.linearize(at), &self.with_fixed_focal(sd), false).unwrap_or([[0.0; 6]; 6])
+        let here = self.linearize(at);
+        let shared_variance = self.shared_variance(&here, at);
+        covariance_in(&here, &self.with_fixed_focal(sd), shared_variance, false).unwrap_or([[0.0; 6]; 6])
     }
 
     /// The same for a camera that was estimated: what the matches leave open, and how the map's own cameras differ from
@@ -269,9 +264,23 @@ impl CameraObjective<'_> {
     pub fn covariance_of_estimated(&self, at: &PoseWithCamera) -> Symmetric6 {
         let mut system = self.linearize(at);
         system.gradient = VectorAll::zeros();
-        let open = covariance_in(&system, &self.with_fixed_focal(OPEN_SD), false).unwrap_or([[0.0; 6]; 6]);
-        let of_map = covariance_in(&system, &self.with_fixed_focal(MAP_SD), true).unwrap_or([[0.0; 6]; 6]);
+        let shared_variance = system.cells.design_effect();
+        let covariance = |sd, prior_only| {
+            covariance_in(&system, &self.with_fixed_focal(sd), shared_variance, prior_only)
+                .unwrap_or([[0.0; 6]; 6])
+        };
+        let (open, of_map) = (covariance(OPEN_SD, false), covariance(MAP_SD, true));
         std::array::from_fn(|i| std::array::from_fn(|j| open[i][j] + of_map[i][j]))
+    }
+
+    /// Variance of errors that neighbouring keypoints share, in multiples of that of independent errors: as the
+    /// residuals show it when the camera is free, so that the error of a wrong camera does not count.
+    fn shared_variance(&self, here: &CameraSystem, at: &PoseWithCamera) -> f64 {
+        let free =
+            solved(here, &self.with_fixed_focal(OPEN_SD), &at.change, 0.0).and_then(|step| moved(at, &step));
+        let of_given = here.cells.design_effect();
+        // A long step may lose matches.
+        free.map_or(of_given, |free| self.linearize(&free).cells.design_effect().min(of_given))
     }
 
     fn with_fixed_focal(&self, mut sd: [f64; CAMERA]) -> [f64; CAMERA] {
@@ -294,15 +303,19 @@ impl CameraObjective<'_> {
         let step = solved(&here, &OPEN_SD, &at.change, 0.0)?;
         // Half of the thresholds: the linear step is shorter than the refined one while matches are lost.
         let is_near = (0..CAMERA).all(|k| step[6 + k].abs() < 0.5 * MIN_WRONG[k]);
-        let eliminated = here.without_pose();
-        let log_odds =
-            |gain: f64| eliminated.as_ref().and_then(|e| e.log_odds(gain)).unwrap_or(f64::NEG_INFINITY);
-        if is_near || log_odds(-step.dot(&here.gradient)) < 0.0 {
+        if is_near {
+            return None;
+        }
+        let log_odds = |gain: f64, shared_variance: f64| {
+            here.without_pose(shared_variance).and_then(|e| e.log_odds(gain)).unwrap_or(f64::NEG_INFINITY)
+        };
+        if log_odds(-step.dot(&here.gradient), self.shared_variance(&here, at)) < 0.0 {
             return None;
         }
         let open = self.descend(at, &OPEN_SD);
+        let shared_variance = self.linearize(&open).cells.design_effect();
         let gain = self.gain(&here, at, &open, &OPEN_SD);
-        if gain < min_gain || log_odds(gain) < MIN_LOG_ODDS {
+        if gain / shared_variance < min_gain || log_odds(gain, shared_variance) < MIN_LOG_ODDS {
             return None;
         }
         let straight = PoseWithCamera { change: open.change.without_bending(), ..open };
@@ -342,6 +355,7 @@ impl CameraObjective<'_> {
         let matches = self.matches;
         let camera = BentCamera::changed(&matches.camera, &at.change);
         let mut system = CameraSystem {
+            cells: ScoreCells::new(&matches.camera),
             agreeing: 0,
             loss: 0.0,
             gradient: VectorAll::zeros(),
@@ -352,8 +366,9 @@ impl CameraObjective<'_> {
         };
         for &i in &self.active {
             let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
-            let LikelihoodTerm { log_ratio, right, weight, loss } =
-                matches.likelihood_term(i, &residual, self.noise);
+            let term = matches.likelihood_term(i, &residual, self.noise);
+            let LikelihoodTerm { log_ratio, right, weight, loss } = term;
+            system.cells.add(&residual.pixel, &residual.score(&term));
             system.agreeing += usize::from(log_ratio > 0.0);
             system.loss += loss;
             for row in 0..matches.residuals() {
@@ -375,8 +390,13 @@ impl CameraObjective<'_> {
 }
 
 /// `C_camera` for these prior deviations; `prior_only` leaves the matches out of `Σ`.
-fn covariance_in(system: &CameraSystem, sd: &[f64; CAMERA], prior_only: bool) -> Option<Symmetric6> {
-    let eliminated = system.without_pose()?;
+fn covariance_in(
+    system: &CameraSystem,
+    sd: &[f64; CAMERA],
+    shared_variance: f64,
+    prior_only: bool,
+) -> Option<Symmetric6> {
+    let eliminated = system.without_pose(shared_variance)?;
     let WithoutPose { pose_by_camera, information, gradient, shared_variance } = &eliminated;
     let prior = |sd: &[f64; CAMERA]| MatrixC::from_diagonal(&Vector6C::from_fn(|k, _| sd[k].powi(-2)));
     let spread = if prior_only {

@@ -17,6 +17,7 @@
 //! - **the map's own error** is included: `f` is a match's variance divided by the mean variance, from the covariance
 //!   of its map point projected into the image;
 //! - `P` is the information of the camera priors ([`PosePriors`]);
+//! - **errors that neighbouring matches share** multiply the first term between the inverses by their design effect;
 //! - an estimated focal length is a seventh parameter, and its uncertainty is included in `C`.
 
 use veiloc_geometry::CameraFromWorld;
@@ -47,6 +48,9 @@ pub struct CovarianceInputs<'a> {
     pub noise: f64,
     /// Prior standard deviation of the logarithm of the focal length; `None` when it was not estimated.
     pub focal_sd: Option<f64>,
+    /// Variance of errors that neighbouring matches share, in multiples of that of independent ones
+    /// ([`ScoreCells`](crate::likelihood::ScoreCells)).
+    pub design_effect: f64,
     /// A free direction of translation, a unit vector of the camera frame, and the standard deviation that stands for
     /// an unknown value, map units.
     pub free: Option<(Vector3<f64>, f64)>,
@@ -106,7 +110,7 @@ impl CovarianceInputs<'_> {
             shift += direction * direction.transpose() / (sd * sd);
         }
         known[(6, 6)] = self.focal_sd.map_or(1.0, |sd| sd.powi(-2));
-        Some((hessian + known, score_covariance + known))
+        Some((hessian + known, score_covariance * self.design_effect + known))
     }
 
     fn weighted_residuals(&self) -> Vec<WeightedResidual> {

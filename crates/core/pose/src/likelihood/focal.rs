@@ -10,6 +10,7 @@ use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
 use crate::likelihood::camera_error::BentCamera;
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
+use crate::likelihood::design_effect::ScoreCells;
 use crate::likelihood::matches::{LikelihoodTerm, Matches};
 use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::problem::{Correspondences, FocalPrior};
@@ -148,6 +149,8 @@ pub struct FocalSystem {
     pub gradient: SVector<f64, 7>,
     /// `H`, symmetric.
     pub hessian: SMatrix<f64, 7, 7>,
+    /// The scores of the matches.
+    pub cells: ScoreCells,
 }
 
 impl FocalObjective<'_> {
@@ -163,7 +166,8 @@ impl FocalObjective<'_> {
             return FocalVerdict::Fine;
         }
         let other = self.descend(&given, Convergence { steps: 12, min_gain: 1e-6 });
-        let gain = system.loss - self.linearize(&other).loss;
+        let there = self.linearize(&other);
+        let gain = (system.loss - there.loss) / there.cells.design_effect();
         FocalVerdict::of(gain, &other, FocalVerdict::min_gain(self.matches.observations, system.agreeing))
     }
 
@@ -183,12 +187,18 @@ impl FocalObjective<'_> {
     pub fn linearize(&self, at: &PoseWithFocal) -> FocalSystem {
         let matches = self.matches;
         let camera = BentCamera::straight(matches.camera_with_focal(at.factor));
-        let mut system =
-            FocalSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
+        let mut system = FocalSystem {
+            agreeing: 0,
+            loss: 0.0,
+            gradient: Vector7::zeros(),
+            hessian: Matrix7::zeros(),
+            cells: ScoreCells::new(&matches.camera),
+        };
         for &i in &self.active {
             let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
-            let LikelihoodTerm { log_ratio, right, weight, loss } =
-                matches.likelihood_term(i, &residual, self.noise);
+            let term = matches.likelihood_term(i, &residual, self.noise);
+            let LikelihoodTerm { log_ratio, right, weight, loss } = term;
+            system.cells.add(&residual.pixel, &residual.score(&term));
             system.agreeing += usize::from(log_ratio > 0.0);
             system.loss += loss;
             let column = |six: &[f64; 6], seventh: f64| {

@@ -22,7 +22,7 @@
 use std::collections::HashMap;
 use std::hash::Hash;
 
-use veiloc_geometry::nalgebra::{Vector2, Vector3};
+use veiloc_geometry::nalgebra::{Vector2, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
 use crate::likelihood::camera_error::{BentCamera, CAMERA};
@@ -81,6 +81,8 @@ pub struct Matches<'a> {
 /// One correspondence under one pose.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Residual {
+    /// Projection of the point, pixels.
+    pub(crate) pixel: Vector2<f64>,
     /// Pixels; lines have one, points two (the second is 0 for lines).
     pub(crate) error: [f64; 2],
     /// Derivative of each by the six numbers of [`CameraFromWorld::perturbed`].
@@ -110,6 +112,13 @@ pub(crate) struct LikelihoodTerm {
 }
 
 impl Residual {
+    /// Gradient of the loss of this match by the pose.
+    pub(crate) fn score(&self, term: &LikelihoodTerm) -> Vector6<f64> {
+        let [first, second] = self.jacobian.map(Vector6::from);
+        (first * self.error[0] + second * self.error[1]) * term.weight
+            - Vector6::from(self.radius_jacobian) * term.right
+    }
+
     pub(crate) fn squared(&self) -> f64 {
         self.error[0] * self.error[0] + self.error[1] * self.error[1]
     }
@@ -328,6 +337,7 @@ impl<'a> Matches<'a> {
         };
         let o = &self.observed[i];
         let mut residual = Residual {
+            pixel,
             error: [0.0; 2],
             jacobian: [[0.0; 6]; 2],
             log_radius: 0.0,

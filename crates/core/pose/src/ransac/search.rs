@@ -14,7 +14,7 @@ use crate::ambiguity::margin;
 use crate::confidence::MIN_MARGIN;
 use crate::likelihood::{
     CovarianceInputs, Kernel, Loss, MIN_LOG_LIKELIHOOD_RATIO, Matches, PosePriors, PoseWithFocal, Scale,
-    Symmetric6, System, descend, inverse_or_infinite, linearize, refine,
+    ScoreCells, Symmetric6, System, descend, inverse_or_infinite, linearize, refine,
 };
 use crate::ransac::Estimator;
 use crate::ransac::Stop;
@@ -66,6 +66,17 @@ pub(crate) struct Search<'a> {
     /// Optimised poses recorded during the search, with their costs by the matches alone.
     optima: Vec<(CameraFromWorld, f64)>,
     stop: Stop,
+}
+
+/// How the correspondences agree with a pose.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Agreement<'a> {
+    /// Log likelihood ratio of each, `[N]`.
+    pub(crate) likelihoods: &'a [f64],
+    /// Those that agree.
+    pub(crate) inliers: &'a [usize],
+    /// [`Search::design_effect`], or 1 for errors as if they were independent.
+    pub(crate) design_effect: f64,
 }
 
 /// A pose after the final refinement.
@@ -283,18 +294,34 @@ impl<'a> Search<'a> {
         &self.priors
     }
 
+    /// Variance of errors that neighbouring matches share at a pose, in multiples of that of independent ones; 1 under
+    /// MSAC.
+    pub(crate) fn design_effect(&self, pose: &CameraFromWorld, likelihoods: &[f64], noise: f64) -> f64 {
+        if !self.is_likelihood() {
+            return 1.0;
+        }
+        let mut cells = ScoreCells::new(&self.matches.camera);
+        for i in (0..likelihoods.len()).filter(|&i| likelihoods[i] > MIN_LOG_LIKELIHOOD_RATIO) {
+            if let Some(residual) = self.matches.residual(i, pose, true) {
+                let score = residual.score(&self.matches.likelihood_term(i, &residual, noise));
+                cells.add(&residual.pixel, &score);
+            }
+        }
+        cells.design_effect()
+    }
+
     /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose from the matches and the
     /// given priors.
     pub(crate) fn uncertainty(
         &self,
         known: &PosePriors,
         polished: &Polished,
-        likelihoods: &[f64],
-        inliers: &[usize],
+        agreement: &Agreement<'_>,
         focal_sd: Option<f64>,
         free: Option<(Vector3<f64>, f64)>,
     ) -> (f64, Symmetric6) {
         let Polished { pose, noise, .. } = polished;
+        let Agreement { likelihoods, inliers, design_effect } = *agreement;
         match self.scale {
             Scale::Msac { .. } => {
                 let system = linearize(&self.matches, inliers, Loss::Squared, pose);
@@ -318,6 +345,7 @@ impl<'a> Search<'a> {
                     likelihoods,
                     noise: *noise,
                     focal_sd,
+                    design_effect,
                     free,
                 };
                 (shown, estimated.covariance())

@@ -44,7 +44,10 @@ pub(super) struct FrameContribution<'a> {
     /// Log likelihood ratio of each correspondence, `[N]`.
     pub(super) likelihoods: Vec<f64>,
     pub(super) inliers: Vec<usize>,
+    /// Information of the matches, as if their errors were independent.
     pub(super) information: Matrix6<f64>,
+    /// Variance of errors that neighbouring matches share, in multiples of that of independent ones.
+    design_effect: f64,
     /// Information of the camera priors.
     known: Matrix6<f64>,
     deviation: Deviation,
@@ -99,6 +102,7 @@ impl<'a> FrameContribution<'a> {
         Self {
             search,
             known: search.priors().information(cam),
+            design_effect: search.design_effect(cam, &likelihoods, noise),
             information: information_from_matches(search, cam, &likelihoods, &inliers, noise, focal_sd),
             likelihoods,
             inliers,
@@ -154,8 +158,16 @@ fn information_from_matches(
     focal_sd: Option<f64>,
 ) -> Matrix6<f64> {
     let (matches, nothing) = (search.matches(), &PosePriors::default());
-    let estimated =
-        CovarianceInputs { matches, priors: nothing, pose: cam, likelihoods, noise, focal_sd, free: None };
+    let estimated = CovarianceInputs {
+        matches,
+        priors: nothing,
+        pose: cam,
+        likelihoods,
+        noise,
+        focal_sd,
+        design_effect: 1.0,
+        free: None,
+    };
     let information = estimated.information();
     let covariance = estimated.covariance();
     let free = (covariance[3][3] < f64::INFINITY)
@@ -192,10 +204,8 @@ pub(super) fn combine_evidence(
     let once = |frames: usize| (frames as f64).recip();
     // Half of the variance of a residual is assumed to be the map point's own, which more frames do not average out.
     let averaged = |frames: usize| 2.0 / (1.0 + frames as f64);
-    let alone = over_rig(contributions, constraints, &all);
-    let together = |share: &dyn Fn(usize) -> f64| {
-        over_rig(contributions, constraints, share).iter().sum::<Matrix6<f64>>()
-    };
+    let alone = over_rig(contributions, constraints, &|_| 1.0);
+    let repeated_once = over_rig(contributions, constraints, &|w| w.mean(&once));
 
     let points = || contributions.iter().flat_map(|w| w.search.matches().points.iter());
     let log_evidence = |gained: f64, information: &Matrix6<f64>| {
@@ -209,17 +219,20 @@ pub(super) fn combine_evidence(
     let with_hidden_alternative =
         |gained: &f64| (gained + VISIBLE_PROBABILITY.ln()).max((1.0 - VISIBLE_PROBABILITY).ln());
     let gained = gains_by_frame[0] + gains_by_frame[1..].iter().map(with_hidden_alternative).sum::<f64>();
-    let joint = log_evidence(gained - log_frames, &together(&once));
+    let joint = log_evidence(gained - log_frames, &repeated_once.iter().sum());
     // The evidence of one frame alone is a lower bound.
     let of_one = |((w, constraint), own): ((&FrameContribution<'_>, &OdometryConstraint), &Matrix6<f64>)| {
         log_evidence(w.net_gain(constraint, &all) - log_frames, own)
     };
     let evidence = contributions.iter().zip(constraints).zip(&alone).map(of_one).fold(joint, f64::max);
 
-    // So is its information.
+    // So is its information, here with the errors that neighbouring matches share.
     let log_held = |information: &Matrix6<f64>| log_det(information).unwrap_or(f64::NEG_INFINITY);
-    let joint = together(&averaged);
-    let held = alone.into_iter().fold(joint, |a, b| if log_held(&b) > log_held(&a) { b } else { a });
+    let alone = over_rig(contributions, constraints, &|w| w.design_effect.recip());
+    let joint = over_rig(contributions, constraints, &|w| w.mean(&averaged) / w.design_effect);
+    let held = alone
+        .into_iter()
+        .fold(joint.iter().sum(), |a: Matrix6<f64>, b| if log_held(&b) > log_held(&a) { b } else { a });
     let known = contributions
         .iter()
         .zip(constraints)
@@ -238,15 +251,14 @@ pub(super) fn combine_evidence(
     }
 }
 
-/// Information of each frame about the rig, `[F]`, when a point with the same sign in a number of frames counts for
-/// this share.
+/// Information of each frame about the rig, `[F]`, when that of the frame's matches counts for a share.
 fn over_rig(
     contributions: &[FrameContribution<'_>],
     constraints: &[OdometryConstraint],
-    share: &dyn Fn(usize) -> f64,
+    share: &dyn Fn(&FrameContribution<'_>) -> f64,
 ) -> Vec<Matrix6<f64>> {
     let of = |(w, constraint): (&FrameContribution<'_>, &OdometryConstraint)| {
-        constraint.information_over_rig(&(w.information * w.mean(share)), &w.deviation)
+        constraint.information_over_rig(&(w.information * share(w)), &w.deviation)
     };
     contributions.iter().zip(constraints).map(of).collect()
 }

@@ -152,7 +152,11 @@ impl RefinedRig {
                     break;
                 }
             } else {
-                match FocalVerdict::of(gain, &of_rig(&poses, factor), self.min_gain(search, lens)) {
+                let effect = {
+                    let objective = self.objective(search, lens);
+                    objective.design_effect(&objective.linearize(&poses, factor))
+                };
+                match FocalVerdict::of(gain / effect, &of_rig(&poses, factor), self.min_gain(search, lens)) {
                     FocalVerdict::Wrong => self.lenses[lens].verdict = FocalVerdict::Wrong,
                     suspicious @ FocalVerdict::Suspicious(_) => {
                         if self.lenses[lens].verdict == FocalVerdict::Fine {
@@ -280,11 +284,20 @@ impl RigFocalObjective<'_> {
             return FocalVerdict::Fine;
         }
         let (there, factor) = self.refine((poses.clone(), 1.0));
-        let gain = here.loss - self.linearize(&there, factor).loss;
+        let found = self.linearize(&there, factor);
+        let gain = (here.loss - found.loss) / self.design_effect(&found);
         let agreeing = self.frames.iter().zip(&here.systems).filter(|(frame, _)| frame.fixed.is_none());
         let least =
             FocalVerdict::min_gain_of(agreeing.map(|(f, s)| (f.objective.matches.observations, s.agreeing)));
         FocalVerdict::of(gain, &of_rig(&there, factor), least)
+    }
+
+    /// Mean design effect of the frames with this focal length, by their numbers of agreeing matches.
+    fn design_effect(&self, at: &Linearized) -> f64 {
+        let own = || self.frames.iter().zip(&at.systems).filter(|(frame, _)| frame.fixed.is_none());
+        let agreeing: usize = own().map(|(_, system)| system.agreeing).sum();
+        let weighted = own().map(|(_, system)| system.agreeing as f64 * system.cells.design_effect());
+        if agreeing > 0 { weighted.sum::<f64>() / agreeing as f64 } else { 1.0 }
     }
 
     /// Levenberg–Marquardt from a start; never returns a larger loss than the start's.

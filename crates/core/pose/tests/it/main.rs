@@ -11,5 +11,6 @@ mod partial;
 mod real_problems;
 mod rig;
 mod rig_focal;
+mod shared_errors;
 mod solvers;
 mod support;

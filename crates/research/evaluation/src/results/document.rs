@@ -83,6 +83,9 @@ pub struct SchemeSummary {
     /// Number of queries without a pose, or with a pose no better than chance; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_found: Option<usize>,
+    /// Stage to number of queries that were lost in it; absent if no query was lost, or its stage was not evaluated.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub lost: BTreeMap<LossStage, usize>,
     /// Median rotation error over all queries with ground truth, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
     /// Median translation error over all queries with ground truth, map units; null when more than half were not
@@ -198,6 +201,9 @@ pub struct QueryResult {
     /// The error relative to the covariance; absent without a pose or covariance.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<QueryUncertainty>,
+    /// In which stage the query was lost; absent when its pose is within a threshold, and without ground truth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost_in: Option<LossStage>,
     /// Number of correspondences that agree with the pose.
     pub inliers: usize,
     /// Number of correspondences.
@@ -215,6 +221,26 @@ pub struct QueryResult {
     pub sent: Option<SentDocument>,
     /// Stage to milliseconds; with `--progressive` those of the last step, and `steps` for all steps before it.
     pub ms: BTreeMap<String, f64>,
+}
+
+/// The stage in which a query was lost whose pose is within no threshold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum LossStage {
+    /// The retrieved images hold fewer than 15 keypoints with a true match, and all images of the map hold more.
+    Retrieval,
+    /// All images of the map together hold fewer than 15 keypoints with a true match.
+    Matching,
+    /// The estimator's optimum near the true pose is right, but the search did not find it.
+    Search,
+    /// The estimator prefers another pose to the true one.
+    Objective,
+}
+
+impl LossStage {
+    /// All of them, in the order of processing.
+    pub const ALL: [Self; 4] = [Self::Retrieval, Self::Matching, Self::Search, Self::Objective];
 }
 
 /// Data sent for one query.
@@ -357,6 +383,7 @@ impl QueryResult {
             rotation_error_deg: None,
             translation_error: None,
             uncertainty: None,
+            lost_in: None,
             inliers: 0,
             correspondences: 0,
             hypotheses: 0,

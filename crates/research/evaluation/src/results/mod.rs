@@ -26,8 +26,8 @@ mod uncertainty;
 
 pub use data_set::{DataSetEvaluation, RunInfo, SceneInfo, SceneQuery, SceneSummary};
 pub use document::{
-    EstimatorVariant, EvaluationDocument, MapSummary, NegativeResult, NegativeSummary, PoseDocument,
-    QueryResult, RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
+    EstimatorVariant, EvaluationDocument, LossStage, MapSummary, NegativeResult, NegativeSummary,
+    PoseDocument, QueryResult, RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
 };
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use summary::summarize;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_pose::State;
 
-use crate::results::document::{QueryResult, SchemeSummary, SeedSummary, SentSummary};
+use crate::results::document::{LossStage, QueryResult, SchemeSummary, SeedSummary, SentSummary};
 use crate::results::metrics::{PoseErrors, Threshold, finite, mean, median, recall};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
@@ -45,6 +45,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         trusted_wrong: all.trusted.map(|_| trusted_wrong),
         doubtful: count(State::Doubtful),
         not_found: count(State::NotFound),
+        lost: count_by_stage(queries),
         median_rotation_deg: all.median_rotation_deg,
         median_translation: all.median_translation,
         recall: all.recall,
@@ -57,6 +58,14 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         per_seed: if per_seed.len() > 1 { per_seed } else { Vec::new() },
         negatives: None,
     }
+}
+
+fn count_by_stage(queries: &[&QueryResult]) -> BTreeMap<LossStage, usize> {
+    let mut counts = BTreeMap::new();
+    for stage in queries.iter().filter_map(|q| q.lost_in) {
+        *counts.entry(stage).or_default() += 1;
+    }
+    counts
 }
 
 fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
@@ -115,6 +124,7 @@ pub(crate) mod tests {
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),
             uncertainty: None,
+            lost_in: None,
             inliers: 30,
             correspondences: 60,
             hypotheses: 100,
@@ -185,6 +195,18 @@ pub(crate) mod tests {
         let sent = summarize(&queries.iter().collect::<Vec<_>>(), &threshold()).sent.expect("they were sent");
         assert_eq!((sent.mean_rows, sent.mean_bytes, sent.mean_exposed), (640.0, 64000.0, 160.0));
         assert_eq!(summarize(&[&query(0, None)], &threshold()).sent, None);
+    }
+
+    #[test]
+    fn lost_queries_are_counted_by_stage() {
+        let lost = |stage| QueryResult { lost_in: Some(stage), ..query(0, None) };
+        let queries = [lost(LossStage::Objective), query(0, Some((0.1, 0.01))), lost(LossStage::Objective)];
+        let summary = summarize(&queries.iter().collect::<Vec<_>>(), &[]);
+        assert_eq!(summary.lost, [(LossStage::Objective, 2)].into());
+        let text = crate::results::table(&[summary]);
+        assert!(text.contains("beyond every threshold") && text.contains("objective"), "{text}");
+        let none = summarize(&[&queries[1]], &[]);
+        assert!(none.lost.is_empty() && !crate::results::table(&[none]).contains("beyond every threshold"));
     }
 
     #[test]

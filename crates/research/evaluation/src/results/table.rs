@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use crate::results::coverage::REGIONS;
-use crate::results::document::{SchemeSummary, SeedSummary};
+use crate::results::document::{LossStage, SchemeSummary, SeedSummary};
 use crate::results::hypotheses::Hypotheses;
 use crate::results::text_table::{TextTable, length, side_by_side};
 
@@ -43,6 +43,7 @@ pub fn table(rows: &[SchemeSummary]) -> String {
     let mut text = side_by_side([found, negatives, cost]);
     text += &sent(rows);
     text += &coverage(rows);
+    text += &lost(rows);
     if text.contains('~') {
         text.push_str("~ the median number of hypotheses when the search stops by itself\n");
     }
@@ -103,6 +104,29 @@ fn coverage(rows: &[SchemeSummary]) -> String {
     format!(
         "\nOf the trusted poses, the share whose true camera centre and pose lie in the region of the covariance that\n\
          should hold 50, 90 and 99 % (in percent), and the median error of the centre over its ±.\n\n{}",
+        table.render()
+    )
+}
+
+/// Lost queries by stage; empty if none was lost.
+fn lost(rows: &[SchemeSummary]) -> String {
+    if rows.iter().all(|row| row.lost.is_empty()) {
+        return String::new();
+    }
+    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+    let columns = ["lost", "retrieval", "matching", "search", "objective"].map(str::to_owned);
+    let mut table = TextTable::new(names.into_iter().chain(columns), NAMES);
+    for row in rows {
+        let mut cells = names_of(row, rows);
+        cells.push(row.lost.values().sum::<usize>().to_string());
+        let count = |stage: LossStage| row.lost.get(&stage).copied().unwrap_or(0).to_string();
+        cells.extend(LossStage::ALL.map(count));
+        table.push(cells);
+    }
+    format!(
+        "\nQueries beyond every threshold, by the stage in which they were lost: the retrieved images, or all images of the\n\
+         map, hold fewer than 15 keypoints with a true match; the search missed the optimum at the true pose; or the\n\
+         estimator prefers another pose.\n\n{}",
         table.render()
     )
 }

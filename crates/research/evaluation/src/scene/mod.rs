@@ -4,6 +4,7 @@
 //! crossed a network. No stage is skipped because the truth is known.
 
 mod drawing;
+mod loss;
 mod negatives;
 mod one_query;
 mod options;

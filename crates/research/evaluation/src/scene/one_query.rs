@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::results::{EstimatorVariant, QueryResult};
+use crate::results::{EstimatorVariant, LossStage, QueryResult};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
@@ -13,6 +13,13 @@ use crate::pipeline::{
     EvaluatedQuery, ServedMap, SimulatedGravity, extract_features, localize_sent, seal_query, with_extractors,
 };
 use crate::pose::scores_or_default;
+
+/// Whether a pose is within no threshold, or is missing.
+fn is_lost(result: &QueryResult, evaluation: &SceneEvaluation) -> bool {
+    let error = result.pose_error();
+    !evaluation.thresholds.is_empty()
+        && !evaluation.thresholds.iter().any(|threshold| error.within(threshold))
+}
 
 /// The results of a query, in the order of the table's rows.
 pub(super) fn localize_query(
@@ -45,7 +52,19 @@ pub(super) fn localize_query(
                 Ok(sent) => {
                     let mut localize = evaluation.localize.clone();
                     localize.pose.score = Some(score);
-                    localize_sent(served, &sent.bytes, query, *scheme, evaluation.transmission, &localize)
+                    let mut result = localize_sent(
+                        served,
+                        &sent.bytes,
+                        query,
+                        *scheme,
+                        evaluation.transmission,
+                        &localize,
+                    );
+                    if let Some(truth) = query.truth.as_ref().filter(|_| is_lost(&result, evaluation)) {
+                        result.lost_in =
+                            LossStage::of(sent, truth, served.whole(), &localize, &evaluation.thresholds);
+                    }
+                    result
                 }
                 Err(error) => {
                     let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_evaluation::pose::{PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_evaluation::results::Hypotheses;
-use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
+use veiloc_evaluation::results::{EvaluationDocument, LossStage, SchemeSummary};
 use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_pose::ScoreKind;
@@ -113,4 +113,22 @@ fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     assert!(row("dcl", "default").recall["0.05/5"] > 0.8 && row("dcl", "paper").recall["0.05/5"] < 0.3);
     assert_eq!(result.queries.len(), 2 * 3 * 2 * 22);
     assert!(result.schemes.iter().all(|s| s.per_seed.len() == 2 && s.queries == 44));
+}
+
+/// Every pose is beyond a threshold of a nanometre: with the usual matches by the objective, and with hardly any matches
+/// by the matching.
+#[real_data_test]
+fn stages_of_lost_queries_differ(data: &Path) {
+    let mut evaluation = scene(&data.join("entry"), 1, &["points", "dcl"]);
+    evaluation.thresholds = vec!["1e-9/1e-9".parse().expect("a threshold")];
+    let stages = |evaluation: &SceneEvaluation| -> Vec<Option<LossStage>> {
+        let result = evaluate_scene(evaluation, &()).expect("evaluated");
+        result.queries.iter().map(|query| query.lost_in).collect()
+    };
+    assert_eq!(stages(&evaluation), [Some(LossStage::Objective); 2]);
+    evaluation.localize.matching.max_ratio = Some(0.05);
+    assert_eq!(stages(&evaluation), [Some(LossStage::Matching); 2]);
+    evaluation.thresholds = vec!["1e9/180".parse().expect("a threshold")];
+    evaluation.localize.matching.max_ratio = None;
+    assert_eq!(stages(&evaluation), [None; 2]);
 }

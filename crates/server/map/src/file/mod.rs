@@ -1,8 +1,8 @@
 //! The map file: its format, and how it is written and opened.
 
 mod compressed;
+mod held_out;
 mod layout;
-mod leave_one_out;
 mod open;
 mod pack;
 mod packed;
@@ -14,8 +14,8 @@ mod unpacked;
 mod view;
 mod write;
 
+pub use held_out::{HeldOut, HeldOutPoint, MapView, PointEvidence};
 pub use layout::FORMAT_VERSION;
-pub use leave_one_out::{LeaveOneOut, LeaveOneOutPoint, MapView, PointEvidence};
 pub use open::MapMemory;
 pub use view::{ImageView, MapFile};
 pub use write::{MapLock, byte_count, write};

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 
 use crate::MappingError;
-use crate::{CompressOptions, CompressedMap, LeaveOneOutMap, Progress, compress};
+use crate::{CompressOptions, CompressedMap, HoldOutMap, Progress, compress};
 use veiloc_map::{
-    LeaveOneOut, LeaveOneOutPoint, MapFile, MapModel, MapView, PointEvidence, PointId, PointSummary, SelfTest,
+    HeldOut, HeldOutPoint, MapFile, MapModel, MapView, PointEvidence, PointId, PointSummary, SelfTest,
 };
 
 use crate::calibration::run::{SelfTestOptions, self_test, test_in};
@@ -25,21 +25,24 @@ pub fn self_test_compressed(
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
     let (file, whole_file) = (MapFile::of_model(&small.model)?, MapFile::of_model(whole)?);
-    let leave_out = LeaveOneOutMap::of(whole);
+    let hold_out = HoldOutMap::of(whole);
     let id_of: BTreeMap<PointId, PointId> =
         small.kept_points.iter().copied().zip((0..).map(PointId)).collect();
     let without = |image: usize| {
-        let in_whole = leave_out.without(image);
+        let in_whole = hold_out.without(&hold_out.with_neighbors(image));
         let view = MapView::without(&whole_file, &in_whole);
-        let moved = |(id, point): (&PointId, &Option<LeaveOneOutPoint>)| {
+        let moved = |(id, point): (&PointId, &Option<HeldOutPoint>)| {
             let remembered = || PointSummary::new(view.seen_by(*id) as u32, &view.point_covariance(*id));
-            let point = point.as_ref().map(|point| LeaveOneOutPoint {
+            let point = point.as_ref().map(|point| HeldOutPoint {
                 position: point.position,
                 evidence: PointEvidence::Summary(remembered()),
             });
             Some((*id_of.get(id)?, point))
         };
-        LeaveOneOut { image, points: in_whole.points.iter().filter_map(moved).collect() }
+        HeldOut {
+            images: in_whole.images.clone(),
+            points: in_whole.points.iter().filter_map(moved).collect(),
+        }
     };
     test_in(whole, &file, &without, options, progress)
 }

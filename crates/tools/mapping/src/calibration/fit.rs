@@ -9,10 +9,16 @@
 //! A trusted pose may be wrong. A first fit with a heavy-tailed distribution (Student's t with [`FREEDOM`] degrees of
 //! freedom) finds the poses beyond [`MAX_SQUARED_DISTANCE`]; the second fit leaves them out, but at most a tenth of
 //! all: frequent errors are not outliers, and the covariances must cover them.
+//!
+//! # Tails
+//! Real errors have heavier tails than a normal distribution. If the region of 90 % holds fewer than 90 % of all
+//! errors, `a`, `s_r²` and `s_t²` are multiplied by a common factor until it does. So the regions of high probability
+//! hold what they say, and those of low probability hold more.
 
 use veiloc_map::CovarianceCalibration;
 
 use crate::calibration::minimum::minimum;
+use crate::calibration::summary::{SQUARED_RADII_3, SQUARED_RADII_6};
 use crate::calibration::trial::SelfTestTrial;
 
 /// Fits the calibration of a scheme; `scale` is the typical distance of observed points, map units.
@@ -27,7 +33,32 @@ pub fn fit(trials: &[SelfTestTrial], scale: f64) -> CovarianceCalibration {
     }
     let heavy = most_probable(&usable, &prior, Tail::Heavy);
     let inliers = without_outliers(&usable, &heavy);
-    most_probable(&inliers, &prior, Tail::Normal)
+    widened(&usable, most_probable(&inliers, &prior, Tail::Normal))
+}
+
+/// The calibration, multiplied until the regions of 90 % of centre and pose hold 90 % of the trials.
+fn widened(trials: &[&SelfTestTrial], fitted: CovarianceCalibration) -> CovarianceCalibration {
+    let at = |scale: f64| CovarianceCalibration {
+        factor: fitted.factor * scale * scale,
+        rotation_floor: fitted.rotation_floor * scale,
+        translation_floor: fitted.translation_floor * scale,
+    };
+    let covers = |calibration: &CovarianceCalibration| {
+        let inside = |t: &&&SelfTestTrial| {
+            t.squared_distances(calibration)
+                .is_some_and(|d| d.center <= SQUARED_RADII_3[1] && d.pose <= SQUARED_RADII_6[1])
+        };
+        10 * trials.iter().filter(inside).count() >= 9 * trials.len()
+    };
+    if trials.len() < MIN_TRIALS_FOR_TAILS || covers(&fitted) {
+        return fitted;
+    }
+    let (mut narrow, mut wide) = (1.0, MAX_WIDENING);
+    for _ in 0..WIDENING_STEPS {
+        let middle = f64::midpoint(narrow, wide);
+        if covers(&at(middle)) { wide = middle } else { narrow = middle }
+    }
+    at(wide)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,5 +118,11 @@ const FREEDOM: f64 = 5.0;
 /// Squared distance under the first fit from which a pose is an outlier. For normal errors that fit estimates the
 /// covariance at about 0.8, so this corresponds to the region of 99.99 %.
 const MAX_SQUARED_DISTANCE: f64 = 35.0;
+/// Fewer trials than this say nothing about tails.
+const MIN_TRIALS_FOR_TAILS: usize = 10;
+/// Maximum factor on standard deviations by which tails widen a calibration.
+const MAX_WIDENING: f64 = 3.0;
+/// Bisections: the factor is exact to a hundredth.
+const WIDENING_STEPS: usize = 8;
 /// Standard deviations of the logarithms of `a`, `s_r` and `s_t` about their defaults.
 const PRIOR_SD: [f64; 3] = [0.5, 1.0, 1.0];

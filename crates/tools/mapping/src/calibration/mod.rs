@@ -1,7 +1,7 @@
 //! Self-test of a map on its own images, and calibration of its pose covariances.
 //!
 //! ```text
-//! each of up to 50 images ── left out of the map ── sealed from the stored features ── localized ── its error
+//! each of up to 50 images ── left out of the map with its neighbours ── sealed from the stored features ── localized ── its error
 //!                                                                        │
 //!           recall, medians, coverage, noise, calibration  ◀────────────┘  over all images, per scheme
 //! ```
@@ -11,9 +11,9 @@
 //! crate, which uses both the device side and the server side.
 //!
 //! # What is left out
-//! The image is not retrieved or matched, and the points it observes are triangulated again without it, or dropped
-//! ([`crate::LeaveOneOutMap`]). Its share in the words of the vocabulary and in the merging of other images' keypoints
-//! remains.
+//! The image and the two images that share most points with it are not retrieved or matched, and the points they
+//! observe are triangulated again without them, or dropped ([`crate::HoldOutMap`]). Their share in the words of the
+//! vocabulary and in the merging of other images' keypoints remains.
 //!
 //! # The query
 //! The keypoints and descriptors that the map stores of the image, sealed as on a device: canonical camera, dither,

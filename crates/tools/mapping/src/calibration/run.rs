@@ -1,11 +1,11 @@
 //! Runs a self-test: chooses the images, leaves each out, seals and localizes it under each scheme.
 
-use crate::{LeaveOneOutMap, MappingError, Progress};
+use crate::{HoldOutMap, MappingError, Progress};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_localization::{LocalizeOptions, MatchResult, localize_matched, match_in};
-use veiloc_map::{LeaveOneOut, MapFile, MapModel, MapView, PointId, SelfTest};
+use veiloc_map::{HeldOut, MapFile, MapModel, MapView, PointId, SelfTest};
 use veiloc_protocol::{Scheme, SealedQuery};
 
 use crate::calibration::query::{options_for, sealed, stored_features, transfer_matches};
@@ -52,15 +52,15 @@ pub fn self_test(
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
     let file = MapFile::of_model(model)?;
-    let leave_out = LeaveOneOutMap::of(model);
-    test_in(model, &file, &|image| leave_out.without(image), options, progress)
+    let hold_out = HoldOutMap::of(model);
+    test_in(model, &file, &|image| hold_out.without(&hold_out.with_neighbors(image)), options, progress)
 }
 
 /// Localizes images of a map, each left out, in a file that may be another map with the same images.
 pub(crate) fn test_in(
     model: &MapModel,
     file: &MapFile,
-    without: &(dyn Fn(usize) -> LeaveOneOut + Sync),
+    without: &(dyn Fn(usize) -> HeldOut + Sync),
     options: &SelfTestOptions,
     progress: &dyn Progress,
 ) -> Result<SelfTest, MappingError> {
@@ -86,8 +86,15 @@ pub fn trials(
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Option<SelfTestTrial>>>, MappingError> {
     let file = MapFile::of_model(model)?;
-    let leave_out = LeaveOneOutMap::of(model);
-    run_trials(model, &file, &|image| leave_out.without(image), images, options, progress)
+    let hold_out = HoldOutMap::of(model);
+    run_trials(
+        model,
+        &file,
+        &|image| hold_out.without(&hold_out.with_neighbors(image)),
+        images,
+        options,
+        progress,
+    )
 }
 
 /// Summarizes the trials of all [`chosen`] images, in their order: the result of a distributed [`self_test`].
@@ -113,7 +120,7 @@ pub fn summarize_trials(
 fn run_trials(
     model: &MapModel,
     file: &MapFile,
-    without: &(dyn Fn(usize) -> LeaveOneOut + Sync),
+    without: &(dyn Fn(usize) -> HeldOut + Sync),
     images: &[usize],
     options: &SelfTestOptions,
     progress: &dyn Progress,
@@ -136,7 +143,7 @@ fn run_trials(
 fn trials_of(
     model: &MapModel,
     file: &MapFile,
-    without: &LeaveOneOut,
+    without: &HeldOut,
     image: usize,
     options: &SelfTestOptions,
 ) -> Vec<Option<SelfTestTrial>> {

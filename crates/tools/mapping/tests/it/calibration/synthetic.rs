@@ -162,8 +162,8 @@ fn points_are_retriangulated_without_the_image() {
     // Along the ray of image 3, which therefore still agrees; the others do not.
     let center = model.images[3].cam_from_world.center().coords;
     bent.points[id.index()].position = Point3::from_vector(center + (truth.coords - center) * 1.5);
-    let without = veiloc_mapping::LeaveOneOutMap::of(&bent).without(3);
-    assert_eq!(without.image, 3);
+    let without = veiloc_mapping::HoldOutMap::of(&bent).without(&[3].into());
+    assert_eq!(without.images, [3].into());
     let point = without.points[id].as_ref().expect("other images observe the point");
     assert!(point.position.distance(&truth) < 0.05, "{:?}", point.position);
     let PointEvidence::Track(track) = &point.evidence else { panic!("{point:?}") };
@@ -173,7 +173,7 @@ fn points_are_retriangulated_without_the_image() {
     // Two of three views remain, which is too few.
     let three = model.points.iter().position(|p| p.track.len() == 3).expect("a point with three views");
     let image = model.points[three].track[1].image as usize;
-    let without = veiloc_mapping::LeaveOneOutMap::of(&model).without(image);
+    let without = veiloc_mapping::HoldOutMap::of(&model).without(&[image].into());
     assert_eq!(without.points[&veiloc_map::PointId(three as u32)], None);
 }
 

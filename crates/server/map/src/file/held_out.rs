@@ -1,6 +1,6 @@
-//! Read access to a map, optionally with one image left out.
+//! Read access to a map, optionally with some images left out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
@@ -9,19 +9,19 @@ use super::view::{ImageView, MapFile};
 use crate::compressed::PointSummary;
 use crate::model::{Observation, PointId};
 
-/// The changes of a map when one of its images is left out.
+/// The changes of a map when some of its images are left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeaveOneOut {
-    /// Index of the image.
-    pub image: usize,
-    /// The points that the image observes, as they are without it; `None` for a removed point. All other points are
-    /// unchanged.
-    pub points: BTreeMap<PointId, Option<LeaveOneOutPoint>>,
+pub struct HeldOut {
+    /// Indices of the images.
+    pub images: BTreeSet<usize>,
+    /// The points that these images observe, as they are without them; `None` for a removed point. All other points
+    /// are unchanged.
+    pub points: BTreeMap<PointId, Option<HeldOutPoint>>,
 }
 
-/// A point without the observation of the image that was left out.
+/// A point without the observations of the images that were left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeaveOneOutPoint {
+pub struct HeldOutPoint {
     /// Position, map units.
     pub position: Point3<World>,
     /// The remaining evidence for the position.
@@ -37,13 +37,13 @@ pub enum PointEvidence {
     Summary(PointSummary),
 }
 
-/// A map file, whole or with one image left out. Indices of images and points are those of the file.
+/// A map file, whole or with some images left out. Indices of images and points are those of the file.
 ///
-/// The left-out image is not among [`Self::images`], and its points are as if it had never been in the map.
+/// The left-out images are not among [`Self::images`], and their points are as if they had never been in the map.
 #[derive(Debug, Clone, Copy)]
 pub struct MapView<'a> {
     map: &'a MapFile,
-    without: Option<&'a LeaveOneOut>,
+    without: Option<&'a HeldOut>,
 }
 
 impl<'a> From<&'a MapFile> for MapView<'a> {
@@ -54,12 +54,12 @@ impl<'a> From<&'a MapFile> for MapView<'a> {
 }
 
 impl<'a> MapView<'a> {
-    /// The map without one image.
-    pub const fn without(map: &'a MapFile, without: &'a LeaveOneOut) -> Self {
+    /// The map without these images.
+    pub const fn without(map: &'a MapFile, without: &'a HeldOut) -> Self {
         Self { map, without: Some(without) }
     }
 
-    /// The underlying file, including the left-out image.
+    /// The underlying file, including the left-out images.
     pub const fn file(&self) -> &'a MapFile {
         self.map
     }
@@ -69,7 +69,7 @@ impl<'a> MapView<'a> {
         self.images().next().is_none() || self.map.point_count() == 0
     }
 
-    /// The images except the left-out one, with their indices, in order.
+    /// The images except the left-out ones, with their indices, in order.
     pub fn images(&self) -> impl Iterator<Item = (usize, ImageView<'a>)> {
         let view = *self;
         self.map.images().enumerate().filter(move |(index, _)| !view.is_left_out(*index))
@@ -77,7 +77,7 @@ impl<'a> MapView<'a> {
 
     /// Whether the image with this index is left out.
     pub fn is_left_out(&self, image: usize) -> bool {
-        self.without.is_some_and(|w| w.image == image)
+        self.without.is_some_and(|w| w.images.contains(&image))
     }
 
     /// The point that a keypoint observes, if it exists. The image must not be left out.
@@ -113,13 +113,13 @@ impl<'a> MapView<'a> {
         }
     }
 
-    /// Evidence for a point that the left-out image observes; `None` for all others.
+    /// Evidence for a point that a left-out image observes; `None` for all others.
     fn evidence(&self, id: PointId) -> Option<&'a PointEvidence> {
         self.changed(id).and_then(|point| point.as_ref()).map(|point| &point.evidence)
     }
 
-    /// The changed state of a point that the left-out image observes.
-    fn changed(&self, id: PointId) -> Option<&'a Option<LeaveOneOutPoint>> {
+    /// The changed state of a point that a left-out image observes.
+    fn changed(&self, id: PointId) -> Option<&'a Option<HeldOutPoint>> {
         self.without.and_then(|w| w.points.get(&id))
     }
 }

@@ -1,0 +1,88 @@
+#!/usr/bin/env python3
+"""Measures recall, the ± and trust on several places with the same command, and writes one CSV.
+
+    scripts/places.py --veiloc target/release/veiloc --data $VEILOC_DATA --csv docs/results/places/places.csv
+
+Each place is a folder with `posed`, `images`, `map.txt` and `query.txt`; `veiloc eval scene` builds a map with its
+self-test and localizes the queries under each scheme. A pose is right within 25 cm (map units) and 2°.
+"""
+
+import argparse
+import csv
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+
+PLACES = ["hololens-office", "tum-fr1-rpy", "llff-room", "fountain", "entry", "redkitchen", "herzjesu"]
+LAYOUTS = {
+    "stripes 138": "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16",
+    "stripes 115": "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47",
+}
+SCHEMES = {name: name for name in ["points", "random-lines", "dcl"]} | LAYOUTS
+STAGES = ["retrieval", "matching", "search", "objective"]
+COLUMNS = [
+    "place", "scheme", "queries", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)", "median error (map units)",
+    "median error (°)", "trusted", "right poses trusted (%)", "trusted beyond 25 cm or 2°",
+    "of these beyond 3 ±", "trusted, centre beyond 3 ±", "trusted, orientation beyond 3 ±",
+    "pose in 99 % region (%)",
+]  # fmt: skip
+
+
+def row(place: str, name: str, scheme: dict, queries: list[dict]) -> list:
+    def is_right(query: dict) -> bool:
+        moved, turned = query.get("translation_error"), query.get("rotation_error_deg")
+        return moved is not None and moved <= 0.25 and turned <= 2
+
+    trusted = [q for q in queries if q["state"] == "trusted"]
+    right = [q for q in queries if is_right(q)]
+    moved = [q for q in trusted if q["center_error_over_sd"] > 3]
+    turned = [q for q in trusted if q["rotation_error_deg"] > 3 * q["rotation_sd_deg"]]
+    wrong = [q for q in trusted if not is_right(q)]
+    beyond = [q for q in wrong if q in moved or q in turned]
+    trusted_right = sum(q["state"] == "trusted" for q in right)
+    share = scheme.get("coverage_pose", {}).get("99")
+    recall = scheme["recall"]
+    return [
+        place, name, len(queries), f"{100 * recall['0.05/5']:.1f}", f"{100 * recall['0.25/2']:.1f}",
+        f"{scheme['median_translation']:.4f}", f"{scheme['median_rotation_deg']:.3f}", len(trusted),
+        f"{100 * trusted_right / max(1, len(right)):.0f}", len(wrong), len(beyond), len(moved), len(turned),
+        "" if share is None else f"{100 * share:.0f}",
+    ]  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", default="veiloc")
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--csv", type=Path)
+    parser.add_argument("--lost", type=Path, help="CSV of lost queries by stage")
+    parser.add_argument("--places", default=",".join(PLACES))
+    args, options = parser.parse_known_args()
+    rows, lost = [], []
+    with tempfile.TemporaryDirectory() as work:
+        found = Path(work) / "scene.json"
+        for place in args.places.split(","):
+            folder = args.data / place
+            subprocess.run(
+                [args.veiloc, "eval", "scene", "--quiet", "--posed", folder / "posed", "--images", folder / "images",
+                 "--map-list", folder / "map.txt", "--query-list", folder / "query.txt",
+                 "--schemes", ",".join(SCHEMES.values()), "--thresholds", "0.05/5,0.25/2", *options, "--json", found],
+                check=True, stdout=subprocess.DEVNULL)  # fmt: skip
+            document = json.loads(found.read_text())
+            for (name, text), scheme in zip(SCHEMES.items(), document["schemes"]):
+                rows.append(row(place, name, scheme, [q for q in document["queries"] if q["scheme"] == text]))
+                print(*rows[-1], sep="  ", flush=True)
+                stages = scheme.get("lost", {})
+                if stages:
+                    lost.append([place, name, sum(stages.values()), *(stages.get(stage, 0) for stage in STAGES)])
+    for path, columns, of in [(args.csv, COLUMNS, rows), (args.lost, ["place", "scheme", "lost", *STAGES], lost)]:
+        if path:
+            with path.open("w", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(columns)
+                writer.writerows(of)
+
+
+if __name__ == "__main__":
+    main()
