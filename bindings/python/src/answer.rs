@@ -46,6 +46,10 @@ pub(crate) struct Answer {
     /// Estimated focal length over that of the query; 1 when it was not estimated, None when it is not known.
     #[pyo3(get)]
     focal_scale: Option<f64>,
+    /// Estimated principal point minus that of the query, pixels; `(0, 0)` when it was not estimated, None when it is
+    /// not known.
+    #[pyo3(get)]
+    principal_shift_px: Option<(f64, f64)>,
     /// Use of gravity: `"used"`; `"unused"` when the map has no down direction; None when the query has no gravity.
     #[pyo3(get)]
     gravity: Option<&'static str>,
@@ -125,6 +129,7 @@ impl Answer {
             iterations: 0,
             noise_px: None,
             focal_scale: None,
+            principal_shift_px: None,
             gravity: None,
             retrieved: Vec::new(),
             ms: BTreeMap::new(),
@@ -140,6 +145,7 @@ impl Answer {
             iterations: found.hypotheses,
             noise_px: Some(found.noise_px),
             focal_scale: Some(found.focal_scale),
+            principal_shift_px: Some(found.principal_shift_px.into()),
             gravity: match found.gravity {
                 GravityUse::NotProvided => None,
                 GravityUse::Used => Some("used"),
@@ -191,6 +197,7 @@ impl Answer {
             iterations: answer.hypotheses as usize,
             noise_px: answer.fit.map(|fit| fit.noise_px),
             focal_scale: answer.fit.map(|fit| fit.focal_scale),
+            principal_shift_px: answer.fit.map(|fit| fit.principal_shift_px.into()),
             gravity: None,
             retrieved: Vec::new(),
             ms: times(answer.times.retrieve_ms, answer.times.match_ms, answer.times.pose_ms),

@@ -205,6 +205,8 @@ export interface Answer {
   position_sd?: number | null;
   noise_px?: number;
   focal_scale?: number;
+  /** Estimated principal point minus that of the query, pixels; 0 when it was not estimated. */
+  principal_shift_px?: [number, number];
   trusted: boolean;
   doubts: { kind: string; text: string }[];
   confidence: { log_evidence: number | null; margin: number | null };

@@ -152,6 +152,10 @@ class Answer:
     def focal_scale(self) -> float | None:
         """Estimated focal length over that of the query; 1 when it was not estimated, None when it is not known."""
     @property
+    def principal_shift_px(self) -> tuple[float, float] | None:
+        """Estimated principal point minus that of the query, pixels; `(0, 0)` when it was not estimated, None when it is
+        not known."""
+    @property
     def gravity(self) -> str | None:
         """Use of gravity: `"used"`; `"unused"` when the map has no down direction; None when the query has no gravity."""
     @property

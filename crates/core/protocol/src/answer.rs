@@ -92,6 +92,8 @@ pub struct AnswerFit {
     pub noise_px: f64,
     /// Estimated focal length divided by that of the query; 1 when it was not estimated.
     pub focal_scale: f64,
+    /// Estimated principal point minus that of the query, pixels of the query's camera; 0 when it was not estimated.
+    pub principal_shift_px: [f64; 2],
 }
 
 impl Answer {

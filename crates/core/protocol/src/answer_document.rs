@@ -40,6 +40,9 @@ pub struct AnswerDocument {
     /// Estimated focal length divided by that of the query, 1 when it was not estimated; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_scale: Option<f64>,
+    /// Estimated principal point minus that of the query, pixels, 0 when it was not estimated; absent as above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub principal_shift_px: Option<[f64; 2]>,
     /// Whether there are no doubts about the pose. A pose that is not trusted should not be shown to a user.
     pub trusted: bool,
     /// Reasons not to trust the pose; may be empty.
@@ -120,6 +123,7 @@ impl AnswerDocument {
             position_sd: pose.map(AnswerPose::position_sd),
             noise_px: answer.fit.map(|fit| fit.noise_px),
             focal_scale: answer.fit.map(|fit| fit.focal_scale),
+            principal_shift_px: answer.fit.map(|fit| fit.principal_shift_px),
             trusted: answer.trusted,
             doubts: answer.doubts.iter().map(doubt).collect(),
             confidence: ConfidenceDocument { log_evidence: answer.log_evidence, margin: answer.margin },

@@ -61,6 +61,8 @@ struct AnswerMessage {
     noise_px: Option<f64>,
     #[prost(double, optional, tag = "17")]
     focal_scale: Option<f64>,
+    #[prost(double, repeated, tag = "18")]
+    principal_shift_px: Vec<f64>,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -108,6 +110,7 @@ impl Answer {
             padding: None,
             noise_px: self.fit.map(|fit| fit.noise_px),
             focal_scale: self.fit.map(|fit| fit.focal_scale),
+            principal_shift_px: self.fit.map_or_else(Vec::new, |fit| fit.principal_shift_px.to_vec()),
         }
     }
 
@@ -136,13 +139,14 @@ impl Answer {
                 if value.is_nan() { Err(invalid(field, "a number", "NaN")) } else { Ok(value) }
             },
         );
+        let fit = fit(&message)?;
         let answer = Self {
             pose,
             trusted,
             doubts: message.doubts.into_iter().map(doubt).collect::<Result<_, _>>()?,
             log_evidence: log_evidence?,
             margin: margin?,
-            fit: fit(message.noise_px, message.focal_scale)?,
+            fit,
             inliers: present("inliers", message.inliers)?,
             matches: present("matches", message.matches)?,
             hypotheses: present("hypotheses", message.hypotheses)?,
@@ -174,9 +178,10 @@ fn pose(message: &AnswerMessage) -> Result<AnswerPose, QueryError> {
     })
 }
 
-/// Both numbers or neither.
-fn fit(noise_px: Option<f64>, focal_scale: Option<f64>) -> Result<Option<AnswerFit>, QueryError> {
-    if noise_px.is_none() && focal_scale.is_none() {
+/// All three fields or none.
+fn fit(message: &AnswerMessage) -> Result<Option<AnswerFit>, QueryError> {
+    let AnswerMessage { noise_px, focal_scale, principal_shift_px, .. } = message;
+    if noise_px.is_none() && focal_scale.is_none() && principal_shift_px.is_empty() {
         return Ok(None);
     }
     let above_zero = |field: &'static str, value: Option<f64>| {
@@ -188,8 +193,9 @@ fn fit(noise_px: Option<f64>, focal_scale: Option<f64>) -> Result<Option<AnswerF
         }
     };
     Ok(Some(AnswerFit {
-        noise_px: above_zero("noise_px", noise_px)?,
-        focal_scale: above_zero("focal_scale", focal_scale)?,
+        noise_px: above_zero("noise_px", *noise_px)?,
+        focal_scale: above_zero("focal_scale", *focal_scale)?,
+        principal_shift_px: numbers("principal_shift_px", principal_shift_px, f64::is_finite)?,
     }))
 }
 

@@ -9,7 +9,7 @@ use veiloc_protocol::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, D
 /// The answer for one query. `queue_ms`: time the query waited in the queue, milliseconds.
 pub(crate) fn answer_of(result: &Localization, queue_ms: f64) -> Answer {
     Answer {
-        fit: fit(result.noise_px, result.focal_scale),
+        fit: fit(result.noise_px, result.focal_scale, result.principal_shift_px),
         inliers: count(result.inliers),
         matches: count(result.matches),
         hypotheses: count(result.hypotheses),
@@ -26,7 +26,10 @@ pub(crate) fn answer_of(result: &Localization, queue_ms: f64) -> Answer {
 /// The answer for a rig: the pose is the pose of the rig, and counts are sums over all frames.
 pub(crate) fn answer_of_rig(result: &RigLocalization, queue_ms: f64) -> Answer {
     Answer {
-        fit: result.noise_px().zip(result.focal_scale()).and_then(|(noise, focal)| fit(noise, focal)),
+        fit: result
+            .noise_px()
+            .zip(result.focal_scale())
+            .and_then(|(noise, focal)| fit(noise, focal, [0.0; 2])),
         inliers: count(result.frames.iter().map(|f| f.inliers).sum()),
         matches: count(result.frames.iter().map(|f| f.matches).sum()),
         hypotheses: count(result.hypotheses),
@@ -79,9 +82,9 @@ fn count(n: usize) -> u32 {
 }
 
 /// `None` when noise or focal scale could not be estimated.
-fn fit(noise_px: f64, focal_scale: f64) -> Option<AnswerFit> {
+fn fit(noise_px: f64, focal_scale: f64, principal_shift_px: [f64; 2]) -> Option<AnswerFit> {
     let is_known = [noise_px, focal_scale].iter().all(|value| value.is_finite() && *value > 0.0);
-    is_known.then_some(AnswerFit { noise_px, focal_scale })
+    is_known.then_some(AnswerFit { noise_px, focal_scale, principal_shift_px })
 }
 
 const fn kind_of(doubt: &Doubt) -> DoubtKind {

@@ -22,7 +22,7 @@ fn answers_match_the_schema() {
         for field in descriptor.fields() {
             let expected = match field.name() {
                 "doubts" => doubts > 0,
-                "noise_px" | "focal_scale" => ours.fit.is_some(),
+                "noise_px" | "focal_scale" | "principal_shift_px" => ours.fit.is_some(),
                 _ => true,
             };
             assert_eq!(message.has_field(&field), expected, "{}", field.full_name());
@@ -44,6 +44,7 @@ fn answers_match_the_schema() {
                 (value("noise_px"), value("focal_scale")),
                 (Value::F64(fit.noise_px), Value::F64(fit.focal_scale))
             );
+            assert_eq!(value("principal_shift_px"), list(&fit.principal_shift_px));
         }
         assert_eq!(Answer::decode(&bytes).expect("own bytes"), ours);
     }
@@ -102,7 +103,7 @@ fn only_doubtful_poses_can_be_withheld() {
     let part = [&whole[..5], &whole[5 + rotation..]].concat();
     assert!(matches!(Answer::decode(&part), Err(QueryError::NotCanonical { .. })));
     let wrong = |noise_px, focal_scale| {
-        let fit = Some(AnswerFit { noise_px, focal_scale });
+        let fit = Some(AnswerFit { noise_px, focal_scale, principal_shift_px: [0.0; 2] });
         Answer::decode(&Answer { fit, ..answer(1, 0) }.encode())
     };
     for (noise, scale, field) in [

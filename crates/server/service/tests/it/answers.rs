@@ -60,6 +60,7 @@ fn answer_equals_library_result() {
     // The answer has the fit, and JSON has the same content except for the times.
     let fit = answer.fit.expect("a fit");
     assert_eq!((fit.noise_px, fit.focal_scale), (expected.noise_px, expected.focal_scale));
+    assert_eq!(fit.principal_shift_px, expected.principal_shift_px);
     let response = server.localize(&query, PHONE);
     assert_eq!((response.status, response.header("content-type")), (200, Some("application/json")));
     let mut response = response.json();

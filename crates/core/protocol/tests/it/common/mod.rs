@@ -218,7 +218,10 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
 
 /// The same answer with its fit.
 pub(crate) fn answer_with_fit(seed: u64, doubts: usize) -> Answer {
-    Answer { fit: Some(AnswerFit { noise_px: 0.75, focal_scale: 1.03125 }), ..answer(seed, doubts) }
+    Answer {
+        fit: Some(AnswerFit { noise_px: 0.75, focal_scale: 1.03125, principal_shift_px: [12.5, -0.75] }),
+        ..answer(seed, doubts)
+    }
 }
 
 /// The known answers without their file extensions: of a service that does not report the fit, of one that does, and
