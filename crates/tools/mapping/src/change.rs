@@ -15,6 +15,7 @@ use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::frames::{FrameReport, MAX_TESTED, OnOtherFrame, ReferenceMap, refused};
+use crate::image_names::NameIndex;
 use crate::input::Input;
 use crate::matching::Edges;
 use crate::options::for_images;
@@ -45,9 +46,9 @@ pub fn add(
     refuse_compressed(model)?;
     let extractors = input.extractors().cloned().unwrap_or_default();
     let extractor = extractors.of_kind(model.profile.descriptor_kind())?;
-    let there: BTreeSet<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
+    let mapped = NameIndex::new(model.images.iter().map(|i| (i.name.as_str(), ())));
     let prefix = input.prefix();
-    let checked = input.check(|name| there.contains(format!("{prefix}{name}").as_str()))?;
+    let checked = input.check(|name| mapped.get(&format!("{prefix}{name}")).is_some())?;
     let global = match model.profile.global_model() {
         GlobalModel::Vlad(_) => None,
         GlobalModel::Named(model_of_map) => {
@@ -219,13 +220,18 @@ fn images_to_remove(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>,
     if names.is_empty() {
         return Err(MappingError::EmptyList);
     }
-    let index: BTreeMap<&str, u32> = model.images.iter().map(|i| i.name.as_str()).zip(0..).collect();
-    let absent: Vec<String> = names.iter().filter(|n| !index.contains_key(n.as_str())).cloned().collect();
-    if !absent.is_empty() {
-        return Err(MappingError::NotInMap { names: absent });
+    let index = NameIndex::new(model.images.iter().map(|i| i.name.as_str()).zip(0..));
+    let (mut images_to_remove, mut absent) = (BTreeSet::new(), Vec::new());
+    let mut duplicate = None;
+    for name in names {
+        match index.get(name) {
+            None => absent.push(name.clone()),
+            Some(image) if !images_to_remove.insert(image) => duplicate = duplicate.or(Some(name)),
+            Some(_) => {}
+        }
     }
-    let mut images_to_remove = BTreeSet::new();
-    match names.iter().find(|name| !images_to_remove.insert(index[name.as_str()])) {
+    match duplicate {
+        _ if !absent.is_empty() => Err(MappingError::NotInMap { names: absent }),
         Some(name) => Err(MappingError::DuplicateName { name: name.clone() }),
         None => Ok(images_to_remove),
     }

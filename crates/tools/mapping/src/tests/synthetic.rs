@@ -235,6 +235,19 @@ fn invalid_removals_leave_map_unchanged() {
     }
 }
 
+#[test]
+fn removed_images_are_found_in_other_spellings() {
+    let mut model = map_of(&known_scene(4, 60), &BuildSettings::default());
+    model.images[0].name = "Ku\u{308}che.jpg".to_owned();
+    model.images[1].name = r"cam0\a.jpg".to_owned();
+    let names = ["K\u{fc}che.jpg", "cam0/a.jpg"].map(str::to_owned);
+    let twice = [names[0].clone(), model.images[0].name.clone()];
+    let error = remove(&mut model, &twice, VocabularyUpdate::Keep, &()).unwrap_err().to_string();
+    assert!(error.contains("in the list twice"), "{error}");
+    remove(&mut model, &names, VocabularyUpdate::Keep, &()).unwrap();
+    assert_eq!(model.images.iter().map(|i| i.name.as_str()).collect::<Vec<_>>(), ["2.jpg", "3.jpg"]);
+}
+
 /// A map is changed with the settings of its build.
 #[test]
 fn changes_use_the_build_settings() {
