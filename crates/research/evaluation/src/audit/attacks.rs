@@ -77,7 +77,7 @@ const OF_SERVER: AttackRequirements = AttackRequirements { pose: true, ..AttackR
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
-pub const ATTACKS: [Attack; 17] = [
+pub const ATTACKS: [Attack; 18] = [
     Attack::PRIOR,
     Attack {
         name: "learned-prior",
@@ -145,6 +145,13 @@ pub const ATTACKS: [Attack; 17] = [
         holds: SERVER,
         needs: OF_SERVER,
         run: |a, _| Ok(iterative(a.observations, a.neighbours, a.size.0, a.size.1)?.into()),
+    },
+    Attack {
+        name: "hole",
+        words: "rows where the map should have been seen and was not",
+        holds: SERVER,
+        needs: AttackRequirements { pose: true, ..AttackRequirements::NOTHING },
+        run: |a, _| Ok(a.in_the_hole()),
     },
     Attack {
         name: "guided-transfer",
@@ -247,14 +254,13 @@ fn guided(a: &AttackInput<'_>) -> Result<RecoveredPositions, EvalError> {
     let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();
     let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
     let plain = a.transferred();
-    Ok(RecoveredPositions {
-        accepted: Some(found.iter().map(GuidedEstimate::is_accepted).collect()),
-        pixels: found
-            .iter()
-            .zip(plain)
-            .map(|(g, plain)| g.pixel.filter(|_| g.is_accepted()).unwrap_or(plain))
-            .collect(),
-    })
+    let accepted = Some(found.iter().map(GuidedEstimate::is_accepted).collect());
+    let pixels: Vec<_> = found
+        .iter()
+        .zip(plain)
+        .map(|(g, plain)| g.pixel.filter(|_| g.is_accepted()).unwrap_or(plain))
+        .collect();
+    Ok(RecoveredPositions { accepted, ..pixels.into() })
 }
 
 /// Compares names.

@@ -6,7 +6,8 @@ use crate::audit::multi_view::{FrameChoice, multi_view_answers};
 use crate::audit::server_view::ServerView;
 use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{
-    DecodedDescriptors, Density, KnownImage, NeighbourLists, Observation, TransferredPositions, prior_only,
+    DecodedDescriptors, Density, KnownImage, MapVisibility, NeighbourLists, Observation,
+    TransferredPositions, hole, prior_only,
 };
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
@@ -59,11 +60,13 @@ pub struct RecoveredPositions {
     pub pixels: Vec<Pixel>,
     /// Which answers the attack accepts.
     pub accepted: Option<Vec<bool>>,
+    /// Probability that a keypoint belongs to something that hides the map, if the attack estimates it.
+    pub hiding: Option<Vec<f64>>,
 }
 
 impl From<Vec<Pixel>> for RecoveredPositions {
     fn from(pixels: Vec<Pixel>) -> Self {
-        Self { pixels, accepted: None }
+        Self { pixels, accepted: None, hiding: None }
     }
 }
 
@@ -116,11 +119,22 @@ impl AttackInput<'_> {
         }
         let prior = self.prior_only();
         let Some(found) = multi_view_answers(self.views, self.images, self.own, frames, self.choice)? else {
-            return Ok(RecoveredPositions { accepted: Some(vec![false; prior.len()]), pixels: prior });
+            let accepted = Some(vec![false; prior.len()]);
+            return Ok(RecoveredPositions { accepted, ..prior.into() });
         };
-        Ok(RecoveredPositions {
-            accepted: Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect()),
-            pixels: found.iter().zip(prior).map(|(s, prior)| s.pixel.unwrap_or(prior)).collect(),
-        })
+        let pixels: Vec<Pixel> = found.iter().zip(prior).map(|(s, prior)| s.pixel.unwrap_or(prior)).collect();
+        let accepted = Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect());
+        Ok(RecoveredPositions { accepted, ..pixels.into() })
+    }
+
+    /// Positions where the map should have been seen and was not; the prior-only baseline without a pose.
+    pub(crate) fn in_the_hole(&self) -> RecoveredPositions {
+        let pose = self.views.get(self.own).and_then(|view| view.pose.as_ref());
+        let map = pose.map_or_else(MapVisibility::default, |pose| MapVisibility {
+            expected: pose.expected.clone(),
+            confirmed: pose.known.iter().map(|(at, _)| *at).collect(),
+        });
+        let found = hole(self.observations, &map, self.size.0, self.size.1);
+        RecoveredPositions { hiding: Some(found.inside), ..found.pixels.into() }
     }
 }

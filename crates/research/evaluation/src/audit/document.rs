@@ -98,6 +98,10 @@ pub struct AttackSummary {
     /// Share of accepted answers with an error under 10 px, 0 to 1; absent without accepted answers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accepted_under_10px: Option<f64>,
+    /// With a private region: how well the attack tells its keypoints from others that the map does not explain, as the
+    /// area under the ROC curve, median over images; absent if it does not estimate this.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hiding_auc: Option<f64>,
     /// Milliseconds per image, median, without the search for neighbours.
     pub ms: f64,
 }
@@ -196,5 +200,14 @@ fn accepted(document: &AttackDocument) -> String {
             100.0 * under
         ))
     };
-    document.attacks.iter().filter_map(one).collect()
+    let accepted: String = document.attacks.iter().filter_map(one).collect();
+    let hiding = |a: &AttackSummary| {
+        let auc = a.hiding_auc?;
+        Some(format!(
+            "\n{} on {}: tells keypoints of the private region from others that the map does not explain with an area \
+             under the ROC curve of {auc:.2}\n",
+            a.attack, a.scheme
+        ))
+    };
+    accepted + &document.attacks.iter().filter_map(hiding).collect::<String>()
 }

@@ -88,6 +88,9 @@ pub enum MeasuredKeypoints {
 pub struct ServerKnowledge {
     /// Matches with the map, one problem for each attacked image by its name.
     pub problems: Vec<PathBuf>,
+    /// Matches of the map's own images, from which a server knows what should be seen from where; empty to take those
+    /// of the other attacked images.
+    pub map_problems: Vec<PathBuf>,
     /// Share of the keypoints, 0 to 1, in a compact region that is missing from the map, such as a person; errors are
     /// then measured on that region.
     pub private: Option<f64>,

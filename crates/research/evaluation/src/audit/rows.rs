@@ -20,6 +20,9 @@ pub(super) struct Row {
     pub(super) errors: Vec<f64>,
     /// Errors of accepted answers, if the attack rates them.
     pub(super) accepted: Option<Vec<f64>>,
+    /// For each image, how well the attack tells the measured keypoints from others that the map does not explain, if it
+    /// estimates what hides the map.
+    pub(super) hiding_auc: Vec<f64>,
     /// Bits times keypoints, summed over images.
     pub(super) bits: f64,
     pub(super) ms: Vec<f64>,
@@ -88,6 +91,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) ->
                 frames,
                 errors: Vec::new(),
                 accepted: None,
+                hiding_auc: Vec::new(),
                 bits: 0.0,
                 ms: Vec::new(),
             });
@@ -124,6 +128,7 @@ pub(super) fn summary(row: &Row, images: usize) -> AttackSummary {
         accepted: accepted.map(|b| b.count as f64 / errors.count.max(1) as f64),
         accepted_median_px: accepted.filter(|b| b.count > 0).map(|b| b.median_px),
         accepted_under_10px: accepted.filter(|b| b.count > 0).map(|b| b.under_10px),
+        hiding_auc: (!row.hiding_auc.is_empty()).then(|| median(&row.hiding_auc)),
         ms: median(&row.ms),
     }
 }

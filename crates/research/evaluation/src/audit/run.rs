@@ -190,6 +190,19 @@ pub fn attack_groups(
     })
 }
 
+/// Probability that a value of the first list is larger than one of the second; ties count half. `None` if one is empty.
+fn area_under_curve(above: Vec<f64>, below: &[f64]) -> Option<f64> {
+    let mut sorted = below.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let wins = |value: &f64| {
+        let less = sorted.partition_point(|other| other < value);
+        let equal = sorted.partition_point(|other| other <= value) - less;
+        less as f64 + 0.5 * equal as f64
+    };
+    let pairs = (above.len() * below.len()) as f64;
+    (pairs > 0.0).then(|| above.iter().map(wins).sum::<f64>() / pairs)
+}
+
 /// Views of these images by scheme.
 fn server_views(
     evaluation: &AttackEvaluation,
@@ -286,6 +299,13 @@ fn attack_image(
             row.accepted.get_or_insert_default().extend(sure);
         }
         let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
+        if let (Some(hiding), Some(view)) = (&answers.hiding, view) {
+            let unexplained = |i: &usize| view.known[*i].is_none();
+            let (own, others): (Vec<usize>, Vec<usize>) =
+                (0..all.len()).filter(unexplained).partition(|i| view.measured[*i]);
+            let of = |rows: &[usize]| rows.iter().map(|i| hiding[*i]).collect::<Vec<f64>>();
+            row.hiding_auc.extend(area_under_curve(of(&own), &of(&others)));
+        }
         if row.attack == Attack::PRIOR {
             sent.prior_errors.clone_from(&errors);
         }

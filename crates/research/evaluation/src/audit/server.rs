@@ -9,7 +9,9 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
-use veiloc_geometry::{Pixel, PlanePoint};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint, Point3};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_protocol::{Observations, Scheme};
@@ -29,8 +31,23 @@ use veiloc_datasets::problem_files::{Problem, read_problems};
 pub(super) struct Server<'a> {
     knowledge: &'a ServerKnowledge,
     problems: BTreeMap<String, Problem>,
+    /// What images of the map, or the other attacked images, saw of it.
+    sights: Vec<MapSight>,
 }
 
+/// One image of the map.
+struct MapSight {
+    name: String,
+    cam_from_world: CameraFromWorld,
+    points: Vec<Point3<World>>,
+}
+
+/// Images of the map that tell what should be seen.
+const NEAR_SIGHTS: usize = 6;
+/// Cosine of the angle between their viewing directions and that of the query.
+const MIN_COSINE: f64 = 0.7;
+/// Reprojection error of a point that an image of the map saw, pixels.
+const MAX_SIGHT_ERROR_PX: f64 = 3.0;
 /// Factors by which the depth limits extend the depths of the inliers.
 const NEARER: f64 = 0.5;
 const FARTHER: f64 = 2.0;
@@ -42,7 +59,42 @@ impl<'a> Server<'a> {
         for file in &knowledge.problems {
             problems.extend(read_problems(file)?.into_iter().map(|p| (p.name.clone(), p)));
         }
-        Ok(Self { knowledge, problems })
+        let mut sights: Vec<MapSight> = Vec::new();
+        for file in &knowledge.map_problems {
+            sights.extend(read_problems(file)?.iter().map(MapSight::of));
+        }
+        if knowledge.map_problems.is_empty() {
+            sights.extend(problems.values().map(MapSight::of));
+        }
+        Ok(Self { knowledge, problems, sights })
+    }
+
+    /// Map points that should be seen from this pose, because the nearest images that look into this direction saw
+    /// them: projections into the image, without that of this name.
+    fn expected(&self, name: &str, camera: &Pinhole, cam_from_world: &CameraFromWorld) -> Vec<Pixel> {
+        let axis = |pose: &CameraFromWorld| pose.rotation().inverse() * Vector3::z();
+        let looks_along =
+            |sight: &&MapSight| axis(&sight.cam_from_world).dot(&axis(cam_from_world)) > MIN_COSINE;
+        let center = cam_from_world.center();
+        let mut near: Vec<(f64, &MapSight)> = self
+            .sights
+            .iter()
+            .filter(|sight| sight.name != name)
+            .filter(looks_along)
+            .map(|sight| (sight.cam_from_world.center().distance(&center), sight))
+            .collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.name.cmp(&b.1.name)));
+        let points = near.iter().take(NEAR_SIGHTS).flat_map(|(_, sight)| &sight.points);
+        let distinct: BTreeMap<[u64; 3], &Point3<World>> =
+            points.map(|p| (<[f64; 3]>::from(p.coords).map(f64::to_bits), p)).collect();
+        let project = |point: &&Point3<World>| {
+            let plane = PlanePoint::from_camera_point(&cam_from_world.transform(point))?;
+            let pixel = camera.project(plane);
+            let inside = (0.0..f64::from(camera.width)).contains(&pixel.u)
+                && (0.0..f64::from(camera.height)).contains(&pixel.v);
+            inside.then_some(pixel)
+        };
+        distinct.values().filter_map(project).collect()
     }
 
     /// The server's view of one image. A missing pose is a result, not an error.
@@ -104,6 +156,7 @@ impl<'a> Server<'a> {
             depths.sort_unstable_by(f64::total_cmp);
             if let (Some(least), Some(most)) = (depths.first(), depths.last()) {
                 pose = Some(PosedView {
+                    expected: self.expected(name, &input.camera, &found.cam_from_world),
                     camera: input.camera,
                     cam_from_world: found.cam_from_world,
                     depths: [NEARER * least, FARTHER * most],
@@ -130,6 +183,22 @@ impl<'a> Server<'a> {
             }
         };
         Ok(ServerView { observed, sent: lines, observations, known, measured, pose })
+    }
+}
+
+impl MapSight {
+    /// The points that the image saw: matches that agree with its pose.
+    fn of(problem: &Problem) -> Self {
+        let agrees = |(keypoint, point): (&usize, &Point3<World>)| {
+            let seen = problem.cam_from_world.transform(point);
+            let at = problem.camera.project(PlanePoint::from_camera_point(&seen)?);
+            (at.distance(&problem.keypoints[*keypoint]) < MAX_SIGHT_ERROR_PX).then_some(*point)
+        };
+        Self {
+            name: problem.name.clone(),
+            cam_from_world: problem.cam_from_world,
+            points: problem.keypoint_of_match.iter().zip(&problem.points).filter_map(agrees).collect(),
+        }
     }
 }
 

@@ -28,4 +28,6 @@ pub(crate) struct PosedView {
     pub(crate) depths: [f64; 2],
     /// Map points that the server sees: position in pixels, depth in map units.
     pub(crate) known: Vec<(Pixel, f64)>,
+    /// Map points that images near this one saw, projected: they should be seen.
+    pub(crate) expected: Vec<Pixel>,
 }

@@ -175,6 +175,7 @@ impl AdversaryArgs {
             corrupt: self.corrupt.clone(),
             server: (!self.server_matches.is_empty()).then(|| ServerKnowledge {
                 problems: self.server_matches.clone(),
+                map_problems: Vec::new(),
                 private: self.private.map(|percent| percent / 100.0),
                 measured: match self.measure {
                     MeasureArg::Hidden => MeasuredKeypoints::Hidden,

@@ -18,7 +18,11 @@ pub enum Adversary {
     MapServer,
     /// A server that has found the pose and predicts neighbours; errors are measured on what its map does not show.
     PoseServer,
-    /// The same, with the keypoints of all map images.
+    /// The same; errors are measured on something in front of the scene that no image of the map shows, such as a
+    /// person.
+    PoseServerPrivate,
+    /// A server that has found the pose, with the keypoints of all map images; errors are measured as for
+    /// [`Self::PoseServer`].
     PoseServerImages,
     /// A server that has found the poses of several queries of the scene, with anchors fixed in each image; errors
     /// are measured as for the previous ones.
@@ -32,12 +36,13 @@ pub enum Adversary {
 
 impl Adversary {
     /// All adversaries, in the order of tables.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::OutsiderStatistic,
         Self::OutsiderNeighbours,
         Self::OutsiderNetwork,
         Self::MapServer,
         Self::PoseServer,
+        Self::PoseServerPrivate,
         Self::PoseServerImages,
         Self::SeveralFrames,
         Self::SeveralSeals,
@@ -57,6 +62,7 @@ impl Adversary {
             Self::OutsiderNetwork => "outsider-network",
             Self::MapServer => "map-server",
             Self::PoseServer => "pose-server",
+            Self::PoseServerPrivate => "pose-server-private",
             Self::PoseServerImages => "pose-server-images",
             Self::SeveralFrames => "several-frames",
             Self::SeveralSeals => "several-seals",
@@ -72,6 +78,9 @@ impl Adversary {
             Self::OutsiderNetwork => "a network that predicts positions, trained on other scenes",
             Self::MapServer => "images of the map, with keypoints",
             Self::PoseServer => "the map and the query's pose",
+            Self::PoseServerPrivate => {
+                "the same, measured on a tenth of the keypoints that hides the map, as a person"
+            }
             Self::PoseServerImages => "the query's pose and the map's images",
             Self::SeveralFrames => "poses of two or eight queries of the scene",
             Self::SeveralSeals => "eight seals of one image",
@@ -81,7 +90,14 @@ impl Adversary {
 
     /// Whether it needs a map of the scene.
     pub const fn needs_map(self) -> bool {
-        matches!(self, Self::MapServer | Self::PoseServer | Self::PoseServerImages | Self::SeveralFrames)
+        matches!(
+            self,
+            Self::MapServer
+                | Self::PoseServer
+                | Self::PoseServerPrivate
+                | Self::PoseServerImages
+                | Self::SeveralFrames
+        )
     }
 
     /// Its attacks, by their names in [`crate::audit::ATTACKS`].
@@ -93,6 +109,7 @@ impl Adversary {
             Self::OutsiderNetwork => &["trained-positions"],
             Self::MapServer => &["transfer"],
             Self::PoseServer => &["server-side-points", "iterative"],
+            Self::PoseServerPrivate => &["hole", "server-side-points", "iterative"],
             Self::PoseServerImages => &["guided-transfer"],
             Self::SeveralFrames => &["several-frames"],
             Self::SeveralSeals => &["resting-camera"],

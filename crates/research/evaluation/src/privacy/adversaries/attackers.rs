@@ -19,6 +19,8 @@ use super::keypoints::AttackedKeypoints;
 /// Numbers of frames, or of seals of one image, for adversaries with several: limited by the available number.
 const FRAMES: [usize; 2] = [2, 8];
 const SEALS: usize = 8;
+/// Share of the keypoints on a person.
+const PRIVATE_SHARE: f64 = 0.1;
 
 /// The attacked keypoints and the resources of adversaries.
 pub(crate) struct Attackers<'a> {
@@ -53,6 +55,8 @@ pub(crate) struct Gain {
     pub(crate) precision: Option<f64>,
     /// Share of all keypoints on which errors are measured.
     pub(crate) measured: f64,
+    /// [`AttackSummary::hiding_auc`] of the attack that estimates it.
+    pub(crate) hiding_auc: Option<f64>,
 }
 
 /// One attack of an adversary with its gain.
@@ -144,7 +148,8 @@ impl Attackers<'_> {
         let knowing = || {
             scene.map(|scene| ServerKnowledge {
                 problems: vec![scene.problems.clone()],
-                private: None,
+                map_problems: vec![scene.map_problems.clone()],
+                private: (adversary == Adversary::PoseServerPrivate).then_some(PRIVATE_SHARE),
                 measured: MeasuredKeypoints::Hidden,
             })
         };
@@ -168,7 +173,7 @@ impl Attackers<'_> {
                 attack.neighbours = NeighbourSource::Transferred;
                 images.extend(map());
             }
-            Adversary::PoseServer => {
+            Adversary::PoseServer | Adversary::PoseServerPrivate => {
                 // The server's own map trains the predictor of neighbours.
                 attack.neighbours =
                     NeighbourSource::Predicted { train: scene.iter().map(|p| p.map_file.clone()).collect() };
@@ -216,6 +221,7 @@ fn gain(found: &AttackDocument, scheme: &str) -> Option<(String, Gain)> {
         prior: prior.clone(),
         tried: tried().map(AttackGain::of).collect(),
         precision: found.precision,
+        hiding_auc: of_scheme().find_map(|a| a.hiding_auc),
         measured: found.server.iter().find(|s| s.scheme == scheme).map_or(1.0, |s| s.measured),
     };
     Some((scheme.to_owned(), gain))

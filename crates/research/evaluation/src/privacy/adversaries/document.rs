@@ -48,7 +48,7 @@ pub struct AdversaryRow {
     /// Number of attacked images.
     pub images: usize,
     /// Share of their keypoints on which errors are measured, 0 to 1: for a server that knows its map, the keypoints
-    /// that the map does not show.
+    /// that the map does not show, or those of the private region.
     pub measured: f64,
     /// Precision of its predicted neighbours, 0 to 1; absent for an oracle, and if no neighbours are used.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -63,6 +63,10 @@ pub struct AdversaryRow {
     pub under_30px: f64,
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
+    /// How well the attack `hole` tells the private keypoints from others that the map does not explain, as the area under
+    /// the ROC curve; absent for other adversaries.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hiding_auc: Option<f64>,
     /// All its attacks.
     pub attacks: Vec<AttackGain>,
 }
@@ -111,6 +115,7 @@ impl AdversariesDocument {
                 under_10px: gain.best.under_10px,
                 under_30px: gain.best.under_30px,
                 bits_over_prior: gain.best.bits_over_prior,
+                hiding_auc: gain.hiding_auc,
                 attacks: gain.tried,
             });
         }

@@ -27,6 +27,8 @@ pub(crate) struct SceneKnowledge {
     pub(crate) map: Vec<KeypointImage>,
     /// Matches of all queries with the map, `problems.jsonl`.
     pub(crate) problems: PathBuf,
+    /// Matches of the map's images with the map, likewise.
+    pub(crate) map_problems: PathBuf,
     /// Keypoints of [`Self::map`] as a file.
     pub(crate) map_file: PathBuf,
     _folder: TempDir,
@@ -45,8 +47,9 @@ impl AttackedKeypoints {
         let data = folder_name(source.images);
         let source = ProblemSource { query_list: &listed, ..*source };
         let mut made: Vec<GeneratedProblem> = make_problems(&source, progress)?;
-        let map: Vec<KeypointImage> =
-            made.split_off(queries.len()).into_iter().map(|m| m.keypoints).collect();
+        let of_map = made.split_off(queries.len());
+        let map_lines: Vec<String> = of_map.iter().map(|m| m.line.clone()).collect();
+        let map: Vec<KeypointImage> = of_map.into_iter().map(|m| m.keypoints).collect();
         let temporary = |source| EvalError::Io { path: std::env::temp_dir(), source };
         let folder = tempfile::tempdir().map_err(temporary)?;
         let write = |name: &str, bytes: std::io::Result<Vec<u8>>| {
@@ -59,6 +62,7 @@ impl AttackedKeypoints {
         let lines: Vec<String> = made.iter().map(|m| m.line.clone()).collect();
         let scene = SceneKnowledge {
             problems: write("problems.jsonl", json_lines::encode(&lines, false))?,
+            map_problems: write("map-problems.jsonl", json_lines::encode(&map_lines, false))?,
             map_file: write("map.jsonl", encode_keypoints(&map, false))?,
             map,
             _folder: folder,

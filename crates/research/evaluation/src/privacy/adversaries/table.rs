@@ -27,7 +27,7 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
     };
     format!(
         "{}\nEach adversary with its best attack; prior: the best answer from the single line. For servers with the pose,\n\
-         errors are measured on keypoints that their map does not show.\n\n{knows}{missing}",
+         errors are measured on keypoints that their map does not show, or on a private region of the image.\n\n{knows}{missing}",
         tables.join("\n")
     )
 }
@@ -43,7 +43,20 @@ fn of_data(document: &AdversariesDocument, data: &str) -> String {
         last = row.adversary;
     }
     let images = rows().map(|row| row.images).max().unwrap_or(0);
-    format!("{data}, {images} images attacked\n{}", table.render())
+    let told = |row: &AdversaryRow| {
+        row.hiding_auc.map(|auc| {
+            format!(
+                "{}, {}: a private row is told from others that the map does not explain with {auc:.2} (area under the ROC \
+                 curve)\n",
+                row.adversary, row.scheme
+            )
+        })
+    };
+    format!(
+        "{data}, {images} images attacked\n{}{}",
+        table.render(),
+        rows().filter_map(told).collect::<String>()
+    )
 }
 
 fn cells(row: &AdversaryRow, again: bool) -> Vec<String> {
@@ -81,6 +94,7 @@ mod tests {
             under_10px: 0.03,
             under_30px: 0.102,
             bits_over_prior: -0.61,
+            hiding_auc: None,
             attacks: Vec::new(),
         }
     }
@@ -92,13 +106,18 @@ mod tests {
             row("kitchen", Adversary::OutsiderStatistic, "dcl", None),
             row("kitchen", Adversary::SeveralFrames, "dcl", Some(8)),
             row("photos", Adversary::OutsiderStatistic, "dcl", None),
+            AdversaryRow {
+                hiding_auc: Some(0.951),
+                ..row("photos", Adversary::PoseServerPrivate, "dcl", None)
+            },
         ];
         let missing = vec![Adversary::OutsiderNeighbours, Adversary::MapServer];
         let document =
             AdversariesDocument { version: 1, command: "eval adversaries", k: 20, seed: 0, missing, rows };
         let text = adversaries_table(&document);
         assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
-        assert_eq!(text.matches("-0.61").count(), 4, "{text}");
+        assert_eq!(text.matches("-0.61").count(), 5, "{text}");
+        assert!(text.contains("explain with 0.95"), "{text}");
         assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
         assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
         assert!(text.contains("their resources are missing: outsider-neighbours, map-server"), "{text}");

@@ -110,6 +110,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
         corrupt: vec![0.0],
         server: Some(ServerKnowledge {
             problems: vec![problems.to_owned()],
+            map_problems: Vec::new(),
             private: None,
             measured: MeasuredKeypoints::Hidden,
         }),
