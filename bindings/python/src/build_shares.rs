@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::SelfTestTrial;
 use veiloc_mapping::{BuildOptions, BuildStage, Input, StageShare, prepare as prepare_share};
+use veiloc_pose::likelihood::{BestCamera, CameraEvidence};
 
 use crate::blocking::ProgressCallback;
 use crate::errors::{BindingError, Result};
@@ -74,26 +75,41 @@ pub(crate) fn prepare(
 }
 
 /// Pose of a map image in the self-test: step to the true pose, rows of the covariance and of its part from the camera
-/// model, whether it was trusted, noise in pixels. Private to `self_test_share` and `with_self_test`.
-pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64);
+/// model, whether it was trusted, noise in pixels, evidence about the camera. Private to `self_test_share` and `with_self_test`.
+pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64, Option<CameraParts>);
+
+/// The numbers of a [`CameraEvidence`] and of its best camera, in the order of their fields.
+type CameraParts = ([[f64; 6]; 6], [f64; 6], f64, Option<(f64, f64)>);
 
 /// One image: its index in the map, and a pose or None for each scheme.
 pub(crate) type ImageParts = (usize, Vec<Option<TrialParts>>);
 
 pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> ImageParts {
     let parts = |trial: SelfTestTrial| {
-        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px)
+        let camera = trial.camera_evidence.map(|camera| {
+            let best = camera.best.map(|best| (best.gain, best.shared_variance));
+            (camera.information, camera.gradient, camera.shared_variance, best)
+        });
+        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px, camera)
     };
     (image, trials.into_iter().map(|trial| trial.map(parts)).collect())
 }
 
 pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTrial>> {
-    let trial = |(step, covariance, camera_covariance, trusted, noise_px)| SelfTestTrial {
-        step,
-        covariance,
-        camera_covariance,
-        trusted,
-        noise_px,
+    let camera_evidence = |(information, gradient, shared_variance, best): CameraParts| CameraEvidence {
+        information,
+        gradient,
+        shared_variance,
+        best: best.map(|(gain, shared_variance)| BestCamera { gain, shared_variance }),
     };
+    let trial =
+        |(step, covariance, camera_covariance, trusted, noise_px, camera): TrialParts| SelfTestTrial {
+            step,
+            covariance,
+            camera_covariance,
+            trusted,
+            noise_px,
+            camera_evidence: camera.map(camera_evidence),
+        };
     parts.into_iter().map(|parts| parts.map(trial)).collect()
 }

@@ -5,7 +5,8 @@
 //! rotation. Many matches can distinguish both, because a rotation also changes the perspective.
 
 use crate::likelihood::{
-    CameraChange, CameraObjective, FocalPrior, FocalVerdict, Matches, PoseWithCamera, Symmetric6,
+    CameraChange, CameraEvidence, CameraObjective, CameraVerdict, FocalPrior, FocalVerdict, MapCameras,
+    Matches, PoseWithCamera, Symmetric6,
 };
 use crate::ransac::search::{Polished, Search};
 
@@ -20,6 +21,23 @@ pub(crate) struct CameraRefinement<'a> {
     pub(crate) covariance: Symmetric6,
     /// The verdict on the given focal length: as before, unless another camera was estimated.
     pub(crate) focal: FocalVerdict,
+    /// Whether the matches contradict the camera, and no other one was estimated.
+    pub(crate) is_contradicted: bool,
+    /// What the matches say about the given camera, if asked for.
+    pub(crate) evidence: Option<CameraEvidence>,
+}
+
+/// How the camera is tested.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CameraTest {
+    /// How well the camera is known.
+    pub(crate) known: FocalPrior,
+    /// Errors of the map's own cameras.
+    pub(crate) map: MapCameras,
+    /// Whether to return the evidence.
+    pub(crate) with_evidence: bool,
+    /// Whether the noise is estimated with the pose.
+    pub(crate) estimate_noise: bool,
 }
 
 impl<'a> CameraRefinement<'a> {
@@ -30,43 +48,56 @@ impl<'a> CameraRefinement<'a> {
         seen: &Matches<'a>,
         mut polished: Polished,
         factor: f64,
-        known: FocalPrior,
         mut focal: FocalVerdict,
-        estimate_noise: bool,
+        test: &CameraTest,
     ) -> Self {
         let mut at = PoseWithCamera { pose: polished.pose, change: CameraChange::of_focal(factor) };
         if !search.is_likelihood() {
             let covariance = [[0.0; 6]; 6];
-            return Self { search, polished, change: at.change, covariance, focal };
+            let change = at.change;
+            return Self {
+                search,
+                polished,
+                change,
+                covariance,
+                focal,
+                is_contradicted: false,
+                evidence: None,
+            };
         }
-        let better = Self::objective(&search, seen, &polished, known).better_camera(&at);
-        if let Some(other) = &better {
+        let objective = Self::objective(&search, seen, &polished, test);
+        let evidence = if test.with_evidence { objective.evidence(&at) } else { None };
+        let verdict = objective.test(&at);
+        if let CameraVerdict::Other(other) = &verdict {
             at.change = other.change.without_bending();
             search.fix_visible(seen.with_camera(at.change.pinhole(&seen.camera)));
-            polished = search.polish(&other.pose, estimate_noise);
+            polished = search.polish(&other.pose, test.estimate_noise);
             at.pose = polished.pose;
             // The focal length was refined with the rest of the camera.
             focal = FocalVerdict::Fine;
         }
-        let objective = Self::objective(&search, seen, &polished, known);
-        let covariance =
-            if better.is_some() { objective.covariance_of_estimated(&at) } else { objective.covariance(&at) };
-        Self { search, polished, change: at.change, covariance, focal }
+        let objective = Self::objective(&search, seen, &polished, test);
+        let covariance = match verdict {
+            CameraVerdict::Other(_) => objective.covariance_of_estimated(&at),
+            CameraVerdict::Fine | CameraVerdict::Contradicted => objective.covariance(&at),
+        };
+        let is_contradicted = verdict == CameraVerdict::Contradicted;
+        Self { search, polished, change: at.change, covariance, focal, is_contradicted, evidence }
     }
 
     fn objective<'s>(
         search: &'s Search<'a>,
         seen: &'s Matches<'a>,
         polished: &Polished,
-        known: FocalPrior,
+        test: &CameraTest,
     ) -> CameraObjective<'s> {
         CameraObjective {
             matches: seen,
             priors: search.priors(),
             active: search.possible(&polished.pose, polished.noise),
             noise: polished.noise,
-            known,
-            with_focal: known == FocalPrior::Calibrated,
+            map: test.map,
+            with_focal: test.known == FocalPrior::Calibrated,
         }
     }
 }

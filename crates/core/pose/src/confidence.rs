@@ -80,6 +80,9 @@ pub struct Confidence {
     /// A focal length, relative to the given one, that explains the matches better, but not enough to replace the given
     /// one; `None` when the given one is consistent or another was estimated.
     pub other_focal: Option<f64>,
+    /// Whether the matches contradict the camera of the query more than the map's own images contradict theirs, and no
+    /// other camera was estimated.
+    pub is_camera_contradicted: bool,
     /// Agreeing keypoints of the anchor that has most of them, and of all other anchors; `None` without anchors.
     pub sides: Option<[usize; 2]>,
 }
@@ -135,6 +138,9 @@ pub enum Doubt {
         /// [`Confidence::other_focal`].
         scale: f64,
     },
+    /// Another camera would explain the matches better: principal point, `fx / fy` or distortion are not what the query
+    /// says.
+    Camera,
     /// Nearly all agreeing lines belong to one anchor.
     OneSided {
         /// [`Confidence::sides`].
@@ -161,6 +167,10 @@ impl fmt::Display for Doubt {
                 f,
                 "the focal length seems to be wrong by {:.1} %; calibrate the camera, or say that it is not calibrated",
                 100.0 * (scale - 1.0).abs()
+            ),
+            Self::Camera => f.write_str(
+                "the camera seems to be wrong (principal point, fx/fy or distortion, as after cropping or scaling the \
+                 image); give the camera of the image as it is",
             ),
             Self::OneSided { sides: [a, b] } => {
                 write!(
@@ -229,6 +239,9 @@ impl Confidence {
         if let Some(scale) = self.other_focal {
             doubts.push(Doubt::FocalLength { scale });
         }
+        if self.is_camera_contradicted {
+            doubts.push(Doubt::Camera);
+        }
         if let Some(sides) = one_sided {
             doubts.push(Doubt::OneSided { sides });
         }
@@ -257,6 +270,7 @@ pub(crate) fn assess(
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
         other_focal: None,
+        is_camera_contradicted: false,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| richest(matches, inliers).1),
     };

@@ -3,14 +3,14 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::camera_refinement::CameraRefinement;
+use crate::camera_refinement::{CameraRefinement, CameraTest};
 use crate::confidence::{assess, free_direction};
 use crate::copies::WithoutCopies;
 use crate::error::PoseError;
 use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
-    Correspondences, FocalPrior, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale,
-    Symmetric6, free_along, with_shift,
+    Correspondences, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale, Symmetric6,
+    free_along, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
@@ -108,7 +108,7 @@ fn search_at<R: Rng + ?Sized>(
         return Err(PoseError::Stopped);
     }
     let start = found.model.map(|pose| PoseWithFocal { pose, factor });
-    conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
+    conclude(search, matches, start, found.samples, problem, options).map_err(|error| {
         if has_one_side(problem) { PoseError::OneSided { lines: matches.len() } } else { error }
     })
 }
@@ -159,7 +159,7 @@ fn optimize_checked(
         *initial
     };
     let start = Some(PoseWithFocal { pose: start, factor: 1.0 });
-    conclude(search, &matches, start, 0, problem.focal, options)
+    conclude(search, &matches, start, 0, problem, options)
 }
 
 /// The solver for hypotheses from anchored lines.
@@ -197,17 +197,25 @@ fn conclude<'a>(
     matches: &Matches<'a>,
     start: Option<PoseWithFocal>,
     hypotheses: usize,
-    focal: FocalPrior,
+    problem: &PoseProblem,
     options: &PoseOptions,
 ) -> Result<PoseEstimate, PoseError> {
+    let focal = problem.focal;
     let no_consensus =
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
     let Some(start) = start else { return Err(no_consensus(0)) };
     let seen = matches.visible_from(&start.pose);
     let FocalRefinement { search, polished, factor, verdict } =
         FocalRefinement::new(search, &seen, &start, focal, options.estimate_noise);
-    let CameraRefinement { search, polished, change, covariance: camera_covariance, focal: verdict } =
-        CameraRefinement::new(search, &seen, polished, factor, focal, verdict, options.estimate_noise);
+    let test = CameraTest {
+        known: focal,
+        map: problem.map_cameras,
+        with_evidence: options.camera_evidence,
+        estimate_noise: options.estimate_noise,
+    };
+    let camera = CameraRefinement::new(search, &seen, polished, factor, verdict, &test);
+    let CameraRefinement { search, polished, change, covariance: camera_covariance, focal: verdict, .. } =
+        camera;
     let focal_sd = (verdict == FocalVerdict::Wrong && search.is_likelihood()).then(|| focal.sd());
     let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
@@ -249,6 +257,7 @@ fn conclude<'a>(
         confidence = confidence.with_covariances(&covariance, &by_matches);
         confidence.other_focal = verdict.suspected_focal_scale();
     }
+    confidence.is_camera_contradicted = camera.is_contradicted;
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);
         by_matches = free_along(&by_matches, &direction);
@@ -264,6 +273,7 @@ fn conclude<'a>(
         focal_scale: change.factor(),
         principal_shift_px: change.principal_shift_px(&seen.camera),
         camera_covariance,
+        camera_evidence: camera.evidence,
         covariance,
         covariance_by_matches: by_matches,
         confidence,

@@ -129,6 +129,9 @@ pub struct PoseOptions {
     pub confidence: f64,
     /// Minimum number of agreeing keypoints. Six lines always agree with some pose, so it must be well above six.
     pub min_inliers: usize,
+    /// Whether to report what the matches say about the camera ([`crate::PoseEstimate::camera_evidence`]), as a
+    /// self-test of a map needs it; it costs one more refinement.
+    pub camera_evidence: bool,
     /// Ends the search without a result ([`PoseError::Stopped`]) once it is set.
     pub stop: Stop,
 }
@@ -147,6 +150,7 @@ impl Default for PoseOptions {
             fixed_hypotheses: None,
             confidence: 0.9999,
             min_inliers: 10,
+            camera_evidence: false,
             stop: Stop::default(),
         }
     }

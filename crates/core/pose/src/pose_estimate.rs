@@ -3,6 +3,7 @@
 use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::Confidence;
+use crate::likelihood::CameraEvidence;
 
 /// The pose of a camera, and its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +31,8 @@ pub struct PoseEstimate {
     /// The part of [`Self::covariance`] that is due to the camera model: errors of focal length, principal point and
     /// distortion, which all matches share.
     pub camera_covariance: [[f64; 6]; 6],
+    /// What the matches say about the given camera, if [`crate::PoseOptions::camera_evidence`] asks for it.
+    pub camera_evidence: Option<CameraEvidence>,
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): from the noise of
     /// keypoints and map points, and from the camera model. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],

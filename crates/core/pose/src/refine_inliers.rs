@@ -50,6 +50,7 @@ pub fn refine_pose(
         score: refined.loss,
         noise_px,
         principal_shift_px: [0.0; 2],
+        camera_evidence: None,
         camera_covariance: [[0.0; 6]; 6],
         focal_scale: 1.0,
         free_direction: None,

@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{MapFile, MapView, PointId};
+use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
 use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_pose::{
     Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
@@ -88,6 +89,8 @@ pub struct Localization {
     pub own_covariance: [[f64; 6]; 6],
     /// The part of it that comes from the camera model.
     pub camera_covariance: [[f64; 6]; 6],
+    /// What the matches say about the camera, if [`PoseOptions::camera_evidence`] asks for it.
+    pub camera_evidence: Option<CameraEvidence>,
     /// Whether to trust the pose, with the doubts. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
     /// Use of the gravity direction.
@@ -223,6 +226,10 @@ fn problem_of(
         veiloc_protocol::FocalKnowledge::Exif => FocalPrior::Exif,
         veiloc_protocol::FocalKnowledge::Unknown => FocalPrior::Unknown,
     };
+    problem.map_cameras = map.file().self_test().and_then(|test| test.of_scheme(query.scheme())).map_or(
+        MapCameras::UNMEASURED,
+        |test| MapCameras { sd: test.cameras.sd, min_log_odds: test.cameras.min_log_odds },
+    );
     problem.point_covariances =
         Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());
     MatchedQuery { problem, match_of: observed.match_of, rows, retrieved, retrieve_ms, match_ms }
@@ -289,6 +296,7 @@ pub fn localize_matched(
         covariance,
         own_covariance: estimate.covariance,
         camera_covariance: estimate.camera_covariance,
+        camera_evidence: estimate.camera_evidence,
         confidence,
         gravity: match query.gravity() {
             None => GravityUse::NotProvided,

@@ -76,6 +76,6 @@ pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
 pub use region::{Region, RegionImage};
 pub use self_test::{
-    ABSOLUTE, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest, SelfTest,
+    ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest, SelfTest,
 };
 pub use settings::BuildSettings;

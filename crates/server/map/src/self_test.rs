@@ -53,6 +53,18 @@ pub struct SchemeTest {
     pub after: ConfidenceCoverage,
     /// Calibration of the covariances for this map.
     pub calibration: CovarianceCalibration,
+    /// How much the cameras of the images differ from the true ones.
+    pub cameras: CameraErrors,
+}
+
+/// Errors of a map's cameras, as its own images show them. `veiloc_pose::likelihood::MapCameras` explains the numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraErrors {
+    /// Standard deviations, above 0: logarithm of the focal length, logarithm of `fx / fy`, skew, shift of the principal
+    /// point along both axes as shares of the image's width, first radial term.
+    pub sd: [f64; 6],
+    /// Logarithm of the odds from which on the camera of a query is wrong.
+    pub min_log_odds: f64,
 }
 
 /// Shares of trusted poses whose true pose was within the confidence region of each of [`LEVELS`]; 0 without any.
@@ -161,6 +173,10 @@ impl SchemeTest {
         let shares = [self.before, self.after].map(|c| [c.center, c.pose]);
         if let Some(share) = shares.iter().flatten().flatten().find(|s| !(0.0..=1.0).contains(*s)) {
             return Err(format!("a coverage of {share}"));
+        }
+        let cameras = &self.cameras;
+        if !(cameras.sd.iter().all(|sd| sd.is_finite() && *sd > 0.0) && cameras.min_log_odds.is_finite()) {
+            return Err("invalid errors of cameras".to_owned());
         }
         self.calibration.check()
     }

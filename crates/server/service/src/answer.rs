@@ -93,6 +93,6 @@ const fn kind_of(doubt: &Doubt) -> DoubtKind {
         Doubt::Ambiguous { .. } => DoubtKind::Ambiguous,
         Doubt::LooselyHeld { .. } => DoubtKind::LooselyHeld,
         Doubt::OneSided { .. } => DoubtKind::OneSided,
-        Doubt::FocalLength { .. } => DoubtKind::Other,
+        Doubt::FocalLength { .. } | Doubt::Camera => DoubtKind::Other,
     }
 }

@@ -9,13 +9,14 @@
 //! ```text
 //! S = H_θθ − H_θδ H_δδ⁻¹ H_δθ        Σ(P) = (S/c + P)⁻¹        μ(P) = −Σ(P) (g_θ − H_θδ H_δδ⁻¹ g_δ) / c
 //! J = −H_δδ⁻¹ H_δθ        C_camera = J [(1 − w) (Σ(P) + μ(P) μ(P)ᵀ) + w (Σ(P₀) + μ(P₀) μ(P₀)ᵀ)] Jᵀ
-//! log w/(1 − w) = G/c − ½ log det(I + P₀⁻¹ S/c) + log prior odds
+//! E(P) = G(P)/c − ½ log det(I + P⁻¹ S/c)        log w/(1 − w) = E(P₀) − E(P) + log prior odds
 //! ```
 //!
 //! `J` is how the pose moves with the camera when the matches are fixed, so `C_camera` is the covariance that the
 //! camera model adds to a pose that was estimated with the given camera: what the matches leave open about it, and
-//! what they say against it. `G = −½ gᵀ (δ, θ)` is the gain of log likelihood; a camera that the matches clearly
-//! contradict is estimated together with the pose ([`CameraObjective::better_camera`]).
+//! what they say against it. `G(P)` is the gain of log likelihood of the best camera under a prior, `E` its evidence.
+//! `P` includes the errors of the map's own cameras ([`MapCameras`]). A camera that the matches clearly contradict is
+//! estimated together with the pose ([`CameraObjective::test`]).
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::Pinhole;
@@ -25,9 +26,9 @@ use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::design_effect::ScoreCells;
 use crate::likelihood::fisher::Symmetric6;
 use crate::likelihood::focal::FocalVerdict;
+use crate::likelihood::map_cameras::{BestCamera, CameraEvidence, LOG_PRIOR_ODDS, MapCameras, OPEN_SD};
 use crate::likelihood::matches::{LikelihoodTerm, Matches};
 use crate::likelihood::pose_priors::PosePriors;
-use crate::likelihood::problem::FocalPrior;
 use crate::likelihood::refine::System;
 
 /// Number of parameters of the camera.
@@ -40,33 +41,33 @@ type VectorAll = SVector<f64, ALL>;
 type MatrixC = SMatrix<f64, CAMERA, CAMERA>;
 type Vector6C = SVector<f64, CAMERA>;
 
-/// Prior standard deviations of [`CameraChange`] for a calibrated camera: half a per cent of the width for the
-/// principal point, as calibrations of one camera differ; the others move a pixel at the border by about as much.
+/// Prior standard deviations of [`CameraChange`] between calibrations of one camera: half a per cent of the width for
+/// the principal point; the others move a pixel at the border by about as much.
 const CALIBRATED_SD: [f64; CAMERA] = [0.003, 0.003, 0.003, 0.005, 0.005, 0.01];
 
-/// For the cameras of a map: the nominal principal point of RedKitchen's images is 1 % of the width off, and a camera that
-/// is estimated against them takes part of their errors over.
-const MAP_SD: [f64; CAMERA] = [0.006, 0.006, 0.003, 0.015, 0.015, 0.015];
+/// For the ± of a pose. Wider than calibrations differ: a principal point that is some per cent of the width off (a
+/// cropped image, a nominal camera) is too frequent to be ruled out where the matches do not show it.
+const ASSUMED_SD: [f64; CAMERA] = [0.003, 0.01, 0.003, 0.015, 0.015, 0.02];
 
-/// For a camera that is not calibrated: a phone's principal point is within some per cent of the middle, and its
-/// distortion is small.
-const UNCALIBRATED_SD: [f64; CAMERA] = [0.003, 0.005, 0.003, 0.015, 0.015, 0.03];
-
-/// For a camera that is not what the query says: a cropped image, distortion that was not removed.
-const OPEN_SD: [f64; CAMERA] = [0.3, 0.1, 0.01, 0.2, 0.2, 0.3];
+/// For the ± of a pose whose camera was estimated: it takes part of the errors of the map's cameras over.
+const ESTIMATED_SD: [f64; CAMERA] = [0.006, 0.006, 0.003, 0.015, 0.015, 0.015];
 
 /// For a camera that is estimated without distortion.
 const STRAIGHT_SD: [f64; CAMERA] = [0.3, 0.1, 1e-4, 0.2, 0.2, 1e-4];
 
-/// Logarithm of the prior odds that a query's camera is not what it says: one of 150.
-const LOG_PRIOR_ODDS: f64 = -5.0;
-
 /// Changes from which on a camera is called wrong. Smaller ones are caused by errors of the map's own cameras too:
 /// correcting them in the query alone would make query and map inconsistent.
-const MIN_WRONG: [f64; CAMERA] = [0.05, 0.03, f64::INFINITY, 0.03, 0.03, f64::INFINITY];
+const MIN_WRONG: [f64; CAMERA] = [0.05, 0.03, f64::INFINITY, 0.03, 0.03, 0.1];
+
+/// Standard deviations of the map's cameras that a change must exceed.
+const MIN_WRONG_SDS: f64 = 3.0;
+
+/// Log odds of one linear step from which on the best camera is estimated. The step finds much less than the
+/// estimation, in which matches return that the wrong camera lost.
+const MIN_LINEAR_LOG_ODDS: f64 = -15.0;
 
 /// Log odds from which on another camera is estimated: beyond doubt, because the given one is then left.
-const MIN_LOG_ODDS: f64 = 20.0;
+const MIN_ESTIMATED_LOG_ODDS: f64 = 20.0;
 
 /// Share of the gain that a camera without distortion must reach.
 const MIN_STRAIGHT_GAIN: f64 = 0.9;
@@ -186,8 +187,8 @@ pub struct CameraObjective<'a> {
     pub active: Vec<usize>,
     /// Scale of the noise, pixels.
     pub noise: f64,
-    /// How well the camera is known.
-    pub known: FocalPrior,
+    /// Errors of the map's own cameras.
+    pub map: MapCameras,
     /// Whether the focal length is a parameter here. If not, it was estimated before, and its uncertainty is in the
     /// covariance of the pose.
     pub with_focal: bool,
@@ -214,14 +215,17 @@ impl CameraSystem {
         }
         let unit = Matrix6::from_diagonal(&unit);
         let inverse = unit * (unit * pose * unit).cholesky()?.inverse() * unit;
-        Some(WithoutPose {
-            pose_by_camera: -inverse * mixed,
-            information: self.hessian.fixed_view::<CAMERA, CAMERA>(6, 6)
-                - mixed.transpose() * inverse * mixed,
-            gradient: self.gradient.fixed_rows::<CAMERA>(6)
-                - mixed.transpose() * inverse * self.gradient.fixed_rows::<6>(0),
+        let information =
+            self.hessian.fixed_view::<CAMERA, CAMERA>(6, 6) - mixed.transpose() * inverse * mixed;
+        let gradient = self.gradient.fixed_rows::<CAMERA>(6)
+            - mixed.transpose() * inverse * self.gradient.fixed_rows::<6>(0);
+        let evidence = CameraEvidence {
+            information: std::array::from_fn(|i| std::array::from_fn(|j| information[(i, j)])),
+            gradient: gradient.into(),
             shared_variance,
-        })
+            best: None,
+        };
+        Some(WithoutPose { pose_by_camera: -inverse * mixed, evidence })
     }
 }
 
@@ -229,34 +233,36 @@ impl CameraSystem {
 struct WithoutPose {
     /// `J`: how the pose moves with the camera.
     pose_by_camera: MatrixC,
-    /// `S`.
-    information: MatrixC,
-    gradient: Vector6C,
-    shared_variance: f64,
+    evidence: CameraEvidence,
 }
 
-impl WithoutPose {
-    /// Log odds that the camera is not what the query says, for this gain of log likelihood under the open prior: the
-    /// gain, less what six free parameters gain by their freedom, and the prior odds.
-    fn log_odds(&self, gain: f64) -> Option<f64> {
-        let unit = MatrixC::from_diagonal(&Vector6C::from(OPEN_SD));
-        let freedom = unit * self.information * unit / self.shared_variance + MatrixC::identity();
-        let log_det: f64 = freedom.cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
-        Some(gain / self.shared_variance - log_det + LOG_PRIOR_ODDS)
-    }
+/// Whether the matches contradict the camera of a query.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CameraVerdict {
+    /// Not more than the map's own cameras.
+    Fine,
+    /// Another camera without distortion explains them, with this pose.
+    Other(PoseWithCamera),
+    /// They contradict it, and no camera without distortion explains them.
+    Contradicted,
 }
 
 impl CameraObjective<'_> {
     /// The covariance that the camera model adds to a pose estimated with this camera, `C_camera`; 0 when the matches
     /// do not determine the pose.
     pub fn covariance(&self, at: &PoseWithCamera) -> Symmetric6 {
-        let sd = match self.known {
-            FocalPrior::Calibrated => CALIBRATED_SD,
-            FocalPrior::Exif | FocalPrior::Unknown => UNCALIBRATED_SD,
-        };
         let here = self.linearize(at);
         let shared_variance = self.shared_variance(&here, at);
-        covariance_in(&here, &self.with_fixed_focal(sd), shared_variance, false).unwrap_or([[0.0; 6]; 6])
+        let covariance = |found: WithoutPose| {
+            let [sd, open] = [self.beyond_map(&ASSUMED_SD), OPEN_SD].map(|sd| self.with_fixed_focal(sd));
+            let evidence = &found.evidence;
+            let [given, open] = [evidence.posterior(&sd)?, evidence.posterior(&open)?];
+            let log_odds = open.log_evidence - given.log_evidence + LOG_PRIOR_ODDS;
+            let is_wrong = 1.0 / (1.0 + (-log_odds).exp());
+            let spread = given.second_moment() * (1.0 - is_wrong) + open.second_moment() * is_wrong;
+            found.of_pose(&spread)
+        };
+        here.without_pose(shared_variance).and_then(covariance).unwrap_or([[0.0; 6]; 6])
     }
 
     /// The same for a camera that was estimated: what the matches leave open, and how the map's own cameras differ from
@@ -265,12 +271,18 @@ impl CameraObjective<'_> {
         let mut system = self.linearize(at);
         system.gradient = VectorAll::zeros();
         let shared_variance = system.cells.design_effect();
-        let covariance = |sd, prior_only| {
-            covariance_in(&system, &self.with_fixed_focal(sd), shared_variance, prior_only)
-                .unwrap_or([[0.0; 6]; 6])
+        let covariance = |found: WithoutPose| {
+            let open = found.evidence.posterior(&self.with_fixed_focal(OPEN_SD))?;
+            let of_map = self.with_fixed_focal(self.beyond_map(&ESTIMATED_SD));
+            let of_map = Vector6C::from(of_map).map(|sd| sd * sd);
+            found.of_pose(&(open.covariance + MatrixC::from_diagonal(&of_map)))
         };
-        let (open, of_map) = (covariance(OPEN_SD, false), covariance(MAP_SD, true));
-        std::array::from_fn(|i| std::array::from_fn(|j| open[i][j] + of_map[i][j]))
+        system.without_pose(shared_variance).and_then(covariance).unwrap_or([[0.0; 6]; 6])
+    }
+
+    /// These standard deviations, or those of the map's own cameras if they are larger.
+    fn beyond_map(&self, sd: &[f64; CAMERA]) -> [f64; CAMERA] {
+        std::array::from_fn(|k| sd[k].max(self.map.sd[k]))
     }
 
     /// Variance of errors that neighbouring keypoints share, in multiples of that of independent errors: as the
@@ -290,40 +302,62 @@ impl CameraObjective<'_> {
         sd
     }
 
-    /// Another camera that explains the matches clearly better, with its pose; `at` is an optimum for the given camera.
+    /// Tests the given camera; `at` is an optimum for it.
     ///
-    /// One linearized step decides whether to refine. The refinement is necessary because matches that the wrong camera
-    /// lost return only during it.
-    pub fn better_camera(&self, at: &PoseWithCamera) -> Option<PoseWithCamera> {
+    /// One linearized step decides whether to estimate the camera. The estimation is necessary because matches that the
+    /// wrong camera lost return only during it.
+    pub fn test(&self, at: &PoseWithCamera) -> CameraVerdict {
         let here = self.linearize(at);
-        if here.agreeing < MIN_AGREEING {
-            return None;
-        }
-        let min_gain = FocalVerdict::min_gain(self.matches.observations, here.agreeing);
-        let step = solved(&here, &OPEN_SD, &at.change, 0.0)?;
+        let Some(linear) = self.evidence_here(&here, at) else { return CameraVerdict::Fine };
+        let Some(step) = solved(&here, &OPEN_SD, &at.change, 0.0) else { return CameraVerdict::Fine };
+        let min_wrong: [f64; CAMERA] =
+            std::array::from_fn(|k| MIN_WRONG[k].max(MIN_WRONG_SDS * self.map.sd[k]));
         // Half of the thresholds: the linear step is shorter than the refined one while matches are lost.
-        let is_near = (0..CAMERA).all(|k| step[6 + k].abs() < 0.5 * MIN_WRONG[k]);
-        if is_near {
-            return None;
-        }
-        let log_odds = |gain: f64, shared_variance: f64| {
-            here.without_pose(shared_variance).and_then(|e| e.log_odds(gain)).unwrap_or(f64::NEG_INFINITY)
-        };
-        if log_odds(-step.dot(&here.gradient), self.shared_variance(&here, at)) < 0.0 {
-            return None;
+        let is_near = (0..CAMERA).all(|k| step[6 + k].abs() < 0.5 * min_wrong[k]);
+        let calibrated = self.beyond_map(&CALIBRATED_SD);
+        if is_near || !(linear.log_odds(&calibrated) >= Some(MIN_LINEAR_LOG_ODDS)) {
+            return CameraVerdict::Fine;
         }
         let open = self.descend(at, &OPEN_SD);
-        let shared_variance = self.linearize(&open).cells.design_effect();
-        let gain = self.gain(&here, at, &open, &OPEN_SD);
-        if gain / shared_variance < min_gain || log_odds(gain, shared_variance) < MIN_LOG_ODDS {
-            return None;
+        let best = self.best(&here, at, &open);
+        let min_gain = FocalVerdict::min_gain(self.matches.observations, here.agreeing);
+        let log_odds = CameraEvidence { best: Some(best), ..linear }.log_odds(&calibrated);
+        if best.gain / best.shared_variance < min_gain || !(log_odds > Some(self.map.min_log_odds)) {
+            return CameraVerdict::Fine;
         }
         let straight = PoseWithCamera { change: open.change.without_bending(), ..open };
         let other = self.descend(&straight, &STRAIGHT_SD);
-        let is_large = (0..CAMERA).any(|k| (other.change.0[k] - at.change.0[k]).abs() > MIN_WRONG[k]);
+        let is_large = (0..CAMERA).any(|k| (other.change.0[k] - at.change.0[k]).abs() > min_wrong[k]);
         // Where distortion explains much of it, other parameters would only stand for the distortion.
         let gain_of_other = self.gain(&here, at, &other, &STRAIGHT_SD);
-        (is_large && gain_of_other > MIN_STRAIGHT_GAIN * gain).then_some(other)
+        let is_explained = is_large
+            && gain_of_other > MIN_STRAIGHT_GAIN * best.gain
+            && log_odds >= Some(MIN_ESTIMATED_LOG_ODDS);
+        if is_explained && here.agreeing >= MIN_AGREEING {
+            CameraVerdict::Other(other)
+        } else {
+            CameraVerdict::Contradicted
+        }
+    }
+
+    /// What the matches say about the given camera, with the best camera estimated; `at` is an optimum for the given
+    /// one. `None` when they do not determine the pose.
+    pub fn evidence(&self, at: &PoseWithCamera) -> Option<CameraEvidence> {
+        let here = self.linearize(at);
+        let linear = self.evidence_here(&here, at)?;
+        let best = self.best(&here, at, &self.descend(at, &OPEN_SD));
+        Some(CameraEvidence { best: Some(best), ..linear })
+    }
+
+    fn evidence_here(&self, here: &CameraSystem, at: &PoseWithCamera) -> Option<CameraEvidence> {
+        Some(here.without_pose(self.shared_variance(here, at))?.evidence)
+    }
+
+    fn best(&self, here: &CameraSystem, at: &PoseWithCamera, open: &PoseWithCamera) -> BestCamera {
+        BestCamera {
+            gain: self.gain(here, at, open, &OPEN_SD),
+            shared_variance: self.linearize(open).cells.design_effect(),
+        }
     }
 
     /// What another camera gains in log likelihood under a prior.
@@ -389,39 +423,16 @@ impl CameraObjective<'_> {
     }
 }
 
-/// `C_camera` for these prior deviations; `prior_only` leaves the matches out of `Σ`.
-fn covariance_in(
-    system: &CameraSystem,
-    sd: &[f64; CAMERA],
-    shared_variance: f64,
-    prior_only: bool,
-) -> Option<Symmetric6> {
-    let eliminated = system.without_pose(shared_variance)?;
-    let WithoutPose { pose_by_camera, information, gradient, shared_variance } = &eliminated;
-    let prior = |sd: &[f64; CAMERA]| MatrixC::from_diagonal(&Vector6C::from_fn(|k, _| sd[k].powi(-2)));
-    let spread = if prior_only {
-        prior(sd).try_inverse()?
-    } else {
-        let mut open = OPEN_SD;
-        // A focal length that is no parameter here.
-        open[0] = if sd[0] < 1e-6 { sd[0] } else { open[0] };
-        let full: Vector6C = -(information + prior(&open)).cholesky()?.solve(gradient);
-        let log_odds = eliminated.log_odds(-0.5 * full.dot(gradient))?;
-        let is_wrong = 1.0 / (1.0 + (-log_odds).exp());
-        // Second moment about the given camera under a prior.
-        let moment = |sd: &[f64; CAMERA]| {
-            let factor = (information / *shared_variance + prior(sd)).cholesky()?;
-            let mean: Vector6C = -factor.solve(&(gradient / *shared_variance));
-            Some(factor.inverse() + mean * mean.transpose())
-        };
-        moment(sd)? * (1.0 - is_wrong) + moment(&open)? * is_wrong
-    };
-    let covariance = pose_by_camera * spread * pose_by_camera.transpose();
-    let symmetric = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
-    covariance
-        .iter()
-        .all(|c| c.is_finite())
-        .then(|| std::array::from_fn(|i| std::array::from_fn(|j| symmetric(i, j))))
+impl WithoutPose {
+    /// The covariance of the pose for this one of the camera.
+    fn of_pose(&self, camera: &MatrixC) -> Option<Symmetric6> {
+        let covariance = self.pose_by_camera * camera * self.pose_by_camera.transpose();
+        let symmetric = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
+        covariance
+            .iter()
+            .all(|c| c.is_finite())
+            .then(|| std::array::from_fn(|i| std::array::from_fn(|j| symmetric(i, j))))
+    }
 }
 
 /// The loss with a prior of the camera.

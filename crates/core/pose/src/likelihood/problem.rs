@@ -5,6 +5,7 @@ use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine, Point3};
 
 use crate::error::PoseError;
+use crate::likelihood::map_cameras::MapCameras;
 
 /// The observation of each correspondence, `[N]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,6 +104,8 @@ pub struct PoseProblem {
     pub focal: FocalPrior,
     /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` treats the map as exact.
     pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
+    /// Errors of the map's cameras.
+    pub map_cameras: MapCameras,
 }
 
 /// The map image that proposed a match.
@@ -175,6 +178,7 @@ impl PoseProblem {
             position: None,
             focal: FocalPrior::Calibrated,
             point_covariances: None,
+            map_cameras: MapCameras::UNMEASURED,
         }
     }
 
@@ -191,6 +195,7 @@ impl PoseProblem {
             position: self.position,
             focal: self.focal,
             point_covariances: self.point_covariances.as_ref().map(|of| chosen(of, kept)),
+            map_cameras: self.map_cameras,
         }
     }
 
@@ -287,6 +292,9 @@ impl PoseProblem {
             if let Some(index) = covariances.iter().position(|c| !possible(c)) {
                 return Err(PoseError::NotFinite { what: "point covariance", index });
             }
+        }
+        for sd in self.map_cameras.sd {
+            positive("error of the map's cameras", sd)?;
         }
         if n < required {
             return Err(PoseError::TooFew { required, actual: n });

@@ -302,6 +302,7 @@ impl FrameEvidence {
             distance: upper_median(&mut distances).unwrap_or(f64::NAN),
             rotation_sd_deg: 0.0,
             other_focal: None,
+            is_camera_contradicted: false,
             sides: sides(contributions),
         };
         confidence.with_covariances(&self.covariance, &self.by_matches)

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use support::{Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
+use veiloc_pose::likelihood::MapCameras;
 use veiloc_pose::{
     Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
 };
@@ -241,6 +242,32 @@ fn right_camera_is_not_changed() {
             assert_eq!((found.principal_shift_px, found.focal_scale), ([0.0; 2], 1.0), "{scheme:?} {seed}");
             assert_eq!(found.confidence.state(), State::Trusted, "{scheme:?} {seed}");
         }
+    }
+}
+
+/// Barrel distortion that the camera's parameters lack is a doubt, unless the images of the map lack it as well.
+#[test]
+fn distortion_is_a_doubt_unless_the_map_has_it_as_well() {
+    for scheme in SCHEMES {
+        let estimate = |map_cameras, seed: u64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (mut problem, _) = bent(scheme, -0.2, &mut rng);
+            problem.map_cameras = map_cameras;
+            let mut options = PoseOptions::default();
+            options.camera_evidence = true;
+            estimate_pose(&problem, &options, &mut rng).expect("a pose")
+        };
+        let exact = MapCameras { sd: [0.002; 6], min_log_odds: 3.0 };
+        let images: Vec<_> = (100..112).map(|seed| estimate(MapCameras::UNMEASURED, seed)).collect();
+        let evidence: Vec<_> = images.iter().filter_map(|image| image.camera_evidence).collect();
+        let distorted = MapCameras::fit(&evidence);
+        assert!(distorted.sd[5] > 0.1, "{scheme:?} {distorted:?}");
+        let doubted = |map| {
+            let of_seed = |seed| estimate(map, seed).confidence.doubts().contains(&Doubt::Camera);
+            (0..8).filter(|seed| of_seed(*seed)).count()
+        };
+        let counts = (doubted(exact), doubted(distorted));
+        assert!(counts.0 >= 7 && counts.1 <= 1, "{scheme:?} {counts:?}");
     }
 }
 

@@ -49,7 +49,8 @@ fn one_anchor_gives_a_pose_with_free_direction() {
             let sd = |k: usize| found.covariance[k][k].sqrt();
             assert!(sd(3) < 0.05 && sd(4).is_infinite() && sd(5).is_infinite(), "{others} {seed}");
             assert!(found.confidence.center_sd.is_infinite());
-            assert!((0..3).all(|k| sd(k) < 0.01));
+            // The principal point of the camera may be 1.5 % of the width off, which is a degree.
+            assert!((0..3).all(|k| sd(k) < 0.03), "{:?}", [0, 1, 2].map(sd));
         }
     }
 }

@@ -4,7 +4,7 @@ use veiloc_protocol::Scheme;
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{SchemeTestRecord, SelfTestRecord};
-use crate::self_test::{ConfidenceCoverage, CovarianceCalibration, SchemeTest, SelfTest};
+use crate::self_test::{CameraErrors, ConfidenceCoverage, CovarianceCalibration, SchemeTest, SelfTest};
 
 pub(super) fn encode(test: &SelfTest) -> Vec<u8> {
     let head = SelfTestRecord {
@@ -55,6 +55,8 @@ fn record(test: &SchemeTest) -> SchemeTestRecord {
         factor: test.calibration.factor,
         rotation_floor: test.calibration.rotation_floor,
         translation_floor: test.calibration.translation_floor,
+        camera_sd: test.cameras.sd,
+        min_camera_log_odds: test.cameras.min_log_odds,
     }
 }
 
@@ -76,6 +78,7 @@ fn scheme_test(record: &SchemeTestRecord) -> Result<SchemeTest, String> {
             rotation_floor: record.rotation_floor,
             translation_floor: record.translation_floor,
         },
+        cameras: CameraErrors { sd: record.camera_sd, min_log_odds: record.min_camera_log_odds },
     })
 }
 

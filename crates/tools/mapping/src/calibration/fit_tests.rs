@@ -23,6 +23,7 @@ fn trials(count: usize, truth: &CovarianceCalibration, seed: u64) -> Vec<SelfTes
             let root = Matrix6::from_fn(|i, j| errs[i][j]).cholesky().expect("a covariance").l();
             let step = root * Vector6::from_fn(|_, _| normal(&mut rng));
             SelfTestTrial {
+                camera_evidence: None,
                 step: step.into(),
                 covariance,
                 camera_covariance: [[0.0; 6]; 6],

@@ -148,6 +148,8 @@ fn trials_of(
     options: &SelfTestOptions,
 ) -> Vec<Option<SelfTestTrial>> {
     let view = MapView::without(file, without);
+    let mut localize = options.localize.clone();
+    localize.pose.camera_evidence = true;
     let truth = &model.images[image].cam_from_world;
     let mut first: Option<(SealedQuery, MatchResult)> = None;
     let mut trial = |scheme: &Scheme| {
@@ -161,9 +163,9 @@ fn trials_of(
         let known = first.as_ref().and_then(|(other, matched)| transfer_matches(matched, other, &query));
         let matched = match known {
             Some(matched) => matched,
-            None => match_in(&query, view, &options.localize).ok()?,
+            None => match_in(&query, view, &localize).ok()?,
         };
-        let found = localize_matched(&query, view, matched.clone(), &options.localize);
+        let found = localize_matched(&query, view, matched.clone(), &localize);
         first.get_or_insert((query, matched));
         Some(SelfTestTrial::of(&found.ok()?, truth))
     };

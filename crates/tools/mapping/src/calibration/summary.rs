@@ -1,7 +1,10 @@
 //! Summarizes the trials of a scheme.
 
 use veiloc_geometry::statistics::upper_median;
-use veiloc_map::{ABSOLUTE, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest};
+use veiloc_map::{
+    ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest,
+};
+use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
 use veiloc_protocol::Scheme;
 
 use crate::calibration::fit::fit;
@@ -30,7 +33,14 @@ pub(crate) fn summarize(scheme: Scheme, trials: &[Option<SelfTestTrial>], scale:
         before: coverage(trusted.iter().map(|t| t.squared_distances(&AS_ESTIMATED))),
         after: coverage(cross_validated(&trusted, scale).into_iter()),
         calibration: fit(&trusted, scale),
+        cameras: camera_errors(&trusted),
     }
+}
+
+fn camera_errors(trusted: &[SelfTestTrial]) -> CameraErrors {
+    let evidence: Vec<CameraEvidence> = trusted.iter().filter_map(|trial| trial.camera_evidence).collect();
+    let MapCameras { sd, min_log_odds } = MapCameras::fit(&evidence);
+    CameraErrors { sd, min_log_odds }
 }
 
 /// The estimator's own covariances.

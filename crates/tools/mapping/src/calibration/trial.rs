@@ -4,6 +4,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_localization::Localization;
 use veiloc_map::CovarianceCalibration;
+use veiloc_pose::likelihood::CameraEvidence;
 
 /// An estimated pose of an image, and its error.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +20,8 @@ pub struct SelfTestTrial {
     pub trusted: bool,
     /// Keypoint noise estimated from the inliers, pixels.
     pub noise_px: f64,
+    /// What the matches say about the camera of the image.
+    pub camera_evidence: Option<CameraEvidence>,
 }
 
 impl SelfTestTrial {
@@ -29,6 +32,7 @@ impl SelfTestTrial {
             camera_covariance: found.camera_covariance,
             trusted: found.confidence.is_trusted(),
             noise_px: found.noise_px,
+            camera_evidence: found.camera_evidence,
         }
     }
 

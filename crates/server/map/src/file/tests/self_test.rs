@@ -6,7 +6,10 @@ use veiloc_protocol::Scheme;
 use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
-use crate::{ConfidenceCoverage, CovarianceCalibration, MapError, MapFile, MapModel, SchemeTest, SelfTest};
+use crate::{
+    CameraErrors, ConfidenceCoverage, CovarianceCalibration, MapError, MapFile, MapModel, SchemeTest,
+    SelfTest,
+};
 
 /// A self-test without default values.
 fn self_test() -> SelfTest {
@@ -28,6 +31,7 @@ fn self_test() -> SelfTest {
                 rotation_floor: 0.001 * x,
                 translation_floor: 0.25,
             },
+            cameras: CameraErrors { sd: [0.01, 0.02, 0.03, 0.04, 0.05, 0.0625 * x], min_log_odds: 3.5 },
         }
     };
     SelfTest {

@@ -134,6 +134,8 @@ struct SchemeInfo {
     coverage: BeforeAfter,
     /// Calibration of the covariances of answers.
     calibration: CalibrationInfo,
+    /// Errors of the cameras of its images, as the images themselves show them.
+    cameras: CameraInfo,
 }
 
 /// Coverage before and after calibration.
@@ -166,6 +168,17 @@ struct CalibrationInfo {
     rotation_floor_deg: f64,
     /// The same for the translation, map units.
     translation_floor: f64,
+}
+
+/// Errors of the map's own cameras.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct CameraInfo {
+    /// Standard deviations: logarithm of the focal length, logarithm of `fx / fy`, skew, principal point along both axes
+    /// (shares of the image's width), first radial term.
+    sd: [f64; 6],
+    /// Logarithm of the odds from which on the camera of a query is called wrong.
+    min_log_odds: f64,
 }
 
 impl SelfTestInfo {
@@ -228,6 +241,7 @@ impl SchemeInfo {
                 rotation_floor_deg: test.calibration.rotation_floor.to_degrees(),
                 translation_floor: test.calibration.translation_floor,
             },
+            cameras: CameraInfo { sd: test.cameras.sd, min_log_odds: test.cameras.min_log_odds },
         }
     }
 }
