@@ -292,6 +292,31 @@ impl CameraModel {
         if self.has_one_focal() { ([p[0], p[0]], [p[1], p[2]]) } else { ([p[0], p[1]], [p[2], p[3]]) }
     }
 
+    /// The same camera as a model with a focal length for each axis.
+    pub(crate) const fn with_two_focals(self) -> Self {
+        match self {
+            Self::SimplePinhole([f, cx, cy]) => Self::Pinhole([f, f, cx, cy]),
+            Self::SimpleRadial([f, cx, cy, k]) => Self::OpenCv([f, f, cx, cy, k, 0.0, 0.0, 0.0]),
+            Self::Radial([f, cx, cy, k1, k2]) => Self::OpenCv([f, f, cx, cy, k1, k2, 0.0, 0.0]),
+            Self::SimpleRadialFisheye([f, cx, cy, k]) => {
+                Self::OpenCvFisheye([f, f, cx, cy, k, 0.0, 0.0, 0.0])
+            }
+            Self::RadialFisheye([f, cx, cy, k1, k2]) => Self::OpenCvFisheye([f, f, cx, cy, k1, k2, 0.0, 0.0]),
+            Self::SimpleDivision([f, cx, cy, k]) => Self::Division([f, f, cx, cy, k]),
+            Self::SimpleFisheye([f, cx, cy]) => Self::Fisheye([f, f, cx, cy]),
+            Self::Pinhole(_)
+            | Self::OpenCv(_)
+            | Self::OpenCvFisheye(_)
+            | Self::FullOpenCv(_)
+            | Self::Fov(_)
+            | Self::ThinPrismFisheye(_)
+            | Self::RadTanThinPrismFisheye(_)
+            | Self::Division(_)
+            | Self::Fisheye(_)
+            | Self::Eucm(_) => self,
+        }
+    }
+
     /// The same with other focal lengths and another principal point; one focal length becomes the geometric mean.
     pub(crate) fn with_pinhole_parts(mut self, focal: [f64; 2], principal: [f64; 2]) -> Self {
         let one = self.has_one_focal();

@@ -66,13 +66,14 @@ impl Intrinsics {
         Self { model: self.model.with_pinhole_parts(focal.map(|f| f * factor), principal), ..*self }
     }
 
-    /// The same camera for an image scaled to another size.
+    /// The same camera for an image scaled to another size. Sizes are whole pixels, so the two axes may be scaled
+    /// differently; a model with one focal length then becomes the one with two, and the field of view stays.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
         let ([fx, fy], [cx, cy]) = self.model.pinhole_parts();
-        let model = self.model.with_pinhole_parts([fx * sx, fy * sy], [cx * sx, cy * sy]);
-        Self { model, width, height }
+        let model = if sx == sy { self.model } else { self.model.with_two_focals() };
+        Self { model: model.with_pinhole_parts([fx * sx, fy * sy], [cx * sx, cy * sy]), width, height }
     }
 }
 
@@ -248,6 +249,10 @@ mod tests {
             let point = PlanePoint::new(0.2, -0.1);
             let (full, small) = (camera.project(point), half.project(point));
             assert!(small.distance(&Pixel::new(full.u / 2.0, full.v / 2.0)) < 1e-9, "{text}");
+            // To a size of another shape, too.
+            let odd = camera.resized(333, 250);
+            let (sx, sy) = (333.0 / f64::from(camera.width), 250.0 / f64::from(camera.height));
+            assert!(odd.project(point).distance(&Pixel::new(full.u * sx, full.v * sy)) < 1e-9, "{text}");
             assert!(camera.zoomed(2.0).pinhole().mean_focal() / camera.pinhole().mean_focal() - 2.0 < 1e-12);
         }
     }

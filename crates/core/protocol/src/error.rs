@@ -140,6 +140,15 @@ pub enum QueryError {
     /// A position hint with invalid numbers.
     #[error("a position is X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0")]
     PositionHint,
+    /// A camera that does not show what is straight ahead of it.
+    #[error("the optical axis is not in the image; check the principal point, or cut the image around it")]
+    OpticalAxis,
+    /// Not the id of a profile.
+    #[error("{text:?} is not the id of a profile, which has 32 hexadecimal digits")]
+    ProfileId {
+        /// The given text.
+        text: String,
+    },
     /// A focal length outside of the allowed range.
     #[error("a focal length of {focal} px is not between 16 and 32768; check the camera parameters")]
     Focal {
@@ -194,7 +203,10 @@ impl QueryError {
                 "sealed with another profile than the map's; fetch the profile of this map and seal again"
             }
             Self::SchemeSyntax { .. } => "unknown scheme",
-            Self::PositionHint | Self::Gravity | Self::SectorLayout => return self.to_string(),
+            Self::ProfileId { .. } => "not the id of a profile",
+            Self::PositionHint | Self::Gravity | Self::SectorLayout | Self::OpticalAxis => {
+                return self.to_string();
+            }
             Self::Layout { .. } => "dividing line or anchor distance out of range",
             Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
             Self::ImageSize { .. } => "an image larger than 8192 x 8192 pixels once its distortion is undone",
@@ -234,6 +246,8 @@ mod tests {
             QueryError::Layout { degrees: 987_654.0, s: 987_654.0 },
             QueryError::PositionHint,
             QueryError::Gravity,
+            QueryError::OpticalAxis,
+            QueryError::ProfileId { text: text() },
             QueryError::Focal { focal: 987_654.0 },
             QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
         ];

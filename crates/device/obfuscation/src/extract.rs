@@ -96,9 +96,9 @@ fn sealable(image: ExtractedImage, extractor: &dyn Extractor, camera: &Intrinsic
     (image.features.whole(image.size, extractor.reach()), camera.resized(image.size.0, image.size.1))
 }
 
-/// One keypoint in addition to this many is extracted: the window drops at most a ninth of an image of 640 x 480, and a
-/// session drops keypoints that must not be sent again.
-const SPARE: u32 = 3;
+/// One keypoint in addition to this many is extracted: the window drops up to a quarter of an image, and a session drops
+/// keypoints that must not be sent again.
+const SPARE: u32 = 2;
 
 /// The extraction limits of the profile, within those of the device.
 fn extraction_request<'a>(

@@ -169,7 +169,8 @@ impl SealOptions {
         self.angle_bits
     }
 
-    /// How much of an image is extracted: what the profile requests, within the limits of the device.
+    /// How much of an image is extracted: what the profile requests, within the limits of the device. The longest side
+    /// is one of [`DeviceLimits::IMAGE_SIDES`].
     ///
     /// # Errors
     /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device, and
@@ -187,7 +188,9 @@ impl SealOptions {
         let most = self.max_keypoints.unwrap_or(0).max(self.limits.max_keypoints);
         Ok(ExtractionLimits {
             max_keypoints: requested.max_keypoints.min(u32::try_from(most).unwrap_or(u32::MAX)),
-            max_image_side: requested.max_image_side.min(self.limits.max_image_side),
+            max_image_side: DeviceLimits::image_side(
+                requested.max_image_side.min(self.limits.max_image_side),
+            ),
         })
     }
 
@@ -204,12 +207,26 @@ pub struct DeviceLimits {
     /// Most keypoints that are extracted and sent, whatever the profile requests. Default 2048, the default request of
     /// maps; twice as many would reveal twice as many to an attacker.
     pub max_keypoints: usize,
-    /// Longest side of the image for extraction, pixels. Default 2048: a larger side gives finer positions while the
-    /// dither stays half a pixel, and memory grows with its square.
+    /// Longest side of the image for extraction, pixels; the largest of [`Self::IMAGE_SIDES`] that exceeds neither this
+    /// limit nor the profile's is used. Default 2048: a larger side gives finer positions while the dither stays half a
+    /// pixel, and memory grows with its square.
     pub max_image_side: u32,
     /// Most words of a vocabulary. Default 512, the most that maps are built with. Each word adds as many bytes to
     /// every query as a descriptor has.
     pub max_vocabulary_words: usize,
+}
+
+impl DeviceLimits {
+    /// The sizes that a device scales its images to, pixels of the longest side: a list of its own, so that a profile
+    /// chooses among few sizes and not any (rule L6).
+    pub const IMAGE_SIDES: [u32; 13] =
+        [64, 144, 240, 360, 480, 640, 1024, 1600, 2048, 3072, 4096, 6144, 8192];
+
+    /// The largest of [`Self::IMAGE_SIDES`] that is not above `most`; the smallest if all are.
+    fn image_side(most: u32) -> u32 {
+        let [smallest, ..] = Self::IMAGE_SIDES;
+        Self::IMAGE_SIDES.into_iter().rfind(|side| *side <= most).unwrap_or(smallest)
+    }
 }
 
 impl Default for DeviceLimits {

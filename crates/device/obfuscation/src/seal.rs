@@ -91,7 +91,7 @@ pub(crate) fn seal_frame<T>(
     check(features, profile)?;
     let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
-    let window = canonical.window(camera);
+    let window = canonical.window(camera)?;
     let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
     let turn = rule.turn;
     let dcl = match scheme {

@@ -70,6 +70,8 @@ fn device_bounds_image_side() {
         SealOptions::default().bounded(&profile).expect("a vocabulary of eight words").max_image_side
     };
     assert_eq!((bounded(8192), bounded(1600), bounded(64)), (2048, 1600, 64));
+    // A side of the device's own list, not any that a profile requests (rule L6).
+    assert_eq!((bounded(1599), bounded(1025), bounded(1024), bounded(143)), (1024, 1024, 1024, 64));
     // The same through the extraction functions: an image 3000 pixels wide is scaled down before extraction.
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("wide.png");

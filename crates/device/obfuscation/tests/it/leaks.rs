@@ -277,7 +277,8 @@ fn l6_camera_identifies_no_device() {
         }
     }
     assert_eq!(leak.len(), 300, "the measure does not see the leak");
-    assert!(sent_values.len() <= 9, "{} cameras for 300 devices of one model", sent_values.len());
+    // The devices lie on both sides of one border of the list.
+    assert!(sent_values.len() <= 2, "{} cameras for 300 devices of one model", sent_values.len());
 }
 
 /// L6: every accelerometer has its own error of some tenths of a degree; rounding hides it. Gravity is sent only if the
