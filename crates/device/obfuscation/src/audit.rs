@@ -152,9 +152,8 @@ pub fn decoys(
     let mut positions = DistinctPositions::new(keypoints.iter().copied());
     let [width, height] = size.map(f64::from);
     let inside = |p: Pixel| (0.0..width).contains(&p.u) && (0.0..height).contains(&p.v);
-    decoy::add_positions(&mut positions, keypoints.len(), count, size, inside, rng);
     let mut all = descriptors.clone();
-    decoy::add_descriptors(&mut all, count, rng)?;
+    decoy::add(&mut positions, &mut all, count, size, inside, rng)?;
     let invented = all.select(descriptors.len()..all.len());
     let pixels =
         positions.index[keypoints.len()..].iter().map(|position| positions.pixels[*position]).collect();

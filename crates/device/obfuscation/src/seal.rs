@@ -124,9 +124,8 @@ pub(crate) fn seal_frame<T>(
     let mut positions = DistinctPositions::new(usable.iter().map(|selected| selected.pixel));
     let real_positions = positions.pixels.len();
     let decoys = rows - usable.len();
-    decoy::add_positions(&mut positions, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|selected| selected.source));
-    decoy::add_descriptors(&mut descriptors, decoys, rng)?;
+    decoy::add(&mut positions, &mut descriptors, decoys, size, clear, rng)?;
 
     // With a session's grid, angles must repeat; dither would prevent that.
     let dithered: Vec<Pixel> = match rule.grid {

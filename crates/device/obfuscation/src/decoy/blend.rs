@@ -1,11 +1,16 @@
-//! Descriptors of decoys: blends of the rows that are sent.
+//! Descriptors of decoys: turned copies of the rows that are sent.
 //!
-//! A decoy is the weighted sum of an existing row, real or decoy, and a sum of all real rows with normally distributed
-//! weights. The weights preserve mean and covariance of the real rows. The similarity of a decoy to its base row is
-//! drawn from the similarities of real rows to their nearest neighbours, and no row is the base of more than one decoy.
-//! Drawing each dimension independently from several rows, or combining quarters of RootSIFT descriptors (the earlier
-//! method), loses the dependence between dimensions: a classifier on products of two dimensions then separates decoys
-//! of XFeat from real rows almost perfectly (`tests/decoys`).
+//! All real rows are copied together, as often as needed. A copy is turned about the mean of the rows: by a random
+//! rotation within each group of [`GROUP`] neighbouring principal components, after which every component gets its
+//! variance back. So decoys have the mean and the covariance of the real rows, and two decoys of one copy are about as
+//! similar to each other as the two rows that they are copies of: each has its nearest rows, and these lie where the
+//! nearest rows of a real row lie ([`super::add`] places every decoy near the row that it is a copy of). A decoy is no
+//! more similar to its own row than to any other.
+//! Two other methods are worse. Drawing each dimension independently from several rows, or combining quarters of
+//! RootSIFT descriptors, loses the dependence between dimensions: a classifier on products of two dimensions then
+//! separates decoys of XFeat from real rows almost perfectly. Making every decoy on its own, as a blend of one row and a
+//! random sum of all rows, loses the neighbours of a row: descriptors and angles together then separate them
+//! (`tests/decoys`).
 //!
 //! The dimensions of coarse and unsigned kinds are far from normally distributed. Each is mapped to its distribution in
 //! the real rows, and each row gets the length and the largest value of a real row. The dimensions of coarse kinds are
@@ -14,108 +19,206 @@
 //! reveal the number of real rows. The dimensions of network descriptors depend on each other, and these adjustments
 //! would be visible: signed kinds of full bytes only get their lengths adjusted.
 
+use std::collections::BTreeMap;
+
 use rand::Rng;
 use rand::seq::SliceRandom as _;
-use rand::seq::index::sample;
 use veiloc_descriptor::{Descriptors, Encoding};
+use veiloc_geometry::nalgebra::{DMatrix, SymmetricEigen};
 
 use super::normal;
 
 /// Fewer rows do not determine the dependence between dimensions, and decoys would be nearly copies.
 pub(super) const MIN_ROWS: usize = 3;
-/// At least this many are made, even if fewer are needed: their distribution is matched as a whole.
-const MIN_BLENDS: usize = 256;
-/// Number of rows searched for the nearest neighbour, to estimate how similar rows are.
-const NEIGHBOUR_SAMPLE: usize = 256;
-/// How much the cosine to the base row is moved towards 1 for unsigned kinds: matching the distributions moves a decoy
-/// away from its base row again.
-const COSINE_GAIN: f64 = 0.5;
+/// Principal components that are turned together. Turning only signs would keep the magnitude of each component, which
+/// would show whose copy a decoy is; turning all would lose the covariance.
+const GROUP: usize = 8;
+/// How often the nearest row of a chosen row is chosen too, where only a part of a copy is needed. Always would prefer
+/// rows that are each other's nearest, never would leave out the nearest rows of most.
+const WITH_NEAREST: f64 = 0.7;
+/// Share of the part outside of the span of the real rows for which all copies have one rotation in common. With one of
+/// its own each, rows would have too little in common with rows of other copies; with the same, too much.
+const SHARED: f64 = 0.4;
+/// How far a row is moved towards its nearest row for unsigned kinds: matching the distributions moves it away again.
+const NEARER: f64 = 0.1;
 /// Iterations of clipping and scaling that give an unsigned row its length and largest value.
 const CLIP_ROUNDS: usize = 8;
 /// Rows that are left out in turn, to measure which part of a row the others do not span.
 const HELD_OUT: usize = 20;
-/// Largest cosine to the base row.
-const MAX_COSINE: f64 = 0.98;
+/// Smallest principal component that is turned, relative to the largest.
+const MIN_COMPONENT: f64 = 1e-9;
 /// Noise added to a decoy that equals a real row, relative to the usual size of a value.
 const NOISE: f64 = 0.15;
 /// Lower bound of divisors.
 const MIN_DIVISOR: f64 = 1e-9;
 
-/// `[count]` rows made of at least [`MIN_ROWS`] real ones.
-pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mut R) -> Vec<Vec<u8>> {
+/// The descriptor of a decoy.
+pub(super) struct Decoy {
+    pub(super) row: Vec<u8>,
+    /// The real row that it is a copy of.
+    pub(super) origin: usize,
+    /// Which copy it belongs to.
+    pub(super) copy: usize,
+}
+
+/// `[count]` decoys made of at least [`MIN_ROWS`] real rows; `position_of` tells which of these share a position.
+pub(super) fn decoys<R: Rng + ?Sized>(
+    real: &Descriptors,
+    position_of: &[usize],
+    count: usize,
+    rng: &mut R,
+) -> Vec<Decoy> {
     let kind = real.kind();
     let rows: Vec<Vec<f64>> =
         (0..real.len()).map(|row| real.view().values(row).map(f64::from).collect()).collect();
     let (mean, centred) = centred(rows.iter());
-    let (nearer, outside) = match kind.encoding() {
-        Encoding::Signed => (0.0, 0.0),
-        Encoding::Unsigned => (COSINE_GAIN, 0.0),
-        Encoding::Coarse => (0.0, outside(&rows)),
-    };
-    let mut blended = blend(centred, nearer, outside, count.max(MIN_BLENDS), rng);
-    for row in &mut blended {
+    let outside = if kind.encoding() == Encoding::Coarse { outside(&rows) } else { 0.0 };
+    let nearest = nearest(&centred);
+    let nearer = if kind.encoding() == Encoding::Unsigned { NEARER } else { 0.0 };
+    let mut copies = copies(&centred, outside, count.div_ceil(rows.len()), rng);
+    if nearer > 0.0 {
+        for copy in copies.chunks_mut(rows.len()) {
+            let before = copy.to_vec();
+            for (row, nearest) in copy.iter_mut().zip(&nearest) {
+                row.iter_mut()
+                    .zip(&before[*nearest])
+                    .for_each(|(value, other)| *value += nearer * (other - *value));
+            }
+        }
+    }
+    for row in &mut copies {
         row.iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
     }
     if kind.encoding() != Encoding::Signed {
-        (0..kind.dim()).for_each(|i| match_distribution(&mut blended, &rows, i));
-    }
-    blended.truncate(count);
-    for row in &mut blended {
-        let reference = &rows[rng.random_range(0..rows.len())];
-        let (wanted, most) = (length(reference), largest(reference).1);
-        scale_to(row, wanted);
-        match kind.encoding() {
-            Encoding::Signed => (),
-            Encoding::Unsigned => clip(row, most, wanted),
-            Encoding::Coarse => match_largest(row, most, wanted),
-        }
+        (0..kind.dim()).for_each(|i| match_distribution(&mut copies, &rows, i));
     }
     let unit = mean_of(rows.iter().map(|row| length(row))) / (kind.dim() as f64).sqrt();
     let bytes = |row: &[f64]| row.iter().map(|value| kind.encoding().byte(*value)).collect::<Vec<u8>>();
-    let differing = |mut row: Vec<f64>| loop {
-        let made = bytes(&row);
-        if (0..real.len()).all(|other| real.row(other) != made) {
-            return made;
+    let mut made = Vec::with_capacity(count);
+    for (copy, rows_of_copy) in copies.chunks(rows.len()).enumerate() {
+        for origin in chosen(position_of, &nearest, count - made.len(), rng) {
+            let mut row = rows_of_copy[origin].clone();
+            let reference = &rows[rng.random_range(0..rows.len())];
+            let (wanted, most) = (length(reference), largest(reference).1);
+            scale_to(&mut row, wanted);
+            match kind.encoding() {
+                Encoding::Signed => (),
+                Encoding::Unsigned => clip(&mut row, most, wanted),
+                Encoding::Coarse => match_largest(&mut row, most, wanted),
+            }
+            let row = loop {
+                let made = bytes(&row);
+                if (0..real.len()).all(|other| real.row(other) != made) {
+                    break made;
+                }
+                // If all rows are equal, their copies equal them too.
+                for value in &mut row {
+                    *value += NOISE * unit.max(1.0) * normal(rng);
+                }
+            };
+            made.push(Decoy { row, origin, copy });
         }
-        // If all rows are equal, their blends equal them too.
-        for value in &mut row {
-            *value += NOISE * unit.max(1.0) * normal(rng);
-        }
-    };
-    blended.into_iter().map(differing).collect()
+    }
+    made
 }
 
-/// `[count]` blends of centred rows; the share `outside` of each sum is independent noise per dimension.
-fn blend<R: Rng + ?Sized>(
-    mut centred: Vec<Vec<f64>>,
-    nearer: f64,
-    outside: f64,
+/// Turned copies of centred rows, `[copies * rows]`; of each, the share `outside` is turned out of their span.
+fn copies<R: Rng + ?Sized>(centred: &[Vec<f64>], outside: f64, copies: usize, rng: &mut R) -> Vec<Vec<f64>> {
+    let (rows, dim) = (centred.len(), centred[0].len());
+    let all = DMatrix::from_fn(rows, dim, |i, j| centred[i][j]);
+    let eigen = SymmetricEigen::new(&all * all.transpose());
+    let largest = eigen.eigenvalues.max();
+    let mut order: Vec<usize> =
+        (0..rows).filter(|i| eigen.eigenvalues[*i] > MIN_COMPONENT * largest.max(MIN_DIVISOR)).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let sizes: Vec<f64> = order.iter().map(|i| eigen.eigenvalues[*i].sqrt()).collect();
+    // Rows by principal components, and the components themselves.
+    let parts = DMatrix::from_fn(rows, order.len(), |i, j| eigen.eigenvectors[(i, order[j])] * sizes[j]);
+    let directions =
+        DMatrix::from_fn(order.len(), rows, |j, i| eigen.eigenvectors[(i, order[j])] / sizes[j]) * &all;
+    let deviations: Vec<f64> =
+        all.column_iter().map(|column| (column.norm_squared() / rows as f64).sqrt()).collect();
+    let usual = (mean_of(deviations.iter().map(|d| d * d))).sqrt().max(MIN_DIVISOR);
+    let common = if outside > 0.0 { rotation(dim, rng) } else { DMatrix::zeros(0, 0) };
+    let mut made = Vec::with_capacity(copies * rows);
+    for _ in 0..copies {
+        let mut turned = parts.clone();
+        for first in (0..order.len()).step_by(GROUP) {
+            let width = GROUP.min(order.len() - first);
+            let group = parts.columns(first, width) * rotation(width, rng);
+            for (j, column) in group.column_iter().enumerate() {
+                let restored = column * (sizes[first + j] / column.norm().max(MIN_DIVISOR));
+                turned.set_column(first + j, &restored);
+            }
+        }
+        let mut copy = turned * &directions;
+        if outside > 0.0 {
+            let own = &all * rotation(dim, rng);
+            let mut free = (&copy * &common) * SHARED.sqrt() + own * (1.0 - SHARED).sqrt();
+            for (mut column, deviation) in free.column_iter_mut().zip(&deviations) {
+                column *= outside.sqrt() * deviation / usual;
+            }
+            copy = copy * (1.0 - outside).sqrt() + free;
+        }
+        made.extend(copy.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()));
+    }
+    made
+}
+
+/// A random rotation or reflection.
+fn rotation<R: Rng + ?Sized>(dim: usize, rng: &mut R) -> DMatrix<f64> {
+    let (q, r) = DMatrix::from_fn(dim, dim, |_, _| normal(rng)).qr().unpack();
+    // With these signs all rotations are equally likely.
+    let signs = DMatrix::from_diagonal(&r.diagonal().map(f64::signum));
+    q * signs
+}
+
+/// At most `count` rows of a copy. Where these are not all: rows with those at the same position, and often with the
+/// nearest row of a row, so that most decoys keep theirs.
+fn chosen<R: Rng + ?Sized>(
+    position_of: &[usize],
+    nearest: &[usize],
     count: usize,
     rng: &mut R,
-) -> Vec<Vec<f64>> {
-    centred.shuffle(rng);
-    let cosines = neighbour_cosines(&centred, rng);
-    let deviation = |i: usize| mean_of(centred.iter().map(|row| row[i] * row[i])).sqrt();
-    let deviations: Vec<f64> = (0..centred[0].len()).map(deviation).collect();
-    let mut all = centred.clone();
-    for base in 0..count {
-        let part = cosines[rng.random_range(0..cosines.len())];
-        let part = part + (1.0 - part) * nearer;
-        let rest = (1.0 - part * part).sqrt();
-        let weights: Vec<f64> = centred.iter().map(|_| normal(rng)).collect();
-        let inside = rest * (1.0 - outside).sqrt() / length(&weights).max(MIN_DIVISOR);
-        let mut row = all[base].clone();
-        scale(&mut row, part);
-        for (other, weight) in centred.iter().zip(weights) {
-            row.iter_mut().zip(other).for_each(|(value, other)| *value += inside * weight * other);
-        }
-        if outside > 0.0 {
-            let free = rest * outside.sqrt();
-            row.iter_mut().zip(&deviations).for_each(|(value, of)| *value += free * of * normal(rng));
-        }
-        all.push(row);
+) -> Vec<usize> {
+    let rows = position_of.len();
+    if count >= rows {
+        return (0..rows).collect();
     }
-    all.split_off(centred.len())
+    let mut at: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (row, position) in position_of.iter().enumerate() {
+        at.entry(*position).or_default().push(row);
+    }
+    let mut starts: Vec<usize> = at.keys().copied().collect();
+    starts.shuffle(rng);
+    let (mut chosen, mut is_chosen) = (Vec::new(), vec![false; rows]);
+    for start in starts {
+        let same = &at[&start];
+        let mut row = same[rng.random_range(0..same.len())];
+        while !is_chosen[row] && chosen.len() < count {
+            for other in &at[&position_of[row]] {
+                is_chosen[*other] = true;
+                chosen.push(*other);
+            }
+            if rng.random::<f64>() < WITH_NEAREST {
+                row = nearest[row];
+            }
+        }
+    }
+    chosen.truncate(count);
+    chosen
+}
+
+/// For each centred row, the row with the largest cosine to it.
+fn nearest(centred: &[Vec<f64>]) -> Vec<usize> {
+    let lengths: Vec<f64> = centred.iter().map(|row| length(row).max(MIN_DIVISOR)).collect();
+    let cosine = |a: usize, b: usize| dot(&centred[a], &centred[b]) / lengths[b];
+    (0..centred.len())
+        .map(|row| {
+            let others = (0..centred.len()).filter(|other| *other != row);
+            others.max_by(|a, b| cosine(row, *a).total_cmp(&cosine(row, *b))).unwrap_or(row)
+        })
+        .collect()
 }
 
 /// The share of a row that lies outside of the span of the others, 0 to 1, averaged over some rows.
@@ -159,23 +262,6 @@ fn centred<'a>(rows: impl Iterator<Item = &'a Vec<f64>> + Clone) -> (Vec<f64>, V
     let less = |row: &Vec<f64>| row.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
     let rows = rows.map(less).collect();
     (mean, rows)
-}
-
-/// For some rows, the cosine to their nearest neighbour, 0 to [`MAX_COSINE`].
-fn neighbour_cosines<R: Rng + ?Sized>(centred: &[Vec<f64>], rng: &mut R) -> Vec<f64> {
-    let chosen = sample(rng, centred.len(), centred.len().min(NEIGHBOUR_SAMPLE)).into_vec();
-    let directions: Vec<Vec<f64>> = (chosen.into_iter())
-        .map(|row| {
-            let mut direction = centred[row].clone();
-            scale_to(&mut direction, 1.0);
-            direction
-        })
-        .collect();
-    let nearest = |(i, row): (usize, &Vec<f64>)| {
-        let others = directions.iter().enumerate().filter(|(j, _)| i != *j);
-        others.map(|(_, other)| dot(row, other)).fold(0.0, f64::max).min(MAX_COSINE)
-    };
-    directions.iter().enumerate().map(nearest).collect()
 }
 
 /// Replaces value `i` of each row by the value of the same rank among the real rows.

@@ -1,12 +1,15 @@
 //! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
-//! A decoy's position is drawn around the positions of real keypoints. Its descriptor is computed only from descriptors
-//! of real rows that are sent: not from other descriptors of the image, and not from anything in a profile, which an
-//! attacker could choose so that decoys stand out ([`blend`]).
+//! Decoys are copies of all real rows that are sent, with descriptors that are turned ([`blend`]) and positions near
+//! those of the rows: what holds between the descriptors and positions of two real rows holds between their copies.
+//! Nothing else enters: no other descriptors of the image, and nothing of a profile, which an attacker could choose so
+//! that decoys stand out.
 //!
 //! `docs/reference/privacy-rules.md` reports how well decoys hide; `tests/decoys` measures it.
 
 mod blend;
+
+use std::collections::BTreeMap;
 
 use rand::Rng;
 use veiloc_descriptor::Descriptors;
@@ -15,61 +18,50 @@ use veiloc_geometry::Pixel;
 use crate::SealError;
 use crate::positions::DistinctPositions;
 
-/// Spread of a decoy about the keypoint it is drawn from, as a part of the image's longer side.
-const SPREAD: f64 = 0.05;
+/// Spread of the decoys about the keypoint that they are copies of, as a part of the image's longer side, when there is
+/// one for each keypoint; it grows with the square root of their number.
+const SPREAD: f64 = 0.015;
 
-/// Appends `count` decoys to the positions of `real` keypoints.
+/// Appends `count` decoys to the positions and the descriptors of the rows that are sent, `[N]` real ones each.
 ///
-/// Decoys share positions as often as real keypoints do; otherwise they lie around a real one, where `allowed`.
-pub(crate) fn add_positions<R: Rng + ?Sized>(
+/// A decoy lies near the keypoint that it is a copy of, where `allowed`. Decoys share positions as their keypoints do.
+pub(crate) fn add<R: Rng + ?Sized>(
     positions: &mut DistinctPositions,
-    real: usize,
+    sent: &mut Descriptors,
     count: usize,
     size: [u32; 2],
     allowed: impl Fn(Pixel) -> bool,
-    rng: &mut R,
-) {
-    let distinct = positions.pixels.len();
-    let shared = 1.0 - distinct as f64 / real as f64;
-    let spread = SPREAD * f64::from(size[0].max(size[1]));
-    for decoy in 0..count {
-        if decoy > 0 && rng.random::<f64>() < shared {
-            positions.index.push(positions.pixels.len() - 1);
-            continue;
-        }
-        let position = positions.index[rng.random_range(0..real)];
-        let around = positions.pixels[position];
-        let invented = (0..100)
-            .map(|_| Pixel::new(around.u + spread * normal(rng), around.v + spread * normal(rng)))
-            .find(|p| allowed(*p));
-        match invented {
-            Some(pixel) => {
-                positions.index.push(positions.pixels.len());
-                positions.pixels.push(pixel);
-            }
-            // Hardly any surrounding position is allowed: share the position, because a second one there would identify
-            // the decoy.
-            None => positions.index.push(position),
-        }
-    }
-}
-
-/// Appends `count` decoys made of the rows in `sent`, which are the real ones.
-pub(crate) fn add_descriptors<R: Rng + ?Sized>(
-    sent: &mut Descriptors,
-    count: usize,
     rng: &mut R,
 ) -> Result<(), SealError> {
     if count == 0 {
         return Ok(());
     }
-    let kind = sent.kind();
-    if !kind.can_be_blended() || sent.len() < blend::MIN_ROWS {
-        return Err(SealError::NoDecoys { kind: kind.name().to_owned(), keypoints: sent.len() });
+    let (kind, real) = (sent.kind(), sent.len());
+    if !kind.can_be_blended() || real < blend::MIN_ROWS {
+        return Err(SealError::NoDecoys { kind: kind.name().to_owned(), keypoints: real });
     }
-    let rows = blend::decoys(sent, count, rng);
-    for row in rows {
-        sent.push(&row).expect("a decoy has as many numbers as the rows it was made from");
+    let decoys = blend::decoys(sent, &positions.index, count, rng);
+    let spread = SPREAD * f64::from(size[0].max(size[1])) * (count as f64 / real as f64).sqrt();
+    let mut copied = BTreeMap::new();
+    for decoy in decoys {
+        let original = positions.index[decoy.origin];
+        let position = *copied.entry((decoy.copy, original)).or_insert_with(|| {
+            let around = positions.pixels[original];
+            let invented = (0..100)
+                .map(|_| Pixel::new(around.u + spread * normal(rng), around.v + spread * normal(rng)))
+                .find(|p| allowed(*p));
+            match invented {
+                Some(pixel) => {
+                    positions.pixels.push(pixel);
+                    positions.pixels.len() - 1
+                }
+                // Hardly any surrounding position is allowed: share the position, because a second one there would
+                // identify the decoy.
+                None => original,
+            }
+        });
+        positions.index.push(position);
+        sent.push(&decoy.row).expect("a decoy has as many numbers as the rows it was made from");
     }
     Ok(())
 }
