@@ -55,7 +55,7 @@ fn keypoints(
     max_image_side: u32,
     progress: &ProgressCallback,
 ) -> Result<Vec<KeypointImage>> {
-    let extractors = Extractors::default();
+    let extractors = Extractors::for_sealing();
     let limits = ExtractionLimits { max_keypoints, max_image_side };
     let found = keypoints_of_images(images, extractors.named(features)?, limits, progress)?;
     Ok(found)

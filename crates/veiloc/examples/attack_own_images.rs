@@ -39,7 +39,7 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 /// baseline.
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
     let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
-    let images = keypoints_of_images(images, &Sift::default(), limits, &())?;
+    let images = keypoints_of_images(images, &Sift::for_sealing(), limits, &())?;
     let evaluation =
         AttackEvaluation { attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH], ..AttackEvaluation::default() };
     Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut ())?)

@@ -12,7 +12,10 @@ use crate::problem_files::KeypointImage;
 
 /// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
 ///
-/// An image larger than the limit is reduced first, as on a device. Positions and size belong to the reduced image
+/// An image larger than the limit is reduced first, and keypoints whose descriptor window crosses the border of the
+/// image are dropped, as on a device (rule L11). Give an extractor as a device uses it
+/// ([`Extractors::sealing`](veiloc_features::Extractors::sealing)): for other ones this drops keypoints that a device
+/// sends. Positions and size belong to the reduced image
 /// and are rounded to a thousandth of a pixel, so that a file preserves them exactly. Lens distortion is not removed.
 ///
 /// # Errors
@@ -24,7 +27,7 @@ pub fn keypoints_of_image(
 ) -> Result<KeypointImage, DatasetError> {
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
     let image = extract_image(path, None, extractor, limits)?;
-    let (features, (width, height)) = (image.features, image.size);
+    let (features, (width, height)) = (image.features.whole(image.size, extractor.reach()), image.size);
     Ok(KeypointImage {
         name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
         width,
@@ -90,7 +93,7 @@ mod tests {
         let paths = ["a.PNG", "b.png"].map(|name| folder.path().join(name));
         let mut limits = ExtractionLimits::default();
         (limits.max_keypoints, limits.max_image_side) = (40, 80);
-        let extractors: [&dyn Extractor; 2] = [&Compact::default(), &Sift::default()];
+        let extractors: [&dyn Extractor; 2] = [&Compact::for_sealing(), &Sift::for_sealing()];
         let [compact, images] =
             extractors.map(|e| keypoints_of_images(&paths, e, limits, &()).expect("images"));
         assert_eq!(images.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);

@@ -112,15 +112,27 @@ pub(crate) struct ImageFeatureArgs {
 }
 
 impl ImageFeatureArgs {
-    /// Returns the extractor.
+    /// Returns the extractor as a map uses it.
     ///
     /// # Errors
     /// The model is unknown, has no file, or cannot be used.
     pub(crate) fn extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
+        self.extractor_among(&Extractors::default())
+    }
+
+    /// Returns the extractor as a device uses it for sealing (rule L11).
+    ///
+    /// # Errors
+    /// As [`Self::extractor`].
+    pub(crate) fn device_extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
+        self.extractor_among(&Extractors::for_sealing())
+    }
+
+    fn extractor_among(&self, built_in: &Extractors) -> Result<Arc<dyn Extractor>, Failure> {
         if let Some(file) = &self.file.features_file {
             return Ok(Arc::new(self.file.stored(file, &self.features)?));
         }
-        if let Ok(built_in) = Extractors::default().shared(&self.features) {
+        if let Ok(built_in) = built_in.shared(&self.features) {
             self.file.refuse_model_file(&self.features)?;
             return Ok(built_in);
         }

@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let report = report_path(&args.out)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let bars = Stages::new(ui);
-    let extractor = args.features.extractor()?;
+    let extractor = args.features.device_extractor()?;
     let inputs = Inputs::read(&args.inputs, args.limit as usize, extractor.as_ref(), limits, &bars, ui)?;
     let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
     let options = AuditOptions {

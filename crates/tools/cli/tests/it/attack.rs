@@ -5,6 +5,7 @@ use super::common;
 use std::path::Path;
 
 use common::{folder, keys};
+use veiloc_datasets::problem_files::read_keypoints;
 
 const SMALL: &str = "attack --synthetic 500 --schemes random-lines,dcl:s=2 --attacks closed-form,graph";
 
@@ -181,6 +182,30 @@ fn eval_keypoints_output_is_attack_input() {
         assert!(run.stderr.contains(expected_words), "{expected_words}: {run}");
         assert!(!scene.folder.join("refused.jsonl").exists(), "{arguments}");
     }
+}
+
+/// Rule L11: descriptors near the border are those that a device sends, not those of a map.
+#[test]
+fn eval_keypoints_extracts_as_a_device() {
+    let scene = common::scene();
+    let list = String::from_utf8(scene.read("map.txt")).expect("text");
+    let name = list.split_whitespace().next().expect("an image");
+    scene.run(&format!("eval keypoints images/{name} --max-keypoints 400 -o device.jsonl")).succeeded();
+    let written = read_keypoints(&scene.folder.join("device.jsonl")).expect("keypoints");
+    let limits = veiloc_features::Limits { max_keypoints: 400, max_side: 1600 };
+    let descriptors = |extractor: &dyn veiloc_features::Extractor| {
+        let image = scene.folder.join("images").join(name);
+        veiloc_features::extract_image(&image, None, extractor, limits)
+            .expect("an image")
+            .features
+            .descriptors
+    };
+    let written = written[0].descriptors.as_ref().expect("descriptors");
+    assert!(*written == descriptors(&veiloc_features::Compact::for_sealing()));
+    assert!(
+        *written != descriptors(&veiloc_features::Compact::default()),
+        "the image has no keypoint at its border"
+    );
 }
 
 /// A neighbour network is used; if it does not fit, the error names the remedy.

@@ -108,7 +108,7 @@ Rows of the table:
 Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --contact-sheet sheet.png";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let extractor = args.features.extractor()?;
+    let extractor = args.features.device_extractor()?;
     let network = InversionNetwork::open(&args.network)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
     let metrics = metrics(args)?;

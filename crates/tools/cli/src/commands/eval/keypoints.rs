@@ -41,7 +41,7 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let extractor = args.features.extractor()?;
+    let extractor = args.features.device_extractor()?;
     let items = match &args.list {
         None => items::expand_readable(&args.images, ui)?,
         Some(list) => {
