@@ -1,5 +1,6 @@
 //! Client of a localization service.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,6 +27,8 @@ use crate::profile::Profile;
 ///     timeout: most seconds to wait for an answer.
 ///     retries: how many times to retry when the service is busy or the network fails.
 ///     cache: folder in which profiles are cached.
+///     profile_ids: dictionary from names of maps to the ids of their profiles, as their operator publishes them; a map
+///         with another profile is an error. Default: any profile.
 ///
 /// Raises:
 ///     ServiceError: the address, the token or the certificates cannot be used.
@@ -48,7 +51,8 @@ fn request(trusted_only: bool, near: Option<&Bound<'_, PyAny>>) -> Result<Locali
 #[pymethods]
 impl Client {
     #[new]
-    #[pyo3(signature = (server, token=None, *, certificates=None, insecure_http=false, timeout=60.0, retries=4, cache=None))]
+    #[pyo3(signature = (server, token=None, *, certificates=None, insecure_http=false, timeout=60.0, retries=4, cache=None, profile_ids=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         server: &str,
         token: Option<&str>,
@@ -57,6 +61,7 @@ impl Client {
         timeout: f64,
         retries: u32,
         cache: Option<PathBuf>,
+        profile_ids: Option<BTreeMap<String, String>>,
     ) -> Result<Self> {
         let mut options = ClientOptions::default();
         options.certificates = certificates;
@@ -66,6 +71,9 @@ impl Client {
         })?;
         options.retry.retries = retries;
         options.cache = cache;
+        for (map, id) in profile_ids.unwrap_or_default() {
+            options.profile_ids.insert(map, id.parse()?);
+        }
         let client = veiloc_client::Client::new(server, token, options)?;
         Ok(Self { client: Arc::new(client), server: server.to_owned() })
     }
@@ -73,7 +81,7 @@ impl Client {
     /// Fetches the profile of a map of the service; `seal` needs it.
     ///
     /// Raises:
-    ///     ServiceError: the service refused the request or cannot be reached.
+    ///     ServiceError: the service refused the request, cannot be reached, or has another profile than `profile_ids`.
     fn profile(&self, py: Python<'_>, map: String) -> Result<Profile> {
         let client = Arc::clone(&self.client);
         Ok(Profile(abandonable(py, move || client.profile(&map))??))

@@ -139,6 +139,7 @@ pub(crate) fn obfuscate<'py>(
 pub(crate) struct SealArguments<'a, 'py> {
     pub(crate) scheme: &'a str,
     pub(crate) max_keypoints: Option<usize>,
+    pub(crate) max_image_side: Option<u32>,
     pub(crate) angle_bits: u8,
     pub(crate) gravity: Option<&'a Bound<'py, PyAny>>,
     pub(crate) focal: Option<&'a str>,
@@ -191,6 +192,9 @@ impl SealInput {
             Some(most) => options.with_max_keypoints(most),
             None => options,
         };
+        let mut limits = DeviceLimits::default();
+        limits.max_image_side = arguments.max_image_side.unwrap_or(limits.max_image_side);
+        let options = options.with_limits(limits);
         Ok(Self { image, mask: mask.map(mask_of).transpose()?, camera: known.intrinsics, options })
     }
 
@@ -234,6 +238,8 @@ fn coarse_gravity(gravity: &Bound<'_, PyAny>) -> Result<CoarseGravity> {
 ///     scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
 ///         nothing.
 ///     max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+///     max_image_side: longest side to which the image is scaled down, pixels, whatever the profile requests; default
+///         2048. The next smaller size of the device's list is used.
 ///     angle_bits: bits of each quantized angle.
 ///     gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
 ///         deviation (2). It is sent with the query.
@@ -248,7 +254,7 @@ fn coarse_gravity(gravity: &Bound<'_, PyAny>) -> Result<CoarseGravity> {
 ///     QueryError: the profile requests more than this device sends, or the scheme is unknown.
 ///     InputError: another argument is invalid.
 #[pyfunction]
-#[pyo3(signature = (image, camera, profile, *, scheme="dcl", max_keypoints=None, angle_bits=12, gravity=None, focal=None, mask=None))]
+#[pyo3(signature = (image, camera, profile, *, scheme="dcl", max_keypoints=None, max_image_side=None, angle_bits=12, gravity=None, focal=None, mask=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn seal<'py>(
     py: Python<'py>,
@@ -257,12 +263,13 @@ pub(crate) fn seal<'py>(
     profile: &Profile,
     scheme: &str,
     max_keypoints: Option<usize>,
+    max_image_side: Option<u32>,
     angle_bits: u8,
     gravity: Option<&Bound<'py, PyAny>>,
     focal: Option<&str>,
     mask: Option<&Bound<'py, PyAny>>,
 ) -> Result<Bound<'py, PyBytes>> {
-    let arguments = SealArguments { scheme, max_keypoints, angle_bits, gravity, focal };
+    let arguments = SealArguments { scheme, max_keypoints, max_image_side, angle_bits, gravity, focal };
     let input = SealInput::new(image, camera, mask, &arguments)?;
     let bytes = interruptible(py, &Stop::default(), || -> Result<Vec<u8>> {
         let (features, camera) = input.extracted(profile)?;

@@ -75,14 +75,14 @@ impl Session {
     ///     orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
     ///         odometry).
     ///     down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
-    ///     image, camera, profile, scheme, max_keypoints, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
+    ///     image, camera, profile, scheme, max_keypoints, max_image_side, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
     ///
     /// Returns:
     ///     The bytes of the sealed query.
     ///
     /// Raises:
     ///     ImageError, QueryError, InputError: as for `veiloc.seal`.
-    #[pyo3(signature = (image, camera, profile, *, orientation=None, down=None, scheme="dcl", max_keypoints=None, angle_bits=12, gravity=None, focal=None, mask=None))]
+    #[pyo3(signature = (image, camera, profile, *, orientation=None, down=None, scheme="dcl", max_keypoints=None, max_image_side=None, angle_bits=12, gravity=None, focal=None, mask=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn seal<'py>(
         &self,
@@ -94,12 +94,13 @@ impl Session {
         down: Option<&Bound<'py, PyAny>>,
         scheme: &str,
         max_keypoints: Option<usize>,
+        max_image_side: Option<u32>,
         angle_bits: u8,
         gravity: Option<&Bound<'py, PyAny>>,
         focal: Option<&str>,
         mask: Option<&Bound<'py, PyAny>>,
     ) -> Result<Bound<'py, PyBytes>> {
-        let arguments = SealArguments { scheme, max_keypoints, angle_bits, gravity, focal };
+        let arguments = SealArguments { scheme, max_keypoints, max_image_side, angle_bits, gravity, focal };
         let input = SealInput::new(image, camera, mask, &arguments)?;
         let orientation = orientation_of(orientation, down)?;
         let bytes = interruptible(py, &Stop::default(), || -> Result<Vec<u8>> {

@@ -11,6 +11,8 @@ export type ImageLike = ImageBitmapSource | { width: number; height: number; dat
 export type Camera = string | null;
 
 export interface LoadOptions {
+  /** Identifier of the profile as the operator publishes it; another profile is refused (`other-profile`). Default: any. */
+  profileId?: string;
   /**
    * A function that starts a worker with `veiloc/worker.js`, for bundlers; it is called again for attacks. If you give a worker
    * instead, it seals, and attacks use a worker of the package. Default: workers of the package.
@@ -35,6 +37,8 @@ export interface SealOptions {
   angleBits?: number;
   /** Most keypoints to send; default: the number that the profile requests, at most 2048. */
   maxKeypoints?: number;
+  /** Longest side to which the image is scaled down, pixels, whatever the profile requests; default 2048. */
+  maxImageSide?: number;
   /** The session that the image belongs to. */
   session?: Session;
   /** Orientation of the camera; used only in a session. */

@@ -99,14 +99,20 @@ class AttackQueue {
   }
 }
 
-/** Prepares to seal for the map of a profile. */
-export async function load(profile, { worker, wasm = new URL("./veiloc.wasm", import.meta.url) } = {}) {
+/**
+ * Prepares to seal for the map of a profile. Throws `VeilocError` `other-profile` when `profileId` is given and the profile has another
+ * identifier.
+ */
+export async function load(profile, { profileId, worker, wasm = new URL("./veiloc.wasm", import.meta.url) } = {}) {
   const own = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "veiloc" });
   const start = typeof worker === "function" ? worker : own;
   const connection = new WorkerConnection(worker instanceof Worker ? worker : start());
   try {
     const { module } = await connection.request("load", { wasm: wasm instanceof WebAssembly.Module ? wasm : String(wasm) });
     const { head } = await connection.request("call", { head: { op: "profile" }, bytes: profile });
+    if (profileId && profileId.toLowerCase() !== head.id) {
+      throw new VeilocError("other-profile", `the profile is ${head.id}, not ${profileId}; compare it with the id that the operator publishes`);
+    }
     return new Device(connection, new AttackQueue(start, module), head);
   } catch (error) {
     connection.end(error);

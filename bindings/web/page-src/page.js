@@ -119,6 +119,18 @@ async function connect() {
   }
 }
 
+/** The identifier of a profile, and the one of the last visit when it is another one. */
+function seenProfile(name, id) {
+  const key = `veiloc profile ${name}`;
+  try {
+    const before = localStorage.getItem(key);
+    localStorage.setItem(key, id);
+    return before && before !== id ? `${id}, before ${before}` : id;
+  } catch {
+    return id; // The browser stores nothing.
+  }
+}
+
 /** Prepares to seal for a map. */
 async function selectMap(name) {
   now.map = name;
@@ -126,8 +138,8 @@ async function selectMap(name) {
   now.device = now.session = now.shown = null;
   updateButtons();
   const profile = await now.client.profile(name);
-  record("Profile of the map", null, 0, "received");
   now.device = await load(profile);
+  record("Profile of the map", null, 0, seenProfile(name, now.device.id));
   now.session = await now.device.session();
   showStatus("Ready. Nothing about an image has been sent.");
   await points(name);

@@ -77,6 +77,9 @@ pub struct Seal {
     /// Most keypoints to send; `None` for the number that the profile requests, within the device's limits.
     #[serde(default)]
     pub max_keypoints: Option<usize>,
+    /// Longest side to which the image is scaled down, pixels; `None` for the device's limit.
+    #[serde(default)]
+    pub max_image_side: Option<u32>,
     /// Handle of the session that the image belongs to.
     #[serde(default)]
     pub session: Option<u32>,

@@ -8,7 +8,9 @@ use rand_chacha::ChaCha20Rng;
 use serde::Serialize;
 use veiloc_features::{Features, GrayImage, Image, guessed_camera_of};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
-use veiloc_obfuscation::{Orientation, SealOptions, Session, extract_loaded, seal as seal_features};
+use veiloc_obfuscation::{
+    DeviceLimits, Orientation, SealOptions, Session, extract_loaded, seal as seal_features,
+};
 use veiloc_protocol::{AngleBits, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass};
 
 use crate::error::WebError;
@@ -147,6 +149,9 @@ fn options(request: &Seal) -> Result<SealOptions, WebError> {
     }
     if let Some(most) = request.max_keypoints {
         options = options.with_max_keypoints(most);
+    }
+    if let Some(most) = request.max_image_side {
+        options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
     }
     Ok(options)
 }

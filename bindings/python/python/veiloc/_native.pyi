@@ -248,6 +248,7 @@ class Session:
         down: npt.ArrayLike | None = None,
         scheme: Scheme = "dcl",
         max_keypoints: int | None = None,
+        max_image_side: int | None = None,
         angle_bits: int = 12,
         gravity: npt.ArrayLike | None = None,
         focal: Focal | None = None,
@@ -259,7 +260,7 @@ class Session:
             orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
                 odometry).
             down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
-            image, camera, profile, scheme, max_keypoints, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
+            image, camera, profile, scheme, max_keypoints, max_image_side, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
 
         Returns:
             The bytes of the sealed query.
@@ -551,6 +552,8 @@ class Client:
         timeout: most seconds to wait for an answer.
         retries: how many times to retry when the service is busy or the network fails.
         cache: folder in which profiles are cached.
+        profile_ids: dictionary from names of maps to the ids of their profiles, as their operator publishes them; a map
+            with another profile is an error. Default: any profile.
 
     Raises:
         ServiceError: the address, the token or the certificates cannot be used.
@@ -566,12 +569,13 @@ class Client:
         timeout: float = 60.0,
         retries: int = 4,
         cache: Path | None = None,
+        profile_ids: dict[str, str] | None = None,
     ) -> None: ...
     def profile(self, map: str) -> Profile:
         """Fetches the profile of a map of the service; `seal` needs it.
 
         Raises:
-            ServiceError: the service refused the request or cannot be reached.
+            ServiceError: the service refused the request, cannot be reached, or has another profile than `profile_ids`.
         """
     def localize(
         self, map: str, query: bytes, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
@@ -915,6 +919,7 @@ def seal(
     *,
     scheme: Scheme = "dcl",
     max_keypoints: int | None = None,
+    max_image_side: int | None = None,
     angle_bits: int = 12,
     gravity: npt.ArrayLike | None = None,
     focal: Focal | None = None,
@@ -932,6 +937,8 @@ def seal(
         scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
             nothing.
         max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+        max_image_side: longest side to which the image is scaled down, pixels, whatever the profile requests; default
+            2048. The next smaller size of the device's list is used.
         angle_bits: bits of each quantized angle.
         gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
             deviation (2). It is sent with the query.

@@ -8,7 +8,7 @@ use crate::address::{Address, token};
 use crate::profile_cache::{ProfileCache, hash, store};
 use crate::refusal::{Refusal, printable};
 use crate::transport::{Reply, Transport};
-use crate::{ClientError, ClientOptions, LocalizeRequest};
+use crate::{ClientError, ClientOptions, LocalizeRequest, Notice};
 
 /// Maximum number of bytes of a profile.
 const MAX_PROFILE: u64 = 2 << 20;
@@ -38,10 +38,12 @@ impl Client {
         Ok(Self { transport, cache })
     }
 
-    /// The current profile of a map: the cached one when the service confirms it.
+    /// The current profile of a map: the cached one when the service confirms it. [`Notice::ProfileChanged`] reports
+    /// that it is another one than the cached one.
     ///
     /// # Errors
-    /// [`ClientError`]: the map's name, an error response, the network, or an invalid profile.
+    /// [`ClientError`]: the map's name, an error response, the network, an invalid profile, or
+    /// [`ClientError::OtherProfile`].
     pub fn profile(&self, map: &str) -> Result<Profile, ClientError> {
         let url = self.transport.address().of_map(map, "profile")?;
         let file = self.cache.file(&self.transport.address().base, map);
@@ -51,17 +53,34 @@ impl Client {
         let tag = cached.as_ref().map(|(hash, _)| format!("\"{hash}\""));
         let reply = self.transport.get(&url, tag.as_deref(), MAX_PROFILE)?;
         match (reply.status, cached) {
-            (200, _) => {
+            (200, cached) => {
                 let bad = |reason| ClientError::BadAnswer { what: "the profile", reason };
                 check_type(&reply).map_err(bad)?;
                 let profile = Profile::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
+                self.check_id(map, &profile)?;
+                if let Some((_, cached)) = cached.filter(|(_, cached)| cached.id() != profile.id()) {
+                    let (map, before, now) = (map.to_owned(), cached.id(), profile.id());
+                    self.transport.options().notify(&Notice::ProfileChanged { map, before, now });
+                }
                 if let Some(file) = file {
                     store(&file, &reply.body, self.transport.options());
                 }
                 Ok(profile)
             }
-            (304, Some((_, profile))) => Ok(profile),
+            (304, Some((_, profile))) => self.check_id(map, &profile).map(|()| profile),
             _ => Err(refused(&reply)),
+        }
+    }
+
+    /// Refuses another profile than the one whose id is given for this map.
+    fn check_id(&self, map: &str, profile: &Profile) -> Result<(), ClientError> {
+        match self.transport.options().profile_ids.get(map) {
+            Some(expected) if *expected != profile.id() => Err(ClientError::OtherProfile {
+                map: map.to_owned(),
+                expected: *expected,
+                actual: profile.id(),
+            }),
+            _ => Ok(()),
         }
     }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_obfuscation::SealError;
-use veiloc_protocol::{QueryError, RigMessage, UnbalancedAnchors};
+use veiloc_protocol::{ProfileId, QueryError, RigMessage, UnbalancedAnchors};
 
 use crate::Refusal;
 
@@ -76,6 +76,17 @@ pub enum ClientError {
     /// Fetch the profile; this image must not be sealed a second time.
     #[error("{0}")]
     WrongProfile(Refusal),
+    /// The map has another profile than [`ClientOptions::profile_ids`](crate::ClientOptions::profile_ids) says. It was
+    /// not used, and nothing was sealed.
+    #[error("the profile of the map {map} is {actual}, not {expected}")]
+    OtherProfile {
+        /// Name of the map.
+        map: String,
+        /// The given id.
+        expected: ProfileId,
+        /// The id of the service's profile.
+        actual: ProfileId,
+    },
     /// Any other error response: about the token, the map or the query.
     #[error("{0}")]
     Refused(Refusal),

@@ -1,9 +1,12 @@
 //! Options of a client: limits, retries, and the listener for events.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+
+use veiloc_protocol::ProfileId;
 
 /// When the same bytes are sent again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +36,17 @@ pub enum Notice {
         reason: String,
         /// The pause before the retry.
         pause: Duration,
+    },
+    /// The profile of a map is another one than the cached one of an earlier call: the map was replaced, or the service
+    /// gives this device a profile of its own. Compare it with the one that the operator publishes
+    /// ([`ClientOptions::profile_ids`]).
+    ProfileChanged {
+        /// Name of the map.
+        map: String,
+        /// Id of the profile before.
+        before: ProfileId,
+        /// Its id now.
+        now: ProfileId,
     },
     /// A profile could not be stored on disk; it is fetched again next time.
     CacheWriteFailed {
@@ -67,6 +81,10 @@ pub struct ClientOptions {
     pub timeout: Duration,
     /// Folder for cached profiles, created when needed. Without one, profiles are fetched each time.
     pub cache: Option<PathBuf>,
+    /// Ids of profiles by the name of their map, as their operator publishes them. A map in this list with another
+    /// profile is an error, and nothing is sealed for it: a service could give one user a profile of its own, to
+    /// recognize that user. Default: none.
+    pub profile_ids: BTreeMap<String, ProfileId>,
     /// Receives the events of a call, on the thread of the call.
     pub notice: Option<Arc<NoticeListener>>,
 }
@@ -81,6 +99,7 @@ impl Default for ClientOptions {
             connect_timeout: Duration::from_secs(10),
             timeout: Duration::from_secs(60),
             cache: None,
+            profile_ids: BTreeMap::new(),
             notice: None,
         }
     }
@@ -103,6 +122,7 @@ impl fmt::Debug for ClientOptions {
             .field("connect_timeout", &self.connect_timeout)
             .field("timeout", &self.timeout)
             .field("cache", &self.cache)
+            .field("profile_ids", &self.profile_ids)
             .finish_non_exhaustive()
     }
 }

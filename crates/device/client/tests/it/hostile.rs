@@ -2,10 +2,11 @@
 
 use super::common;
 
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use common::{Service, known, problem, protobuf, query, quick, recording, reply};
-use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
+use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Notice, Profile};
 
 fn bad_answer(replies: Vec<Vec<u8>>) -> String {
     let service = Service::replying(replies);
@@ -128,6 +129,47 @@ fn profiles_are_cached_revalidated_and_checked() {
     for name in ["..", "../x", "a/b", "a?b", ""] {
         assert!(matches!(client.profile(name), Err(ClientError::MapName { .. })), "{name}");
     }
+}
+
+/// A service that gives a device another profile than before, or than the published one, is noticed before anything is
+/// sealed.
+#[test]
+fn another_profile_is_refused_or_reported() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let good = known("sift.profile");
+    let own = Profile::decode(&good).expect("a profile");
+    let limits = veiloc_protocol::ExtractionLimits { max_image_side: 1599, ..own.limits() };
+    let other = own.clone().with_limits(limits).expect("allowed");
+    assert_ne!(own.id(), other.id());
+    let changes = Arc::new(Mutex::new(Vec::new()));
+    let mut options = quick();
+    options.cache = Some(folder.path().to_owned());
+    let kept = changes.clone();
+    options.notice = Some(Arc::new(move |notice: &Notice| kept.lock().expect("whole").push(notice.clone())));
+    let service = Service::replying(vec![
+        protobuf(&good),
+        protobuf(&good),
+        protobuf(&other.encode()),
+        reply("304 Not Modified", &[], b""),
+        protobuf(&good),
+    ]);
+    let client = Client::new(&service.url, None, options.clone()).expect("a client");
+    for expected in [&own, &own, &other] {
+        assert_eq!(client.profile("place").expect("fetched"), *expected);
+    }
+    let change = Notice::ProfileChanged { map: "place".to_owned(), before: own.id(), now: other.id() };
+    assert_eq!(*changes.lock().expect("whole"), [change], "once, when it changed");
+    // The same with the id of the first one: also a cached profile is refused, and the other map is not concerned.
+    options.profile_ids.insert("place".to_owned(), own.id());
+    options.profile_ids.insert("elsewhere".to_owned(), other.id());
+    let pinned = Client::new(&service.url, None, options).expect("a client");
+    match pinned.profile("place") {
+        Err(ClientError::OtherProfile { map, expected, actual }) => {
+            assert_eq!((map.as_str(), expected, actual), ("place", own.id(), other.id()));
+        }
+        unexpected => panic!("{unexpected:?}"),
+    }
+    assert_eq!(pinned.profile("place").expect("the published one"), own);
 }
 
 /// Request options are sent, also with every retry; the client removes what it did not request.

@@ -1,6 +1,6 @@
 //! Options that the device decides and a profile cannot override: the obfuscation scheme, and how much is sent.
 
-use veiloc_obfuscation::SealOptions;
+use veiloc_obfuscation::{DeviceLimits, SealOptions};
 use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 
 use crate::args::camera::{CameraArg, CameraSource};
@@ -23,6 +23,11 @@ pub(crate) struct DeviceArgs {
     /// the profile requests, at most 2048.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     max_keypoints: Option<u32>,
+    /// Scale images down to at most this longest side, pixels, whatever the profile requests: smaller images give coarser
+    /// positions. The largest of 64, 144, 240, 360, 480, 640, 1024, 1600 and 2048 below this number and the profile's
+    /// is used. Default: 2048.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
+    max_image_side: Option<u32>,
     /// Knowledge of the focal length of a given camera: calibrated, exif or unknown. The server also estimates a focal
     /// length that is not calibrated. Default: calibrated for a given camera, exif for a camera from EXIF, unknown for
     /// an unknown one.
@@ -90,7 +95,9 @@ impl DeviceArgs {
             }
         };
         let extractors = self.features.extractors(profile)?.sealing();
-        let options = options.with_gravity(self.gravity).with_extractors(extractors);
+        let mut limits = DeviceLimits::default();
+        limits.max_image_side = self.max_image_side.unwrap_or(limits.max_image_side);
+        let options = options.with_gravity(self.gravity).with_extractors(extractors).with_limits(limits);
         let options = self.consent.with_consent(options, &self.features.models(), profile, ui)?;
         Ok(self
             .max_keypoints

@@ -8,7 +8,7 @@ use veiloc_client::{ClientError, Mask, Orientation, SealedImage, SessionFile, se
 use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::{FocalKnowledge, Profile};
+use veiloc_protocol::{FocalKnowledge, Profile, ProfileId};
 
 use crate::args::camera::{CameraArg, CameraSource};
 use crate::args::extraction_error::extraction_error;
@@ -48,6 +48,10 @@ pub(crate) struct Args {
     /// The map's profile, as written by `veiloc map profile`.
     #[arg(long, value_name = "FILE")]
     profile: PathBuf,
+    /// Id of the profile as the operator publishes it, 32 hexadecimal digits (`veiloc map profile` prints it): nothing
+    /// is sealed for another profile, by which a service could recognize this device. Default: any profile.
+    #[arg(long, value_name = "HEX")]
+    profile_id: Option<ProfileId>,
     #[command(flatten)]
     device: DeviceArgs,
     #[command(flatten)]
@@ -71,11 +75,21 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let profile = read_profile(&args.profile)?;
+    if let Some(expected) = args.profile_id.filter(|expected| *expected != profile.id()) {
+        return Err(Failure::with_help(
+            format!("{}: its id is {}, not {expected}", args.profile.display(), profile.id()),
+            OTHER_PROFILE,
+        ));
+    }
     let options = args.device.options(&profile, ui)?;
     let hiding = args.mask.open()?;
     let mut session = args.session.open()?;
     batch::run(args, &profile, &options, &hiding, session.as_mut(), ui)
 }
+
+/// The remedy for another profile than the given one.
+pub(crate) const OTHER_PROFILE: &str = "compare it with the id that the operator publishes now; a profile that only \
+                                        this device gets identifies it";
 
 /// The remedy for an image whose EXIF data does not give the focal length.
 pub(crate) const GIVE_CAMERA: &str =

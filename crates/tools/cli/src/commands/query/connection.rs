@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use veiloc_client::{Client, ClientError, ClientOptions, Notice};
+use veiloc_protocol::ProfileId;
 
+use crate::commands::seal::OTHER_PROFILE;
 use crate::exit::Failure;
 use crate::files;
 use crate::ui::Ui;
@@ -36,9 +38,10 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Returns a client that reports when it waits.
-    pub(super) fn client(&self, ui: &Arc<Ui>) -> Result<Client, Failure> {
+    /// Returns a client that reports when it waits, and refuses another profile of a map than the given one.
+    pub(super) fn client(&self, profile: Option<(&str, ProfileId)>, ui: &Arc<Ui>) -> Result<Client, Failure> {
         let mut options = ClientOptions::default();
+        options.profile_ids.extend(profile.map(|(map, id)| (map.to_owned(), id)));
         options.certificates = self.ca.as_deref().map(files::read).transpose()?;
         options.insecure_http = self.insecure_http;
         options.retry.retries = self.retries;
@@ -69,6 +72,12 @@ fn print_notice(ui: &Ui, notice: &Notice) {
     match notice {
         Notice::Again { reason, pause } => {
             ui.info(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
+        }
+        Notice::ProfileChanged { map, before, now } => {
+            ui.warn(format!(
+                "the profile of the map {map} changed since the last query, from {before} to {now}; compare it with the id \
+                 that the operator publishes, and give that with --profile-id"
+            ));
         }
         Notice::CacheWriteFailed { file, reason } => {
             ui.info(format!("{}: the profile could not be cached: {reason}", file.display()));
@@ -107,6 +116,7 @@ pub(super) fn failure(error: ClientError) -> Failure {
              FILE, with --orientation if the device knows it); without a session do not seal this image \
              twice: move by at least one step and take another image"
         }
+        ClientError::OtherProfile { .. } => OTHER_PROFILE,
         ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
             "give a token with --token-file or in VEILOC_TOKEN"
         }

@@ -9,6 +9,7 @@ use veiloc_client::{
     seal_masked,
 };
 use veiloc_features::FeatureError;
+use veiloc_protocol::ProfileId;
 
 use super::connection::{Connection, failure};
 use super::session;
@@ -41,7 +42,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
     /// its standard deviations (docs/reference/formats.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "max_image_side", "profile_id", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
     /// The camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which assumes
@@ -51,6 +52,11 @@ pub(crate) struct Args {
     /// Name of the service's map.
     #[arg(long, value_name = "NAME")]
     map: String,
+    /// Id of the map's profile as the operator publishes it, 32 hexadecimal digits: nothing is sealed or sent when the
+    /// service has another profile, by which it could recognize this device. Default: any profile; one that changed
+    /// since the last query is reported.
+    #[arg(long, value_name = "HEX")]
+    profile_id: Option<ProfileId>,
     #[command(flatten)]
     connection: Connection,
     #[command(flatten)]
@@ -79,7 +85,7 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     request.near = args.near;
     let QueryResponse { answer, steps } = match (&args.rig, &args.image) {
         (Some(rig), _) => {
-            let answer = session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?;
+            let answer = session::send(rig, &args.map, || args.connection.client(None, ui), &request, ui)?;
             QueryResponse { answer, steps: None }
         }
         (None, Some(image)) => send(image, args, &request, ui)?,
@@ -146,8 +152,9 @@ fn send(
     // An unusable mask or detector ends the command before any request.
     let hidden = args.mask.open()?.of(image, args.mask.file());
     let hidden = hidden.map_err(|fault| Failure::refused(fault.of(&image.display().to_string())))?;
-    let client = args.connection.client(ui)?;
+    let client = args.connection.client(args.profile_id.map(|id| (args.map.as_str(), id)), ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
+    ui.info(format!("map {}: profile {}", args.map, profile.id()));
     let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
     let (intrinsics, orientation) =
         (&camera.intrinsics, args.session.camera_orientation(args.device.gravity()));
