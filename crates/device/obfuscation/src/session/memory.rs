@@ -13,6 +13,7 @@ use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 
 use super::align::DirectionPair;
+use super::overlap::is_one_scene;
 use crate::rule::RowHistory;
 use crate::schemes::dcl::AnchorAngle;
 
@@ -27,8 +28,6 @@ const NEARBY_DEG: f64 = 20.0;
 const CLEAR_RATIO: f32 = 0.8;
 /// Ratio-test threshold for a match to a point that may have been sent before: the one that attackers use too.
 const SENT_RATIO: f32 = 0.9;
-/// Minimum number of clear matches between frames of one scene.
-const MIN_OVERLAP: usize = 15;
 /// Maximum distance between descriptors of one landmark, relative to their length.
 const LANDMARK_DISTANCE: f32 = 0.7;
 /// Below this distance, relative to their length, descriptors belong to one keypoint regardless of other neighbours.
@@ -95,12 +94,10 @@ impl Memory {
         self.landmarks.iter().map(|landmark| landmark.start).collect()
     }
 
-    /// Number of remembered starts whose scene these descriptors show.
-    pub(super) fn overlapping(&self, descriptors: &Descriptors) -> u32 {
-        let shows = |start: &u32| {
-            let matched = self.matched(descriptors, *start).by_keypoint;
-            matched.iter().flatten().filter(|(_, ratio)| *ratio <= CLEAR_RATIO).count() >= MIN_OVERLAP
-        };
+    /// Number of remembered starts whose scene these keypoints show; `seen` are their directions in the camera, where
+    /// they have one.
+    pub(super) fn overlapping(&self, descriptors: &Descriptors, seen: &[Option<Vector3<f64>>]) -> u32 {
+        let shows = |start: &u32| is_one_scene(&self.pairs(&self.matched(descriptors, *start), seen));
         self.starts().into_iter().filter(shows).count() as u32
     }
 

@@ -27,6 +27,7 @@ mod bytes;
 mod memory;
 mod options;
 mod orientation;
+mod overlap;
 mod placement;
 
 use rand::CryptoRng;

@@ -65,7 +65,8 @@ pub(super) fn place_layout(
     }
     let (turn, start) = new_start(session, scheme, canonical, held)?;
     let remembers = session.options.memory && session.options.anchors != SessionAnchors::Image;
-    let before = if remembers { session.memory.overlapping(descriptors) } else { session.starts };
+    let before =
+        if remembers { session.memory.overlapping(descriptors, &directions) } else { session.starts };
     // When the camera turned away, keypoints that were sent before are dropped, so that their lines do not add up. A
     // retry after a step, without orientation, needs all keypoints to find its pose; the limit on starts exists for
     // this case.
