@@ -11,7 +11,7 @@ use super::align::DirectionPair;
 /// Minimum number of pairs.
 const MIN_PAIRS: usize = 15;
 /// Pairs that must agree with one epipolar geometry. Eight fit always; among pairs of different scenes at most 14 did, of
-/// one scene at least 23 (decision 0044).
+/// one scene at least 23 (decision 0046).
 const MIN_EPIPOLAR: usize = 18;
 /// Pairs that must agree with one homography. Four fit always; among pairs of different scenes at most 8 did.
 const MIN_HOMOGRAPHY: usize = 11;
