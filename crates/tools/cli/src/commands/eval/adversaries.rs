@@ -78,9 +78,9 @@ Adversaries, and their knowledge beside the query:
   outsider-neighbours the neighbour network of --model, trained on other scenes
   outsider-network    the position networks of --positions, trained on other scenes: from all rows to positions
   map-server          images of the map, with keypoints
-  pose-server         the map and the pose, estimated from the query; only keypoints without a map point are counted,
-                      here and in the next two
-  pose-server-images  the same with the keypoints of the map's images
+  pose-server         the map and the pose, estimated from the query; only keypoints without a map point are counted
+  pose-server-private the same, counted on a tenth of the keypoints that hides the map, as a person in front of it does
+  pose-server-images  as pose-server, with the keypoints of the map's images
   several-frames      the poses of two or eight queries of the scene
   several-seals       eight sealed queries of one image
   true-neighbours     the true neighbours, from an oracle; no real attacker has them, for comparison only

@@ -78,7 +78,8 @@ Adversaries; the best attack of each counts (see `attack`):
   outsider-network    has the query, and the network of --positions
   map-server          has the images of the map
   pose-server         a server that has estimated the pose; only keypoints without a map point are counted
-  pose-server-images  the same with the keypoints of all map images
+  pose-server-private the same, counted on a tenth of the keypoints that hides the map, as a person does
+  pose-server-images  as pose-server, with the keypoints of all map images
   several-frames      a server that has estimated the poses of two or eight queries
   several-seals       has eight sealed queries of one image
   true-neighbours     has the true neighbours, which no real attacker has; for comparison only";
