@@ -1,4 +1,5 @@
-//! Shared test helpers: a scene of random points ([`RandomScene`]), a map of rooms ([`rooms`]), hand-made EXIF
+//! Shared test helpers: a scene of random points ([`RandomScene`]), a map of rooms ([`rooms`]), a map with a
+//! copy of a part of it ([`with_copy`]), hand-made EXIF
 //! ([`exif`]), and fixtures on disk ([`fixture`]).
 //!
 //! Fixtures are expensive data: created once, stored on disk beside the builds, and shared by all processes.
@@ -11,6 +12,7 @@
 pub mod exif;
 mod random_scene;
 mod rooms;
+mod twin;
 
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -20,6 +22,7 @@ use std::time::{Duration, SystemTime};
 
 pub use random_scene::{RandomScene, pose_in_scene};
 pub use rooms::rooms;
+pub use twin::with_copy;
 
 /// How long fixtures with an earlier key are kept: another test program may still use them.
 const OLD_FIXTURE_LIFETIME: Duration = Duration::from_secs(24 * 3600);

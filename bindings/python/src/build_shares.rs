@@ -75,8 +75,10 @@ pub(crate) fn prepare(
 }
 
 /// Pose of a map image in the self-test: step to the true pose, rows of the covariance and of its part from the camera
-/// model, whether it was trusted, noise in pixels, evidence about the camera. Private to `self_test_share` and `with_self_test`.
-pub(crate) type TrialParts = ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64, Option<CameraParts>);
+/// model, whether it was trusted, noise in pixels, evidence about the camera,
+/// an image of a place that looks alike. Private to `self_test_share` and `with_self_test`.
+pub(crate) type TrialParts =
+    ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64, Option<CameraParts>, Option<usize>);
 
 /// The numbers of a [`CameraEvidence`] and of its best camera, in the order of their fields.
 type CameraParts = ([[f64; 6]; 6], [f64; 6], f64, Option<(f64, f64)>);
@@ -90,7 +92,7 @@ pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> Imag
             let best = camera.best.map(|best| (best.gain, best.shared_variance));
             (camera.information, camera.gradient, camera.shared_variance, best)
         });
-        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px, camera)
+        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px, camera, trial.looks_like)
     };
     (image, trials.into_iter().map(|trial| trial.map(parts)).collect())
 }
@@ -103,13 +105,14 @@ pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTr
         best: best.map(|(gain, shared_variance)| BestCamera { gain, shared_variance }),
     };
     let trial =
-        |(step, covariance, camera_covariance, trusted, noise_px, camera): TrialParts| SelfTestTrial {
+        |(step, covariance, camera_covariance, trusted, noise_px, camera, looks_like): TrialParts| SelfTestTrial {
             step,
             covariance,
             camera_covariance,
             trusted,
             noise_px,
             camera_evidence: camera.map(camera_evidence),
+            looks_like,
         };
     parts.into_iter().map(|parts| parts.map(trial)).collect()
 }

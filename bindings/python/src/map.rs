@@ -55,11 +55,15 @@ impl Map {
         with_test: bool,
         progress: &ProgressCallback,
     ) -> Result<Self> {
+        let mut alike = None;
         if with_test && is_testable(&model) {
-            model.self_test =
-                Some(self_test(&model, &SelfTestOptions::default(), progress).map_err(BindingError::map)?);
+            let options = SelfTestOptions::default();
+            let images = chosen(&model, &options);
+            let tried = trials(&model, &images, &options, progress).map_err(BindingError::map)?;
+            alike = MapWarning::of_trials(&model, &images, &tried);
+            model.self_test = Some(summarize_trials(&model, &tried, &options));
         }
-        let warnings = warnings.iter().map(ToString::to_string);
+        let warnings = warnings.iter().chain(&alike).map(ToString::to_string);
         Self::of_model(&model, warnings.chain(remarks.iter().cloned()).collect())
     }
 
@@ -336,7 +340,8 @@ impl Map {
                 )));
             }
             model.self_test = Some(summarize_trials(&model, &tried, &options));
-            Self::of_model(&model, self.warnings.clone())
+            let alike = MapWarning::of_trials(&model, &tested, &tried).map(|warning| warning.to_string());
+            Self::of_model(&model, self.warnings.iter().cloned().chain(alike).collect())
         })
     }
 

@@ -41,6 +41,15 @@ const CHANCE_LOG_EVIDENCE: f64 = 0.0;
 /// Minimum log likelihood by which a trusted pose beats the best other one.
 pub(crate) const MIN_MARGIN: f64 = 8.0;
 
+/// Share of a pose's log evidence from which on that of another pose, from the other matches, is a doubt. Of poses of
+/// seven places without twins all had less than 0.02, and 0.11 on a facade of equal windows (entry); of 32 queries in
+/// maps in which 8 to 24 of 91 images exist twice all had 0.27 or more (`docs/results/trust.md`).
+pub(crate) const MIN_RIVAL_SHARE: f64 = 0.15;
+
+/// Largest distance of a trusted position from the given one, in standard deviations of both. Beyond it are one in
+/// 60,000 of normally distributed errors.
+const MAX_POSITION_DEVIATION: f64 = 5.0;
+
 /// Largest standard deviation of a trusted camera centre, relative to the distance of the observed points.
 const MAX_RELATIVE_SD: f64 = 0.05;
 
@@ -64,6 +73,12 @@ pub struct Confidence {
     pub min_log_evidence: f64,
     /// Log likelihood by which the pose beats the best other one; infinite when no other was found.
     pub margin: f64,
+    /// Log evidence of another pose from the matches that do not agree with this one; `None` when they support no other
+    /// pose. Two parts of a map that look alike, or an object that was moved, give both poses much evidence.
+    pub rival_log_evidence: Option<f64>,
+    /// Distance of the camera centre from the given approximate position, in standard deviations of that position and
+    /// of the centre; `None` without one.
+    pub position_deviation: Option<f64>,
     /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the
     /// largest eigenvalue of the centre's covariance. The `±` of a printed or answered position is always this value.
     pub center_sd: f64,
@@ -126,6 +141,18 @@ pub enum Doubt {
         /// [`Confidence::margin`].
         margin: f64,
     },
+    /// The other matches support another pose: parts of the map look alike, or an object was moved.
+    Rival {
+        /// [`Confidence::rival_log_evidence`].
+        rival: f64,
+        /// [`Confidence::log_evidence`].
+        log_evidence: f64,
+    },
+    /// The pose is far from the approximate position that came with the query.
+    FarFromPosition {
+        /// [`Confidence::position_deviation`].
+        deviation: f64,
+    },
     /// The agreeing matches hardly determine a direction of translation or rotation.
     LooselyHeld {
         /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
@@ -157,6 +184,15 @@ impl fmt::Display for Doubt {
             Self::Ambiguous { margin } => {
                 write!(f, "another pose explains the matches nearly as well (margin {margin:.1})")
             }
+            Self::Rival { rival, log_evidence } => write!(
+                f,
+                "the other matches support another pose (log evidence {rival:.0}, of this pose {log_evidence:.0}): parts \
+                 of the map look alike, or something was moved"
+            ),
+            Self::FarFromPosition { deviation } => write!(
+                f,
+                "the pose is {deviation:.0} standard deviations away from the given approximate position"
+            ),
             Self::LooselyHeld { center_sd_relative, rotation_sd_deg } => write!(
                 f,
                 "the matches determine the camera only to {:.0} % of its distance from the scene and \
@@ -218,6 +254,24 @@ impl Confidence {
         }
     }
 
+    /// Log evidence of another pose from which on this one is ambiguous.
+    pub(crate) fn min_rival_log_evidence(&self) -> f64 {
+        self.min_log_evidence.max(MIN_RIVAL_SHARE * self.log_evidence)
+    }
+
+    /// Log evidence of another pose, if it makes this one ambiguous. Matches on one spot agree with many poses and hold
+    /// none.
+    pub(crate) fn rival(&self, other: &Self) -> Option<f64> {
+        let is_rival = other.log_evidence >= self.min_rival_log_evidence() && other.is_held();
+        is_rival.then_some(other.log_evidence)
+    }
+
+    /// Whether the matches determine centre and orientation.
+    fn is_held(&self) -> bool {
+        self.center_sd_relative.max(self.held_relative) <= MAX_RELATIVE_SD
+            && self.held_rotation_deg <= MAX_ROTATION_SD_DEG
+    }
+
     /// All reasons not to trust the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
@@ -227,13 +281,18 @@ impl Confidence {
         if !(self.margin >= MIN_MARGIN) {
             doubts.push(Doubt::Ambiguous { margin: self.margin });
         }
+        if let Some(rival) = self.rival_log_evidence.filter(|rival| *rival >= self.min_rival_log_evidence()) {
+            doubts.push(Doubt::Rival { rival, log_evidence: self.log_evidence });
+        }
+        if let Some(deviation) = self.position_deviation.filter(|d| !(*d <= MAX_POSITION_DEVIATION)) {
+            doubts.push(Doubt::FarFromPosition { deviation });
+        }
         // The one-sided doubt already covers a free direction.
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < MIN_KEYPOINTS_PER_SIDE || self.center_sd == f64::INFINITY);
         let center_sd_relative = self.center_sd_relative.max(self.held_relative);
         let rotation_sd_deg = self.held_rotation_deg;
-        let is_firm = center_sd_relative <= MAX_RELATIVE_SD && rotation_sd_deg <= MAX_ROTATION_SD_DEG;
-        if one_sided.is_none() && !is_firm {
+        if one_sided.is_none() && !self.is_held() {
             doubts.push(Doubt::LooselyHeld { center_sd_relative, rotation_sd_deg });
         }
         if let Some(scale) = self.other_focal {
@@ -263,6 +322,8 @@ pub(crate) fn assess(
         min_log_evidence: min_log_evidence(matches),
         log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
+        rival_log_evidence: None,
+        position_deviation: None,
         center_sd: 0.0,
         center_sd_relative: 0.0,
         held_relative: 0.0,

@@ -23,6 +23,9 @@ const SPOT: f64 = 1.0 / 80.0;
 /// Side of a spot in space, as a share of the region of the matched points: 6 mm of 6 m.
 const SPOT_IN_SPACE: f64 = 1e-3;
 
+/// Side of the cells of [`spread`], in spots.
+const COARSE: f64 = 5.0;
+
 /// A problem without copies.
 pub(crate) struct WithoutCopies {
     pub(crate) problem: PoseProblem,
@@ -69,6 +72,14 @@ impl WithoutCopies {
     pub(crate) fn expand(&self, flags: &[bool]) -> Vec<bool> {
         self.stands_for.iter().map(|kept| kept.is_some_and(|k| flags[k])).collect()
     }
+}
+
+/// The first [`MAX_COPIES`] of these matches in each cell of a grid whose cells are five times as large as spots: matches
+/// that support a second pose must be spread, because a pose is free to explain any single spot exactly.
+pub(crate) fn spread(problem: &PoseProblem, matches: Vec<usize>) -> Vec<usize> {
+    let Some(spots) = Spots::of(problem) else { return matches };
+    let cells = Spots { scale: COARSE, side: COARSE * spots.side, ..spots };
+    [0.0, 0.5].into_iter().fold(matches, |kept, shift| at_most(MAX_COPIES, kept, |i| cells.cell(i, shift)))
 }
 
 /// A group of matches: equal numbers for matches of one group.
@@ -120,6 +131,8 @@ fn observation(of: &Correspondences, i: usize) -> [u64; 4] {
 /// Cells of a grid in the image and in space.
 struct Spots<'a> {
     problem: &'a PoseProblem,
+    /// Side of a cell in the image, in spots.
+    scale: f64,
     /// Side of a cell in space, map units.
     side: f64,
 }
@@ -134,13 +147,13 @@ impl<'a> Spots<'a> {
             Some(at(last - last / 20) - at(last / 20))
         };
         let side = (0..3).filter_map(extent).fold(0.0, f64::max) * SPOT_IN_SPACE;
-        (side > 0.0 && side.is_finite()).then_some(Self { problem, side })
+        (side > 0.0 && side.is_finite()).then_some(Self { problem, scale: 1.0, side })
     }
 
     /// The cell of a match in the grid that is shifted by this share of a cell.
     fn cell(&self, i: usize, shift: f64) -> Group {
         let index = |value: f64, side: f64| (value / side + shift).floor() as i64 as u64;
-        let size = SPOT * f64::from(self.problem.camera.width);
+        let size = self.scale * SPOT * f64::from(self.problem.camera.width);
         let (kind, u, v) = match &self.problem.observations {
             Correspondences::Points { pixels } => (0, index(pixels[i].u, size), index(pixels[i].v, size)),
             Correspondences::Anchored { lines, .. } => {

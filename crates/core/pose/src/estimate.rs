@@ -2,6 +2,7 @@
 
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::deviations::position_sd;
 
 use crate::camera_refinement::{CameraRefinement, CameraTest};
 use crate::confidence::{assess, free_direction};
@@ -17,6 +18,7 @@ use crate::pose_estimate::PoseEstimate;
 use crate::ransac::minimal::Minimal;
 use crate::ransac::search::{Agreement, Search};
 use crate::ransac::{Budget, Estimator, lo_ransac};
+use crate::rival::find_rival;
 
 /// Estimates the pose of a camera.
 ///
@@ -70,7 +72,15 @@ fn estimate_checked<R: Rng + ?Sized>(
             .map(|estimate| ImageEstimate { estimate, observations })
     });
     // The optimum lies between two tried focal lengths: the best of them may not be the best of all.
-    if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
+    }
+    let mut best = best?.estimate;
+    if options.fixed_hypotheses.is_none() {
+        best.rival = find_rival(&matches, problem, &best, options, rng);
+        best.confidence.rival_log_evidence = best.rival.map(|rival| rival.log_evidence);
+    }
+    Ok(best)
 }
 
 /// Searches with the given focal length multiplied by a factor.
@@ -167,7 +177,11 @@ fn solver(options: &PoseOptions) -> AnchoredSolver {
     options.anchored_solver.unwrap_or(AnchoredSolver::default_for(options.score.unwrap_or_default()))
 }
 
-fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
+pub(crate) fn search<'a>(
+    matches: &'a Matches<'a>,
+    problem: &PoseProblem,
+    options: &PoseOptions,
+) -> Search<'a> {
     let kind = options.score.unwrap_or_default();
     let scale = match kind {
         ScoreKind::Msac => {
@@ -192,7 +206,7 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
 /// Final refinement of the best pose, and its confidence.
 ///
 /// `matches` have the given focal length; `start` contains the focal length of the search.
-fn conclude<'a>(
+pub(crate) fn conclude<'a>(
     search: Search<'a>,
     matches: &Matches<'a>,
     start: Option<PoseWithFocal>,
@@ -251,6 +265,7 @@ fn conclude<'a>(
         if known.is_empty() { by_matches } else { uncertainty(known, free, design_effect).1 };
     (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
     confidence = confidence.with_covariances(&covariance, &by_matches);
+    confidence.position_deviation = known.position_deviation(&polished.pose, position_sd(&by_matches));
     if let FocalVerdict::Suspicious(other) = verdict {
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
@@ -279,6 +294,7 @@ fn conclude<'a>(
         confidence,
         free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),
         inliers: mask,
+        rival: None,
         refined: polished.accepted,
     })
 }

@@ -103,8 +103,8 @@ fn min_surplus<T: WithConfidence>(focal: FocalPrior, found: &Result<T, PoseError
 
 /// Whether no other focal length needs to be tried.
 pub(crate) fn is_clear<T: WithConfidence>(found: &Result<T, PoseError>) -> bool {
-    // A suspicious focal length has already been tested.
-    let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. });
+    // A suspicious focal length has already been tested, and a given position says nothing about it.
+    let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. } | Doubt::FarFromPosition { .. });
     found.as_ref().map(WithConfidence::confidence).is_ok_and(|confidence| {
         confidence.log_evidence > CLEAR_LOG_EVIDENCE && !confidence.doubts().iter().any(other)
     })

@@ -62,6 +62,7 @@ mod pose_estimate;
 pub mod ransac;
 mod refine_inliers;
 mod rig;
+mod rival;
 pub mod solvers;
 
 pub use crate::likelihood::prior;
@@ -73,7 +74,7 @@ pub use cramer_rao::fisher_information;
 pub use error::PoseError;
 pub use estimate::{estimate_pose, optimize_pose};
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use pose_estimate::PoseEstimate;
+pub use pose_estimate::{PoseEstimate, Rival};
 pub use ransac::Stop;
 pub use refine_inliers::refine_pose;
 pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};

@@ -1,6 +1,6 @@
 //! The result of an estimation: a pose, its inliers, its uncertainty, and whether to trust it.
 
-use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::{CameraFromWorld, Pinhole};
 
 use crate::confidence::Confidence;
 use crate::likelihood::CameraEvidence;
@@ -45,11 +45,33 @@ pub struct PoseEstimate {
     pub free_direction: Option<[f64; 3]>,
     /// Whether to trust the pose.
     pub confidence: Confidence,
+    /// Another pose, which the matches that do not agree with this one support; `None` if they support none, or if it was
+    /// not searched for ([`PoseOptions::fixed_hypotheses`](crate::PoseOptions::fixed_hypotheses), tracking).
+    pub rival: Option<Rival>,
     /// Whether the final refinement was accepted. It is rejected when it makes the score worse.
     pub refined: bool,
 }
 
+/// Another pose that a part of the matches supports.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rival {
+    /// The pose.
+    pub cam_from_world: CameraFromWorld,
+    /// Its log evidence from the matches that do not agree with the best pose, as [`Confidence::log_evidence`].
+    pub log_evidence: f64,
+}
+
 impl PoseEstimate {
+    /// The camera as it was estimated, from the given one.
+    pub(crate) fn camera_of(&self, given: &Pinhole) -> Pinhole {
+        let [dx, dy] = self.principal_shift_px;
+        Pinhole {
+            focal: given.focal.map(|f| f * self.focal_scale),
+            principal: [given.principal[0] + dx, given.principal[1] + dy],
+            ..*given
+        }
+    }
+
     /// [`Self::covariance`] without the part that is due to the camera model: the noise of keypoints and map points
     /// alone.
     pub fn noise_covariance(&self) -> [[f64; 6]; 6] {

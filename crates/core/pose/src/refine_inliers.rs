@@ -57,6 +57,7 @@ pub fn refine_pose(
         covariance,
         covariance_by_matches: covariance,
         confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
+        rival: None,
         refined: true,
     })
 }

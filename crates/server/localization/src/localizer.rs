@@ -11,7 +11,7 @@ use veiloc_map::{MapFile, MapView, PointId};
 use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
 use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_pose::{
-    Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, Rival, State, estimate_pose,
 };
 use veiloc_protocol::{CoarseGravity, SealedQuery};
 
@@ -19,13 +19,14 @@ use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PointMatch, match_points_until};
-use crate::retrieval::{RetrievedImage, retrieve};
+use crate::retrieval::{RetrievedImage, retrieve_with_other_places};
 
 /// Options of localization.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LocalizeOptions {
-    /// Number of retrieved images. 10 as in hloc for scenes of this size; more cost time, fewer cost recall.
+    /// Number of retrieved images, without up to three of other places that look like them
+    /// ([`crate::retrieval::retrieve_with_other_places`]). 10 as in hloc for scenes of this size; more cost time, fewer cost recall.
     pub retrieve: usize,
     /// Descriptor matching: mutual check on, no ratio test, as in the paper.
     pub matching: MatchOptions,
@@ -93,6 +94,8 @@ pub struct Localization {
     pub camera_evidence: Option<CameraEvidence>,
     /// Whether to trust the pose, with the doubts. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
+    /// Another pose that the other matches support, if there is one.
+    pub rival: Option<Rival>,
     /// Use of the gravity direction.
     pub gravity: GravityUse,
     /// Trusted or doubtful; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
@@ -178,7 +181,7 @@ pub fn match_in(
         return Err(LocalizeError::EmptyMap);
     }
     let started = Instant::now();
-    let retrieved = retrieve(query.global(), map, options.retrieve);
+    let retrieved = retrieve_with_other_places(query.global(), map, options.retrieve);
     let retrieved_at = Instant::now();
     let stop = &options.pose.stop;
     let matches = match_points_until(query.descriptors(), map, &retrieved, &options.matching, stop);
@@ -298,6 +301,7 @@ pub fn localize_matched(
         camera_covariance: estimate.camera_covariance,
         camera_evidence: estimate.camera_evidence,
         confidence,
+        rival: estimate.rival,
         gravity: match query.gravity() {
             None => GravityUse::NotProvided,
             Some(_) if problem.gravity.is_some() => GravityUse::Used,

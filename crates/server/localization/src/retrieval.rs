@@ -1,7 +1,7 @@
 //! Image retrieval by global descriptors.
 
 use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
-use veiloc_map::MapView;
+use veiloc_map::{MapView, PointId};
 
 /// A retrieved image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,13 +17,66 @@ pub struct RetrievedImage {
 /// In a map of thousands of images only candidates of the index are compared: they include practically all of the
 /// best ten (`docs/results/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<RetrievedImage> {
+    ranked(query, map, count, count)
+}
+
+/// [`retrieve`], and after its images up to three of other places that look nearly as much like the query.
+///
+/// An image is of another place if it shares no points with the retrieved ones. Without these images the matches hold
+/// one of two places that look alike, the one that was photographed from nearer viewpoints, and nothing of the other.
+pub fn retrieve_with_other_places(
+    query: &GlobalDescriptor,
+    map: MapView<'_>,
+    count: usize,
+) -> Vec<RetrievedImage> {
+    let mut retrieved = ranked(query, map, count, count + MAX_RANKS);
+    let further = retrieved.split_off(count.min(retrieved.len()));
+    let Some(best) = retrieved.first() else { return retrieved };
+    let least = MIN_SIMILARITY_SHARE * best.similarity;
+    let alike = further.iter().take_while(|image| least > 0.0 && image.similarity >= least);
+    let alike: Vec<RetrievedImage> = alike.copied().collect();
+    if alike.is_empty() {
+        return retrieved;
+    }
+    let points = |image: usize| {
+        let image = map.file().image(image);
+        (0..image.keypoints().len()).filter_map(move |keypoint| map.point_of(&image, keypoint))
+    };
+    let mut seen: Vec<PointId> = retrieved.iter().flat_map(|image| points(image.image)).collect();
+    seen.sort_unstable();
+    let is_elsewhere = |image: &RetrievedImage| {
+        let own: Vec<PointId> = points(image.image).collect();
+        // A sample decides: covisible images share a large part of their points.
+        let sample = || own.iter().step_by(own.len().div_ceil(MAX_SAMPLE).max(1));
+        let shared = sample().filter(|point| seen.binary_search(point).is_ok()).count();
+        !own.is_empty() && shared * 50 < sample().count()
+    };
+    retrieved.extend(alike.into_iter().filter(is_elsewhere).take(OTHER_IMAGES));
+    retrieved
+}
+
+/// The `count` map images most similar to the query, among as many candidates as for the `requested` ones.
+fn ranked(query: &GlobalDescriptor, map: MapView<'_>, requested: usize, count: usize) -> Vec<RetrievedImage> {
     let found = match map.file().global_index() {
         None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),
         Some(index) => {
-            let named = index.candidates(query, GlobalIndex::candidates_for(count));
+            let named = index.candidates(query, GlobalIndex::candidates_for(requested));
             let remaining = named.into_iter().filter(|image| !map.is_left_out(*image));
             query.most_similar(remaining.map(|image| (image, map.file().image(image).global())), count)
         }
     };
     found.into_iter().map(|(image, similarity)| RetrievedImage { image, similarity }).collect()
 }
+
+/// Images of other places that are added.
+const OTHER_IMAGES: usize = 3;
+
+/// How many of the images after the retrieved ones are examined.
+const MAX_RANKS: usize = 100;
+
+/// Least similarity of an added image, as a share of that of the most similar image. Images of other places had at most
+/// 0.30 of it on RedKitchen, 0.46 on tum-fr1-rpy, and 0.73 on hololens-office (rooms with equal furniture).
+const MIN_SIMILARITY_SHARE: f32 = 0.7;
+
+/// Points of an image that are compared with those of the retrieved ones.
+const MAX_SAMPLE: usize = 200;

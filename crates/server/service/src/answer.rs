@@ -90,9 +90,9 @@ fn fit(noise_px: f64, focal_scale: f64, principal_shift_px: [f64; 2]) -> Option<
 const fn kind_of(doubt: &Doubt) -> DoubtKind {
     match doubt {
         Doubt::WeakEvidence { .. } => DoubtKind::WeakEvidence,
-        Doubt::Ambiguous { .. } => DoubtKind::Ambiguous,
+        Doubt::Ambiguous { .. } | Doubt::Rival { .. } => DoubtKind::Ambiguous,
         Doubt::LooselyHeld { .. } => DoubtKind::LooselyHeld,
         Doubt::OneSided { .. } => DoubtKind::OneSided,
-        Doubt::FocalLength { .. } | Doubt::Camera => DoubtKind::Other,
+        Doubt::FocalLength { .. } | Doubt::Camera | Doubt::FarFromPosition { .. } => DoubtKind::Other,
     }
 }

@@ -98,7 +98,7 @@ pub enum MappingError {
     #[error(
         "no point could be triangulated from {images} images ({matches} matches, {verified} of them agree with \
          the poses); {}",
-        cause.map_or_else(
+        cause.as_ref().map_or_else(
             || "check that the images overlap, from different positions, and that the poses are \
                 world-to-camera".to_owned(),
             |cause| cause.to_string()

@@ -5,6 +5,7 @@ use std::fmt;
 use veiloc_map::{MapModel, SelfTest};
 
 use crate::bad_image::BadImage;
+use crate::calibration::SelfTestTrial;
 use crate::frames::FrameReport;
 
 /// Result of building a map, or of adding images to one.
@@ -42,7 +43,7 @@ impl BuildReport {
 }
 
 /// Reason why a map may be unusable although it could be built. The message has advice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum MapWarning {
     /// Few matches agree with the poses.
     MatchesDisagree {
@@ -72,6 +73,15 @@ pub enum MapWarning {
         right: u32,
         /// Number of tested images.
         images: u32,
+    },
+    /// Parts of the map look alike: queries of one fit a pose in the other.
+    PlacesLookAlike {
+        /// Number of test images that fit a second place.
+        queries: usize,
+        /// Number of test images.
+        images: usize,
+        /// An image each of two such places, for up to three pairs of places.
+        examples: Vec<[String; 2]>,
     },
     /// Whether images are in the map's frame is not known: none of them was localized in the map without them.
     FrameUnknown {
@@ -158,6 +168,26 @@ impl MapWarning {
         (2 * right < test.images).then_some(Self::SelfTest { right, images: test.images })
     }
 
+    /// Returns the warning for a map of which parts look alike. `images` are the tested images, with their trials under
+    /// each scheme. `None` if fewer than two of them fit a second place.
+    pub fn of_trials(
+        model: &MapModel,
+        images: &[usize],
+        trials: &[Vec<Option<SelfTestTrial>>],
+    ) -> Option<Self> {
+        let alike =
+            |of_image: &Vec<Option<SelfTestTrial>>| of_image.iter().flatten().find_map(|t| t.looks_like);
+        let pairs: Vec<[usize; 2]> =
+            images.iter().zip(trials).filter_map(|(image, of)| Some([*image, alike(of)?])).collect();
+        let name = |image: usize| model.images[image].name.clone();
+        let step = pairs.len().div_ceil(MAX_EXAMPLES).max(1);
+        (pairs.len() >= MIN_ALIKE).then(|| Self::PlacesLookAlike {
+            queries: pairs.len(),
+            images: images.len(),
+            examples: pairs.iter().step_by(step).map(|pair| pair.map(name)).collect(),
+        })
+    }
+
     /// Returns the warnings that follow from a comparison of poses with the frame of a map.
     pub(crate) fn of_frame(report: &FrameReport) -> Vec<Self> {
         let unknown = (report.localized == 0).then_some(Self::FrameUnknown { images: report.tested });
@@ -183,6 +213,7 @@ impl MapWarning {
             Self::FewPoints { .. } => "few-points",
             Self::BlindImages { .. } => "blind-images",
             Self::SelfTest { .. } => "self-test",
+            Self::PlacesLookAlike { .. } => "places-look-alike",
             Self::FrameUnknown { .. } => "frame-unknown",
             Self::PosesDisagree { .. } => "poses-disagree",
             Self::LikelyCause { fault, .. } => match fault {
@@ -211,6 +242,16 @@ impl fmt::Display for MapWarning {
             }
             Self::SelfTest { right, images } => {
                 write!(f, "the map localizes only {right} of {images} of its own images")
+            }
+            Self::PlacesLookAlike { queries, images, examples } => {
+                let pairs = examples.iter().map(|[a, b]| format!("{a} and {b}")).collect::<Vec<_>>();
+                return write!(
+                    f,
+                    "parts of the map look alike: {queries} of {images} test images fit a pose in another part too \
+                     ({}); queries there are doubtful. Remove images that are in the map twice; where two places really \
+                     look alike, map what differs between them",
+                    pairs.join("; ")
+                );
             }
             Self::FrameUnknown { images } => {
                 return write!(
@@ -247,6 +288,10 @@ pub(crate) fn warnings_about(model: &MapModel) -> Vec<MapWarning> {
     MapWarning::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
 }
 
+/// A single test image that fits a second pose may be chance.
+const MIN_ALIKE: usize = 2;
+/// Maximum number of named pairs of places that look alike.
+const MAX_EXAMPLES: usize = 3;
 /// With fewer points a pose cannot be distinguished from chance: a query needs a few dozen correct matches, and finds a
 /// part of the points.
 const MIN_POINTS: usize = 100;

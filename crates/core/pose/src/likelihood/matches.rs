@@ -236,6 +236,11 @@ impl<'a> Matches<'a> {
         visibility(&self.points[i], &seen_from[i], &center, self.camera.focal[0])
     }
 
+    /// Keypoint and map point of a correspondence, equal for the two lines that one keypoint was sent as.
+    pub(crate) fn pair(&self, i: usize) -> (usize, usize) {
+        (self.keypoint[i], self.point_index[i])
+    }
+
     /// How many correspondences there are.
     pub fn len(&self) -> usize {
         self.points.len()

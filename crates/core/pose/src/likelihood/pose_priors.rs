@@ -65,6 +65,13 @@ impl PosePriors {
         self.terms(pose).map(|term| term.loss()).sum()
     }
 
+    /// Distance of a pose from the given position, in standard deviations of that position and of the pose's centre
+    /// (`center_sd`, map units); `None` without a position.
+    pub fn position_deviation(&self, pose: &CameraFromWorld, center_sd: f64) -> Option<f64> {
+        let (center, sd) = self.position?;
+        Some((pose.center().coords - center).norm() / sd.hypot(center_sd))
+    }
+
     /// Adds loss and derivatives at the pose.
     pub fn add_to(&self, pose: &CameraFromWorld, system: &mut System) {
         for term in self.terms(pose) {

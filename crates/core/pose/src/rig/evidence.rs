@@ -295,6 +295,8 @@ impl FrameEvidence {
             min_log_evidence: least.fold(0.0, f64::max),
             log_evidence: self.log_evidence,
             margin: margin * self.share,
+            rival_log_evidence: None,
+            position_deviation: None,
             center_sd: 0.0,
             center_sd_relative: 0.0,
             held_relative: 0.0,

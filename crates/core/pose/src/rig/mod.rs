@@ -31,6 +31,7 @@ use crate::focal_search::{WithConfidence, is_clear, over_focal_lengths};
 use crate::likelihood::{FocalPrior, FocalVerdict, Matches, PoseProblem};
 use crate::options::{PoseOptions, ScoreKind};
 use crate::ransac::lo_ransac;
+use crate::rival::{OtherMatches, Weight, budget, has_weight, problem_of};
 
 /// One image of a rig.
 #[derive(Debug, Clone, PartialEq)]
@@ -179,7 +180,63 @@ fn estimate_without_copies<R: Rng + ?Sized>(
             |of: &Result<RigResult<'_>, PoseError>| of.as_ref().map_or(f64::INFINITY, |of| of.estimate.score);
         if score(&again) < score(&found) { again } else { found }
     });
-    if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
+    }
+    let mut best = best?.estimate;
+    if options.fixed_hypotheses.is_none() {
+        best.confidence.rival_log_evidence = find_rival(&checked, &best, options, rng);
+    }
+    Ok(best)
+}
+
+/// Log evidence of the best pose from the matches that do not agree with an estimate, of all frames together, as for a
+/// single image ([`crate::rival`]).
+fn find_rival<R: Rng + ?Sized>(
+    checked: &CheckedFrames<'_>,
+    estimate: &RigEstimate,
+    options: &PoseOptions,
+    rng: &mut R,
+) -> Option<f64> {
+    let mut weights = [Weight::default(); 2];
+    let mut rest: Vec<RigFrame> = Vec::with_capacity(checked.shown.len());
+    for (&f, matches) in checked.shown.iter().zip(&checked.given) {
+        let (frame, found) = (&checked.frames[f], &estimate.frames[f]);
+        let camera = matches.camera_with_focal(found.focal_scale);
+        let others = OtherMatches::of(
+            matches,
+            &frame.problem,
+            &found.inliers,
+            &found.cam_from_world,
+            camera,
+            options.noise_px,
+        );
+        // A frame that contradicts the others supports a pose of its own; the others outvote it.
+        let [own, other] = others.weights;
+        if !has_weight([other, own]) {
+            continue;
+        }
+        weights = [0, 1].map(|k| weights[k] + others.weights[k]);
+        rest.push(RigFrame { problem: problem_of(&frame.problem, &others.indices, camera), ..frame.clone() });
+    }
+    rest.retain(|frame| !frame.problem.points.is_empty());
+    if !has_weight(weights) {
+        return None;
+    }
+    let alone: Vec<bool> =
+        rest.iter().map(|frame| has_minimal_sample(&frame.problem)).collect::<Result<_, _>>().ok()?;
+    let sample_size = rest.first()?.problem.observations.sample_size();
+    let budget = budget(weights, sample_size);
+    let options = PoseOptions {
+        min_hypotheses: budget.min,
+        max_hypotheses: budget.max,
+        confidence: budget.confidence,
+        ..options.clone()
+    };
+    let given = rest.iter().map(|f| Matches::new(&f.problem, options.expected_inlier_ratio)).collect();
+    let others = CheckedFrames { frames: &rest, alone, shown: (0..rest.len()).collect(), given };
+    let rival = others.search_at(1.0, FocalPrior::Calibrated, &options, 1, rng).ok()?;
+    estimate.confidence.rival(&rival.confidence)
 }
 
 /// If a search over several frames leaves a doubt, it is repeated with this multiple of the minimum number of samples
@@ -288,6 +345,7 @@ impl CheckedFrames<'_> {
             }
         }
         confidence = confidence.with_covariances(&evidence.covariance, &evidence.by_matches);
+        confidence.position_deviation = search.position_deviation(&poses.cams, &evidence.by_matches);
         confidence.other_focal = lenses.iter().find_map(|lens| lens.verdict.suspected_focal_scale());
         let mut frame_estimates = frame_estimates(frames, &search.frames, &contributions, poses);
         for (f, frame) in search.frames.iter().enumerate() {

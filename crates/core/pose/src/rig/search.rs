@@ -1,6 +1,7 @@
 //! The search for a rig: hypotheses from each frame, transferred to the rig by its odometry, scored on all frames.
 
 use rand::Rng;
+use veiloc_geometry::deviations::position_sd;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::frame::Frame;
@@ -109,6 +110,18 @@ impl<'a> RigSearch<'a> {
         for &i in frames {
             self.frames[i].set_focal(factor);
         }
+    }
+
+    /// Largest distance of a frame from the position given for it, in standard deviations; `None` without one.
+    pub(super) fn position_deviation(
+        &self,
+        cams: &[CameraFromWorld],
+        covariance: &Symmetric6,
+    ) -> Option<f64> {
+        let sd = position_sd(covariance);
+        let of =
+            |(frame, cam): (&Frame<'_>, &CameraFromWorld)| frame.search.priors().position_deviation(cam, sd);
+        self.frames.iter().zip(cams).filter_map(of).reduce(f64::max)
     }
 
     /// Minus the log likelihood of the poses against "all matches are wrong", after the search, without saturation of

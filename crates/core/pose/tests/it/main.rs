@@ -11,6 +11,7 @@ mod partial;
 mod real_problems;
 mod rig;
 mod rig_focal;
+mod rivals;
 mod shared_errors;
 mod solvers;
 mod support;

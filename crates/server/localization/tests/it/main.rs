@@ -2,4 +2,5 @@
 
 mod common;
 mod gravity;
+mod other_places;
 mod synthetic;

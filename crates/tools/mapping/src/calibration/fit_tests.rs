@@ -24,6 +24,7 @@ fn trials(count: usize, truth: &CovarianceCalibration, seed: u64) -> Vec<SelfTes
             let step = root * Vector6::from_fn(|_, _| normal(&mut rng));
             SelfTestTrial {
                 camera_evidence: None,
+                looks_like: None,
                 step: step.into(),
                 covariance,
                 camera_covariance: [[0.0; 6]; 6],

@@ -167,7 +167,7 @@ fn trials_of(
         };
         let found = localize_matched(&query, view, matched.clone(), &localize);
         first.get_or_insert((query, matched));
-        Some(SelfTestTrial::of(&found.ok()?, truth))
+        Some(SelfTestTrial::of(model, &found.ok()?, truth))
     };
     options.schemes.iter().map(&mut trial).collect()
 }

@@ -3,7 +3,7 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_localization::Localization;
-use veiloc_map::CovarianceCalibration;
+use veiloc_map::{CovarianceCalibration, MapModel};
 use veiloc_pose::likelihood::CameraEvidence;
 
 /// An estimated pose of an image, and its error.
@@ -22,10 +22,13 @@ pub struct SelfTestTrial {
     pub noise_px: f64,
     /// What the matches say about the camera of the image.
     pub camera_evidence: Option<CameraEvidence>,
+    /// The map image nearest to the other pose that the query's matches support, if there is one: a place that looks
+    /// alike.
+    pub looks_like: Option<usize>,
 }
 
 impl SelfTestTrial {
-    pub(crate) fn of(found: &Localization, truth: &CameraFromWorld) -> Self {
+    pub(crate) fn of(model: &MapModel, found: &Localization, truth: &CameraFromWorld) -> Self {
         Self {
             step: found.cam_from_world.step_to(truth),
             covariance: found.own_covariance,
@@ -33,6 +36,7 @@ impl SelfTestTrial {
             trusted: found.confidence.is_trusted(),
             noise_px: found.noise_px,
             camera_evidence: found.camera_evidence,
+            looks_like: other_place(model, found, truth),
         }
     }
 
@@ -77,6 +81,16 @@ impl SelfTestTrial {
             .all(|v| v.is_finite())
             .then_some(distances)
     }
+}
+
+/// The map image nearest to whichever of two supported poses is farther from the true one; `None` with one pose.
+fn other_place(model: &MapModel, found: &Localization, truth: &CameraFromWorld) -> Option<usize> {
+    let poses = [found.cam_from_world, found.rival?.cam_from_world];
+    let other = poses.into_iter().max_by(|a, b| {
+        a.center().distance(&truth.center()).total_cmp(&b.center().distance(&truth.center()))
+    })?;
+    let distance = |image: &usize| model.images[*image].cam_from_world.center().distance(&other.center());
+    (0..model.images.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
 /// See [`SelfTestTrial::squared_distances`].

@@ -151,6 +151,12 @@ pub(super) struct ConfidenceDocument {
     /// Difference in log likelihood to the best other pose, nats; absent if no other was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     margin: Option<f64>,
+    /// Log evidence of another pose from the matches that do not agree with this one; absent if they support none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rival_log_evidence: Option<f64>,
+    /// Distance from the position given with `--near`, in standard deviations of both; absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_deviation: Option<f64>,
     /// `position_sd`; absent when it is infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     center_sd: Option<f64>,
@@ -165,6 +171,8 @@ impl ConfidenceDocument {
         Self {
             log_evidence: finite(confidence.log_evidence),
             margin: finite(confidence.margin),
+            rival_log_evidence: confidence.rival_log_evidence,
+            position_deviation: confidence.position_deviation.and_then(finite),
             center_sd: finite(confidence.center_sd),
             rotation_sd_deg: finite(confidence.rotation_sd_deg),
         }

@@ -8,9 +8,9 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation, PointEvidence};
 use veiloc_mapping::calibration::{
-    SelfTest, SelfTestOptions, self_test, self_test_compressed, smallest_within,
+    SelfTest, SelfTestOptions, chosen, self_test, self_test_compressed, smallest_within, trials,
 };
-use veiloc_mapping::{CompressOptions, compress};
+use veiloc_mapping::{CompressOptions, MapWarning, compress};
 use veiloc_protocol::{Profile, Scheme};
 use veiloc_synthetic::problems::normal;
 
@@ -175,6 +175,27 @@ fn points_are_retriangulated_without_the_image() {
     let image = model.points[three].track[1].image as usize;
     let without = veiloc_mapping::HoldOutMap::of(&model).without(&[image].into());
     assert_eq!(without.points[&veiloc_map::PointId(three as u32)], None);
+}
+
+#[test]
+fn parts_that_look_alike_are_named() {
+    let plain = known_map();
+    let warning = |model: &MapModel| {
+        let mut options = SelfTestOptions::default();
+        options.schemes = vec![Scheme::Points, Scheme::default()];
+        let images = chosen(model, &options);
+        let tried = trials(model, &images, &options, &()).expect("a map that can be tested");
+        MapWarning::of_trials(model, &images, &tried)
+    };
+    assert_eq!(warning(&plain), None);
+    let twin = veiloc_testing::with_copy(&plain, 5, Vector3::new(15.0, 0.0, 4.0));
+    let Some(MapWarning::PlacesLookAlike { queries, images, examples }) = warning(&twin) else {
+        panic!("no warning")
+    };
+    assert!(images == 15 && queries >= 10, "{queries} of {images}");
+    assert_eq!(examples.len(), 3);
+    let is_copy = |name: &String| name.starts_with("copy/");
+    assert!(examples.iter().all(|[a, b]| is_copy(a) != is_copy(b)), "{examples:?}");
 }
 
 #[test]
