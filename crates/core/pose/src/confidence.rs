@@ -259,10 +259,12 @@ impl Confidence {
         self.min_log_evidence.max(MIN_RIVAL_SHARE * self.log_evidence)
     }
 
-    /// Log evidence of another pose, if it makes this one ambiguous. Matches on one spot agree with many poses and hold
-    /// none.
+    /// Log evidence of another pose, if it makes this one ambiguous. Matches on one spot agree with many poses and
+    /// determine none; lines of one anchor determine all but the position along its ray.
     pub(crate) fn rival(&self, other: &Self) -> Option<f64> {
-        let is_rival = other.log_evidence >= self.min_rival_log_evidence() && other.is_held();
+        let is_one_sided = other.center_sd == f64::INFINITY && other.held_rotation_deg <= MAX_ROTATION_SD_DEG;
+        let is_determined = other.is_held() || is_one_sided;
+        let is_rival = other.log_evidence >= self.min_rival_log_evidence() && is_determined;
         is_rival.then_some(other.log_evidence)
     }
 

@@ -6,6 +6,7 @@ use veiloc_map::{MapModel, SelfTest};
 
 use crate::bad_image::BadImage;
 use crate::calibration::SelfTestTrial;
+use crate::calibration::run::MIN_ALIKE;
 use crate::frames::FrameReport;
 
 /// Result of building a map, or of adding images to one.
@@ -288,8 +289,6 @@ pub(crate) fn warnings_about(model: &MapModel) -> Vec<MapWarning> {
     MapWarning::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
 }
 
-/// A single test image that fits a second pose may be chance.
-const MIN_ALIKE: usize = 2;
 /// Maximum number of named pairs of places that look alike.
 const MAX_EXAMPLES: usize = 3;
 /// With fewer points a pose cannot be distinguished from chance: a query needs a few dozen correct matches, and finds a

@@ -104,10 +104,11 @@ pub fn summarize_trials(
     options: &SelfTestOptions,
 ) -> SelfTest {
     let scale = scale(model);
+    let alike = trials.iter().filter(|of| of.iter().flatten().any(|t| t.looks_like.is_some())).count();
     let of_scheme = |(index, scheme): (usize, &Scheme)| {
         let of_images: Vec<Option<SelfTestTrial>> =
             trials.iter().map(|of_image| of_image.get(index).cloned().flatten()).collect();
-        summarize(*scheme, &of_images, scale)
+        summarize(*scheme, &of_images, scale, alike >= MIN_ALIKE)
     };
     SelfTest {
         images: trials.len() as u32,
@@ -171,6 +172,9 @@ fn trials_of(
     };
     options.schemes.iter().map(&mut trial).collect()
 }
+
+/// Number of test images that fit a second place, from which on parts of the map look alike: a single one may be chance.
+pub(crate) const MIN_ALIKE: usize = 2;
 
 /// Returns up to `limit` of the image indices, evenly spaced.
 pub(crate) fn evenly_spaced(images: usize, limit: usize) -> Vec<usize> {

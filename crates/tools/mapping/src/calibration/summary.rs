@@ -10,10 +10,18 @@ use veiloc_protocol::Scheme;
 use crate::calibration::fit::fit;
 use crate::calibration::trial::{Distances, SelfTestTrial};
 
-/// Summarizes all tested images; `None` marks an image without pose.
-pub(crate) fn summarize(scheme: Scheme, trials: &[Option<SelfTestTrial>], scale: f64) -> SchemeTest {
+/// Summarizes all tested images; `None` marks an image without pose. If parts of the map look alike, poses far from the
+/// true ones do not calibrate covariances: they are in the other part, at any distance.
+pub(crate) fn summarize(
+    scheme: Scheme,
+    trials: &[Option<SelfTestTrial>],
+    scale: f64,
+    parts_look_alike: bool,
+) -> SchemeTest {
     let found: Vec<SelfTestTrial> = trials.iter().flatten().cloned().collect();
-    let trusted: Vec<SelfTestTrial> = found.iter().filter(|t| t.is_usable()).cloned().collect();
+    let is_elsewhere = |t: &SelfTestTrial| parts_look_alike && t.translation() > RELATIVE[2].0 * scale;
+    let calibrates = |t: &&SelfTestTrial| t.is_usable() && !is_elsewhere(t);
+    let trusted: Vec<SelfTestTrial> = found.iter().filter(calibrates).cloned().collect();
     let within = |translation: f64, degrees: f64| {
         found.iter().filter(|t| t.translation() <= translation && t.rotation_deg() <= degrees).count() as u32
     };

@@ -8,7 +8,8 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation, PointEvidence};
 use veiloc_mapping::calibration::{
-    SelfTest, SelfTestOptions, chosen, self_test, self_test_compressed, smallest_within, trials,
+    SelfTest, SelfTestOptions, chosen, self_test, self_test_compressed, smallest_within, summarize_trials,
+    trials,
 };
 use veiloc_mapping::{CompressOptions, MapWarning, compress};
 use veiloc_protocol::{Profile, Scheme};
@@ -180,18 +181,23 @@ fn points_are_retriangulated_without_the_image() {
 #[test]
 fn parts_that_look_alike_are_named() {
     let plain = known_map();
-    let warning = |model: &MapModel| {
+    let result = |model: &MapModel| {
         let mut options = SelfTestOptions::default();
         options.schemes = vec![Scheme::Points, Scheme::default()];
         let images = chosen(model, &options);
         let tried = trials(model, &images, &options, &()).expect("a map that can be tested");
-        MapWarning::of_trials(model, &images, &tried)
+        (MapWarning::of_trials(model, &images, &tried), summarize_trials(model, &tried, &options))
     };
-    assert_eq!(warning(&plain), None);
+    assert_eq!(result(&plain).0, None);
     let twin = veiloc_testing::with_copy(&plain, 5, Vector3::new(15.0, 0.0, 4.0));
-    let Some(MapWarning::PlacesLookAlike { queries, images, examples }) = warning(&twin) else {
+    let (warning, test) = result(&twin);
+    let Some(MapWarning::PlacesLookAlike { queries, images, examples }) = warning else {
         panic!("no warning")
     };
+    // An answer in the other part does not widen the ± of all answers.
+    for scheme in &test.schemes {
+        assert!(scheme.calibration.translation_floor < 0.1 && scheme.calibration.factor < 10.0, "{scheme:?}");
+    }
     assert!(images == 15 && queries >= 10, "{queries} of {images}");
     assert_eq!(examples.len(), 3);
     let is_copy = |name: &String| name.starts_with("copy/");
