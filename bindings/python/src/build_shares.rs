@@ -92,7 +92,15 @@ pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> Imag
             let best = camera.best.map(|best| (best.gain, best.shared_variance));
             (camera.information, camera.gradient, camera.shared_variance, best)
         });
-        (trial.step, trial.covariance, trial.camera_covariance, trial.trusted, trial.noise_px, camera, trial.looks_like)
+        (
+            trial.step,
+            trial.covariance,
+            trial.camera_covariance,
+            trial.trusted,
+            trial.noise_px,
+            camera,
+            trial.looks_like,
+        )
     };
     (image, trials.into_iter().map(|trial| trial.map(parts)).collect())
 }
@@ -104,8 +112,8 @@ pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTr
         shared_variance,
         best: best.map(|(gain, shared_variance)| BestCamera { gain, shared_variance }),
     };
-    let trial =
-        |(step, covariance, camera_covariance, trusted, noise_px, camera, looks_like): TrialParts| SelfTestTrial {
+    let trial = |(step, covariance, camera_covariance, trusted, noise_px, camera, looks_like): TrialParts| {
+        SelfTestTrial {
             step,
             covariance,
             camera_covariance,
@@ -113,6 +121,7 @@ pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTr
             noise_px,
             camera_evidence: camera.map(camera_evidence),
             looks_like,
-        };
+        }
+    };
     parts.into_iter().map(|parts| parts.map(trial)).collect()
 }

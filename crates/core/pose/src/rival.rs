@@ -143,7 +143,7 @@ pub(crate) fn find_rival<R: Rng + ?Sized>(
         return None;
     }
     let start = found.model.map(|pose| PoseWithFocal { pose, factor: 1.0 });
-    let rival = conclude(search, &matches, start, found.samples, FocalPrior::Calibrated, options).ok()?;
+    let rival = conclude(search, &matches, start, found.samples, &rest, options).ok()?;
     let log_evidence = estimate.confidence.rival(&rival.confidence)?;
     Some(Rival { cam_from_world: rival.cam_from_world, log_evidence })
 }
