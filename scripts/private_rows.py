@@ -18,7 +18,7 @@ from places import PLACES
 
 COLUMNS = [
     "place", "scheme", "queries", "prior (px)", "hole (px)", "< 30 px, hole (%)", "bits, hole",
-    "bits, best other attack", "private row told from others (AUC)",
+    "bits, best other attack", "AUC of private rows among unexplained ones",
 ]  # fmt: skip
 
 

@@ -43,8 +43,8 @@ pub(crate) const MIN_MARGIN: f64 = 8.0;
 
 /// Share of a pose's log evidence from which on that of another pose, from the other matches, is a doubt. Of poses of
 /// seven places without twins all had less than 0.02, and 0.11 on a facade of equal windows (entry); of 32 queries in
-/// maps in which 8 to 24 of 91 images exist twice all had 0.27 or more (`docs/results/trust.md`).
-pub(crate) const MIN_RIVAL_SHARE: f64 = 0.15;
+/// maps in which 8 to 24 of 91 images exist twice all had 0.27 or more.
+pub(crate) const MIN_RIVAL_SHARE: f64 = 0.2;
 
 /// Largest distance of a trusted position from the given one, in standard deviations of both. Beyond it are one in
 /// 60,000 of normally distributed errors.

@@ -43,19 +43,17 @@ fn of_data(document: &AdversariesDocument, data: &str) -> String {
         last = row.adversary;
     }
     let images = rows().map(|row| row.images).max().unwrap_or(0);
-    let told = |row: &AdversaryRow| {
-        row.hiding_auc.map(|auc| {
-            format!(
-                "{}, {}: a private row is told from others that the map does not explain with {auc:.2} (area under the ROC \
-                 curve)\n",
-                row.adversary, row.scheme
-            )
-        })
+    let auc = |row: &AdversaryRow| {
+        let auc = row.hiding_auc?;
+        Some(format!(
+            "{}, {}: AUC of private rows among unexplained ones: {auc:.2}\n",
+            row.adversary, row.scheme
+        ))
     };
     format!(
         "{data}, {images} images attacked\n{}{}",
         table.render(),
-        rows().filter_map(told).collect::<String>()
+        rows().filter_map(auc).collect::<String>()
     )
 }
 
@@ -117,7 +115,7 @@ mod tests {
         let text = adversaries_table(&document);
         assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
         assert_eq!(text.matches("-0.61").count(), 5, "{text}");
-        assert!(text.contains("explain with 0.95"), "{text}");
+        assert!(text.contains("among unexplained ones: 0.95"), "{text}");
         assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
         assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
         assert!(text.contains("their resources are missing: outsider-neighbours, map-server"), "{text}");
