@@ -3,8 +3,8 @@
 
     scripts/twins.py --veiloc target/release/veiloc --data $VEILOC_DATA --csv docs/results/trust/twins.csv
 
-The twin is made of copies of map images whose poses are moved by ten map units: `8 of 24` copies every third image of 24
-neighbours, `24 of 24` all of them, `8 in a row` eight neighbours.
+The twin is made of copies of map images whose poses are moved by ten map units: `8 of 24` copies every third of the 24
+images nearest to the queries, `24 of 24` all of them, `8 in a row` eight neighbours.
 """
 
 import argparse
@@ -62,7 +62,10 @@ def main():
         for which in ("map", "query")
     ]
     rows = []
-    for twin, copied in twins(names[:24]).items():
+    asked = [centre(*poses[query][:2]) for query in queries]
+    to_queries = {name: min(math.dist(centre(*poses[name][:2]), at) for at in asked) for name in names}
+    near = set(sorted(names, key=to_queries.get)[:24])
+    for twin, copied in twins([name for name in names if name in near]).items():
         with tempfile.TemporaryDirectory() as folder:
             folder = Path(folder)
             write_scene(folder, scene / "images", poses, names, copied)

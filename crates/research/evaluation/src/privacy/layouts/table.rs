@@ -19,7 +19,9 @@ pub fn layouts_table(document: &LayoutsDocument) -> String {
         .filter(|a| document.rows.iter().any(|row| row.bits.contains_key(a.name())))
         .collect();
     let mut head = vec!["#".to_owned()];
-    head.extend(adversaries.iter().map(|a| a.name().replace("neighbours", "neigh.").replace("pose-server", "pose")));
+    head.extend(
+        adversaries.iter().map(|a| a.name().replace("neighbours", "neigh.").replace("pose-server", "pose")),
+    );
     let mut gains = TextTable::new(head, 1);
     let mut names = Vec::new();
     for (index, row) in document.rows.iter().enumerate() {

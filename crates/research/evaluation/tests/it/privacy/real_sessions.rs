@@ -18,6 +18,9 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
     let scene = SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
+        // With seed 0 the private regions of both attacked images lie where the prior-only baseline errs by 100 px, twice
+        // as much as elsewhere, so that any other answer seems to gain.
+        seed: 1,
         ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
             folder.join("images"),

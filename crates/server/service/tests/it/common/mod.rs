@@ -14,6 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rand::SeedableRng;
+use rand::seq::SliceRandom;
 use rand_chacha::ChaCha20Rng;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
@@ -83,12 +84,10 @@ impl TestScene {
     /// A query in which each row has the descriptor of another point: all match, but no pose is consistent.
     pub fn sealed_without_consensus(&self) -> Vec<u8> {
         let own = self.features(&truth()).descriptors;
-        let count = own.len();
-        let row = |i: usize| {
-            let other = (i * 7919 + 13) % count;
-            own.as_bytes()[128 * other..128 * (other + 1)].to_vec()
-        };
-        self.with_descriptors(row, count)
+        let mut shuffled: Vec<usize> = (0..own.len()).collect();
+        shuffled.shuffle(&mut ChaCha20Rng::seed_from_u64(5));
+        let row = |i: usize| own.as_bytes()[128 * shuffled[i]..128 * (shuffled[i] + 1)].to_vec();
+        self.with_descriptors(row, own.len())
     }
 
     fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
