@@ -69,7 +69,7 @@ pub fn hole(observations: &[Observation], map: &MapVisibility, width: u32, heigh
     let grid = Grid::new(width, height);
     let expected = grid.counts(&map.expected);
     let total: f64 = expected.iter().sum();
-    if !(total > 0.0) {
+    if total <= 0.0 {
         return answers;
     }
     let confirmed = grid.counts(&map.confirmed);

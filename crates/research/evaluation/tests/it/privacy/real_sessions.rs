@@ -18,9 +18,6 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
     let scene = SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        // With seed 0 the private regions of both attacked images lie where the prior-only baseline errs by 100 px, twice
-        // as much as elsewhere, so that any other answer seems to gain.
-        seed: 1,
         ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),
             folder.join("images"),
@@ -32,10 +29,11 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         scene,
         anchors: vec![SessionAnchors::Image, SessionAnchors::World],
         motions: vec![Motion::Turning, Motion::Walking, Motion::Resting],
-        frames: vec![2, 4],
+        frames: vec![4],
         gyro_deg: vec![0.0],
         drift_deg: vec![0.0],
-        attacked: Some(2),
+        // With fewer images the figures depend on where their private regions lie.
+        attacked: Some(5),
         private: 0.1,
         max_distance: 0.5,
         sensor_noise: 2.0,
