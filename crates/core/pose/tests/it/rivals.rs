@@ -109,7 +109,9 @@ fn copy_of_a_place_makes_the_pose_of_a_session_doubtful() {
             let mut rng = ChaCha8Rng::seed_from_u64(5);
             let setup = Setup { scheme, right: 120, wrong: 60, noise: 1.0 };
             let (mut frames, truth) = session(&setup, 3, ODOMETRY, &mut rng);
-            frames.iter_mut().for_each(|frame| copy(&mut frame.problem, copied));
+            for frame in &mut frames {
+                copy(&mut frame.problem, copied);
+            }
             let found = estimate_rig_pose(&frames, &PoseOptions::default(), &mut rng).expect("a pose");
             assert!(found.rig_from_world.translation_error(&truth) < 0.1, "{scheme:?} {copied}");
             let expected = if copied > 0 { State::Doubtful } else { State::Trusted };

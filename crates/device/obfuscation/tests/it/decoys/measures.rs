@@ -20,6 +20,9 @@ pub(crate) struct Row {
     pub(crate) decoy: bool,
 }
 
+/// Another row: similarity of the descriptors, same anchor, near angle, equal angle.
+type NearRow = (f64, bool, bool, bool);
+
 /// Rows whose angles at one anchor differ by less are near each other, radians.
 const NEAR: f64 = 0.12;
 
@@ -38,7 +41,7 @@ pub(crate) fn joint(rows: &[Row]) -> f64 {
             })
             .collect();
         for (i, row) in query.iter().enumerate() {
-            let mut others: Vec<(f64, bool, bool, bool)> = (0..query.len())
+            let mut others: Vec<NearRow> = (0..query.len())
                 .filter(|j| *j != i)
                 .map(|j| {
                     let same = query[j].line.0 == row.line.0;
@@ -47,10 +50,10 @@ pub(crate) fn joint(rows: &[Row]) -> f64 {
                 })
                 .collect();
             others.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let share = |of: &dyn Fn(&(f64, bool, bool, bool)) -> bool, first: usize| {
+            let share = |of: &dyn Fn(&NearRow) -> bool, first: usize| {
                 others.iter().take(first).filter(|other| of(other)).count() as f64 / first as f64
             };
-            let best = |of: &dyn Fn(&(f64, bool, bool, bool)) -> bool| {
+            let best = |of: &dyn Fn(&NearRow) -> bool| {
                 others.iter().find(|other| of(other)).map_or(-1.0, |other| other.0)
             };
             let crowd = share(&|other| other.2, others.len());
@@ -76,7 +79,9 @@ pub(crate) fn joint(rows: &[Row]) -> f64 {
     for column in 0..columns {
         let mean = inputs.iter().map(|x| x[column]).sum::<f64>() / count;
         let sd = (inputs.iter().map(|x| (x[column] - mean).powi(2)).sum::<f64>() / count).sqrt().max(1e-9);
-        inputs.iter_mut().for_each(|x| x[column] = (x[column] - mean) / sd);
+        for x in &mut inputs {
+            x[column] = (x[column] - mean) / sd;
+        }
     }
     let mut of_rows = inputs.into_iter().map(|x| {
         let products = (0..columns).flat_map(|i| (i..columns).map(move |j| (i, j)));
