@@ -29,6 +29,15 @@ COLUMNS = [
 ]  # fmt: skip
 
 
+def write_csv(path: Path | None, columns: list[str], rows: list[list]):
+    """Writes a table for `docs/results`; nothing without a path."""
+    if path:
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(rows)
+
+
 def row(place: str, name: str, scheme: dict, queries: list[dict]) -> list:
     def is_right(query: dict) -> bool:
         moved, turned = query.get("translation_error"), query.get("rotation_error_deg")
@@ -76,12 +85,8 @@ def main():
                 stages = scheme.get("lost", {})
                 if stages:
                     lost.append([place, name, sum(stages.values()), *(stages.get(stage, 0) for stage in STAGES)])
-    for path, columns, of in [(args.csv, COLUMNS, rows), (args.lost, ["place", "scheme", "lost", *STAGES], lost)]:
-        if path:
-            with path.open("w", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(columns)
-                writer.writerows(of)
+    write_csv(args.csv, COLUMNS, rows)
+    write_csv(args.lost, ["place", "scheme", "lost", *STAGES], lost)
 
 
 if __name__ == "__main__":

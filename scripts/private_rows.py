@@ -8,13 +8,12 @@ ellipse, loses its matches with the map, as if a person stood there; errors are 
 """
 
 import argparse
-import csv
 import json
 import subprocess
 import tempfile
 from pathlib import Path
 
-from places import PLACES
+from places import PLACES, write_csv
 
 COLUMNS = [
     "place", "scheme", "queries", "prior (px)", "hole (px)", "< 30 px, hole (%)", "bits, hole",
@@ -51,11 +50,7 @@ def main():
                 f"{hole['bits_over_prior']:.2f}", f"{other:.2f}", f"{row['hiding_auc']:.2f}",
             ])  # fmt: skip
             print(*rows[-1], sep="  ", flush=True)
-    if args.csv:
-        with args.csv.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(rows)
+    write_csv(args.csv, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,13 @@ images nearest to the queries, `24 of 24` all of them, `8 in a row` eight neighb
 """
 
 import argparse
-import csv
 import json
 import math
 import subprocess
 import tempfile
 from pathlib import Path
 
+from places import write_csv
 from wrong_cameras import centre, read_posed, rotation
 
 SHIFT = [10.0, 0.0, 0.0]
@@ -90,11 +90,7 @@ def main():
                     counts["right" if distance[0] < 0.25 else "twin" if distance[1] < 0.25 else "other"] += 1
                 rows.append([args.scene, twin, scheme, len(queries), *counts.values()])
                 print(*rows[-1], sep="  ", flush=True)
-    if args.csv:
-        with args.csv.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(rows)
+    write_csv(args.csv, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,13 @@ the lens does not have; `fy 0.9` that the vertical focal length is 0.9 of the tr
 """
 
 import argparse
-import csv
 import json
 import math
 import statistics
 import subprocess
 from pathlib import Path
+
+from places import write_csv
 
 SCENES = ["redkitchen", "herzjesu", "hololens-office", "tum-fr1-rpy", "llff-room"]
 ERRORS = ["none", "cx 1 %", "cx 2 %", "cx 5 %", "cx 10 %", "fy 0.9", "k1 -0.2"]
@@ -136,11 +137,7 @@ def main():
             for error in ERRORS:
                 rows.append(run(args, scene, scheme, error, args.every))
                 print(*rows[-1], sep="  ", flush=True)
-    if args.csv:
-        with args.csv.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(rows)
+    write_csv(args.csv, COLUMNS, rows)
 
 
 if __name__ == "__main__":
