@@ -1,4 +1,4 @@
-//! Places that look alike: a map with a copy of a part of it elsewhere.
+//! Places that look alike: a map with a copy of a part of it at another position.
 
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Point3};

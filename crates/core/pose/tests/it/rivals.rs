@@ -27,7 +27,7 @@ fn has_rival(estimate: &PoseEstimate) -> bool {
     estimate.confidence.doubts().iter().any(|doubt| matches!(doubt, Doubt::Rival { .. }))
 }
 
-/// The right matches of a room, of which the first ones are on an object that was moved since it was mapped.
+/// The right matches of a scene, of which the first ones are on an object that was moved since it was mapped.
 fn moved_object(
     scheme: Scheme,
     [moved, fixed, wrong]: [usize; 3],
@@ -67,7 +67,7 @@ fn small_moved_object_leaves_the_pose_trusted() {
     }
 }
 
-/// A place of which a copy with fewer points exists elsewhere: some keypoints have a match in both.
+/// A place of which a copy with fewer points exists at another position: some keypoints have a match in both.
 fn partial_copy(scheme: Scheme, copied: usize, seed: u64) -> (PoseProblem, CameraFromWorld) {
     let setup = Setup { scheme, right: 200, wrong: 100, noise: 1.0 };
     let (mut problem, truth) = problem(&setup, &mut ChaCha8Rng::seed_from_u64(seed));

@@ -33,7 +33,7 @@ struct PlanePair {
     camera: Vector3<f64>,
 }
 
-/// Whether so many pairs agree with one epipolar geometry, or with one homography, that they belong to one scene, seen
+/// Whether enough pairs agree with one epipolar geometry, or with one homography, so that they belong to one scene, seen
 /// by a camera that rested, turned or moved. Needs no exact focal length.
 ///
 /// Deterministic: equal pairs give equal results.

@@ -4,7 +4,7 @@
 //! Two densities are compared: points that nearby map images saw, projected into the query, and those of them that an
 //! inlier confirms. A region of area `A` that hides the map has the log likelihood ratio of two Poisson counts,
 //! `Σ_A [S ln ε + (1 − ε) ρ E]`, with `E` expected and `S` confirmed points in a cell, the rate `ρ` at which points are
-//! confirmed elsewhere, and the share `ε` of wrong inliers. The regions are upright ellipses of all positions and some
+//! confirmed in the rest of the image, and the share `ε` of wrong inliers. The regions are upright ellipses of all positions and some
 //! sizes, as a person is. The lines of the rows that remain decide between the best regions: more of them pass through
 //! the true one. Both are tempered, because neighbouring points and rows are not independent.
 
@@ -52,7 +52,7 @@ const SAMPLES: usize = 128;
 const SHARE: f64 = 0.25;
 const SHARE_STEPS: usize = 6;
 /// Weight of positions outside all regions.
-const ELSEWHERE: f64 = 1e-3;
+const WEIGHT_OUTSIDE: f64 = 1e-3;
 /// Density of unexplained rows outside of the hole: as expected points, smoothed over this many cells, or uniform.
 const SMOOTHING: f64 = 1.5;
 const UNIFORM: f64 = 0.3;
@@ -250,7 +250,8 @@ impl Row {
     /// The median position under this probability of each cell. Of two lines the samples of both are in one order, so
     /// the median is a position of one of them.
     fn median(&self, occupied: &[f64]) -> Pixel {
-        let weights = || self.samples.iter().map(|(_, cell, weight)| weight * (occupied[*cell] + ELSEWHERE));
+        let weights =
+            || self.samples.iter().map(|(_, cell, weight)| weight * (occupied[*cell] + WEIGHT_OUTSIDE));
         let half = 0.5 * weights().sum::<f64>();
         let mut sum = 0.0;
         let index = weights().position(|weight| {
@@ -303,7 +304,7 @@ mod tests {
         let prior = person(&prior_only(&observations, SIZE.0, SIZE.1));
         let bits = bits_over_prior(&person(&found.pixels), &prior, SIZE.0, SIZE.1);
         assert!(bits > 1.0, "{bits}");
-        // Rows of the person are told from the others.
+        // Rows of the person are distinguished from the others.
         let (inside, outside) = (&found.inside[..120], &found.inside[120..truth.len()]);
         let pairs = inside.iter().flat_map(|a| outside.iter().map(move |b| a > b));
         let auc = pairs.clone().filter(|above| *above).count() as f64 / pairs.count() as f64;

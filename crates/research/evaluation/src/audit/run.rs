@@ -28,6 +28,7 @@ use veiloc_datasets::problem_files::seed_for;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_image};
 
 use crate::EvalError;
+use crate::results::metrics::roc_auc;
 
 /// The sent observations of an image under one scheme, and the errors of its baseline.
 struct SentImage {
@@ -190,19 +191,6 @@ pub fn attack_groups(
     })
 }
 
-/// Probability that a value of the first list is larger than one of the second; ties count half. `None` if one is empty.
-fn area_under_curve(above: Vec<f64>, below: &[f64]) -> Option<f64> {
-    let mut sorted = below.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let wins = |value: &f64| {
-        let less = sorted.partition_point(|other| other < value);
-        let equal = sorted.partition_point(|other| other <= value) - less;
-        less as f64 + 0.5 * equal as f64
-    };
-    let pairs = (above.len() * below.len()) as f64;
-    (pairs > 0.0).then(|| above.iter().map(wins).sum::<f64>() / pairs)
-}
-
 /// Views of these images by scheme.
 fn server_views(
     evaluation: &AttackEvaluation,
@@ -304,7 +292,7 @@ fn attack_image(
             let (own, others): (Vec<usize>, Vec<usize>) =
                 (0..all.len()).filter(unexplained).partition(|i| view.measured[*i]);
             let of = |rows: &[usize]| rows.iter().map(|i| hiding[*i]).collect::<Vec<f64>>();
-            row.hiding_auc.extend(area_under_curve(of(&own), &of(&others)));
+            row.hiding_auc.extend(roc_auc(&of(&own), &of(&others)));
         }
         if row.attack == Attack::PRIOR {
             sent.prior_errors.clone_from(&errors);

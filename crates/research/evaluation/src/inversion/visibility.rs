@@ -1,5 +1,7 @@
 //! ROC AUC of a network's visibility output, on the positions that attacks give.
 
+use crate::results::metrics::roc_auc;
+
 /// Thresholds of correct and wrong positions: an error below one cell is invisible to the network, and the network
 /// was trained to detect an error of two cells.
 const RIGHT_CELLS: f64 = 1.0;
@@ -28,18 +30,8 @@ impl VisibilityScores {
 
     /// ROC AUC: probability that a correct keypoint has a larger visibility than a wrong one; ties count half.
     pub(super) fn roc_auc(&self) -> Option<f64> {
-        if self.right.is_empty() || self.wrong.is_empty() {
-            return None;
-        }
-        let mut wrong = self.wrong.clone();
-        wrong.sort_by(f32::total_cmp);
-        let below = |value: &f32| {
-            let less = wrong.partition_point(|w| w < value);
-            let equal = wrong.partition_point(|w| w <= value) - less;
-            less as f64 + 0.5 * equal as f64
-        };
-        let won: f64 = self.right.iter().map(below).sum();
-        Some(won / (self.right.len() as f64 * wrong.len() as f64))
+        let of = |values: &[f32]| values.iter().copied().map(f64::from).collect::<Vec<_>>();
+        roc_auc(&of(&self.right), &of(&self.wrong))
     }
 }
 

@@ -99,6 +99,20 @@ pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
+/// ROC AUC: probability that a value of the first list is larger than one of the second; ties count half. `None` if one
+/// list is empty.
+pub(crate) fn roc_auc(above: &[f64], below: &[f64]) -> Option<f64> {
+    let mut sorted = below.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let won = |value: &f64| {
+        let less = sorted.partition_point(|other| other < value);
+        let equal = sorted.partition_point(|other| other <= value) - less;
+        less as f64 + 0.5 * equal as f64
+    };
+    let pairs = above.len() as f64 * below.len() as f64;
+    (pairs > 0.0).then(|| above.iter().map(won).sum::<f64>() / pairs)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
