@@ -97,7 +97,7 @@ impl<'a> CameraRefinement<'a> {
             active: search.possible(&polished.pose, polished.noise),
             noise: polished.noise,
             map: test.map,
-            with_focal: test.known == FocalPrior::Calibrated,
+            known: test.known,
         }
     }
 }

@@ -219,14 +219,14 @@ pub(crate) fn conclude<'a>(
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
     let Some(start) = start else { return Err(no_consensus(0)) };
     let seen = matches.visible_from(&start.pose);
-    let FocalRefinement { search, polished, factor, verdict } =
-        FocalRefinement::new(search, &seen, &start, focal, options.estimate_noise);
     let test = CameraTest {
         known: focal,
         map: problem.map_cameras,
         with_evidence: options.camera_evidence,
         estimate_noise: options.estimate_noise,
     };
+    let FocalRefinement { search, polished, factor, verdict } =
+        FocalRefinement::new(search, &seen, &start, &test);
     let camera = CameraRefinement::new(search, &seen, polished, factor, verdict, &test);
     let CameraRefinement { search, polished, change, covariance: camera_covariance, focal: verdict, .. } =
         camera;

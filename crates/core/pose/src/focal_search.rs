@@ -4,9 +4,13 @@
 //! focal length is refined with the pose when it is unknown or contradicted by the matches; larger jumps are tried too,
 //! because a wrong focal length may have led to a pose at which no small change improves the likelihood.
 
+use crate::camera_refinement::CameraTest;
 use crate::confidence::{Confidence, Doubt};
 use crate::error::PoseError;
-use crate::likelihood::{Correspondences, FocalObjective, FocalPrior, FocalVerdict, Matches, PoseWithFocal};
+use crate::likelihood::{
+    CameraObjective, Correspondences, FocalObjective, FocalPrior, FocalTest, FocalVerdict, Matches,
+    PoseWithFocal,
+};
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::Estimator;
 use crate::ransac::search::{Polished, Search};
@@ -133,9 +137,9 @@ impl<'a> FocalRefinement<'a> {
         mut search: Search<'a>,
         seen: &Matches<'a>,
         start: &PoseWithFocal,
-        focal: FocalPrior,
-        estimate_noise: bool,
+        test: &CameraTest,
     ) -> Self {
+        let CameraTest { known: focal, estimate_noise, .. } = *test;
         search.fix_visible(seen.with_focal(start.factor));
         let polished = search.polish(&start.pose, estimate_noise);
         let mut refinement = Self { search, polished, factor: start.factor, verdict: FocalVerdict::Fine };
@@ -181,7 +185,30 @@ impl<'a> FocalRefinement<'a> {
             }
             refinement.move_to(seen, &there, estimate_noise);
         }
+        if focal == FocalPrior::Calibrated && refinement.verdict == FocalVerdict::Wrong {
+            refinement.test_again(seen, test);
+        }
         refinement
+    }
+
+    /// Returns to the given focal length if the errors of the map's own cameras explain the matches about as well as the
+    /// other one.
+    fn test_again(&mut self, seen: &Matches<'a>, test: &CameraTest) {
+        let objective = CameraObjective {
+            matches: seen,
+            priors: self.search.priors(),
+            active: self.search.possible(&self.polished.pose, self.polished.noise),
+            noise: self.polished.noise,
+            map: test.map,
+            known: test.known,
+        };
+        let at = PoseWithFocal { pose: self.polished.pose, factor: self.factor };
+        let FocalTest { verdict, pose_of_given } = objective.test_focal(&at);
+        if verdict != FocalVerdict::Wrong {
+            self.verdict = verdict;
+            let given = PoseWithFocal { pose: pose_of_given, factor: 1.0 };
+            self.move_to(seen, &given, test.estimate_noise);
+        }
     }
 
     fn objective<'s>(&self, seen: &'s Matches<'a>, focal: FocalPrior) -> FocalObjective<'s> {

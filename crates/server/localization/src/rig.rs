@@ -117,7 +117,7 @@ pub fn localize_rig(
     let own = RawEstimate {
         covariance: &estimate.covariance,
         by_matches: &estimate.covariance_by_matches,
-        camera: &[[0.0; 6]; 6],
+        camera: &estimate.camera_covariance,
         confidence: estimate.confidence,
     };
     let scheme = frames.first().map_or_else(Scheme::default, |frame| frame.query.scheme());

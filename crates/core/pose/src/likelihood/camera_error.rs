@@ -25,10 +25,11 @@ use veiloc_geometry::nalgebra::{Matrix6, SMatrix, SVector, Vector2};
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::design_effect::ScoreCells;
 use crate::likelihood::fisher::Symmetric6;
-use crate::likelihood::focal::FocalVerdict;
+use crate::likelihood::focal::{FocalVerdict, PoseWithFocal};
 use crate::likelihood::map_cameras::{BestCamera, CameraEvidence, LOG_PRIOR_ODDS, MapCameras, OPEN_SD};
 use crate::likelihood::matches::{LikelihoodTerm, Matches};
 use crate::likelihood::pose_priors::PosePriors;
+use crate::likelihood::problem::FocalPrior;
 use crate::likelihood::refine::System;
 
 /// Number of parameters of the camera.
@@ -69,8 +70,11 @@ const MIN_LINEAR_LOG_ODDS: f64 = -15.0;
 /// Log odds from which on another camera is estimated: beyond doubt, because the given one is then left.
 const MIN_ESTIMATED_LOG_ODDS: f64 = 20.0;
 
-/// Share of the gain that a camera without distortion must reach.
+/// Share of the gain that a camera without distortion must reach, unless the rest may be due to chance.
 const MIN_STRAIGHT_GAIN: f64 = 0.9;
+
+/// Skew and radial term gain up to this by chance (98 % quantile of half a chi-squared with two degrees of freedom).
+const CHANCE_GAIN: f64 = 3.9;
 
 /// Fewer agreeing matches than this do not determine six parameters of a camera beside the pose.
 const MIN_AGREEING: usize = 100;
@@ -189,9 +193,8 @@ pub struct CameraObjective<'a> {
     pub noise: f64,
     /// Errors of the map's own cameras.
     pub map: MapCameras,
-    /// Whether the focal length is a parameter here. If not, it was estimated before, and its uncertainty is in the
-    /// covariance of the pose.
-    pub with_focal: bool,
+    /// How well the given focal length is known.
+    pub known: FocalPrior,
 }
 
 /// Gauss–Newton system over the pose and the camera.
@@ -205,7 +208,7 @@ struct CameraSystem {
 
 impl CameraSystem {
     /// The system with the pose eliminated; `None` when the matches do not determine the pose.
-    fn without_pose(&self, shared_variance: f64) -> Option<WithoutPose> {
+    fn without_pose(&self, shared_variance: f64) -> Option<CameraInfluence> {
         let pose = self.hessian.fixed_view::<6, 6>(0, 0).into_owned();
         let mixed = self.hessian.fixed_view::<6, CAMERA>(0, 6).into_owned();
         // Radians and map units differ in scale.
@@ -225,15 +228,26 @@ impl CameraSystem {
             shared_variance,
             best: None,
         };
-        Some(WithoutPose { pose_by_camera: -inverse * mixed, evidence })
+        Some(CameraInfluence { pose_by_camera: -inverse * mixed, evidence })
     }
 }
 
-/// What the matches say about the camera.
-struct WithoutPose {
-    /// `J`: how the pose moves with the camera.
-    pose_by_camera: MatrixC,
-    evidence: CameraEvidence,
+/// What the matches say about the camera, and how the pose follows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraInfluence {
+    /// `J`: the step of the pose by each parameter of the camera.
+    pub pose_by_camera: SMatrix<f64, 6, CAMERA>,
+    /// What the matches say, with the pose free.
+    pub evidence: CameraEvidence,
+}
+
+/// Result of [`CameraObjective::test_focal`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FocalTest {
+    /// The verdict on the given focal length.
+    pub verdict: FocalVerdict,
+    /// The best pose with about the given focal length.
+    pub pose_of_given: CameraFromWorld,
 }
 
 /// Whether the matches contradict the camera of a query.
@@ -253,16 +267,36 @@ impl CameraObjective<'_> {
     pub fn covariance(&self, at: &PoseWithCamera) -> Symmetric6 {
         let here = self.linearize(at);
         let shared_variance = self.shared_variance(&here, at);
-        let covariance = |found: WithoutPose| {
-            let [sd, open] = [self.beyond_map(&ASSUMED_SD), OPEN_SD].map(|sd| self.with_fixed_focal(sd));
-            let evidence = &found.evidence;
-            let [given, open] = [evidence.posterior(&sd)?, evidence.posterior(&open)?];
-            let log_odds = open.log_evidence - given.log_evidence + LOG_PRIOR_ODDS;
-            let is_wrong = 1.0 / (1.0 + (-log_odds).exp());
-            let spread = given.second_moment() * (1.0 - is_wrong) + open.second_moment() * is_wrong;
-            found.of_pose(&spread)
-        };
+        let covariance =
+            |found: CameraInfluence| found.of_pose(&self.assumed_spread(&found.evidence, &at.change)?);
         here.without_pose(shared_variance).and_then(covariance).unwrap_or([[0.0; 6]; 6])
+    }
+
+    /// What the matches say about the given camera, and how the pose follows it; `at` is an optimum. `None` when they do
+    /// not determine the pose.
+    pub fn influence(&self, at: &PoseWithCamera) -> Option<CameraInfluence> {
+        let here = self.linearize(at);
+        here.without_pose(self.shared_variance(&here, at))
+    }
+
+    /// Second moment of the camera's errors that the ± of a pose with this camera assumes. That of an estimated focal
+    /// length alone is left out: it is in the covariance of the pose already.
+    pub fn assumed_spread(
+        &self,
+        evidence: &CameraEvidence,
+        camera: &CameraChange,
+    ) -> Option<SMatrix<f64, CAMERA, CAMERA>> {
+        let [given, open] =
+            [evidence.posterior(&self.assumed_about(camera, &ASSUMED_SD))?, evidence.posterior(&OPEN_SD)?];
+        let log_odds = open.log_evidence - given.log_evidence + self.log_prior_odds(camera);
+        let is_wrong = 1.0 / (1.0 + (-log_odds).exp());
+        let spread = given.second_moment() * (1.0 - is_wrong) + open.second_moment() * is_wrong;
+        if !self.is_focal_estimated(camera) {
+            return Some(spread);
+        }
+        let mut focal_alone = [1e-9; CAMERA];
+        focal_alone[0] = self.known.sd();
+        Some(spread - evidence.posterior(&focal_alone)?.covariance)
     }
 
     /// The same for a camera that was estimated: what the matches leave open, and how the map's own cameras differ from
@@ -271,13 +305,33 @@ impl CameraObjective<'_> {
         let mut system = self.linearize(at);
         system.gradient = VectorAll::zeros();
         let shared_variance = system.cells.design_effect();
-        let covariance = |found: WithoutPose| {
-            let open = found.evidence.posterior(&self.with_fixed_focal(OPEN_SD))?;
-            let of_map = self.with_fixed_focal(self.beyond_map(&ESTIMATED_SD));
-            let of_map = Vector6C::from(of_map).map(|sd| sd * sd);
+        let covariance = |found: CameraInfluence| {
+            let open = found.evidence.posterior(&OPEN_SD)?;
+            let of_map = Vector6C::from(self.beyond_map(&ESTIMATED_SD)).map(|sd| sd * sd);
             found.of_pose(&(open.covariance + MatrixC::from_diagonal(&of_map)))
         };
         system.without_pose(shared_variance).and_then(covariance).unwrap_or([[0.0; 6]; 6])
+    }
+
+    /// Whether the focal length was estimated before: it is not calibrated, or the calibration was found to be wrong. The
+    /// rest of the camera is not to be relied on then either: the image may have been cropped.
+    fn is_focal_estimated(&self, camera: &CameraChange) -> bool {
+        self.known != FocalPrior::Calibrated || camera.0[0] != 0.0
+    }
+
+    /// Logarithm of the prior odds that there is more wrong with this camera.
+    fn log_prior_odds(&self, camera: &CameraChange) -> f64 {
+        if self.is_focal_estimated(camera) { 0.0 } else { LOG_PRIOR_ODDS }
+    }
+
+    /// Standard deviations of errors about this camera: these, or those of the map's own cameras if they are larger; a
+    /// focal length that was estimated is free within its prior.
+    fn assumed_about(&self, camera: &CameraChange, sd: &[f64; CAMERA]) -> [f64; CAMERA] {
+        let mut sd = self.beyond_map(sd);
+        if self.is_focal_estimated(camera) {
+            sd[0] = sd[0].max(self.known.sd());
+        }
+        sd
     }
 
     /// These standard deviations, or those of the map's own cameras if they are larger.
@@ -288,18 +342,10 @@ impl CameraObjective<'_> {
     /// Variance of errors that neighbouring keypoints share, in multiples of that of independent errors: as the
     /// residuals show it when the camera is free, so that the error of a wrong camera does not count.
     fn shared_variance(&self, here: &CameraSystem, at: &PoseWithCamera) -> f64 {
-        let free =
-            solved(here, &self.with_fixed_focal(OPEN_SD), &at.change, 0.0).and_then(|step| moved(at, &step));
+        let free = solved(here, &OPEN_SD, &at.change, 0.0).and_then(|step| moved(at, &step));
         let of_given = here.cells.design_effect();
         // A long step may lose matches.
         free.map_or(of_given, |free| self.linearize(&free).cells.design_effect().min(of_given))
-    }
-
-    fn with_fixed_focal(&self, mut sd: [f64; CAMERA]) -> [f64; CAMERA] {
-        if !self.with_focal {
-            sd[0] = 1e-9;
-        }
-        sd
     }
 
     /// Tests the given camera; `at` is an optimum for it.
@@ -314,14 +360,22 @@ impl CameraObjective<'_> {
             std::array::from_fn(|k| MIN_WRONG[k].max(MIN_WRONG_SDS * self.map.sd[k]));
         // Half of the thresholds: the linear step is shorter than the refined one while matches are lost.
         let is_near = (0..CAMERA).all(|k| step[6 + k].abs() < 0.5 * min_wrong[k]);
-        let calibrated = self.beyond_map(&CALIBRATED_SD);
-        if is_near || !(linear.log_odds(&calibrated) >= Some(MIN_LINEAR_LOG_ODDS)) {
+        let calibrated = self.assumed_about(&at.change, &CALIBRATED_SD);
+        let log_odds_of = |of: &CameraEvidence| {
+            of.log_odds(&calibrated).map(|odds| odds - LOG_PRIOR_ODDS + self.log_prior_odds(&at.change))
+        };
+        if is_near || !(log_odds_of(&linear) >= Some(MIN_LINEAR_LOG_ODDS)) {
             return CameraVerdict::Fine;
         }
         let open = self.descend(at, &OPEN_SD);
         let best = self.best(&here, at, &open);
-        let min_gain = FocalVerdict::min_gain(self.matches.observations, here.agreeing);
-        let log_odds = CameraEvidence { best: Some(best), ..linear }.log_odds(&calibrated);
+        let log_odds = log_odds_of(&CameraEvidence { best: Some(best), ..linear });
+        // A camera that is not calibrated need not be contradicted beyond doubt.
+        let (min_gain, min_estimated) = if self.is_focal_estimated(&at.change) {
+            (0.0, 0.0)
+        } else {
+            (FocalVerdict::min_gain(self.matches.observations, here.agreeing), MIN_ESTIMATED_LOG_ODDS)
+        };
         if best.gain / best.shared_variance < min_gain || !(log_odds > Some(self.map.min_log_odds)) {
             return CameraVerdict::Fine;
         }
@@ -330,14 +384,34 @@ impl CameraObjective<'_> {
         let is_large = (0..CAMERA).any(|k| (other.change.0[k] - at.change.0[k]).abs() > min_wrong[k]);
         // Where distortion explains much of it, other parameters would only stand for the distortion.
         let gain_of_other = self.gain(&here, at, &other, &STRAIGHT_SD);
-        let is_explained = is_large
-            && gain_of_other > MIN_STRAIGHT_GAIN * best.gain
-            && log_odds >= Some(MIN_ESTIMATED_LOG_ODDS);
+        let left = best.gain - gain_of_other;
+        let is_straight =
+            left < (1.0 - MIN_STRAIGHT_GAIN) * best.gain || left < CHANCE_GAIN * best.shared_variance;
+        let is_explained = is_large && is_straight && log_odds >= Some(min_estimated);
         if is_explained && here.agreeing >= MIN_AGREEING {
             CameraVerdict::Other(other)
         } else {
             CameraVerdict::Contradicted
         }
+    }
+
+    /// Tests a focal length that was estimated instead of the given one: distortion that the map's own cameras lack, too,
+    /// resembles another focal length where the matches are few. Compares the best camera with any focal length with
+    /// the best one with the given focal length, when the other parameters differ as those of the map's cameras.
+    pub fn test_focal(&self, at: &PoseWithFocal) -> FocalTest {
+        let given = self.beyond_map(&CALIBRATED_SD);
+        let mut open = given;
+        open[0] = OPEN_SD[0];
+        let at = PoseWithCamera { pose: at.pose, change: CameraChange::of_focal(at.factor) };
+        let [at_given, at_open] = [&given, &open].map(|sd| self.descend(&at, sd));
+        let [loss, open_loss] = [(&at_given, &given), (&at_open, &open)].map(|(at, sd)| {
+            let here = self.linearize(at);
+            (penalized(&here, &at.change, sd), here)
+        });
+        let gain = (loss.0 - open_loss.0) / open_loss.1.cells.design_effect();
+        let min_gain = FocalVerdict::min_gain(self.matches.observations, loss.1.agreeing);
+        let other = PoseWithFocal { pose: at_open.pose, factor: at_open.change.factor() };
+        FocalTest { verdict: FocalVerdict::of(gain, &other, min_gain), pose_of_given: at_given.pose }
     }
 
     /// What the matches say about the given camera, with the best camera estimated; `at` is an optimum for the given
@@ -371,12 +445,14 @@ impl CameraObjective<'_> {
         penalized(here, &at.change, sd) - penalized(&self.linearize(other), &other.change, sd)
     }
 
+    /// The best camera under a prior, from a start. Not gated: matches that leave the image or their sector at a step
+    /// make the loss jump, and a large shift of the principal point needs many steps.
     fn descend(&self, start: &PoseWithCamera, sd: &[f64; CAMERA]) -> PoseWithCamera {
         let step = |at: &PoseWithCamera, (here, _): &(CameraSystem, f64), damping| {
             Some((moved(at, &solved(here, sd, &at.change, damping)?)?, f64::INFINITY))
         };
         let look = |at: &PoseWithCamera| {
-            let system = self.linearize(at);
+            let system = self.system(at, false);
             let loss = penalized(&system, &at.change, sd);
             (system, loss)
         };
@@ -386,6 +462,11 @@ impl CameraObjective<'_> {
 
     /// Loss and derivatives at a pose and camera.
     fn linearize(&self, at: &PoseWithCamera) -> CameraSystem {
+        self.system(at, true)
+    }
+
+    /// The same; when not `gated`, also of matches whose points project outside of the image or of their sector.
+    fn system(&self, at: &PoseWithCamera, gated: bool) -> CameraSystem {
         let matches = self.matches;
         let camera = BentCamera::changed(&matches.camera, &at.change);
         let mut system = CameraSystem {
@@ -399,7 +480,7 @@ impl CameraObjective<'_> {
             VectorAll::from_fn(|k, _| if k < 6 { pose[k] } else { camera[k - 6] })
         };
         for &i in &self.active {
-            let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
+            let Some(residual) = matches.residual_of(&camera, i, &at.pose, gated) else { continue };
             let term = matches.likelihood_term(i, &residual, self.noise);
             let LikelihoodTerm { log_ratio, right, weight, loss } = term;
             system.cells.add(&residual.pixel, &residual.score(&term));
@@ -423,7 +504,7 @@ impl CameraObjective<'_> {
     }
 }
 
-impl WithoutPose {
+impl CameraInfluence {
     /// The covariance of the pose for this one of the camera.
     fn of_pose(&self, camera: &MatrixC) -> Option<Symmetric6> {
         let covariance = self.pose_by_camera * camera * self.pose_by_camera.transpose();

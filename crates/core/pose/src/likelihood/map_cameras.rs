@@ -118,6 +118,18 @@ impl CameraPosterior {
 }
 
 impl CameraEvidence {
+    /// What several images say about the camera that took them.
+    pub fn of_all<'e>(images: impl IntoIterator<Item = &'e Self>) -> Self {
+        let (mut information, mut gradient) = (MatrixC::zeros(), Vector6C::zeros());
+        for image in images {
+            let (of_image, slope) = image.scaled(image.shared_variance);
+            information += of_image;
+            gradient += slope;
+        }
+        let information = std::array::from_fn(|i| std::array::from_fn(|j| information[(i, j)]));
+        Self { information, gradient: gradient.into(), shared_variance: 1.0, best: None }
+    }
+
     /// The parameters under this prior; `None` when the numbers are not finite.
     pub(crate) fn posterior(&self, sd: &[f64; CAMERA]) -> Option<CameraPosterior> {
         let (information, gradient) = self.scaled(self.shared_variance);

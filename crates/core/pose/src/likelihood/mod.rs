@@ -30,7 +30,9 @@ mod refine;
 mod test_data;
 mod visibility;
 
-pub use camera_error::{CameraChange, CameraObjective, CameraVerdict, PoseWithCamera};
+pub use camera_error::{
+    CameraChange, CameraInfluence, CameraObjective, CameraVerdict, FocalTest, PoseWithCamera,
+};
 pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};
 pub use design_effect::ScoreCells;

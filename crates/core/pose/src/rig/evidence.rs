@@ -50,7 +50,7 @@ pub(super) struct FrameContribution<'a> {
     design_effect: f64,
     /// Information of the camera priors.
     known: Matrix6<f64>,
-    deviation: Deviation,
+    pub(super) deviation: Deviation,
     /// For each keypoint: its gain, and its likeliest map point, `[K]`.
     gains: Vec<(f64, PointKey)>,
     /// In how many frames that point has a gain of the same sign, `[K]`.
@@ -110,6 +110,16 @@ impl<'a> FrameContribution<'a> {
             gains,
             frames: Vec::new(),
         }
+    }
+
+    /// Information of the matches, with the errors that they share with neighbouring matches and with other frames.
+    pub(super) fn information_with_shared_errors(&self) -> Matrix6<f64> {
+        self.information * (self.share() / self.design_effect)
+    }
+
+    /// The share of the frame's information that other frames do not repeat.
+    pub(super) fn share(&self) -> f64 {
+        self.mean(&averaged)
     }
 
     /// Length of the deviation from the odometry in standard deviations; 0 for a fixed frame.
@@ -180,6 +190,12 @@ fn information_from_matches(
     if held > 0.0 { information - along * along.transpose() / held } else { information }
 }
 
+/// Weight of a match in each of a number of frames: half of the variance of a residual is assumed to be the map point's
+/// own, which more frames do not average out.
+fn averaged(frames: usize) -> f64 {
+    2.0 / (1.0 + frames as f64)
+}
+
 /// Counts in how many frames each point has a gain of the same sign.
 fn count_shared_points(contributions: &mut [FrameContribution<'_>]) {
     let mut frames: BTreeMap<(PointKey, bool), BTreeSet<usize>> = BTreeMap::new();
@@ -202,8 +218,6 @@ pub(super) fn combine_evidence(
     count_shared_points(contributions);
     let all = |_: usize| 1.0;
     let once = |frames: usize| (frames as f64).recip();
-    // Half of the variance of a residual is assumed to be the map point's own, which more frames do not average out.
-    let averaged = |frames: usize| 2.0 / (1.0 + frames as f64);
     let alone = over_rig(contributions, constraints, &|_| 1.0);
     let repeated_once = over_rig(contributions, constraints, &|w| w.mean(&once));
 
@@ -229,7 +243,7 @@ pub(super) fn combine_evidence(
     // So is its information, here with the errors that neighbouring matches share.
     let log_held = |information: &Matrix6<f64>| log_det(information).unwrap_or(f64::NEG_INFINITY);
     let alone = over_rig(contributions, constraints, &|w| w.design_effect.recip());
-    let joint = over_rig(contributions, constraints, &|w| w.mean(&averaged) / w.design_effect);
+    let joint = over_rig(contributions, constraints, &|w| w.share() / w.design_effect);
     let held = alone
         .into_iter()
         .fold(joint.iter().sum(), |a: Matrix6<f64>, b| if log_held(&b) > log_held(&a) { b } else { a });
@@ -268,6 +282,15 @@ impl FrameEvidence {
     pub(super) fn shift(&mut self, step: &[f64; 6]) {
         self.covariance = with_shift(&self.covariance, step);
         self.by_matches = with_shift(&self.by_matches, step);
+    }
+
+    /// Adds the effect of errors of the cameras.
+    pub(super) fn add(&mut self, of_cameras: &Symmetric6) {
+        for covariance in [&mut self.covariance, &mut self.by_matches] {
+            for (row, added) in covariance.iter_mut().zip(of_cameras) {
+                row.iter_mut().zip(added).for_each(|(c, added)| *c += added);
+            }
+        }
     }
 
     /// Required margin over the best other pose, before repeated gains are discounted.

@@ -7,6 +7,7 @@
 //! matches for a pose of its own still contributes, and one that contradicts the others has no influence. `evidence.rs`
 //! decides whether to trust the result, and why many frames are not independent.
 
+mod cameras;
 mod evidence;
 mod focal;
 mod frame;
@@ -18,6 +19,7 @@ mod search;
 use rand::Rng;
 use veiloc_geometry::{CameraFromRig, CameraFromWorld, RigFromWorld};
 
+use self::cameras::RigCameras;
 use self::evidence::{FrameContribution, combine_evidence};
 use self::focal::{Lens, RefinedRig, refine_focal_lengths, worst_known};
 use self::frame::{Frame, has_minimal_sample, scene_size};
@@ -58,6 +60,8 @@ pub struct RigEstimate {
     pub covariance: [[f64; 6]; 6],
     /// The same from the matches alone, without camera priors: the basis of trust.
     pub covariance_by_matches: [[f64; 6]; 6],
+    /// What errors of the cameras add to both, included in them.
+    pub camera_covariance: [[f64; 6]; 6],
     /// Whether to trust the pose.
     pub confidence: Confidence,
     /// Each frame, `[F]`, in the order given.
@@ -94,6 +98,12 @@ pub struct FrameEstimate {
 }
 
 impl RigEstimate {
+    /// [`Self::covariance`] without the part that is due to the camera models: the noise of keypoints and map points
+    /// alone.
+    pub fn noise_covariance(&self) -> [[f64; 6]; 6] {
+        std::array::from_fn(|i| std::array::from_fn(|j| self.covariance[i][j] - self.camera_covariance[i][j]))
+    }
+
     /// Covariance of the rig's origin in the world frame, map units squared.
     pub fn center_covariance(&self) -> [[f64; 3]; 3] {
         self.rig_from_world.center_covariance(&self.covariance)
@@ -104,7 +114,8 @@ impl RigEstimate {
 ///
 /// Frames without correspondences, with too few of them, or with all lines of one anchor are allowed beside one that
 /// has enough for a hypothesis. Equal frames, options and generator states give equal estimates; a single frame without
-/// deviation gives the result of [`crate::estimate_pose`].
+/// deviation gives the result of [`crate::estimate_pose`], unless its camera is wrong: a rig's cameras are doubted, and
+/// only their focal lengths are estimated.
 ///
 /// # Errors
 /// [`PoseError`]: no frame, a frame that is inconsistent or not finite, no frame with enough correspondences for a
@@ -337,6 +348,9 @@ impl CheckedFrames<'_> {
         let margin = search.margin(poses, &evidence.by_matches, evidence.min_margin(), options);
         let mut confidence = evidence.confidence(&contributions, poses, margin);
         confidence.log_evidence -= search.prior_loss(&poses.cams);
+        let cameras = RigCameras::new(&search, &polished, &lenses, &contributions, frames, options);
+        evidence.add(&cameras.covariance);
+        confidence.is_camera_contradicted = cameras.is_contradicted;
         // A pose may be wrong by the effect of another focal length, where the effect is too small to estimate that.
         for lens in &lenses {
             if let FocalVerdict::Suspicious(other) = lens.verdict {
@@ -355,6 +369,7 @@ impl CheckedFrames<'_> {
             rig_from_world: poses.rig,
             covariance: evidence.covariance,
             covariance_by_matches: evidence.by_matches,
+            camera_covariance: cameras.covariance,
             confidence,
             frames: frame_estimates,
             hypotheses: found.samples,

@@ -110,14 +110,29 @@ impl OdometryConstraint {
         of_camera: &Matrix6<f64>,
         deviation: &Deviation,
     ) -> Matrix6<f64> {
+        self.over_rig(&self.information_left(of_camera, deviation))
+    }
+
+    /// The force on the rig when the camera's best pose moves by each column of `steps`, with the camera's own deviation
+    /// marginalised out.
+    pub(super) fn force_over_rig(
+        &self,
+        of_camera: &Matrix6<f64>,
+        deviation: &Deviation,
+        steps: &Matrix6<f64>,
+    ) -> Matrix6<f64> {
+        self.adjoint.transpose() * self.information_left(of_camera, deviation) * steps
+    }
+
+    /// A camera's information with its own deviation marginalised out: `(I⁻¹ + W⁻¹)⁻¹`, where `I` may be singular.
+    fn information_left(&self, of_camera: &Matrix6<f64>, deviation: &Deviation) -> Matrix6<f64> {
         if self.is_rigid() {
-            return self.over_rig(of_camera);
+            return *of_camera;
         }
         let constraint = Matrix6::from_diagonal(&deviation.precision);
-        // (I⁻¹ + W⁻¹)⁻¹ where I may be singular.
-        let left =
-            (of_camera + constraint).cholesky().map(|sum| constraint - constraint * sum.solve(&constraint));
-        left.map_or_else(Matrix6::zeros, |m| self.over_rig(&m))
+        (of_camera + constraint)
+            .cholesky()
+            .map_or_else(Matrix6::zeros, |sum| constraint - constraint * sum.solve(&constraint))
     }
 
     /// Logarithm of the share of the previously possible deviations that remains with the matches: the cost in evidence

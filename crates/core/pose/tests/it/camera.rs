@@ -212,6 +212,39 @@ fn wrong_principal_point_and_aspect_are_estimated() {
     }
 }
 
+/// A cropped image whose principal point is taken for its middle, with a focal length that is not calibrated.
+#[test]
+fn wrong_principal_point_beside_an_open_focal_length_is_estimated_or_covered() {
+    for scheme in SCHEMES {
+        for (focal, factor) in
+            [(FocalPrior::Exif, 1.03), (FocalPrior::Exif, 0.75), (FocalPrior::Unknown, 0.8)]
+        {
+            for shift in [[0.0, 0.0], [10.0, -6.0], [48.0, 20.0], [-96.0, 72.0]] {
+                let mut trusted = 0;
+                for seed in 0..4 {
+                    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                    let (mut problem, truth) = wrong_camera(scheme, (shift, 1.0), &mut rng);
+                    problem.camera.focal = problem.camera.focal.map(|f| f * factor);
+                    problem.focal = focal;
+                    let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+                    let error = found.cam_from_world.translation_error(&truth);
+                    let turn = found.cam_from_world.rotation_error_degrees(&truth);
+                    let what = format!(
+                        "{scheme:?} {focal:?} {factor} {shift:?} {seed}: {error} {turn} {:?} {:?}",
+                        found.principal_shift_px, found.confidence
+                    );
+                    if found.confidence.state() == State::Trusted {
+                        trusted += 1;
+                        assert!(error < 4.0 * found.confidence.center_sd, "{what}");
+                        assert!(turn < 4.0 * found.confidence.rotation_sd_deg, "{what}");
+                    }
+                }
+                assert!(trusted >= 3, "{scheme:?} {focal:?} {shift:?}: {trusted}");
+            }
+        }
+    }
+}
+
 /// A small error of the camera is not estimated, because the map's own cameras have such errors: the covariance covers
 /// its effect on the pose.
 #[test]
