@@ -15,7 +15,7 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::{
     SelfTestOptions, SelfTestTrial, chosen, is_testable, self_test, summarize_trials, trials,
 };
-use veiloc_mapping::{BuildOptions, Input, MapWarning, VocabularyUpdate};
+use veiloc_mapping::{BuildOptions, Input, MapWarning, OnOtherFrame, VocabularyUpdate};
 use veiloc_protocol::SealedQuery;
 
 use crate::answer::Answer;
@@ -138,11 +138,13 @@ impl Map {
     /// Args:
     ///     model: folder of the model, text or binary.
     ///     images, features, down, self_test, skip_bad, progress: as for `build`.
+    ///     frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
+    ///         transform it, use `build` with `other_frame="align"`.
     ///
     /// Raises:
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features="compact", down=None, self_test=true, skip_bad=false, progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, self_test=true, skip_bad=false, frame_check=true, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -152,6 +154,7 @@ impl Map {
         down: Option<&Bound<'_, PyAny>>,
         self_test: bool,
         skip_bad: bool,
+        frame_check: bool,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let down = down.map(down_of).transpose()?;
@@ -160,7 +163,10 @@ impl Map {
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let colmap = read_model(&model)?;
             let posed = PosedImages::from(&colmap);
-            let input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
+            let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
+            if !frame_check {
+                input = input.on_other_frame(OnOtherFrame::Accept);
+            }
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
             Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)

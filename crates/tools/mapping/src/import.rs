@@ -17,6 +17,7 @@ use crate::complete::Grid;
 use crate::diagnose::diagnose;
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_each};
+use crate::frames::{FrameReport, OnOtherFrame, compare_groups, refused};
 use crate::input::Input;
 use crate::options::BuildOptions;
 use crate::progress::Progress;
@@ -48,6 +49,8 @@ pub struct ImportReport {
     pub errors_equal: f64,
     /// Mean reprojection error of the map: detected keypoints against COLMAP's points, pixels.
     pub map_error_px: f64,
+    /// Result of the comparison of groups of images with the rest; `None` if no group is linked weakly to it.
+    pub frame: Option<FrameReport>,
     /// Reasons why the map may be unusable; empty if none was found.
     pub warnings: Vec<MapWarning>,
 }
@@ -80,8 +83,9 @@ impl fmt::Display for ImportReport {
 /// [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction).
 ///
 /// # Errors
-/// [`MappingError`]: a model without images, unusable images, no keypoints, or no point with a keypoint near one of its
-/// observations.
+/// [`MappingError`]: a model without images, unusable images, no keypoints, no point with a keypoint near one of its
+/// observations, or a group of images whose poses are in another frame than the rest ([`MappingError::OtherFrame`],
+/// unless [`Input::on_other_frame`] accepts it; the points of the model cannot be aligned).
 pub fn import(
     colmap: &ColmapModel,
     input: &Input<'_>,
@@ -129,7 +133,15 @@ pub fn import(
     if model.points.is_empty() {
         return Err(MappingError::NothingImported { points: colmap.points().len() });
     }
-    let report = report(colmap, &model, joined.iter().map(|j| j.observations).sum(), skipped);
+    let mut report = report(colmap, &model, joined.iter().map(|j| j.observations).sum(), skipped);
+    if input.other_frame() != OnOtherFrame::Accept {
+        let (frame, groups) = compare_groups(&model, progress)?;
+        if !groups.is_empty() {
+            return Err(refused(groups));
+        }
+        report.warnings.extend(frame.iter().filter(|f| f.localized > 0).flat_map(MapWarning::of_frame));
+        report.frame = frame;
+    }
     Ok((model, report))
 }
 
@@ -269,6 +281,7 @@ fn report(
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
+        frame: None,
         warnings,
     }
 }

@@ -19,7 +19,7 @@ use veiloc_map::colmap::read_model;
 use veiloc_map::{GravityDirection, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
-use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, VocabularyUpdate};
+use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, OnOtherFrame, VocabularyUpdate};
 
 use self::frame::FrameArgs;
 use self::info::InfoOutput;
@@ -165,6 +165,10 @@ pub(crate) struct ImportArgs {
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
+    /// Do not compare groups of images with the rest of the map. For places that look alike, such as two floors of a
+    /// building: images of the one may be localized, wrongly, on the other.
+    #[arg(long)]
+    no_frame_check: bool,
     #[command(flatten)]
     bad: BadImageArgs,
     #[command(flatten)]
@@ -359,9 +363,15 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     warn_of(&args.model, colmap.remarks(), ui);
     let options = args.extraction.options()?;
     let posed = PosedImages::from(&colmap);
-    let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
-    let (mut model, mut report) =
-        veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_remedy)?;
+    let mut input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
+    if args.no_frame_check {
+        input = input.on_other_frame(OnOtherFrame::Accept);
+    }
+    let imported = veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui));
+    let (mut model, mut report) = imported.map_err(|error| match error {
+        MappingError::OtherFrame { .. } => Failure::with_help(error, frame::REMEDY_OF_IMPORT),
+        error => with_remedy(error),
+    })?;
     model.down = args.written.down;
     ui.info(&report);
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
@@ -369,6 +379,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     veiloc_map::write(&model, &args.written.out)?;
     let output = InfoOutput {
         json: args.written.json,
+        frame: report.frame,
         skipped: report.skipped,
         warnings: report.warnings,
         ..InfoOutput::default()

@@ -203,4 +203,14 @@ fn build_without_comparison_accepts_two_frames() {
                  --query-keypoints 1024 --no-self-test --no-frame-check -o unchecked.vmap --json";
     let document = scene.run(build).succeeded().json();
     assert!(document.get("frame").is_none(), "{document}");
+
+    // As a finished model, the same map is refused too.
+    scene.run("map export unchecked.vmap --colmap two-frames").succeeded();
+    let import = "map import --model two-frames --images images --max-keypoints 1024 --query-keypoints 1024 \
+                  --no-self-test -o imported.vmap --json";
+    assert_refused(&scene.run(import), true_distance(scene, given_from_true));
+    assert!(!scene.path("imported.vmap").exists());
+    scene.run(&format!("{import} --no-frame-check")).succeeded();
+    scene.run("map export place.vmap --colmap one-frame").succeeded();
+    scene.run(&import.replace("two-frames", "one-frame")).succeeded();
 }

@@ -36,6 +36,11 @@ pub(super) const REMEDY: &str = "give poses in one frame, or transform those of 
 pub(super) const REMEDY_OF_POSES: &str =
     "if the images are of another place that only looks alike, use --no-frame-check";
 
+/// The remedies for a model with a group of images in another frame.
+pub(super) const REMEDY_OF_IMPORT: &str = "build the map with map build --align, which transforms the named images and \
+                                           triangulates the points anew; if they are of another place that only \
+                                           looks alike, use --no-frame-check";
+
 /// Prints the result of the comparison.
 pub(super) fn print(report: &FrameReport, ui: &Ui) {
     let FrameReport { tested, localized, .. } = report;
