@@ -60,7 +60,7 @@ pub use gray::GrayImage;
 pub use input::Image;
 pub use keypoint::{Features, Keypoint};
 pub use load::{MAX_PIXELS, load_gray};
-pub use mask::{Mask, load_mask, mask_in};
+pub use mask::{Mask, load_mask};
 pub use orientation::{DisplayTurn, display_turn};
 pub use progress::Progress;
 pub use sift::{Border, SiftOptions, extract_sift};

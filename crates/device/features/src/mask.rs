@@ -152,13 +152,6 @@ pub fn load_mask(path: &Path) -> Result<Mask, FeatureError> {
     }
 }
 
-/// The file of an image's mask in a folder of masks, by COLMAP's rule: `extract/3.jpg.png` for `extract/3.jpg`.
-pub fn mask_in(folder: &Path, image: &Path) -> PathBuf {
-    let mut file = folder.join(image).into_os_string();
-    file.push(".png");
-    file.into()
-}
-
 fn is_transparent(image: &DynamicImage) -> bool {
     image.color().has_alpha() && image.to_rgba16().pixels().any(|pixel| pixel.0[3] != u16::MAX)
 }

@@ -10,12 +10,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::problems::{CameraLine, PoseLine, ProblemLine};
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
-use veiloc_features::{Progress, mask_in};
+use veiloc_features::Progress;
 use veiloc_localization::matching::match_points;
 use veiloc_localization::retrieval::retrieve;
 use veiloc_localization::{LocalizeOptions, observe_matches};
 use veiloc_map::{MapFile, PosedImages};
-use veiloc_mapping::{BuildOptions, Input};
+use veiloc_mapping::{BuildOptions, Input, mask_file};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
 use veiloc_pose::Correspondences;
@@ -57,7 +57,7 @@ pub struct GeneratedProblem {
 
 /// Path of each image's mask: in a folder, by the image's name; empty without a folder.
 pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, PathBuf> {
-    let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_in(folder, Path::new(n)))).collect();
+    let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_file(folder, n))).collect();
     folder.map(of).unwrap_or_default()
 }
 

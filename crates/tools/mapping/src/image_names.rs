@@ -22,6 +22,12 @@ pub fn image_file(folder: &Path, name: &str) -> PathBuf {
     other_spellings(name).map(|name| folder.join(name)).find(|path| path.exists()).unwrap_or(written)
 }
 
+/// The file of an image's mask in a folder of masks, by COLMAP's rule: `extract/3.jpg.png` for `extract/3.jpg`, or the
+/// other spelling of that name for which there is a file.
+pub fn mask_file(folder: &Path, image: &str) -> PathBuf {
+    image_file(folder, &format!("{image}.png"))
+}
+
 /// Other spellings of a name: with `/` for `\`, composed, decomposed.
 pub(crate) fn other_spellings(name: &str) -> impl Iterator<Item = String> {
     let slashes = with_slashes(name);
@@ -90,6 +96,8 @@ mod tests {
         assert_eq!(found(r"cam0\a.jpg").as_deref(), Some("cam0/a.jpg"));
         assert_eq!(image_file(folder, r"cam0\b.jpg"), folder.join(r"cam0\b.jpg"), "the name as written");
         assert_eq!(found(r"cam0\..\cam0\a.jpg"), None, "no way out of the folder");
+        write("cam0/a.jpg.png");
+        assert_eq!(mask_file(folder, r"cam0\a.jpg"), folder.join("cam0/a.jpg.png"));
         write(DECOMPOSED);
         assert_eq!(found(COMPOSED).as_deref(), Some(DECOMPOSED));
         write(COMPOSED);

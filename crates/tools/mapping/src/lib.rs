@@ -87,7 +87,7 @@ pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use frames::{FrameReport, OnOtherFrame, OtherFrame, Similarity3};
 pub use hold_out::HoldOutMap;
-pub use image_names::{NameIndex, image_file};
+pub use image_names::{NameIndex, image_file, mask_file};
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
 pub use options::BuildOptions;

@@ -3,13 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use veiloc_features::mask_in;
 use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::BuildOptions;
-use veiloc_mapping::image_file;
+use veiloc_mapping::{image_file, mask_file};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
@@ -51,7 +50,7 @@ pub struct SceneEvaluation {
     /// Standard deviation of an accelerometer, degrees: the map gets a down direction, and every query is sealed
     /// without and with gravity. `None`: no gravity.
     pub gravity_sd_deg: Option<f64>,
-    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): masked keypoints are not sent. `None`: no masks.
+    /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
     /// How queries are sent.
     pub transmission: QueryTransmission,
@@ -103,7 +102,7 @@ impl SceneEvaluation {
 
     /// The mask of a query, if queries have masks.
     pub(super) fn mask_of(&self, name: &str) -> Option<PathBuf> {
-        self.masks.as_deref().map(|folder| mask_in(folder, Path::new(name)))
+        self.masks.as_deref().map(|folder| mask_file(folder, name))
     }
 
     /// The queries without known poses.

@@ -26,7 +26,7 @@ pub struct AdversaryScene {
     pub build: BuildOptions,
     /// Retrieval and matching.
     pub localize: LocalizeOptions,
-    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): masked keypoints are not sent. `None`: no masks.
+    /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
 }
 

@@ -8,9 +8,9 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::results::QueryResult;
 use serde::{Deserialize, Serialize};
-use veiloc_features::mask_in;
 use veiloc_map::MapFile;
 use veiloc_mapping::build_cache::CacheKey;
+use veiloc_mapping::mask_file;
 
 use super::key::EvaluationKey as _;
 use super::{QUERIES, Work, io};
@@ -92,7 +92,7 @@ impl Finished {
         key.pose(query.truth.as_ref());
         key.file(&query.path)?;
         if let Some(masks) = &evaluation.masks {
-            key.file(&mask_in(masks, Path::new(&query.name)))?;
+            key.file(&mask_file(masks, &query.name))?;
         }
         let key = key.hex();
         if let Some(rows) = self.done.get(&key) {

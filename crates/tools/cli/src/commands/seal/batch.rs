@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_client::SessionFile;
-use veiloc_features::mask_in;
+use veiloc_mapping::mask_file;
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Profile;
 
@@ -236,7 +236,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
                 args.out.to_path_buf()
             };
             let mask = match &args.masks {
-                Some(folder) => Some(mask_in(folder, Path::new(item.name()))),
+                Some(folder) => Some(mask_file(folder, item.name())),
                 None => args.mask.file().map(Path::to_owned),
             };
             SealJob { item, camera, out, mask }
