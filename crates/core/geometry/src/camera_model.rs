@@ -317,6 +317,38 @@ impl CameraModel {
         }
     }
 
+    /// The distortion of the image turned clockwise by 90°, where `x` is the old `-y` and `y` the old `x`. Focal lengths
+    /// and principal point are unchanged.
+    pub(crate) const fn with_quarter_turn(mut self) -> Self {
+        match &mut self {
+            Self::OpenCv([_, _, _, _, _, _, p1, p2]) | Self::FullOpenCv([_, _, _, _, _, _, p1, p2, ..]) => {
+                (*p1, *p2) = (*p2, -*p1);
+            }
+            Self::ThinPrismFisheye([_, _, _, _, _, _, p1, p2, _, _, sx, sy]) => {
+                (*p1, *p2) = (*p2, -*p1);
+                (*sx, *sy) = (-*sy, *sx);
+            }
+            Self::RadTanThinPrismFisheye([.., p0, p1, s0, s1, s2, s3]) => {
+                (*p0, *p1) = (-*p1, *p0);
+                (*s0, *s1, *s2, *s3) = (-*s2, -*s3, *s0, *s1);
+            }
+            Self::SimplePinhole(_)
+            | Self::Pinhole(_)
+            | Self::SimpleRadial(_)
+            | Self::Radial(_)
+            | Self::OpenCvFisheye(_)
+            | Self::Fov(_)
+            | Self::SimpleRadialFisheye(_)
+            | Self::RadialFisheye(_)
+            | Self::SimpleDivision(_)
+            | Self::Division(_)
+            | Self::SimpleFisheye(_)
+            | Self::Fisheye(_)
+            | Self::Eucm(_) => {}
+        }
+        self
+    }
+
     /// The same with other focal lengths and another principal point; one focal length becomes the geometric mean.
     pub(crate) fn with_pinhole_parts(mut self, focal: [f64; 2], principal: [f64; 2]) -> Self {
         let one = self.has_one_focal();

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 
 use crate::camera_model::{CameraModel, IntrinsicsError};
 use crate::pixel::{Pixel, PlanePoint};
+use crate::quarter_turns::QuarterTurns;
 
 /// A calibrated camera: its model and its image size.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +75,18 @@ impl Intrinsics {
         let ([fx, fy], [cx, cy]) = self.model.pinhole_parts();
         let model = if sx == sy { self.model } else { self.model.with_two_focals() };
         Self { model: model.with_pinhole_parts([fx * sx, fy * sy], [cx * sx, cy * sy]), width, height }
+    }
+
+    /// The camera of the turned image. Its axes are turned as well: [`QuarterTurns::turned_from_camera`].
+    #[must_use]
+    pub fn turned(&self, turns: QuarterTurns) -> Self {
+        (0..turns.count()).fold(*self, |camera, _| {
+            let ([fx, fy], [cx, cy]) = camera.model.pinhole_parts();
+            // The column of a pixel is its distance from the lower border, its row the old column.
+            let principal = [f64::from(camera.height) - cy, cx];
+            let model = camera.model.with_quarter_turn().with_pinhole_parts([fy, fx], principal);
+            Self { model, width: camera.height, height: camera.width }
+        })
     }
 }
 
@@ -239,6 +252,31 @@ mod tests {
         assert_eq!(CameraModel::from_colmap_id(17), None);
         assert_eq!(CameraModel::unsupported(17), IntrinsicsError::Panorama);
         assert_eq!(CameraModel::from_colmap_id(-1), None);
+    }
+
+    #[test]
+    fn turned_camera_sees_the_turned_image() {
+        for text in CAMERAS {
+            let camera: Intrinsics = text.parse().expect("valid");
+            assert_eq!(camera.turned(QuarterTurns::NONE), camera);
+            for turns in QuarterTurns::ALL {
+                let turned = camera.turned(turns);
+                assert_eq!((turned.width, turned.height), turns.size_of((camera.width, camera.height)));
+                let back = turned.turned(turns.inverse()).project(PlanePoint::new(0.2, -0.13));
+                assert!(back.distance(&camera.project(PlanePoint::new(0.2, -0.13))) < 1e-9, "{text}");
+                let ray = turns.turned_from_camera() * nalgebra::Vector3::new(0.2, -0.13, 1.0);
+                let Pixel { u, v } = camera.project(PlanePoint::new(0.2, -0.13));
+                let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+                let moved = match turns.degrees() {
+                    0 => Pixel::new(u, v),
+                    90 => Pixel::new(height - v, u),
+                    180 => Pixel::new(width - u, height - v),
+                    _ => Pixel::new(v, width - u),
+                };
+                let found = turned.project(PlanePoint::new(ray.x, ray.y));
+                assert!(found.distance(&moved) < 1e-9, "{text} {turns:?}: {found:?} {moved:?}");
+            }
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@ mod intrinsics;
 mod line;
 pub mod pencils;
 mod pixel;
+mod quarter_turns;
 pub mod statistics;
 
 pub use camera_model::{CameraModel, IntrinsicsError};
@@ -25,6 +26,7 @@ pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPosition, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
+pub use quarter_turns::QuarterTurns;
 
 /// The linear algebra library of the types of this crate, so that callers use the same version.
 pub use nalgebra;

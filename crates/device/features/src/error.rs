@@ -138,6 +138,14 @@ pub enum FeatureError {
         /// The given number.
         actual: usize,
     },
+    /// The rows of a frame overlap.
+    #[error("rows of {row} bytes cannot begin every {stride} bytes; give the bytes from one row to the next")]
+    Stride {
+        /// Bytes of the pixels of a row.
+        row: usize,
+        /// Bytes from one row to the next, as given.
+        stride: usize,
+    },
     /// A sample is NaN or infinite.
     #[error("the sample at column {column}, row {row} is not finite; replace it before extraction")]
     NotFinite {

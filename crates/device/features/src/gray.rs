@@ -67,6 +67,18 @@ impl GrayImage {
         Ok(Self { width, height, data })
     }
 
+    /// From samples in [0, 1], `[height, width]`.
+    pub(crate) fn from_samples(width: u32, height: u32, data: Vec<f32>) -> Self {
+        debug_assert_eq!(data.len(), width as usize * height as usize);
+        Self { width, height, data }
+    }
+
+    /// The mean of all samples.
+    pub fn mean(&self) -> f64 {
+        let row = |y| self.row(y).iter().map(|sample| f64::from(*sample)).sum::<f64>();
+        (0..self.height).map(row).sum::<f64>() / self.data.len() as f64
+    }
+
     /// Columns.
     pub const fn width(&self) -> u32 {
         self.width
@@ -132,7 +144,7 @@ impl GrayImage {
 }
 
 /// Gray of one colour pixel, in [0, 1].
-fn luma(red: u8, green: u8, blue: u8) -> f32 {
+pub(crate) fn luma(red: u8, green: u8, blue: u8) -> f32 {
     let [r, g, b] = LUMA;
     (r * f32::from(red) + g * f32::from(green) + b * f32::from(blue)) / 255.0
 }

@@ -2,6 +2,7 @@
 //!
 //! - [`extract_image`]: the entry point from a file to features, for any [`Extractor`].
 //! - [`extract_loaded`]: the same for an image in memory.
+//! - [`CameraFrame`]: a frame as the camera of a phone gives it, without a copy.
 //! - [`Extractors`]: the extractors of a program, by name. SIFT and [`Compact`] are built in; add your own with
 //!   [`Extractors::with`].
 //! - [`GlobalExtractor`]: computes one vector per image; none is built in.
@@ -36,6 +37,7 @@ mod exif;
 mod extract;
 mod extractor;
 mod extractors;
+mod frame;
 mod global;
 mod gray;
 mod input;
@@ -55,6 +57,7 @@ pub use exif::{exif_camera, guessed_camera, guessed_camera_of};
 pub use extract::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use extractor::{Extractor, FeatureStore, Sift};
 pub use extractors::Extractors;
+pub use frame::{CameraFrame, PixelFormat};
 pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;
 pub use input::Image;

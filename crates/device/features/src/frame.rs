@@ -1,0 +1,188 @@
+//! Frames as cameras of phones give them: bytes with a row stride, in the orientation of the sensor.
+
+use veiloc_geometry::QuarterTurns;
+
+use crate::gray::luma;
+use crate::{FeatureError, GrayImage};
+
+/// The bytes of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PixelFormat {
+    /// One byte: a gray image, or the first plane of YUV 420 (Android's `YUV_420_888`, Apple's
+    /// `420YpCbCr8BiPlanar`). The planes of the colours are not needed.
+    Gray,
+    /// Red, green, blue, and a fourth byte that is ignored.
+    Rgba,
+    /// Blue, green, red, and a fourth byte that is ignored.
+    Bgra,
+}
+
+impl PixelFormat {
+    /// Bytes of a pixel.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::Gray => 1,
+            Self::Rgba | Self::Bgra => 4,
+        }
+    }
+}
+
+/// A frame of a camera, whose bytes stay where the camera wrote them.
+///
+/// ```
+/// use veiloc_features::{CameraFrame, PixelFormat};
+/// use veiloc_geometry::QuarterTurns;
+///
+/// // The first plane of YUV 420: 3 x 2 pixels in rows of 4 bytes. The last row may end with its last pixel.
+/// let plane = [0, 51, 102, 255, 153, 204, 255];
+/// let frame = CameraFrame::new(PixelFormat::Gray, (3, 2), &plane, 4)?;
+/// assert_eq!(frame.gray().data(), [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]);
+/// // Clockwise: the first column becomes the first row, read from below.
+/// let upright = frame.turned(QuarterTurns::from_degrees(90).expect("a quarter"));
+/// assert_eq!((upright.gray().width(), upright.gray().data()), (2, [0.6, 0.0, 0.8, 0.2, 1.0, 0.4].as_slice()));
+/// # Ok::<(), veiloc_features::FeatureError>(())
+/// ```
+#[derive(Clone, Copy)]
+pub struct CameraFrame<'a> {
+    format: PixelFormat,
+    size: (u32, u32),
+    bytes: &'a [u8],
+    stride: usize,
+    turns: QuarterTurns,
+}
+
+// Image content must never reach a log (rule L8).
+impl std::fmt::Debug for CameraFrame<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (width, height) = self.size;
+        write!(f, "CameraFrame({width}x{height}, {:?}, {}°)", self.format, self.turns.degrees())
+    }
+}
+
+impl<'a> CameraFrame<'a> {
+    /// A frame of `size` (width, height, pixels) whose rows begin every `row_stride` bytes; 0 when rows follow each
+    /// other without a gap. `bytes` reach at least to the end of the last row's last pixel.
+    ///
+    /// # Errors
+    /// [`FeatureError::Empty`], [`FeatureError::Stride`], or [`FeatureError::Length`] when there are too few bytes.
+    pub fn new(
+        format: PixelFormat,
+        size: (u32, u32),
+        bytes: &'a [u8],
+        row_stride: usize,
+    ) -> Result<Self, FeatureError> {
+        let (width, height) = size;
+        if width == 0 || height == 0 {
+            return Err(FeatureError::Empty { width, height });
+        }
+        let row = (width as usize).saturating_mul(format.bytes());
+        let stride = if row_stride == 0 { row } else { row_stride };
+        if stride < row {
+            return Err(FeatureError::Stride { row, stride });
+        }
+        let expected = stride.saturating_mul(height as usize - 1).saturating_add(row);
+        if bytes.len() < expected {
+            return Err(FeatureError::Length { width, height, expected, actual: bytes.len() });
+        }
+        Ok(Self { format, size, bytes, stride, turns: QuarterTurns::NONE })
+    }
+
+    /// The frame that [`Self::gray`] turns clockwise, so that it stands upright. Its camera is
+    /// [`Intrinsics::turned`](veiloc_geometry::Intrinsics::turned), and poses are those of the turned camera.
+    #[must_use]
+    pub const fn turned(self, turns: QuarterTurns) -> Self {
+        Self { turns, ..self }
+    }
+
+    /// Width and height before the turn, pixels.
+    pub const fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// The turn.
+    pub const fn turns(&self) -> QuarterTurns {
+        self.turns
+    }
+
+    /// The gray image, turned: the same samples as [`GrayImage::from_luma8`] and [`GrayImage::from_rgba8`] make. The
+    /// only memory that it takes is that of the result.
+    pub fn gray(&self) -> GrayImage {
+        let (width, height) = self.size;
+        let (columns, rows) = self.turns.size_of(self.size);
+        let mut data = Vec::with_capacity(columns as usize * rows as usize);
+        let pixel = self.format.bytes();
+        let row = |y: u32| &self.bytes[y as usize * self.stride..][..width as usize * pixel];
+        let sample = |bytes: &[u8]| match *bytes {
+            [red, green, blue, _] if self.format == PixelFormat::Rgba => luma(red, green, blue),
+            [blue, green, red, _] => luma(red, green, blue),
+            _ => f32::from(bytes[0]) / 255.0,
+        };
+        let at = |x: u32, y: u32| sample(&row(y)[x as usize * pixel..][..pixel]);
+        match self.turns.count() {
+            0 => (0..height).for_each(|y| data.extend(row(y).chunks_exact(pixel).map(sample))),
+            2 => (0..height).rev().for_each(|y| data.extend(row(y).chunks_exact(pixel).rev().map(sample))),
+            1 => (0..width).for_each(|x| data.extend((0..height).rev().map(|y| at(x, y)))),
+            _ => (0..width).rev().for_each(|x| data.extend((0..height).map(|y| at(x, y)))),
+        }
+        GrayImage::from_samples(columns, rows, data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colour bytes `[4, 5, 4]` without a pattern.
+    fn rgba() -> Vec<u8> {
+        (0..80_u32).map(|i| (i * 37 % 251) as u8).collect()
+    }
+
+    #[test]
+    fn strides_and_byte_orders_do_not_change_the_samples() {
+        let bytes = rgba();
+        let expected = GrayImage::from_rgba8(5, 4, &bytes).expect("a frame");
+        let tight = CameraFrame::new(PixelFormat::Rgba, (5, 4), &bytes, 0).expect("a frame");
+        assert_eq!(tight.gray(), expected);
+        let mut padded: Vec<u8> =
+            bytes.chunks(20).flat_map(|row| row.iter().copied().chain([99; 7])).collect();
+        padded.truncate(padded.len() - 7);
+        let padded = CameraFrame::new(PixelFormat::Rgba, (5, 4), &padded, 27).expect("a frame");
+        assert_eq!(padded.gray(), expected);
+        let swapped: Vec<u8> = bytes.chunks(4).flat_map(|p| [p[2], p[1], p[0], p[3]]).collect();
+        let bgra = CameraFrame::new(PixelFormat::Bgra, (5, 4), &swapped, 20).expect("a frame");
+        assert_eq!(bgra.gray(), expected);
+    }
+
+    #[test]
+    fn four_quarter_turns_are_none() {
+        let bytes = rgba();
+        let quarter = QuarterTurns::from_degrees(90).expect("a quarter");
+        let bytes_of = |image: &GrayImage| -> Vec<u8> {
+            image.data().iter().map(|v| (v * 255.0).round() as u8).collect()
+        };
+        let original = CameraFrame::new(PixelFormat::Gray, (10, 8), &bytes, 0).expect("a frame");
+        let mut image = original.gray();
+        for turns in 1..=4 {
+            let bytes = bytes_of(&image);
+            let frame = CameraFrame::new(PixelFormat::Gray, (image.width(), image.height()), &bytes, 0);
+            image = frame.expect("a frame").turned(quarter).gray();
+            let at_once = QuarterTurns::from_degrees(90 * turns).expect("quarters");
+            assert_eq!(image, original.turned(at_once).gray(), "{turns}");
+        }
+    }
+
+    #[test]
+    fn wrong_sizes_are_rejected() {
+        let bytes = [0; 80];
+        let frame = |size, bytes, stride| CameraFrame::new(PixelFormat::Rgba, size, bytes, stride).err();
+        assert!(matches!(frame((0, 4), &bytes, 0), Some(FeatureError::Empty { .. })));
+        assert!(matches!(
+            frame((5, 4), &bytes, 19),
+            Some(FeatureError::Stride { row: 20, stride: 19 })
+        ));
+        let short = frame((5, 4), &bytes[..79], 0);
+        assert!(matches!(short, Some(FeatureError::Length { expected: 80, actual: 79, .. })));
+        assert!(frame((u32::MAX, u32::MAX), &bytes, usize::MAX).is_some());
+        assert!(frame((5, 4), &bytes, 0).is_none());
+    }
+}
