@@ -5,6 +5,8 @@
 //! client send [`SealedQuery::encode`] and read [`Answer::decode`]. `docs/reference/privacy-rules.md` describes what an app must not
 //! do, and the remaining leakage.
 
+/// For apps with an AR framework: camera frames, axes, the transform from the AR world to the map.
+pub use veiloc_ar as ar;
 pub use veiloc_client::{
     Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealedImage,
     SessionFile, printable, seal_image,

@@ -41,7 +41,7 @@ impl QuarterTurns {
 
     /// Width and height of the turned image.
     pub const fn size_of(self, (width, height): (u32, u32)) -> (u32, u32) {
-        if self.0 % 2 == 0 { (width, height) } else { (height, width) }
+        if self.0.is_multiple_of(2) { (width, height) } else { (height, width) }
     }
 
     /// The rotation from the axes of the camera to those of the camera of the turned image (`x` right, `y` down, `z`

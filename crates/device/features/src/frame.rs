@@ -176,10 +176,7 @@ mod tests {
         let bytes = [0; 80];
         let frame = |size, bytes, stride| CameraFrame::new(PixelFormat::Rgba, size, bytes, stride).err();
         assert!(matches!(frame((0, 4), &bytes, 0), Some(FeatureError::Empty { .. })));
-        assert!(matches!(
-            frame((5, 4), &bytes, 19),
-            Some(FeatureError::Stride { row: 20, stride: 19 })
-        ));
+        assert!(matches!(frame((5, 4), &bytes, 19), Some(FeatureError::Stride { row: 20, stride: 19 })));
         let short = frame((5, 4), &bytes[..79], 0);
         assert!(matches!(short, Some(FeatureError::Length { expected: 80, actual: 79, .. })));
         assert!(frame((u32::MAX, u32::MAX), &bytes, usize::MAX).is_some());

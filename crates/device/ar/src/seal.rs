@@ -1,0 +1,131 @@
+//! From a frame of the camera to a sealed query.
+
+use std::path::Path;
+
+use rand::CryptoRng;
+use veiloc_features::{CameraFrame, FeatureError, Features, Image};
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{CameraFromRig, Intrinsics};
+use veiloc_obfuscation::{KnownCamera, Orientation, SealError, SealOptions, Session, extract_loaded, seal};
+use veiloc_protocol::{Profile, SealedQuery};
+
+use crate::CameraFromAr;
+
+/// Name of the frame in messages, as it has no file.
+const NAME: &str = "the frame";
+
+/// A frame of the camera, sealed.
+#[derive(Debug)]
+pub struct SealedCameraFrame {
+    /// The query to send.
+    pub query: SealedQuery,
+    /// Number of keypoints found in the frame; the query may hold fewer, or decoys.
+    pub keypoints: usize,
+    /// Mean gray of the frame, 0 to 1.
+    pub brightness: f64,
+}
+
+/// Seals a frame for the map of a profile.
+///
+/// - `camera`: of the frame as the sensor gives it, before [`CameraFrame::turned`].
+/// - `rng`: [`veiloc_obfuscation::device_rng`] on a device.
+///
+/// Seal a frame once and keep the query until it is answered (rule L7). For several frames of one place use
+/// [`seal_frame_in`] (rule L10).
+///
+/// # Errors
+/// [`SealError`]: the camera of another image size, too little texture, a profile that requests more than the device
+/// allows.
+pub fn seal_frame(
+    frame: &CameraFrame<'_>,
+    camera: &KnownCamera,
+    profile: &Profile,
+    options: &SealOptions,
+    rng: &mut impl CryptoRng,
+) -> Result<SealedCameraFrame, SealError> {
+    let extracted = Extracted::new(frame, camera, profile, options)?;
+    extracted.sealed(|features, camera, options| seal(features, camera, profile, options, rng))
+}
+
+/// Seals the next frame of a session: as [`seal_frame`], with the session's anchors.
+///
+/// `cam_from_ar`: the pose of the camera when it took the frame. Its orientation stays on the device. Without one, the
+/// frame belongs to the session only where the camera rested or turned on the spot.
+///
+/// # Errors
+/// As [`seal_frame`] and [`Session::seal`]; the session has not changed then.
+pub fn seal_frame_in(
+    session: &mut Session,
+    frame: &CameraFrame<'_>,
+    camera: &KnownCamera,
+    profile: &Profile,
+    options: &SealOptions,
+    cam_from_ar: Option<&CameraFromAr>,
+    rng: &mut impl CryptoRng,
+) -> Result<SealedCameraFrame, SealError> {
+    let held = match cam_from_ar {
+        Some(pose) => orientation_in_world(pose).ok_or(SealError::NoOrientation)?,
+        None => Orientation::unknown(),
+    };
+    let extracted = Extracted::new(frame, camera, profile, options)?;
+    extracted.sealed(|features, camera, options| session.seal(features, camera, profile, options, &held, rng))
+}
+
+/// The orientation of a camera for a session, with the gravity direction: the AR world's `y` is up. `None` when a
+/// number is not finite.
+pub fn orientation_in_world(cam_from_ar: &CameraFromAr) -> Option<Orientation> {
+    let down = cam_from_ar.rotation() * -Vector3::y();
+    Orientation::in_world(*cam_from_ar.rotation())?.with_down(down.into())
+}
+
+/// The poses of several cameras on one rig, for a [`RigMessage`](veiloc_protocol::RigMessage): relative to the first,
+/// so that nothing of the AR world is sent. `metres_per_unit`: of the map.
+pub fn rig_of(cameras: &[CameraFromAr], metres_per_unit: f64) -> Vec<CameraFromRig> {
+    let Some(ar_from_rig) = cameras.first().map(CameraFromAr::inverse) else { return Vec::new() };
+    let on_rig = |cam_from_ar: &CameraFromAr| {
+        let cam_from_rig = cam_from_ar.compose(&ar_from_rig);
+        CameraFromRig::new(*cam_from_rig.rotation(), cam_from_rig.translation() / metres_per_unit)
+    };
+    cameras.iter().map(on_rig).collect()
+}
+
+/// The features of a frame, before they are sealed.
+struct Extracted {
+    features: Features,
+    camera: Intrinsics,
+    options: SealOptions,
+    brightness: f64,
+}
+
+impl Extracted {
+    fn new(
+        frame: &CameraFrame<'_>,
+        camera: &KnownCamera,
+        profile: &Profile,
+        options: &SealOptions,
+    ) -> Result<Self, SealError> {
+        let (intrinsics, actual) = (&camera.intrinsics, frame.size());
+        let size = (intrinsics.width, intrinsics.height);
+        if size != actual {
+            let path = Path::new(NAME).to_owned();
+            return Err(FeatureError::ImageSize { path, actual, camera: size, turn: None }.into());
+        }
+        let gray = frame.gray();
+        let brightness = gray.mean();
+        let options = options.clone().with_focal(camera.focal);
+        let turned = intrinsics.turned(frame.turns());
+        let (features, camera) =
+            extract_loaded(Image::from(gray), Path::new(NAME), &turned, profile, &options)?;
+        Ok(Self { features, camera, options, brightness })
+    }
+
+    fn sealed(
+        self,
+        seal: impl FnOnce(Features, &Intrinsics, &SealOptions) -> Result<SealedQuery, SealError>,
+    ) -> Result<SealedCameraFrame, SealError> {
+        let Self { features, camera, options, brightness } = self;
+        let keypoints = features.keypoints.len();
+        let query = seal(features, &camera, &options)?;
+        Ok(SealedCameraFrame { query, keypoints, brightness })
+    }
+}

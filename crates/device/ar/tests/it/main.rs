@@ -1,0 +1,7 @@
+//! Tests of `veiloc-ar` from outside, one executable: linking is what costs.
+
+mod advice;
+mod alignment;
+mod axes;
+mod seal;
+mod walk;
