@@ -41,7 +41,7 @@ async function localize(client: Client, map: string, seal: () => Promise<Sealed>
     return answer;
   } catch (error) {
     // Without motion sensors a walk is refused (`too-many-starts`) until the camera is back, or in another part of the scene.
-    const temporary = ["not-localized", "unbalanced", "busy", "too-many-starts", "turned-away"];
+    const temporary = ["not-localized", "texture", "unbalanced", "busy", "too-many-starts", "turned-away"];
     if (error instanceof VeilocError && temporary.includes(error.kind)) return null;
     throw error;
   }

@@ -3,8 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-/// The crate that may hold `unsafe` code.
-const UNSAFE_CRATE: &str = "crates/core/simd/";
+/// The crates that may hold `unsafe` code: kernels, and the border to C, whose functions take pointers.
+const UNSAFE_CRATES: [&str; 2] = ["crates/core/simd/", C_BORDER];
+/// The border to C. Its crate root denies unsafe operations outside of `unsafe` blocks.
+const C_BORDER: &str = "bindings/c/";
 /// The crate with exported functions. The edition spells their attribute `#[unsafe(no_mangle)]` (decision 0027), so the
 /// lint `unsafe_code` cannot be forbidden there.
 const EXPORTS: &str = "bindings/web/";
@@ -41,8 +43,14 @@ fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
         let is_root = is_ours && name.ends_with("/src/lib.rs");
         let is_exporting = name.starts_with(EXPORTS);
         let lint = if is_exporting { "#![deny(unsafe_code)]" } else { "#![forbid(unsafe_code)]" };
-        if is_root && !name.starts_with(UNSAFE_CRATE) && !text.contains(lint) {
+        let may_be_unsafe = UNSAFE_CRATES.iter().any(|folder| name.starts_with(folder));
+        let lint = if may_be_unsafe { "#![deny(unsafe_op_in_unsafe_fn)]" } else { lint };
+        if is_root && !text.contains(lint) {
             faults.push(format!("{name}: lacks {lint}"));
+        }
+        // A pointer is read in a block, once, where it becomes a reference.
+        if name.starts_with(C_BORDER) && ["unsafe impl", "transmute"].iter().any(|u| text.contains(u)) {
+            faults.push(format!("{name}: only pointers may be unsafe at the border to C"));
         }
         let has_unsafe =
             || ["unsafe {", "unsafe fn", "unsafe impl", "unsafe extern"].iter().any(|u| text.contains(u));
@@ -90,6 +98,11 @@ mod tests {
             ("bindings/web/src/exports.rs", "//! Calls.\nfn f() { unsafe { g() } }\n"),
         ];
         assert_eq!(faults(&exports).len(), 2);
+        let border = [
+            ("bindings/c/src/lib.rs", "//! Calls.\n"),
+            ("bindings/c/src/session.rs", "//! Calls.\nunsafe impl Send for S {}\n"),
+        ];
+        assert_eq!(faults(&border).len(), 2);
     }
 
     #[test]
@@ -99,6 +112,8 @@ mod tests {
             ("docs/x.md", "a service answers at host/home/ and ../shared/data"),
             ("bindings/web/src/lib.rs", "//! Calls.\n#![deny(unsafe_code)]\n"),
             ("bindings/web/src/exports.rs", "//! Calls.\n#[unsafe(no_mangle)]\nfn f() {}\n"),
+            ("bindings/c/src/lib.rs", "//! Calls.\n#![deny(unsafe_op_in_unsafe_fn)]\n"),
+            ("bindings/c/src/session.rs", "//! Calls.\nfn f(p: *const u8) { unsafe { g(p) } }\n"),
         ];
         assert_eq!(faults(&files), Vec::<String>::new());
     }

@@ -1,5 +1,6 @@
 //! Project checks. `cargo xtask tidy` checks the invariants of ARCHITECTURE.md over `cargo metadata`, and source files.
-//! `cargo xtask json-reference` writes docs/reference/json.md, or compares it with `--check`.
+//! `cargo xtask json-reference` writes docs/reference/json.md, `cargo xtask c-header` writes bindings/c/include/veiloc.h; with
+//! `--check` they compare.
 //!
 //! cargo-deny checks licences, sources and banned crates (`deny.toml`).
 
@@ -18,10 +19,12 @@ fn main() -> ExitCode {
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let result = match arguments[..] {
         ["tidy"] => tidy(root),
-        ["json-reference"] => json_reference(root, &[]),
-        ["json-reference", "--check"] => json_reference(root, &["--check"]),
+        ["json-reference"] => generate(root, &JSON_REFERENCE, &[]),
+        ["json-reference", "--check"] => generate(root, &JSON_REFERENCE, &["--check"]),
+        ["c-header"] => generate(root, &C_HEADER, &[]),
+        ["c-header", "--check"] => generate(root, &C_HEADER, &["--check"]),
         _ => {
-            print_line("usage: cargo xtask tidy | json-reference [--check]");
+            print_line("usage: cargo xtask tidy | json-reference [--check] | c-header [--check]");
             return ExitCode::from(2);
         }
     };
@@ -52,29 +55,32 @@ fn tidy(root: &Path) -> Result<Vec<String>, String> {
     Ok(faults)
 }
 
-/// Runs the generator, an example of the command line, whose types it reads.
-fn json_reference(root: &Path, options: &[&str]) -> Result<Vec<String>, String> {
+/// A generated file, and the example that writes it from the types of its crate.
+struct Generated {
+    file: &'static str,
+    example: &'static [&'static str],
+}
+
+const JSON_REFERENCE: Generated = Generated {
+    file: "docs/reference/json.md",
+    example: &["--package", "veiloc-cli", "--features", "schema", "--example", "json_reference"],
+};
+
+const C_HEADER: Generated = Generated {
+    file: "bindings/c/include/veiloc.h",
+    example: &["--package", "veiloc-c", "--example", "header"],
+};
+
+fn generate(root: &Path, generated: &Generated, options: &[&str]) -> Result<Vec<String>, String> {
     let status = Command::new(env!("CARGO"))
-        .args([
-            "run",
-            "--quiet",
-            "--package",
-            "veiloc-cli",
-            "--features",
-            "schema",
-            "--example",
-            "json_reference",
-            "--",
-        ])
+        .args(["run", "--quiet"])
+        .args(generated.example)
+        .arg("--")
         .args(options)
         .current_dir(root)
         .status()
         .map_err(|error| format!("cargo run: {error}"))?;
-    Ok(if status.success() {
-        Vec::new()
-    } else {
-        vec![format!("the generator of docs/reference/json.md: {status}")]
-    })
+    Ok(if status.success() { Vec::new() } else { vec![format!("{}: {status}", generated.file)] })
 }
 
 #[expect(clippy::print_stderr, reason = "a command line program")]

@@ -221,9 +221,9 @@ export interface Answer {
 }
 
 /**
- * An error. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `unbalanced`, `too-many-starts`, `turned-away`, `session`,
- * `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`,
- * `not-localized`, `wrong-profile`, `bad-answer` from the client.
+ * An error. `kind`: `image`, `texture` (too little of it: take another image), `camera`, `option`, `profile`, `seal`, `unbalanced`,
+ * `too-many-starts`, `turned-away`, `session`, `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`,
+ * `token`, `map-name`, `network`, `busy`, `refused`, `not-localized`, `wrong-profile`, `bad-answer` from the client.
  */
 export class VeilocError extends Error {
   kind: string;

@@ -93,10 +93,6 @@ pub fn seal(
 impl StoredQuery {
     pub(crate) fn reply(&self, handle: u32) -> Vec<u8> {
         let camera = self.query.camera();
-        let can_fix = |class: &SizeClass| {
-            let part = self.query.first_rows(*class, &self.profile);
-            part.is_ok_and(|part| part.check_sides().is_ok())
-        };
         let reply = SealReply {
             query: handle,
             rows: self.query.len(),
@@ -104,7 +100,7 @@ impl StoredQuery {
             scheme: self.query.scheme().to_string(),
             camera: [f64::from(camera.width), f64::from(camera.height), camera.mean_focal()],
             focal: self.query.focal_known().name(),
-            steps: self.query.step_sizes().filter(can_fix).map(SizeClass::rows).collect(),
+            steps: self.query.useful_steps(&self.profile).map(SizeClass::rows).collect(),
             unbalanced: self.query.check_sides().err().map(|unbalanced| unbalanced.to_string()),
             frames: self.session.map(|session| session.0),
             starts: self.session.map(|session| session.1),

@@ -182,7 +182,7 @@ fn invalid_calls_return_errors() {
         );
     }
     // A blank image has no features.
-    assert_eq!(call(&mut device, &seal_call, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "seal");
+    assert_eq!(call(&mut device, &seal_call, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "texture");
 }
 
 #[test]

@@ -54,6 +54,15 @@ impl SealedQuery {
         let rows = self.len();
         SizeClass::ALL.into_iter().filter(move |class| class.rows() <= rows)
     }
+
+    /// The sizes of its steps that can determine a pose: with enough rows on each side of the dividing line. None when
+    /// the whole query cannot, or was not sealed with this profile.
+    pub fn useful_steps(&self, profile: &Profile) -> impl Iterator<Item = SizeClass> {
+        self.step_sizes().filter(|class| {
+            let part = self.first_rows(*class, profile);
+            part.is_ok_and(|part| part.check_sides().is_ok())
+        })
+    }
 }
 
 #[cfg(test)]

@@ -74,8 +74,13 @@ pub fn seal_frame_in(
 /// The orientation of a camera for a session, with the gravity direction: the AR world's `y` is up. `None` when a
 /// number is not finite.
 pub fn orientation_in_world(cam_from_ar: &CameraFromAr) -> Option<Orientation> {
-    let down = cam_from_ar.rotation() * -Vector3::y();
-    Orientation::in_world(*cam_from_ar.rotation())?.with_down(down.into())
+    Orientation::in_world(*cam_from_ar.rotation())?.with_down(down_in_camera(cam_from_ar))
+}
+
+/// Down in the axes of the camera (`x` right, `y` down, `z` forward): the AR world's `y` is up. For
+/// [`SealOptions::with_gravity`].
+pub fn down_in_camera(cam_from_ar: &CameraFromAr) -> [f64; 3] {
+    (cam_from_ar.rotation() * -Vector3::y()).into()
 }
 
 /// The poses of several cameras on one rig, for a [`RigMessage`](veiloc_protocol::RigMessage): relative to the first,

@@ -164,3 +164,53 @@ pub enum SealError {
     #[error(transparent)]
     Query(#[from] QueryError),
 }
+
+/// What an app does about a [`SealError`]; the names are those of the bindings for browsers, C and phones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum SealErrorKind {
+    /// The image or its camera cannot be used.
+    Image,
+    /// The image shows too little texture, or on one side only: take another image.
+    Texture,
+    /// The bytes are not a session, or damaged: begin a new one.
+    Session,
+    /// The session would have to be placed anew too often: walk on, and show another view.
+    TooManyStarts,
+    /// The camera turned away from the session's anchors: turn on or back.
+    TurnedAway,
+    /// Anything else: the profile, the options, or features that do not fit.
+    Seal,
+}
+
+impl SealErrorKind {
+    /// The name for programs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Texture => "texture",
+            Self::Session => "session",
+            Self::TooManyStarts => "too-many-starts",
+            Self::TurnedAway => "turned-away",
+            Self::Seal => "seal",
+        }
+    }
+}
+
+impl SealError {
+    /// What an app does about it.
+    pub const fn kind(&self) -> SealErrorKind {
+        match self {
+            Self::Image(_) => SealErrorKind::Image,
+            Self::NoKeypoints { .. } | Self::OneSided { .. } | Self::NoDecoys { .. } => {
+                SealErrorKind::Texture
+            }
+            Self::NotASession | Self::SessionVersion { .. } | Self::SessionDamaged { .. } => {
+                SealErrorKind::Session
+            }
+            Self::TooManyStarts { .. } => SealErrorKind::TooManyStarts,
+            Self::TurnedAway { .. } => SealErrorKind::TurnedAway,
+            _ => SealErrorKind::Seal,
+        }
+    }
+}

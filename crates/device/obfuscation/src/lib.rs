@@ -53,7 +53,7 @@ mod session;
 #[doc(inline)]
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use camera::KnownCamera;
-pub use error::SealError;
+pub use error::{SealError, SealErrorKind};
 pub use extract::{extract, extract_loaded, extract_masked, extract_with};
 pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;

@@ -1,0 +1,129 @@
+//! Answers of the service.
+
+use veiloc_ar::Accuracy;
+use veiloc_protocol::{Answer, DoubtKind, StopCriterion};
+
+use crate::pointers;
+use crate::pose::{VeilocAccuracy, VeilocPose, axes, no_pose};
+use crate::status::{Failure, VeilocStatus, guarded};
+
+/// An answer: where a frame was taken.
+pub struct VeilocAnswer {
+    pub(crate) answer: Answer,
+}
+
+/// The numbers of an answer.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct VeilocAnswerInfo {
+    /// Whether it has a pose. Doubtful poses are withheld when the request asks for it.
+    pub has_pose: bool,
+    /// Whether there are no doubts about the pose.
+    pub trusted: bool,
+    /// Standard deviation of the position in its least certain direction, map units; infinite without a pose.
+    pub position_sd: f64,
+    /// Rows that agree with the pose.
+    pub inliers: u32,
+    /// Rows that were matched to map points.
+    pub matches: u32,
+    /// Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 loosely held, 4 one-sided.
+    pub doubts: u32,
+}
+
+/// Reads an answer: the body of status 200 to a request with `accept: application/x-protobuf`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_new(
+    bytes: *const u8,
+    length: usize,
+    out: *mut *mut VeilocAnswer,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let bytes = unsafe { pointers::slice(bytes, length, "bytes") }?;
+        let answer = Answer::decode(bytes).map_err(|e| Failure::new(VeilocStatus::Answer, e))?;
+        // SAFETY: as above.
+        unsafe { pointers::give_handle(out, VeilocAnswer { answer }) }
+    })
+}
+
+/// The numbers of an answer; zeros for null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_info(answer: *const VeilocAnswer) -> VeilocAnswerInfo {
+    // SAFETY: the contract of the crate.
+    let Some(VeilocAnswer { answer }) = (unsafe { pointers::optional(answer) }) else {
+        return VeilocAnswerInfo::default();
+    };
+    let bit = |kind: DoubtKind| DoubtKind::ALL.iter().position(|k| *k == kind).map_or(0, |at| 1 << at);
+    VeilocAnswerInfo {
+        has_pose: answer.pose.is_some(),
+        trusted: answer.trusted,
+        position_sd: answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd()),
+        inliers: answer.inliers,
+        matches: answer.matches,
+        doubts: answer.doubts.iter().fold(0, |bits, doubt| bits | bit(doubt.kind)),
+    }
+}
+
+/// Whether a progressive query ends with this answer: it is trusted and, for `position_sd` above 0, its standard
+/// deviation is at most that many map units.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_is_enough(answer: *const VeilocAnswer, position_sd: f64) -> bool {
+    let criterion = StopCriterion::accurate_to(position_sd).unwrap_or(StopCriterion::TRUSTED);
+    // SAFETY: the contract of the crate.
+    unsafe { pointers::optional(answer) }.is_some_and(|VeilocAnswer { answer }| {
+        let sd = answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd());
+        criterion.is_met(answer.trusted, sd)
+    })
+}
+
+/// Where the camera is in the map, with the axes of a framework in place of the map's: for apps that draw the map. For
+/// content in the AR world use an alignment.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_camera_in_map(
+    answer: *const VeilocAnswer,
+    pose_axes: u32,
+    metres_per_unit: f64,
+    out: *mut VeilocPose,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let answer = &unsafe { pointers::reference(answer, "answer") }?.answer;
+        let pose = answer.pose.as_ref().ok_or_else(without_pose)?;
+        let pose = axes(pose_axes)?.camera_in_map(pose, metres_per_unit).ok_or_else(no_pose)?;
+        // SAFETY: as above.
+        unsafe { pointers::give(out, pose.into(), "out") }
+    })
+}
+
+/// Radii of 68 % confidence of one answer. `camera_in_world`: the pose of the camera when it took the frame, in axes
+/// whose vertical is gravity.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_accuracy(
+    answer: *const VeilocAnswer,
+    pose_axes: u32,
+    camera_in_world: *const VeilocPose,
+    metres_per_unit: f64,
+    out: *mut VeilocAccuracy,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let answer = &unsafe { pointers::reference(answer, "answer") }?.answer;
+        let pose = answer.pose.as_ref().ok_or_else(without_pose)?;
+        // SAFETY: as above.
+        let camera = unsafe { pointers::reference(camera_in_world, "camera_in_world") }?;
+        let accuracy = Accuracy::of_answer(pose, &camera.cam_from_ar(axes(pose_axes)?)?, metres_per_unit);
+        // SAFETY: as above.
+        unsafe { pointers::give(out, accuracy.into(), "out") }
+    })
+}
+
+fn without_pose() -> Failure {
+    Failure::new(VeilocStatus::Argument, "the answer has no pose")
+}
+
+/// Frees an answer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_free(answer: *mut VeilocAnswer) {
+    // SAFETY: the contract of the crate.
+    unsafe { pointers::free(answer) }
+}

@@ -1,0 +1,151 @@
+//! Cameras and frames.
+
+use std::ffi::c_char;
+
+use veiloc_ar::{CameraFrame, PixelFormat, QuarterTurns};
+use veiloc_features::guessed_camera_of;
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{KnownCamera, SealError};
+use veiloc_protocol::FocalKnowledge;
+
+use crate::pointers;
+use crate::status::{Failure, VeilocStatus};
+
+/// Bytes of a pixel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VeilocPixelFormat {
+    /// One byte: gray, or the first plane of YUV 420 (the other planes are not needed).
+    Gray = 0,
+    /// Red, green, blue, ignored.
+    Rgba = 1,
+    /// Blue, green, red, ignored.
+    Bgra = 2,
+}
+
+/// How well the focal length is known.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VeilocFocal {
+    /// Calibrated: what ARKit and ARCore give.
+    Calibrated = 0,
+    /// From the EXIF data of an image.
+    Exif = 1,
+    /// A guess.
+    Unknown = 2,
+}
+
+/// A frame of the camera: bytes that stay where the camera wrote them.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct VeilocFrame {
+    /// The first byte of the first row.
+    pub bytes: *const u8,
+    /// How many bytes may be read.
+    pub length: usize,
+    /// A `VeilocPixelFormat`.
+    pub format: u32,
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes from one row to the next; 0 when rows follow each other without a gap.
+    pub row_stride: usize,
+    /// Clockwise degrees that turn the frame upright, a multiple of 90. Poses are those of the turned camera: 0 for
+    /// the poses of ARKit and of ARCore's `Camera.getPose()`, the rotation of the display for AR Foundation and
+    /// `getDisplayOrientedPose()`.
+    pub turn_degrees: i32,
+}
+
+/// A camera of COLMAP's models. The size is that of the frame as the sensor gives it, before it is turned.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct VeilocCamera {
+    /// Name of the model, for example `PINHOLE` (fx, fy, cx, cy), `OPENCV` (and k1, k2, p1, p2).
+    pub model: *const c_char,
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Parameters in COLMAP's order, pixels; the centre of the first pixel is at (0.5, 0.5).
+    pub params: [f64; 16],
+    /// How many of them the model has.
+    pub param_count: u32,
+    /// A `VeilocFocal`.
+    pub focal: u32,
+}
+
+/// A calibrated camera without distortion, from the numbers of ARKit's and ARCore's intrinsics. Focal lengths and
+/// principal point in pixels of the frame.
+#[unsafe(no_mangle)]
+pub extern "C" fn veiloc_camera_pinhole(
+    width: u32,
+    height: u32,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+) -> VeilocCamera {
+    let mut params = [0.0; 16];
+    params[..4].copy_from_slice(&[fx, fy, cx, cy]);
+    let model = c"PINHOLE".as_ptr();
+    VeilocCamera { model, width, height, params, param_count: 4, focal: VeilocFocal::Calibrated as u32 }
+}
+
+impl VeilocFrame {
+    /// The frame of the caller.
+    ///
+    /// # Safety
+    /// `bytes` is null or valid for reads of `length` bytes during the call.
+    pub(crate) unsafe fn frame<'a>(&self) -> Result<CameraFrame<'a>, Failure> {
+        // SAFETY: the caller guarantees it.
+        let bytes = unsafe { pointers::slice(self.bytes, self.length, "frame.bytes") }?;
+        let format = match self.format {
+            0 => PixelFormat::Gray,
+            1 => PixelFormat::Rgba,
+            2 => PixelFormat::Bgra,
+            other => {
+                return Err(Failure::new(VeilocStatus::Argument, format!("no pixel format {other}")));
+            }
+        };
+        let turns = QuarterTurns::from_degrees(self.turn_degrees).ok_or_else(|| {
+            Failure::new(
+                VeilocStatus::Argument,
+                format!("frame.turn_degrees is {}, no multiple of 90", self.turn_degrees),
+            )
+        })?;
+        let frame = CameraFrame::new(format, (self.width, self.height), bytes, self.row_stride);
+        Ok(frame.map_err(SealError::from)?.turned(turns))
+    }
+}
+
+/// The camera of a frame; for null, one with a guessed focal length.
+///
+/// # Safety
+/// `camera` is null or valid, and so is its model's name.
+pub(crate) unsafe fn camera(
+    camera: *const VeilocCamera,
+    frame: &VeilocFrame,
+) -> Result<KnownCamera, Failure> {
+    // SAFETY: the caller guarantees it.
+    let Some(camera) = (unsafe { pointers::optional(camera) }) else {
+        let guess = guessed_camera_of("the frame".as_ref(), (frame.width, frame.height));
+        let intrinsics = guess.map_err(SealError::from)?;
+        return Ok(KnownCamera { intrinsics, focal: FocalKnowledge::Unknown });
+    };
+    let argument = |text: String| Failure::new(VeilocStatus::Argument, text);
+    // SAFETY: as above.
+    let model = unsafe { pointers::text(camera.model, "camera.model") }?;
+    let model = model.ok_or_else(|| argument("camera.model is null".to_owned()))?;
+    let params = camera.params.get(..camera.param_count as usize);
+    let params = params.ok_or_else(|| argument("camera.param_count is above 16".to_owned()))?;
+    let intrinsics = Intrinsics::new(model, camera.width, camera.height, params)
+        .map_err(|e| Failure::new(VeilocStatus::Image, e))?;
+    let focal = match camera.focal {
+        0 => FocalKnowledge::Calibrated,
+        1 => FocalKnowledge::Exif,
+        2 => FocalKnowledge::Unknown,
+        other => return Err(argument(format!("camera.focal is {other}"))),
+    };
+    Ok(KnownCamera { intrinsics, focal })
+}
