@@ -1,0 +1,54 @@
+//! Raw frames, and the queries that the library makes of their image files with given seeds: what tests in other languages
+//! compare with (`scripts/phones/run.py`).
+//!
+//! `reference PROFILE CAMERA OUT IMAGE…` writes for image `i`
+//!
+//! - `OUT/i.rgba`: its pixels, red, green, blue, 255;
+//! - `OUT/i.pgm`: its gray image, rounded to bytes;
+//! - `OUT/i.query`: its query, sealed from the file as `veiloc seal` does, with the seed `[i mod 256; 32]`;
+//!
+//! and `OUT/frames.txt` with a line for each: number, width, height, model, parameters. `CAMERA` is that of all images;
+//! `unknown` stands for a pinhole with 1.2 times the longer side.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use rand_chacha::ChaCha20Rng;
+use rand_chacha::rand_core::SeedableRng as _;
+use veiloc_features::{guessed_camera, load_gray};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_protocol::Profile;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [profile, camera, out, images @ ..] = arguments.as_slice() else {
+        return Err("reference PROFILE CAMERA OUT IMAGE…".into());
+    };
+    let (profile, out, options) =
+        (Profile::decode(&std::fs::read(profile)?)?, Path::new(out), SealOptions::default());
+    std::fs::create_dir_all(out)?;
+    let mut list = String::new();
+    for (i, image) in images.iter().map(Path::new).enumerate() {
+        let camera: Intrinsics = match camera.as_str() {
+            "unknown" => guessed_camera(image)?,
+            text => text.parse()?,
+        };
+        let pixels = image::open(image)?.into_rgba8();
+        std::fs::write(out.join(format!("{i}.rgba")), pixels.as_raw())?;
+        let gray = load_gray(image)?;
+        let mut pgm = format!("P5\n{} {}\n255\n", gray.width(), gray.height()).into_bytes();
+        pgm.extend(gray.data().iter().map(|sample| (sample * 255.0).round() as u8));
+        std::fs::write(out.join(format!("{i}.pgm")), pgm)?;
+        let (features, own) = extract(image, &camera, &profile, &options)?;
+        let mut rng = ChaCha20Rng::from_seed([i as u8; 32]);
+        let query = seal(features, &own, &profile, &options, &mut rng)?;
+        std::fs::write(out.join(format!("{i}.query")), query.encode())?;
+        write!(list, "{i} {} {} {}", camera.width, camera.height, camera.model.name())?;
+        camera.model.params().iter().try_for_each(|p| write!(list, " {p}"))?;
+        list.push('\n');
+    }
+    std::fs::write(out.join("frames.txt"), list)?;
+    Ok(())
+}

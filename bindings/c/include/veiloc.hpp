@@ -1,0 +1,115 @@
+/// veiloc for C++11 and newer: owners of the handles of veiloc.h, and exceptions in place of statuses.
+///
+/// Nothing here computes: each method is a function of veiloc.h.
+#ifndef VEILOC_HPP
+#define VEILOC_HPP
+
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "veiloc.h"
+
+namespace veiloc {
+
+/// An error: what to do about it is its status.
+class Error : public std::runtime_error {
+ public:
+  explicit Error(VeilocStatus status) : std::runtime_error(veiloc_last_error()), status(status) {}
+  const VeilocStatus status;
+};
+
+inline void check(VeilocStatus status) {
+  if (status != VEILOC_STATUS_OK) throw Error(status);
+}
+
+/// The deleters of all handles.
+struct Free {
+  void operator()(VeilocProfile *handle) const { veiloc_profile_free(handle); }
+  void operator()(VeilocSession *handle) const { veiloc_session_free(handle); }
+  void operator()(VeilocQuery *handle) const { veiloc_query_free(handle); }
+  void operator()(VeilocAnswer *handle) const { veiloc_answer_free(handle); }
+  void operator()(VeilocAlignment *handle) const { veiloc_alignment_free(handle); }
+};
+
+using Profile = std::unique_ptr<VeilocProfile, Free>;
+using Session = std::unique_ptr<VeilocSession, Free>;
+using Query = std::unique_ptr<VeilocQuery, Free>;
+using Answer = std::unique_ptr<VeilocAnswer, Free>;
+using Alignment = std::unique_ptr<VeilocAlignment, Free>;
+using Bytes = std::vector<uint8_t>;
+
+inline Bytes taken(VeilocBytes bytes) {
+  Bytes copy(bytes.data, bytes.data + bytes.length);
+  veiloc_bytes_free(bytes);
+  return copy;
+}
+
+inline Profile profile(const Bytes &bytes) {
+  VeilocProfile *handle = nullptr;
+  check(veiloc_profile_new(bytes.data(), bytes.size(), &handle));
+  return Profile(handle);
+}
+
+inline Session session(const char *anchors = nullptr) {
+  VeilocSession *handle = nullptr;
+  check(veiloc_session_new(anchors, &handle));
+  return Session(handle);
+}
+
+inline Session session_from_bytes(const Bytes &bytes) {
+  VeilocSession *handle = nullptr;
+  check(veiloc_session_from_bytes(bytes.data(), bytes.size(), &handle));
+  return Session(handle);
+}
+
+inline Bytes to_bytes(const Session &session) {
+  VeilocBytes bytes{};
+  check(veiloc_session_to_bytes(session.get(), &bytes));
+  return taken(bytes);
+}
+
+/// `session`, `camera`, `options` and `camera_in_world` may be null.
+inline Query seal(const Profile &profile, VeilocSession *session, const VeilocFrame &frame, const VeilocCamera *camera,
+                  VeilocAxes axes = VEILOC_AXES_OPEN_GL, const VeilocPose *camera_in_world = nullptr,
+                  const VeilocOptions *options = nullptr) {
+  VeilocQuery *handle = nullptr;
+  check(veiloc_seal(profile.get(), session, &frame, camera, options, axes, camera_in_world, &handle));
+  return Query(handle);
+}
+
+/// `rows`: 0 for all.
+inline Bytes bytes(const Query &query, uint32_t rows = 0) {
+  VeilocBytes made{};
+  check(veiloc_query_bytes(query.get(), rows, &made));
+  return taken(made);
+}
+
+inline Answer answer(const uint8_t *bytes, size_t length) {
+  VeilocAnswer *handle = nullptr;
+  check(veiloc_answer_new(bytes, length, &handle));
+  return Answer(handle);
+}
+
+inline Alignment alignment(double metres_per_unit = 1.0) {
+  VeilocAlignment *handle = nullptr;
+  check(veiloc_alignment_new(metres_per_unit, &handle));
+  return Alignment(handle);
+}
+
+inline VeilocUpdate add(const Alignment &alignment, const Answer &answer, VeilocAxes axes, const VeilocPose &camera) {
+  VeilocUpdate update{};
+  check(veiloc_alignment_add(alignment.get(), answer.get(), axes, &camera, &update));
+  return update;
+}
+
+inline VeilocPose world_from_anchor(const Alignment &alignment, VeilocAxes axes, const VeilocPose &map_from_anchor) {
+  VeilocPose pose{};
+  check(veiloc_alignment_world_from_anchor(alignment.get(), axes, &map_from_anchor, &pose));
+  return pose;
+}
+
+}  // namespace veiloc
+
+#endif

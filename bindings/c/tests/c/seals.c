@@ -1,0 +1,188 @@
+/*
+ * Seals raw frames with given seeds and compares the queries with those that the library made of the image files
+ * (bindings/c/examples/reference.rs): every bit is equal. Then it makes errors, and seals many times for a leak checker.
+ *
+ *     seals PROFILE FRAMES_FOLDER REPEAT
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define VEILOC_SEEDED
+#include "veiloc.h"
+
+static uint8_t *read_file(const char *folder, const char *name, size_t *length) {
+  char path[1024];
+  FILE *file;
+  uint8_t *bytes = NULL;
+  long end;
+  snprintf(path, sizeof path, "%s%s%s", folder, *folder ? "/" : "", name);
+  file = fopen(path, "rb");
+  if (!file) {
+    fprintf(stderr, "%s: cannot be read\n", path);
+    exit(1);
+  }
+  fseek(file, 0, SEEK_END);
+  end = ftell(file);
+  fseek(file, 0, SEEK_SET);
+  bytes = malloc((size_t)end + 1);
+  *length = fread(bytes, 1, (size_t)end, file);
+  bytes[*length] = 0;
+  fclose(file);
+  return bytes;
+}
+
+static void expect(int is_true, const char *what) {
+  if (!is_true) {
+    fprintf(stderr, "failed: %s (%s)\n", what, veiloc_last_error());
+    exit(1);
+  }
+}
+
+/* The query of a frame, compared with the reference. */
+static void compare(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera, int number,
+                    const uint8_t *expected, size_t expected_length) {
+  uint8_t seed[32];
+  VeilocQuery *query = NULL;
+  VeilocQueryInfo info;
+  VeilocBytes bytes;
+  memset(seed, number & 255, sizeof seed);
+  expect(veiloc_seal_seeded(profile, NULL, frame, camera, NULL, 0, NULL, seed, &query) == VEILOC_STATUS_OK, "seals");
+  info = veiloc_query_info(query);
+  expect(info.rows >= 256 && info.step_count >= 1 && info.steps[info.step_count - 1] == info.rows, "has steps");
+  expect(veiloc_query_bytes(query, 0, &bytes) == VEILOC_STATUS_OK, "gives bytes");
+  expect(bytes.length == expected_length && memcmp(bytes.data, expected, expected_length) == 0, "equals the reference");
+  veiloc_bytes_free(bytes);
+  expect(veiloc_query_bytes(query, info.steps[0], &bytes) == VEILOC_STATUS_OK, "gives a step");
+  expect(bytes.length <= expected_length, "a step is not longer than the query");
+  veiloc_bytes_free(bytes);
+  expect(veiloc_query_bytes(query, 257, &bytes) == VEILOC_STATUS_ARGUMENT, "refuses rows that are no step");
+  veiloc_query_free(query);
+}
+
+static void errors(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
+  VeilocFrame other = *frame;
+  VeilocCamera wrong = *camera;
+  VeilocProfile *no_profile = NULL;
+  VeilocSession *no_session = NULL;
+  VeilocAnswer *no_answer = NULL;
+  VeilocQuery *query = NULL;
+  VeilocPose pose = {{0, 0, 0}, {0, 0, 0, 0}};
+  uint8_t *flat = calloc((size_t)frame->width * frame->height, 1);
+  expect(veiloc_profile_new((const uint8_t *)"no profile", 10, &no_profile) == VEILOC_STATUS_PROFILE && !no_profile, "a profile");
+  expect(strlen(veiloc_last_error()) > 10, "has a message");
+  expect(veiloc_profile_new(NULL, 5, &no_profile) == VEILOC_STATUS_ARGUMENT, "null bytes");
+  expect(veiloc_answer_new(NULL, 0, &no_answer) == VEILOC_STATUS_ANSWER, "an empty answer");
+  expect(veiloc_session_from_bytes((const uint8_t *)"x", 1, &no_session) == VEILOC_STATUS_SESSION, "a session");
+  expect(veiloc_session_new("nowhere", &no_session) == VEILOC_STATUS_ARGUMENT, "anchors");
+  expect(veiloc_seal(NULL, NULL, frame, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "no profile");
+  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 9, &pose, &query) == VEILOC_STATUS_ARGUMENT, "axes");
+  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 0, &pose, &query) == VEILOC_STATUS_ARGUMENT, "no rotation");
+  other.length--;
+  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_IMAGE, "a short frame");
+  other = *frame;
+  other.turn_degrees = 45;
+  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a turn of 45");
+  other = *frame;
+  other.format = 7;
+  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a format");
+  wrong.width++;
+  expect(veiloc_seal(profile, NULL, frame, &wrong, NULL, 0, NULL, &query) == VEILOC_STATUS_IMAGE, "another size");
+  wrong = *camera;
+  wrong.param_count = 99;
+  expect(veiloc_seal(profile, NULL, frame, &wrong, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "99 parameters");
+  other = *frame;
+  other.bytes = flat;
+  other.length = (size_t)frame->width * frame->height;
+  other.format = VEILOC_PIXEL_FORMAT_GRAY;
+  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_TEXTURE, "a black frame");
+  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 0, NULL, NULL) == VEILOC_STATUS_ARGUMENT, "no out");
+  expect(query == NULL, "no query was made");
+  expect(veiloc_advice(NULL, NULL, 0, 0) == VEILOC_ADVICE_SHOW_MORE_DETAIL, "an advice");
+  expect(veiloc_advice_text(99) == NULL && strlen(veiloc_advice_text(VEILOC_ADVICE_READY)) > 5, "texts");
+  veiloc_profile_free(NULL);
+  veiloc_session_free(NULL);
+  veiloc_query_free(NULL);
+  veiloc_answer_free(NULL);
+  veiloc_alignment_free(NULL);
+  free(flat);
+}
+
+/* A session with the pose of the camera goes through bytes, and seals on. */
+static void sessions(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
+  VeilocSession *session = NULL, *restored = NULL;
+  VeilocQuery *query = NULL;
+  VeilocBytes bytes;
+  VeilocPose pose = {{1, 2, 3}, {0, 0, 0, 1}};
+  expect(veiloc_session_new("gravity", &session) == VEILOC_STATUS_OK, "begins");
+  expect(veiloc_seal(profile, session, frame, camera, NULL, VEILOC_AXES_UNITY, &pose, &query) == VEILOC_STATUS_OK, "seals in it");
+  veiloc_query_free(query);
+  query = NULL;
+  expect(veiloc_session_info(session).frames == 1 && veiloc_session_info(session).starts == 1, "counts");
+  expect(veiloc_session_to_bytes(session, &bytes) == VEILOC_STATUS_OK, "to bytes");
+  expect(veiloc_session_from_bytes(bytes.data, bytes.length, &restored) == VEILOC_STATUS_OK, "from bytes");
+  veiloc_bytes_free(bytes);
+  expect(veiloc_seal(profile, restored, frame, camera, NULL, VEILOC_AXES_UNITY, &pose, &query) == VEILOC_STATUS_OK, "seals on");
+  expect(veiloc_session_info(restored).frames == 2 && veiloc_session_info(session).frames == 1, "counts on");
+  {
+    const VeilocQuery *queries[2];
+    VeilocPose poses[2] = {{{1, 2, 3}, {0, 0, 0, 1}}, {{1, 2, 4}, {0, 0, 0, 1}}};
+    queries[0] = queries[1] = query;
+    expect(veiloc_rig_bytes(queries, VEILOC_AXES_UNITY, poses, 2, 1.0, 0.5, 0.01, &bytes) == VEILOC_STATUS_OK, "a rig");
+    expect(bytes.length > 8 && memcmp(bytes.data, "vqrig1\n\2", 8) == 0, "a rig of two frames");
+    veiloc_bytes_free(bytes);
+  }
+  veiloc_query_free(query);
+  veiloc_session_free(restored);
+  veiloc_session_free(session);
+}
+
+int main(int argc, char **argv) {
+  size_t length;
+  uint8_t *bytes, *list;
+  VeilocProfile *profile = NULL;
+  int count = 0, repeat;
+  if (argc != 4) return 2;
+  repeat = atoi(argv[3]);
+  bytes = read_file("", argv[1], &length);
+  expect(veiloc_profile_new(bytes, length, &profile) == VEILOC_STATUS_OK, "a profile");
+  expect(strlen(veiloc_profile_id(profile)) == 32, "an id");
+  free(bytes);
+  list = read_file(argv[2], "frames.txt", &length);
+  for (char *line = strtok((char *)list, "\n"); line; line = strtok(NULL, "\n")) {
+    VeilocFrame frame = {0};
+    VeilocCamera camera = {0};
+    char model[64], name[80];
+    int number, at = 0, step;
+    size_t expected_length, pixels_length;
+    uint8_t *expected, *pixels;
+    expect(sscanf(line, "%d %u %u %63s%n", &number, &camera.width, &camera.height, model, &at) == 4, "a line");
+    while (sscanf(line + at, "%lf%n", &camera.params[camera.param_count], &step) == 1) {
+      at += step;
+      if (++camera.param_count == 16) break;
+    }
+    camera.model = model;
+    snprintf(name, sizeof name, "%d.rgba", number);
+    pixels = read_file(argv[2], name, &pixels_length);
+    snprintf(name, sizeof name, "%d.query", number);
+    expected = read_file(argv[2], name, &expected_length);
+    frame.bytes = pixels;
+    frame.length = pixels_length;
+    frame.format = VEILOC_PIXEL_FORMAT_RGBA;
+    frame.width = camera.width;
+    frame.height = camera.height;
+    compare(profile, &frame, &camera, number, expected, expected_length);
+    if (count == 0) {
+      errors(profile, &frame, &camera);
+      sessions(profile, &frame, &camera);
+      for (int i = 0; i < repeat; i++) compare(profile, &frame, &camera, number, expected, expected_length);
+    }
+    count++;
+    free(pixels);
+    free(expected);
+  }
+  free(list);
+  veiloc_profile_free(profile);
+  printf("%d queries equal, %d repeated\n", count, repeat);
+  return count > 0 ? 0 : 1;
+}

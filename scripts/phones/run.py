@@ -1,0 +1,215 @@
+"""Runs the bindings for phones on this machine, language by language.
+
+In each language a program seals real and rendered frames with given seeds, and every query must equal, bit for bit, the one that the
+library makes of the image file. Then it seals rendered frames, asks `veiloc serve`, and brings the answers into the world of an AR
+framework whose transform is known here.
+
+    VEILOC_DATA=../shared/data scripts/phones/run.py --veiloc target/debug/veiloc --libraries target/debug [c cpp cs kotlin]
+
+`--libraries` is the folder of `cargo build -p veiloc-c -p veiloc-mobile --features veiloc-c/seeded,veiloc-mobile/seeded`. C and C++ run
+under the address and undefined behaviour sanitizers. Without VEILOC_DATA only rendered frames are used, and this is printed.
+Languages whose tools are missing fail; name those to run. Standard library only.
+"""
+
+import argparse
+import math
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+C = ROOT / "bindings/c"
+SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+WARNINGS = ["-Wall", "-Wextra", "-Werror"]
+# The world of the AR framework in these runs: a turn about a slanted axis, and a step.
+AR_FROM_MAP = ((0.8, 0.36, -0.42, 0.23), (2.0, -1.0, 3.5))
+
+
+def quaternion(q):
+    """A unit quaternion w x y z as a matrix by rows."""
+    norm = math.sqrt(sum(c * c for c in q))
+    w, x, y, z = (c / norm for c in q)
+    return [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+
+
+def product(a, b):
+    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+
+
+def transposed(a):
+    return [list(row) for row in zip(*a)]
+
+
+def applied(a, v):
+    return [sum(a[i][k] * v[k] for k in range(3)) for i in range(3)]
+
+
+def to_quaternion(m):
+    """x y z w of a rotation matrix, by its largest component."""
+    squares = [1 + m[0][0] - m[1][1] - m[2][2], 1 - m[0][0] + m[1][1] - m[2][2], 1 - m[0][0] - m[1][1] + m[2][2],
+               1 + m[0][0] + m[1][1] + m[2][2]]
+    at = max(range(4), key=squares.__getitem__)
+    s = 2 * math.sqrt(squares[at])
+    rows = [[s / 4, (m[0][1] + m[1][0]) / s, (m[0][2] + m[2][0]) / s, (m[2][1] - m[1][2]) / s],
+            [(m[0][1] + m[1][0]) / s, s / 4, (m[1][2] + m[2][1]) / s, (m[0][2] - m[2][0]) / s],
+            [(m[0][2] + m[2][0]) / s, (m[1][2] + m[2][1]) / s, s / 4, (m[1][0] - m[0][1]) / s],
+            [(m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, s / 4]]
+    return rows[at]
+
+
+def poses_of(images):
+    """Rotation and translation, world to camera, by name, of a COLMAP images.txt."""
+    poses = {}
+    for line in images.read_text().splitlines():
+        words = line.split()
+        if len(words) == 10 and not line.startswith("#"):
+            numbers = [float(word) for word in words[1:8]]
+            poses[words[9]] = (quaternion(numbers[:4]), numbers[4:])
+    return poses
+
+
+def in_world(pose):
+    """What ARKit would report for a camera: position and x y z w in its world."""
+    rotation, translation = pose
+    turn, step = quaternion(AR_FROM_MAP[0]), AR_FROM_MAP[1]
+    centre = [-c for c in applied(transposed(rotation), translation)]
+    position = [a + b for a, b in zip(applied(turn, centre), step)]
+    world_from_cam = product(turn, transposed(rotation))
+    # COLMAP's camera has y down and z forward, ARKit's y up and z back.
+    axes = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
+    return position + to_quaternion(product(world_from_cam, axes)), centre
+
+
+def run(*command, **options):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, **options)
+    if done.returncode != 0:
+        sys.exit(f"{command[0]}: status {done.returncode}\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}")
+    return done.stdout
+
+
+class Place:
+    """A rendered place with its map, its service, and frames with known poses."""
+
+    def __init__(self, veiloc, work, libraries, frames):
+        self.work, self.libraries = work, libraries
+        demo = work / "place"
+        if not (demo / "place.vmap").exists():
+            shutil.rmtree(demo, ignore_errors=True)
+            run(veiloc, "demo", "--out", demo, "--seed", 3, "--quiet")
+        self.profile = work / "place.profile"
+        run(veiloc, "map", "profile", demo / "place.vmap", "--out", self.profile, "--quiet")
+        camera = (demo / "posed/cameras.txt").read_text().splitlines()[-1].split()
+        self.model, self.size_and_params = camera[1], ",".join(camera[2:])
+        queries = sorted((demo / "images").glob("query-*.png"))
+        self.reference("rendered", ",".join(camera[1:]), queries)
+        poses = poses_of(demo / "posed/images.txt")
+        worlds = [in_world(poses[query.name]) for query in queries]
+        self.centres = [centre for _, centre in worlds]
+        self.poses = work / "poses.txt"
+        self.poses.write_text("".join(" ".join(f"{c:.12f}" for c in pose) + "\n" for pose, _ in worlds))
+        self.frames = [work / "rendered" / f"{i}.pgm" for i in range(len(queries))]
+        self.sets = ["rendered"]
+        data = os.environ.get("VEILOC_DATA")
+        if data:
+            kitchen = sorted(pathlib.Path(data, "redkitchen/images").glob("*.jpg"))[:max(1, frames * 4 // 5)]
+            self.reference("redkitchen", "SIMPLE_PINHOLE,640,480,525.505,320,240", kitchen)
+            photos = sorted(pathlib.Path(data, "photos").glob("*.jpg"))[:max(1, frames - len(kitchen))]
+            self.reference("photos", "unknown", photos)
+            self.sets += ["redkitchen", "photos"]
+        else:
+            print("VEILOC_DATA is not set: no real frames")
+        log = open(work / "serve.log", "w+")
+        self.service = subprocess.Popen([veiloc, "serve", "--map", f"place={demo / 'place.vmap'}", "--listen", "127.0.0.1:0",
+                                         "--rate", "1000", "--burst", "1000"], stdout=log, stderr=log)
+        for _ in range(600):
+            found = re.search(r"serving place on http://127\.0\.0\.1:(\d+)", (work / "serve.log").read_text())
+            if found:
+                self.port = found.group(1)
+                return
+            time.sleep(0.1)
+        sys.exit("veiloc serve did not start: " + (work / "serve.log").read_text())
+
+    def reference(self, name, camera, images):
+        """Raw frames and the queries that the library makes of the files."""
+        run(self.libraries / "examples/reference", self.profile, camera, self.work / name, *images)
+
+    def locate(self, *program, **options):
+        """Runs an example of a language against the service, and checks its poses."""
+        out = run(*program, "127.0.0.1", self.port, "place", self.model, self.size_and_params, self.poses, *self.frames, **options)
+        trusted = 0
+        for line in out.splitlines():
+            words = line.split()
+            if len(words) >= 5 and words[1] == "trusted":
+                off = math.dist([float(c) for c in words[2:5]], self.centres[int(words[0])])
+                if off > 0.05:
+                    sys.exit(f"frame {words[0]} is {off} from where it was taken\n{out}")
+                trusted += 1
+        anchor = [float(c) for c in re.search(r"anchor (.*)", out).group(1).split()]
+        turn, step = quaternion(AR_FROM_MAP[0]), AR_FROM_MAP[1]
+        off = math.dist(anchor[:3], step)
+        expected = to_quaternion(turn)
+        cosine = abs(sum(a * b for a, b in zip(anchor[3:], expected)))
+        angle = math.degrees(2 * math.acos(min(1.0, cosine)))
+        if trusted < len(self.frames) * 2 // 3 or off > 0.05 or angle > 0.5 or "state 2" not in out or "distances 1" not in out:
+            sys.exit(f"{trusted} trusted, anchor {off} and {angle}° off\n{out}")
+        return f"{trusted} of {len(self.frames)} frames localized, anchor {off * 1000:.1f} mm and {angle:.2f}° off"
+
+    def seals(self, *program, repeat=0, **options):
+        """Runs the comparing program of a language for all frames."""
+        counts = []
+        for i, name in enumerate(self.sets):
+            out = run(*program, self.profile, self.work / name, repeat if i == 0 else 0, **options)
+            counts.append(int(re.match(r"(\d+) queries equal", out).group(1)))
+        return f"{sum(counts)} queries equal to the bit" + (f", {repeat} more for the leak checker" if repeat else "")
+
+
+def c(place, repeat):
+    static = [place.libraries / "libveiloc_c.a", "-lpthread", "-ldl", "-lm"]
+    seals, locate = place.work / "seals", place.work / "locate"
+    run("gcc", "-std=gnu11", *WARNINGS, *SANITIZE, "-I", C / "include", C / "tests/c/seals.c", *static, "-o", seals)
+    run("gcc", "-std=gnu11", *WARNINGS, *SANITIZE, "-I", C / "include", ROOT / "examples/cpp/locate.c", *static, "-o", locate)
+    return [place.seals(seals, repeat=repeat), place.locate(locate)]
+
+
+def cpp(place, _):
+    locate, build = place.work / "locate_cpp", place.work / "cmake"
+    static = [place.libraries / "libveiloc_c.a", "-lpthread", "-ldl", "-lm"]
+    run("g++", "-std=c++14", *WARNINGS, *SANITIZE, "-I", C / "include", ROOT / "examples/cpp/locate.cpp", *static, "-o", locate)
+    run("cmake", "-S", ROOT / "examples/cpp", "-B", build, f"-Dveiloc_DIR={C / 'cmake'}", f"-Dveiloc_LIBRARY_DIR={place.libraries}")
+    run("cmake", "--build", build)
+    return [place.locate(locate), place.locate(build / "locate_cpp") + " (CMake)"]
+
+
+LANGUAGES = {"c": c, "cpp": cpp}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("languages", nargs="*", default=list(LANGUAGES), metavar="LANGUAGE", help=", ".join(LANGUAGES))
+    parser.add_argument("--veiloc", type=pathlib.Path, required=True, help="the program")
+    parser.add_argument("--libraries", type=pathlib.Path, required=True, help="folder of the libraries, and of examples/reference")
+    parser.add_argument("--work", type=pathlib.Path, help="folder for what is made; default: phones in that folder")
+    parser.add_argument("--frames", type=int, default=8, help="real frames to compare (default 8)")
+    parser.add_argument("--repeat", type=int, default=20, help="seals under the leak checker (default 20)")
+    given = parser.parse_args()
+    work = (given.work or given.libraries / "phones").resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    place = Place(given.veiloc.resolve(), work, given.libraries.resolve(), given.frames)
+    try:
+        for language in given.languages:
+            print(language, flush=True)
+            for line in LANGUAGES[language](place, given.repeat):
+                print(f"  {line}", flush=True)
+    finally:
+        place.service.terminate()
+        place.service.wait()
+
+
+if __name__ == "__main__":
+    main()
