@@ -186,7 +186,39 @@ def cpp(place, _):
     return [place.locate(locate), place.locate(build / "locate_cpp") + " (CMake)"]
 
 
-LANGUAGES = {"c": c, "cpp": cpp}
+def cs(place, repeat):
+    """C# by mono, with the wrapper of the Unity package."""
+    unity, program = ROOT / "examples/unity", place.work / "unity.exe"
+    run("mcs", "-langversion:7", "-warnaserror", "-define:VEILOC_SEEDED", f"-out:{program}", unity / "Runtime/Veiloc.cs",
+        unity / "Tests~/Main.cs")
+    environment = dict(os.environ, MONO_PATH=str(place.libraries), LD_LIBRARY_PATH=str(place.libraries))
+    mono = ["mono", program]
+    return [place.seals(*mono, "seals", repeat=repeat, env=environment), place.locate(*mono, "locate", env=environment)]
+
+
+def kotlin(place, repeat):
+    """Kotlin on a JVM: the compiler of npm, Debian's JNA."""
+    tools, sources, jar = place.work / "kotlin", place.work / "generated", place.work / "kotlin.jar"
+    lib = tools / "node_modules/kotlin-compiler/lib"
+    if not lib.exists():
+        run("npm", "install", "--silent", "--no-audit", "--no-fund", "--prefix", tools, "kotlin-compiler@2.4.20")
+    jna = next((path for path in map(pathlib.Path, ("/usr/share/java/jna.jar",)) if path.exists()), None)
+    if jna is None:
+        sys.exit("no JNA: apt-get install libjna-java")
+    run(ROOT / "bindings/mobile/generate.sh", place.libraries / "libveiloc_mobile.so", sources)
+    needed = [lib / name for name in ("kotlin-stdlib.jar", "kotlinx-coroutines-core-jvm.jar")]
+    compiler = [lib / "kotlin-compiler.jar", *needed,
+                *(lib / f"{name}.jar" for name in ("annotations-13.0", "kotlin-script-runtime", "kotlin-reflect", "kotlin-daemon-client"))]
+    path = lambda jars: ":".join(map(str, jars))
+    run("java", "-Xmx2g", "-cp", path(compiler), "org.jetbrains.kotlin.cli.jvm.K2JVMCompiler", "-kotlin-home", lib.parent,
+        "-no-reflect", "-nowarn", "-cp", path([jna, *needed]), "-d", jar, sources / "org/veiloc/veiloc_mobile.kt",
+        ROOT / "bindings/mobile/tests/kotlin/Main.kt",
+        ROOT / "examples/android/app/src/main/java/org/veiloc/example/Localizer.kt")
+    java = ["java", f"-Djna.library.path={place.libraries}", "-cp", path([jar, jna, *needed]), "MainKt"]
+    return [place.seals(*java, "seals", repeat=repeat), place.locate(*java, "locate")]
+
+
+LANGUAGES = {"c": c, "cpp": cpp, "cs": cs, "kotlin": kotlin}
 
 
 def main():

@@ -1,0 +1,228 @@
+//! Sealing, and the bytes to send.
+
+use std::sync::Arc;
+
+use rand_chacha::ChaCha20Rng;
+use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_of, seal_frame, seal_frame_in};
+use veiloc_obfuscation::{DeviceLimits, device_rng};
+use veiloc_protocol::{
+    AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SealedQuery, SizeClass,
+};
+
+use crate::camera::{Camera, FrameLayout, known_camera};
+use crate::error::VeilocException;
+use crate::pose::CameraPose;
+use crate::profile::Profile;
+use crate::session::Session;
+
+/// How a frame is sealed: the device's choice.
+#[derive(Debug, Clone, Default, PartialEq, Eq, uniffi::Record)]
+pub struct SealOptions {
+    /// `dcl` (the default), its layouts, `random-lines` or `coordinate-permutation`.
+    #[uniffi(default = None)]
+    pub scheme: Option<String>,
+    /// Most rows to send. Default: what the profile asks, at most 2048.
+    #[uniffi(default = None)]
+    pub max_keypoints: Option<u32>,
+    /// Longest side to which frames are scaled down, pixels. Default: what the profile asks, at most 2048.
+    #[uniffi(default = None)]
+    pub max_image_side: Option<u32>,
+    /// Bits of an angle. Default 12.
+    #[uniffi(default = None)]
+    pub angle_bits: Option<u8>,
+    /// Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera.
+    #[uniffi(default = false)]
+    pub send_gravity: bool,
+}
+
+/// A sealed query.
+#[derive(uniffi::Object)]
+pub struct Query {
+    sealed: SealedCameraFrame,
+    profile: Arc<Profile>,
+}
+
+/// Seals a frame.
+///
+/// - `bytes`: of the frame; in Kotlin a direct `ByteBuffer` that begins with the frame.
+/// - `camera`: without one, a guessed focal length.
+/// - `session`: without one, a frame of its own. Frames of one place belong to one session.
+/// - `camera_in_world`: the pose of the camera when it took the frame. It stays on the device.
+///
+/// # Errors
+/// [`VeilocException`]; the session has not changed then, and another frame costs nothing.
+#[uniffi::export(default(camera = None, session = None, options = None, camera_in_world = None))]
+pub fn seal(
+    profile: Arc<Profile>,
+    bytes: &[u8],
+    layout: FrameLayout,
+    camera: Option<Camera>,
+    session: Option<Arc<Session>>,
+    options: Option<SealOptions>,
+    camera_in_world: Option<CameraPose>,
+) -> Result<Arc<Query>, VeilocException> {
+    let mut rng = device_rng()?;
+    seal_with(profile, bytes, layout, camera, session, options, camera_in_world, &mut rng)
+}
+
+/// As `seal`, with 32 bytes of randomness: for tests that compare queries. A query whose seed is known hides nothing.
+///
+/// # Errors
+/// As `seal`.
+#[cfg(feature = "seeded")]
+#[uniffi::export]
+pub fn seal_seeded(
+    profile: Arc<Profile>,
+    bytes: &[u8],
+    layout: FrameLayout,
+    camera: Option<Camera>,
+    seed: Vec<u8>,
+) -> Result<Arc<Query>, VeilocException> {
+    let seed = seed.try_into().map_err(|_| VeilocException::argument("a seed has 32 bytes"))?;
+    let mut rng = rand_chacha::rand_core::SeedableRng::from_seed(seed);
+    seal_with(profile, bytes, layout, camera, None, None, None, &mut rng)
+}
+
+#[expect(clippy::too_many_arguments, reason = "those of `seal`")]
+fn seal_with(
+    profile: Arc<Profile>,
+    bytes: &[u8],
+    layout: FrameLayout,
+    camera: Option<Camera>,
+    session: Option<Arc<Session>>,
+    options: Option<SealOptions>,
+    camera_in_world: Option<CameraPose>,
+    rng: &mut ChaCha20Rng,
+) -> Result<Arc<Query>, VeilocException> {
+    let frame = layout.frame(bytes)?;
+    let camera = known_camera(camera, layout)?;
+    let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
+    let options = options.unwrap_or_default().lowered(pose.as_ref())?;
+    let sealed = match session {
+        Some(session) => {
+            let mut stored = session.locked();
+            let mut next = stored.clone();
+            let sealed =
+                seal_frame_in(&mut next, &frame, &camera, &profile.profile, &options, pose.as_ref(), rng)?;
+            check(&sealed.query)?;
+            *stored = next;
+            sealed
+        }
+        None => {
+            let sealed = seal_frame(&frame, &camera, &profile.profile, &options, rng)?;
+            check(&sealed.query)?;
+            sealed
+        }
+    };
+    Ok(Arc::new(Query { sealed, profile }))
+}
+
+fn check(query: &SealedQuery) -> Result<(), VeilocException> {
+    query.check_sides().map_err(|unbalanced| VeilocException::Unbalanced(unbalanced.to_string()))
+}
+
+impl SealOptions {
+    fn lowered(&self, pose: Option<&CameraFromAr>) -> Result<veiloc_obfuscation::SealOptions, VeilocException> {
+        let mut options = match &self.scheme {
+            Some(scheme) => veiloc_obfuscation::SealOptions::new(
+                scheme.parse::<Scheme>().map_err(VeilocException::argument)?,
+            )?,
+            None => veiloc_obfuscation::SealOptions::default(),
+        };
+        if let Some(bits) = self.angle_bits {
+            options = options.with_angle_bits(AngleBits::new(bits).map_err(VeilocException::argument)?);
+        }
+        if let Some(most) = self.max_keypoints {
+            options = options.with_max_keypoints(most as usize);
+        }
+        if let Some(most) = self.max_image_side {
+            options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
+        }
+        if self.send_gravity {
+            let without = || VeilocException::argument("gravity is known from the pose of the camera, which is missing");
+            let down = veiloc_ar::down_in_camera(pose.ok_or_else(without)?);
+            let gravity = CoarseGravity::new(down, CoarseGravity::PHONE_SD_DEG);
+            options = options.with_gravity(Some(gravity.map_err(VeilocException::argument)?));
+        }
+        Ok(options)
+    }
+}
+
+#[uniffi::export]
+impl Query {
+    /// The bytes for `POST /v1/maps/{map}/localize`: all that leaves the device. `rows`: all rows, or one of `steps`.
+    /// After a network error, send the same bytes again.
+    ///
+    /// # Errors
+    /// [`VeilocException::Argument`] for a number of rows that is not a step.
+    #[uniffi::method(default(rows = None))]
+    pub fn bytes(&self, rows: Option<u32>) -> Result<Vec<u8>, VeilocException> {
+        let query = &self.sealed.query;
+        let Some(rows) = rows else { return Ok(query.encode()) };
+        let class = SizeClass::from_rows(rows as usize)
+            .ok_or_else(|| VeilocException::argument(format!("{rows} rows are not a step of the query")))?;
+        let part = query.first_rows(class, &self.profile.profile);
+        Ok(part.map_err(VeilocException::argument)?.encode())
+    }
+
+    /// Rows of the query.
+    pub fn rows(&self) -> u32 {
+        self.sealed.query.len() as u32
+    }
+
+    /// Rows of each step of progressive localization that can determine a pose, ascending.
+    pub fn steps(&self) -> Vec<u32> {
+        let steps = self.sealed.query.useful_steps(&self.profile.profile);
+        steps.map(|class| class.rows() as u32).collect()
+    }
+
+    /// Keypoints that were found in the frame.
+    pub fn keypoints(&self) -> u32 {
+        self.sealed.keypoints as u32
+    }
+
+    /// Mean gray of the frame, 0 to 1.
+    pub fn brightness(&self) -> f64 {
+        self.sealed.brightness
+    }
+}
+
+/// Several queries of one device and the poses of their cameras, for `POST /v1/maps/{map}/localize-rig`: localized
+/// together. The answer is the pose of the first camera. Only poses relative to it are sent.
+///
+/// `rotation_sd_deg` and `translation_sd` (metres): how exact the AR framework's poses are.
+///
+/// # Errors
+/// [`VeilocException::Argument`] for no or more than 32 queries, another number of poses, or invalid numbers.
+#[uniffi::export]
+pub fn rig_bytes(
+    queries: Vec<Arc<Query>>,
+    cameras_in_world: Vec<CameraPose>,
+    metres_per_unit: f64,
+    rotation_sd_deg: f64,
+    translation_sd: f64,
+) -> Result<Vec<u8>, VeilocException> {
+    if !(1..=RigMessage::MAX_FRAMES).contains(&queries.len()) || queries.len() != cameras_in_world.len() {
+        return Err(VeilocException::argument("1 to 32 queries, and a pose for each"));
+    }
+    let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
+    if !(metres_per_unit.is_finite() && metres_per_unit > 0.0)
+        || !is_sd(rotation_sd_deg)
+        || !is_sd(translation_sd)
+    {
+        return Err(VeilocException::argument(
+            "metres_per_unit must be above 0, and deviations 0 or more",
+        ));
+    }
+    let cameras: Vec<_> =
+        cameras_in_world.into_iter().map(CameraPose::cam_from_ar).collect::<Result<_, _>>()?;
+    let mut frames = Vec::with_capacity(queries.len());
+    for (query, cam_from_rig) in queries.iter().zip(rig_of(&cameras, metres_per_unit)) {
+        // The first camera is the rig itself.
+        let sds = [rotation_sd_deg, translation_sd / metres_per_unit];
+        let [rotation_sd_deg, translation_sd] = if frames.is_empty() { [0.0; 2] } else { sds };
+        let query = query.sealed.query.clone();
+        frames.push(SealedFrame { query, cam_from_rig, rotation_sd_deg, translation_sd });
+    }
+    Ok(RigMessage { frames }.encode())
+}

@@ -1,0 +1,121 @@
+// The binding for Kotlin on a JVM. Run by scripts/phones/run.py:
+//
+//     seals PROFILE FRAMES_FOLDER REPEAT                                    queries equal the library's to the bit
+//     locate HOST PORT MAP MODEL WIDTH,HEIGHT,PARAMS POSES FRAME.pgm...     the example's Localizer against a service
+import java.io.File
+import java.nio.ByteBuffer
+import org.veiloc.Alignment
+import org.veiloc.Answer
+import org.veiloc.Axes
+import org.veiloc.Camera
+import org.veiloc.CameraPose
+import org.veiloc.Focal
+import org.veiloc.FrameFormat
+import org.veiloc.FrameLayout
+import org.veiloc.Pose
+import org.veiloc.Profile
+import org.veiloc.SealOptions
+import org.veiloc.Session
+import org.veiloc.VeilocException
+import org.veiloc.example.Localizer
+import org.veiloc.pinholeCamera
+import org.veiloc.poseFromMatrix
+import org.veiloc.rigBytes
+import org.veiloc.seal
+import org.veiloc.sealSeeded
+
+fun direct(bytes: ByteArray): ByteBuffer = ByteBuffer.allocateDirect(bytes.size).put(bytes).flip() as ByteBuffer
+
+inline fun <reified E : VeilocException> expect(what: String, body: () -> Unit) {
+    try {
+        body()
+    } catch (error: VeilocException) {
+        check(error is E && (error.message ?: "").length > 5) { "$what: $error" }
+        return
+    }
+    error("$what: no exception")
+}
+
+fun seals(arguments: List<String>) {
+    val profile = Profile(File(arguments[0]).readBytes())
+    check(profile.id().length == 32)
+    val folder = File(arguments[1])
+    val repeat = arguments[2].toInt()
+    var count = 0
+    for (line in folder.resolve("frames.txt").readLines()) {
+        val words = line.split(" ")
+        val number = words[0].toInt()
+        val layout = FrameLayout(FrameFormat.RGBA, words[1].toUInt(), words[2].toUInt())
+        val camera = Camera(words[3], layout.width, layout.height, words.drop(4).map { it.toDouble() }, Focal.CALIBRATED)
+        val pixels = direct(folder.resolve("$number.rgba").readBytes())
+        val expected = folder.resolve("$number.query").readBytes()
+        val seed = ByteArray(32) { number.toByte() }
+        repeat(if (count == 0) repeat + 1 else 1) {
+            sealSeeded(profile, pixels, layout, camera, seed).use { query ->
+                check(query.bytes().contentEquals(expected)) { "frame $number differs" }
+                check(query.steps().last() == query.rows() && query.bytes(query.steps().first()).size <= expected.size)
+            }
+        }
+        if (count == 0) border(profile, pixels, layout, camera)
+        count++
+    }
+    println("$count queries equal, $repeat repeated")
+}
+
+/** Errors, sessions and poses. */
+fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Camera) {
+    expect<VeilocException.Profile>("a profile") { Profile(ByteArray(10)) }
+    expect<VeilocException.Answer>("an answer") { Answer(ByteArray(0)) }
+    expect<VeilocException.SessionBytes>("a session") { Session.fromBytes(ByteArray(3)) }
+    expect<VeilocException.Argument>("anchors") { Session("nowhere") }
+    expect<VeilocException.Argument>("a turn") { seal(profile, pixels, layout.copy(turnDegrees = 45), camera) }
+    expect<VeilocException.Image>("a stride") { seal(profile, pixels, layout.copy(rowStride = 5u), camera) }
+    expect<VeilocException.Image>("a size") { seal(profile, pixels, layout, camera.copy(width = 1u)) }
+    expect<VeilocException.Seal>("points") { seal(profile, pixels, layout, camera, options = SealOptions("points")) }
+    val dark = direct(ByteArray((layout.width * layout.height).toInt()))
+    expect<VeilocException.Texture>("a black frame") { seal(profile, dark, layout.copy(format = FrameFormat.GRAY), camera) }
+    expect<VeilocException.Argument>("a unit") { Alignment(0.0) }
+    val upright = CameraPose(Axes.OPEN_GL, Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
+    val session = Session("gravity")
+    val first = seal(profile, pixels, layout, camera, session, SealOptions(sendGravity = true), upright)
+    val restored = Session.fromBytes(session.toBytes())
+    val second = seal(profile, pixels, layout, camera, restored, cameraInWorld = upright)
+    check(restored.frames() == 2u && session.frames() == 1u && restored.starts() == 1u)
+    val rig = rigBytes(listOf(first, second), listOf(upright, upright), 1.0, 0.5, 0.01)
+    check(String(rig, 0, 6) == "vqrig1" && rig[7].toInt() == 2)
+    val pose = poseFromMatrix(listOf(0f, 0f, 1f, 0f, 0f, 1f, 0f, 0f, -1f, 0f, 0f, 0f, 1f, 1.5f, -2f, 1f))
+    check(pose.x == 1.0 && pose.z == -2.0 && Math.abs(pose.qy + Math.sqrt(0.5)) < 1e-6)
+    check(pinholeCamera(4u, 3u, 1.0, 1.0, 2.0, 1.5).params.size == 4)
+    check(Alignment().worldFromAnchor(Axes.UNITY, pose) == null)
+}
+
+fun locate(arguments: List<String>) {
+    val (width, height) = arguments[4].split(",")
+    val params = arguments[4].split(",").drop(2).map { it.toDouble() }
+    val layout = FrameLayout(FrameFormat.GRAY, width.toUInt(), height.toUInt())
+    val camera = Camera(arguments[3], layout.width, layout.height, params, Focal.CALIBRATED)
+    val poses = File(arguments[5]).readLines().map { line -> line.split(" ").map { it.toDouble() } }
+    Localizer("http://${arguments[0]}:${arguments[1]}", arguments[2]).use { localizer ->
+        arguments.drop(6).forEachIndexed { i, path ->
+            val file = File(path).readBytes()
+            val size = (layout.width * layout.height).toInt()
+            val p = poses[i]
+            val pose = CameraPose(Axes.OPEN_GL, Pose(p[0], p[1], p[2], p[3], p[4], p[5], p[6]))
+            val result = localizer.locate(direct(file.copyOfRange(file.size - size, file.size)), layout, camera, pose)
+            result.answer?.use {
+                val found = it.cameraInMap(Axes.OPEN_GL)
+                println("$i ${if (it.trusted()) "trusted" else "doubtful"} ${found.x} ${found.y} ${found.z} ${result.update}")
+            }
+            println("  ${result.words}")
+        }
+        val info = localizer.alignment.info()
+        println("alignment state ${info.state.ordinal} used ${info.used} distances ${info.distances.ordinal}")
+        val anchor = localizer.worldFromAnchor(Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))!!
+        println("anchor ${anchor.x} ${anchor.y} ${anchor.z} ${anchor.qx} ${anchor.qy} ${anchor.qz} ${anchor.qw}")
+    }
+}
+
+fun main(arguments: Array<String>) {
+    val rest = arguments.drop(1)
+    if (arguments.firstOrNull() == "seals") seals(rest) else locate(rest)
+}

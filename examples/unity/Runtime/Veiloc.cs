@@ -1,0 +1,472 @@
+// The device side of veiloc for C# and Unity: owners of the handles of veiloc.h, and exceptions in place of statuses.
+// Nothing here computes: each method is a function of veiloc.h (bindings/c). No class of Unity is used, so the file also
+// runs on .NET and mono; scripts/phones/run.py does.
+using System;
+using System.Collections.Generic;
+using System.Runtime.InteropServices;
+using System.Text;
+
+namespace Veiloc
+{
+    /// <summary>What an app does about an error: see veiloc.h.</summary>
+    public enum Status { Ok, Argument, Profile, Image, Texture, Unbalanced, Session, TooManyStarts, TurnedAway, Seal, Answer, NotAligned, Internal }
+
+    /// <summary>Axes and units of a framework.</summary>
+    public enum Axes : uint { OpenGl, Unity, Unreal, Colmap }
+
+    /// <summary>Bytes of a pixel. Gray is also the first plane of YUV 420.</summary>
+    public enum PixelFormat : uint { Gray, Rgba, Bgra }
+
+    public enum Focal : uint { Calibrated, Exif, Unknown }
+
+    public enum AlignmentState { Searching, Tentative, Aligned }
+
+    public enum Update { Used, Contradicts, DoubtfulAgrees, Doubtful, NoPose }
+
+    public enum Distances { Unknown, Agree, Differ }
+
+    public enum Advice : uint { TooDark, MoveSlower, ShowMoreDetail, ShowBothSides, NotInThisPlace, TurnToMappedPlace, ShowSurroundings, MoveCloser, Ready }
+
+    public class VeilocException : Exception
+    {
+        public readonly Status Status;
+
+        public VeilocException(Status status, string message) : base(message) { Status = status; }
+    }
+
+    /// <summary>A pose as a framework states it. In Unity: transform.position and transform.rotation.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Pose
+    {
+        public double X, Y, Z, Qx, Qy, Qz, Qw;
+
+        public Pose(double x, double y, double z, double qx, double qy, double qz, double qw)
+        {
+            X = x; Y = y; Z = z; Qx = qx; Qy = qy; Qz = qz; Qw = qw;
+        }
+    }
+
+    /// <summary>Radii of 68 % confidence, metres and degrees.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Accuracy { public double Horizontal, Vertical, YawDeg; }
+
+    /// <summary>A camera of COLMAP's models, of the frame as the sensor gives it.</summary>
+    public class Camera
+    {
+        public string Model = "PINHOLE";
+        public uint Width, Height;
+        public double[] Params = new double[0];
+        public Focal Focal = Focal.Calibrated;
+
+        /// <summary>From XRCameraIntrinsics: focalLength, principalPoint and resolution.</summary>
+        public static Camera Pinhole(uint width, uint height, double fx, double fy, double cx, double cy)
+        {
+            return new Camera { Width = width, Height = height, Params = new[] { fx, fy, cx, cy } };
+        }
+    }
+
+    /// <summary>How the bytes of a frame are arranged.</summary>
+    public struct FrameLayout
+    {
+        public PixelFormat Format;
+        public uint Width, Height;
+        /// <summary>Bytes from one row to the next; 0 when rows follow each other.</summary>
+        public uint RowStride;
+        /// <summary>Clockwise degrees that turn the frame upright. AR Foundation's camera is that of the upright frame.</summary>
+        public int TurnDegrees;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct QueryInfo
+    {
+        public uint Rows, Keypoints;
+        public double Brightness;
+        internal uint StepCount;
+        [MarshalAs(UnmanagedType.ByValArray, SizeConst = 8)] internal uint[] AllSteps;
+
+        /// <summary>Rows of each step of progressive localization.</summary>
+        public uint[] Steps
+        {
+            get
+            {
+                var steps = new uint[StepCount];
+                Array.Copy(AllSteps, steps, (int)StepCount);
+                return steps;
+            }
+        }
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct AnswerInfo
+    {
+        [MarshalAs(UnmanagedType.U1)] public bool HasPose;
+        [MarshalAs(UnmanagedType.U1)] public bool Trusted;
+        public double PositionSd;
+        public uint Inliers, Matches, Doubts;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct AlignmentInfo
+    {
+        public AlignmentState State;
+        public uint Used, Contradicting;
+        public Distances Distances;
+        public double DistanceRatio;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct SessionInfo { public uint Frames, Starts; }
+
+    internal static class Native
+    {
+#if UNITY_IOS && !UNITY_EDITOR
+        const string Library = "__Internal";
+#else
+        const string Library = "veiloc_c";
+#endif
+
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct Bytes { internal IntPtr Data; internal UIntPtr Length; }
+
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct Frame
+        {
+            internal IntPtr Bytes;
+            internal UIntPtr Length;
+            internal uint Format, Width, Height;
+            internal UIntPtr RowStride;
+            internal int TurnDegrees;
+        }
+
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct Camera
+        {
+            internal IntPtr Model;
+            internal uint Width, Height;
+            [MarshalAs(UnmanagedType.ByValArray, SizeConst = 16)] internal double[] Params;
+            internal uint ParamCount, Focal;
+        }
+
+        [DllImport(Library)] internal static extern IntPtr veiloc_last_error();
+        [DllImport(Library)] internal static extern IntPtr veiloc_version();
+        [DllImport(Library)] internal static extern void veiloc_bytes_free(Bytes bytes);
+        [DllImport(Library)] internal static extern Status veiloc_profile_new(byte[] bytes, UIntPtr length, out IntPtr handle);
+        [DllImport(Library)] internal static extern IntPtr veiloc_profile_id(IntPtr profile);
+        [DllImport(Library)] internal static extern void veiloc_profile_free(IntPtr profile);
+        [DllImport(Library)] internal static extern Status veiloc_session_new(byte[] anchors, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_session_from_bytes(byte[] bytes, UIntPtr length, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_session_to_bytes(IntPtr session, out Bytes bytes);
+        [DllImport(Library)] internal static extern SessionInfo veiloc_session_info(IntPtr session);
+        [DllImport(Library)] internal static extern void veiloc_session_free(IntPtr session);
+        [DllImport(Library)] internal static extern Status veiloc_seal(IntPtr profile, IntPtr session, ref Frame frame, IntPtr camera, IntPtr options, uint axes, IntPtr pose, out IntPtr handle);
+#if VEILOC_SEEDED
+        [DllImport(Library)] internal static extern Status veiloc_seal_seeded(IntPtr profile, IntPtr session, ref Frame frame, IntPtr camera, IntPtr options, uint axes, IntPtr pose, byte[] seed, out IntPtr handle);
+#endif
+        [DllImport(Library)] internal static extern QueryInfo veiloc_query_info(IntPtr query);
+        [DllImport(Library)] internal static extern Status veiloc_query_bytes(IntPtr query, uint rows, out Bytes bytes);
+        [DllImport(Library)] internal static extern void veiloc_query_free(IntPtr query);
+        [DllImport(Library)] internal static extern Status veiloc_answer_new(byte[] bytes, UIntPtr length, out IntPtr handle);
+        [DllImport(Library)] internal static extern AnswerInfo veiloc_answer_info(IntPtr answer);
+        [DllImport(Library)] internal static extern Status veiloc_answer_camera_in_map(IntPtr answer, uint axes, double metresPerUnit, out Pose pose);
+        [DllImport(Library)] internal static extern Status veiloc_answer_accuracy(IntPtr answer, uint axes, ref Pose camera, double metresPerUnit, out Accuracy accuracy);
+        [DllImport(Library)] internal static extern void veiloc_answer_free(IntPtr answer);
+        [DllImport(Library)] internal static extern Status veiloc_alignment_new(double metresPerUnit, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_alignment_add(IntPtr alignment, IntPtr answer, uint axes, ref Pose camera, out Update update);
+        [DllImport(Library)] internal static extern Status veiloc_alignment_moved(IntPtr alignment, uint axes, ref Pose camera);
+        [DllImport(Library)] internal static extern AlignmentInfo veiloc_alignment_info(IntPtr alignment);
+        [DllImport(Library)] internal static extern Status veiloc_alignment_world_from_anchor(IntPtr alignment, uint axes, ref Pose anchor, out Pose pose);
+        [DllImport(Library)] internal static extern void veiloc_alignment_reset(IntPtr alignment);
+        [DllImport(Library)] internal static extern void veiloc_alignment_free(IntPtr alignment);
+        [DllImport(Library)] internal static extern Advice veiloc_advice(ref QueryInfo query, IntPtr answer, double degreesPerSecond, uint misses);
+        [DllImport(Library)] internal static extern Advice veiloc_advice(IntPtr query, IntPtr answer, double degreesPerSecond, uint misses);
+        [DllImport(Library)] internal static extern IntPtr veiloc_advice_text(Advice advice);
+
+        internal static void Check(Status status)
+        {
+            if (status != Status.Ok) throw new VeilocException(status, Text(veiloc_last_error()));
+        }
+
+        /// <summary>A text of the library, which is UTF-8.</summary>
+        internal static string Text(IntPtr text)
+        {
+            if (text == IntPtr.Zero) return "";
+            var bytes = new List<byte>();
+            for (int i = 0; Marshal.ReadByte(text, i) != 0; i++) bytes.Add(Marshal.ReadByte(text, i));
+            return Encoding.UTF8.GetString(bytes.ToArray());
+        }
+
+        internal static byte[] Taken(Bytes bytes)
+        {
+            var copy = new byte[(int)bytes.Length];
+            if (copy.Length > 0) Marshal.Copy(bytes.Data, copy, 0, copy.Length);
+            veiloc_bytes_free(bytes);
+            return copy;
+        }
+
+        internal static byte[] Utf8(string text) { return Encoding.UTF8.GetBytes(text + "\0"); }
+    }
+
+    /// <summary>The owner of a handle: freed by Dispose, or by the garbage collector.</summary>
+    public abstract class Handle : IDisposable
+    {
+        IntPtr value;
+
+        internal Handle(IntPtr value) { this.value = value; }
+
+        internal IntPtr Value
+        {
+            get
+            {
+                if (value == IntPtr.Zero) throw new ObjectDisposedException(GetType().Name);
+                return value;
+            }
+        }
+
+        internal abstract void Free(IntPtr handle);
+
+        public void Dispose()
+        {
+            if (value != IntPtr.Zero) Free(value);
+            value = IntPtr.Zero;
+            GC.SuppressFinalize(this);
+        }
+
+        ~Handle()
+        {
+            if (value != IntPtr.Zero) Free(value);
+        }
+    }
+
+    /// <summary>What a device needs to seal for a map: GET /v1/maps/{map}/profile.</summary>
+    public class Profile : Handle
+    {
+        Profile(IntPtr handle) : base(handle) { }
+
+        public static Profile Read(byte[] bytes)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_profile_new(bytes, (UIntPtr)bytes.Length, out handle));
+            return new Profile(handle);
+        }
+
+        public string Id { get { return Native.Text(Native.veiloc_profile_id(Value)); } }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_profile_free(handle); }
+    }
+
+    /// <summary>Frames of one place.</summary>
+    public class Session : Handle
+    {
+        Session(IntPtr handle) : base(handle) { }
+
+        public static Session Begin(string anchors = "world")
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_session_new(Native.Utf8(anchors), out handle));
+            return new Session(handle);
+        }
+
+        public static Session Read(byte[] bytes)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_session_from_bytes(bytes, (UIntPtr)bytes.Length, out handle));
+            return new Session(handle);
+        }
+
+        /// <summary>Keep them in the app's private storage, and never send them: they hold positions of keypoints.</summary>
+        public byte[] ToBytes()
+        {
+            Native.Bytes bytes;
+            Native.Check(Native.veiloc_session_to_bytes(Value, out bytes));
+            return Native.Taken(bytes);
+        }
+
+        public SessionInfo Info { get { return Native.veiloc_session_info(Value); } }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_session_free(handle); }
+    }
+
+    /// <summary>A sealed query.</summary>
+    public class Query : Handle
+    {
+        Query(IntPtr handle) : base(handle) { }
+
+        /// <summary>Seals a frame. Call it on a thread of its own: it takes tens of milliseconds.</summary>
+        /// <param name="pixels">The first byte; in Unity NativeArrayUnsafeUtility.GetUnsafeReadOnlyPtr of XRCpuImage.GetPlane(0).data.</param>
+        /// <param name="camera">Null for a guessed focal length.</param>
+        /// <param name="session">Null for a frame of its own.</param>
+        /// <param name="pose">The pose of the camera when it took the frame. It stays on the device.</param>
+        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null)
+        {
+            return Seal(profile, pixels, length, layout, camera, session, axes, pose, null);
+        }
+
+        /// <summary>As above, for bytes of C#.</summary>
+        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null)
+        {
+            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, null); }
+            finally { pinned.Free(); }
+        }
+
+#if VEILOC_SEEDED
+        /// <summary>With 32 bytes of randomness, for tests that compare queries.</summary>
+        public static Query SealSeeded(Profile profile, byte[] pixels, FrameLayout layout, Camera camera, byte[] seed)
+        {
+            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, seed); }
+            finally { pinned.Free(); }
+        }
+#endif
+
+        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, byte[] seed)
+        {
+            var frame = new Native.Frame
+            {
+                Bytes = pixels, Length = (UIntPtr)(ulong)length, Format = (uint)layout.Format, Width = layout.Width, Height = layout.Height,
+                RowStride = (UIntPtr)layout.RowStride, TurnDegrees = layout.TurnDegrees,
+            };
+            IntPtr handle, cameraAt = IntPtr.Zero, poseAt = IntPtr.Zero;
+            var model = default(GCHandle);
+            try
+            {
+                if (camera != null)
+                {
+                    model = GCHandle.Alloc(Native.Utf8(camera.Model), GCHandleType.Pinned);
+                    var native = new Native.Camera
+                    {
+                        Model = model.AddrOfPinnedObject(), Width = camera.Width, Height = camera.Height, Params = new double[16],
+                        ParamCount = (uint)camera.Params.Length, Focal = (uint)camera.Focal,
+                    };
+                    Array.Copy(camera.Params, native.Params, Math.Min(16, camera.Params.Length));
+                    cameraAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Camera)));
+                    Marshal.StructureToPtr(native, cameraAt, false);
+                }
+                if (pose.HasValue)
+                {
+                    poseAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Pose)));
+                    Marshal.StructureToPtr(pose.Value, poseAt, false);
+                }
+                var sessionAt = session == null ? IntPtr.Zero : session.Value;
+#if VEILOC_SEEDED
+                if (seed != null)
+                {
+                    Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref frame, cameraAt, IntPtr.Zero, (uint)axes, poseAt, seed, out handle));
+                    return new Query(handle);
+                }
+#endif
+                Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref frame, cameraAt, IntPtr.Zero, (uint)axes, poseAt, out handle));
+                return new Query(handle);
+            }
+            finally
+            {
+                Marshal.FreeHGlobal(cameraAt);
+                Marshal.FreeHGlobal(poseAt);
+                if (model.IsAllocated) model.Free();
+                GC.KeepAlive(profile);
+                GC.KeepAlive(session);
+            }
+        }
+
+        public QueryInfo Info { get { return Native.veiloc_query_info(Value); } }
+
+        /// <summary>The bytes for POST /v1/maps/{map}/localize: all that leaves the device. 0 for all rows, or a step.</summary>
+        public byte[] Bytes(uint rows = 0)
+        {
+            Native.Bytes bytes;
+            Native.Check(Native.veiloc_query_bytes(Value, rows, out bytes));
+            return Native.Taken(bytes);
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_query_free(handle); }
+    }
+
+    /// <summary>An answer: the body of status 200 to a request with Accept: application/x-protobuf.</summary>
+    public class Answer : Handle
+    {
+        Answer(IntPtr handle) : base(handle) { }
+
+        public static Answer Read(byte[] bytes)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_answer_new(bytes, (UIntPtr)bytes.Length, out handle));
+            return new Answer(handle);
+        }
+
+        public AnswerInfo Info { get { return Native.veiloc_answer_info(Value); } }
+
+        /// <summary>Where the camera is in the map, for apps that draw the map.</summary>
+        public Pose CameraInMap(Axes axes = Axes.Unity, double metresPerUnit = 1)
+        {
+            Pose pose;
+            Native.Check(Native.veiloc_answer_camera_in_map(Value, (uint)axes, metresPerUnit, out pose));
+            return pose;
+        }
+
+        public Accuracy Accuracy(Pose camera, Axes axes = Axes.Unity, double metresPerUnit = 1)
+        {
+            Accuracy accuracy;
+            Native.Check(Native.veiloc_answer_accuracy(Value, (uint)axes, ref camera, metresPerUnit, out accuracy));
+            return accuracy;
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_answer_free(handle); }
+    }
+
+    /// <summary>The transform from the map to the AR world, from several answers.</summary>
+    public class Alignment : Handle
+    {
+        Alignment(IntPtr handle) : base(handle) { }
+
+        public static Alignment Begin(double metresPerUnit = 1)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_alignment_new(metresPerUnit, out handle));
+            return new Alignment(handle);
+        }
+
+        /// <param name="camera">The pose of the camera when it took the frame that was sealed, not its pose now.</param>
+        public Update Add(Answer answer, Pose camera, Axes axes = Axes.Unity)
+        {
+            Update update;
+            Native.Check(Native.veiloc_alignment_add(Value, answer.Value, (uint)axes, ref camera, out update));
+            return update;
+        }
+
+        public void Moved(Pose camera, Axes axes = Axes.Unity)
+        {
+            Native.Check(Native.veiloc_alignment_moved(Value, (uint)axes, ref camera));
+        }
+
+        public AlignmentInfo Info { get { return Native.veiloc_alignment_info(Value); } }
+
+        /// <summary>Where content that is placed in the map is in the AR world. Throws NotAligned before the first trusted answer.</summary>
+        public Pose WorldFromAnchor(Pose mapFromAnchor, Axes axes = Axes.Unity)
+        {
+            Pose pose;
+            Native.Check(Native.veiloc_alignment_world_from_anchor(Value, (uint)axes, ref mapFromAnchor, out pose));
+            return pose;
+        }
+
+        public void Reset() { Native.veiloc_alignment_reset(Value); }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_alignment_free(handle); }
+    }
+
+    public static class Library
+    {
+        public static string Version { get { return Native.Text(Native.veiloc_version()); } }
+
+        /// <summary>What the user should do. Null for a frame that was not sealed, or not answered.</summary>
+        public static Advice AdviceFor(Query query, Answer answer, double degreesPerSecond = 0, uint misses = 0)
+        {
+            var answerAt = answer == null ? IntPtr.Zero : answer.Value;
+            if (query == null) return Native.veiloc_advice(IntPtr.Zero, answerAt, degreesPerSecond, misses);
+            var info = query.Info;
+            return Native.veiloc_advice(ref info, answerAt, degreesPerSecond, misses);
+        }
+
+        /// <summary>A sentence for the user, in English.</summary>
+        public static string Text(Advice advice) { return Native.Text(Native.veiloc_advice_text(advice)); }
+    }
+}

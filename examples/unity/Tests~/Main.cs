@@ -1,0 +1,141 @@
+// The wrapper of the Unity package on mono. Run by scripts/phones/run.py:
+//
+//     seals PROFILE FRAMES_FOLDER REPEAT
+//     locate HOST PORT MAP MODEL WIDTH,HEIGHT,PARAMS POSES FRAME.pgm...
+using System;
+using System.Globalization;
+using System.IO;
+using System.Linq;
+using System.Net;
+using Veiloc;
+
+static class Program
+{
+    static double Number(string text) { return double.Parse(text, CultureInfo.InvariantCulture); }
+
+    static void Expect(bool isTrue, string what) { if (!isTrue) throw new Exception("failed: " + what); }
+
+    static void Throws(Status status, string what, Action body)
+    {
+        try { body(); }
+        catch (VeilocException error)
+        {
+            Expect(error.Status == status && error.Message.Length > 5, what + ": " + error.Status + " " + error.Message);
+            return;
+        }
+        throw new Exception(what + ": no exception");
+    }
+
+    static void Seals(string[] arguments)
+    {
+        int count = 0, repeat = int.Parse(arguments[2]);
+        using (var profile = Profile.Read(File.ReadAllBytes(arguments[0])))
+        {
+            Expect(profile.Id.Length == 32 && Library.Version.Length > 2, "an id and a version");
+            foreach (var line in File.ReadAllLines(Path.Combine(arguments[1], "frames.txt")))
+            {
+                var words = line.Split(' ');
+                var camera = new Camera { Model = words[3], Width = uint.Parse(words[1]), Height = uint.Parse(words[2]), Params = words.Skip(4).Select(Number).ToArray() };
+                var layout = new FrameLayout { Format = PixelFormat.Rgba, Width = camera.Width, Height = camera.Height };
+                var pixels = File.ReadAllBytes(Path.Combine(arguments[1], words[0] + ".rgba"));
+                var expected = File.ReadAllBytes(Path.Combine(arguments[1], words[0] + ".query"));
+                var seed = Enumerable.Repeat((byte)int.Parse(words[0]), 32).ToArray();
+                for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++)
+                    using (var query = Query.SealSeeded(profile, pixels, layout, camera, seed))
+                    {
+                        Expect(query.Bytes().SequenceEqual(expected), "frame " + words[0] + " equals the reference");
+                        Expect(query.Info.Steps.Last() == query.Info.Rows && query.Info.Brightness > 0, "the numbers of a query");
+                    }
+                if (count == 0) Border(profile, pixels, layout, camera);
+                count++;
+            }
+        }
+        Console.WriteLine(count + " queries equal, " + repeat + " repeated");
+    }
+
+    static void Border(Profile profile, byte[] pixels, FrameLayout layout, Camera camera)
+    {
+        Throws(Status.Profile, "a profile", () => Profile.Read(new byte[10]));
+        Throws(Status.Answer, "an answer", () => Answer.Read(new byte[0]));
+        Throws(Status.Session, "a session", () => Session.Read(new byte[3]));
+        Throws(Status.Argument, "anchors", () => Session.Begin("nowhere"));
+        Throws(Status.Argument, "a unit", () => Alignment.Begin(0));
+        var wrong = new Camera { Model = camera.Model, Width = 1, Height = camera.Height, Params = camera.Params };
+        Throws(Status.Image, "a size", () => Query.Seal(profile, pixels, layout, wrong));
+        var gray = new FrameLayout { Width = layout.Width, Height = layout.Height };
+        Throws(Status.Texture, "a black frame", () => Query.Seal(profile, new byte[layout.Width * layout.Height], gray, camera));
+        var pose = new Pose(1, 2, 3, 0, 0, 0, 1);
+        using (var session = Session.Begin("gravity"))
+        using (var query = Query.Seal(profile, pixels, layout, camera, session, Axes.Unity, pose))
+        using (var restored = Session.Read(session.ToBytes()))
+        {
+            Expect(restored.Info.Frames == 1 && restored.Info.Starts == 1 && query.Info.Keypoints > 0, "a session");
+            Expect(Library.Text(Library.AdviceFor(query, null)).Length > 5, "an advice");
+        }
+        using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
+        profile.Id.ToString();
+    }
+
+    static byte[] Request(string url, byte[] body)
+    {
+        var request = (HttpWebRequest)WebRequest.Create(url);
+        request.Accept = "application/x-protobuf";
+        request.KeepAlive = false;
+        request.ServicePoint.Expect100Continue = false;
+        if (body != null)
+        {
+            request.Method = "POST";
+            request.ContentType = "application/x-protobuf";
+            using (var stream = request.GetRequestStream()) stream.Write(body, 0, body.Length);
+        }
+        using (var response = request.GetResponse())
+        using (var copy = new MemoryStream())
+        {
+            response.GetResponseStream().CopyTo(copy);
+            return copy.ToArray();
+        }
+    }
+
+    // The poses are ARKit's. An app of Unity passes Axes.Unity, the default.
+    static void Locate(string[] arguments)
+    {
+        var url = "http://" + arguments[0] + ":" + arguments[1] + "/v1/maps/" + arguments[2];
+        var numbers = arguments[4].Split(',').Select(Number).ToArray();
+        var camera = new Camera { Model = arguments[3], Width = (uint)numbers[0], Height = (uint)numbers[1], Params = numbers.Skip(2).ToArray() };
+        var layout = new FrameLayout { Format = PixelFormat.Gray, Width = camera.Width, Height = camera.Height };
+        var poses = File.ReadAllLines(arguments[5]).Select(line => line.Split(' ').Select(Number).ToArray()).ToArray();
+        using (var profile = Profile.Read(Request(url + "/profile", null)))
+        using (var session = Session.Begin())
+        using (var alignment = Alignment.Begin())
+        {
+            for (int i = 0; i + 6 < arguments.Length; i++)
+            {
+                var file = File.ReadAllBytes(arguments[i + 6]);
+                var p = poses[i];
+                var pose = new Pose(p[0], p[1], p[2], p[3], p[4], p[5], p[6]);
+                var pixels = file.Skip(file.Length - (int)(camera.Width * camera.Height)).ToArray();
+                using (var query = Query.Seal(profile, pixels, layout, camera, session, Axes.OpenGl, pose))
+                using (var answer = Answer.Read(Request(url + "/localize", query.Bytes())))
+                {
+                    var update = alignment.Add(answer, pose, Axes.OpenGl);
+                    var found = answer.CameraInMap(Axes.OpenGl);
+                    Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "{0} {1} {2} {3} {4} {5} {6:F4} m", i,
+                        answer.Info.Trusted ? "trusted" : "doubtful", found.X, found.Y, found.Z, update,
+                        answer.Accuracy(pose, Axes.OpenGl).Horizontal));
+                    Console.WriteLine("  " + Library.Text(Library.AdviceFor(query, answer)));
+                }
+            }
+            var info = alignment.Info;
+            Console.WriteLine("alignment state " + (int)info.State + " used " + info.Used + " distances " + (int)info.Distances);
+            var a = alignment.WorldFromAnchor(new Pose(0, 0, 0, 0, 0, 0, 1), Axes.OpenGl);
+            Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "anchor {0} {1} {2} {3} {4} {5} {6}", a.X, a.Y, a.Z, a.Qx, a.Qy, a.Qz, a.Qw));
+        }
+    }
+
+    static void Main(string[] arguments)
+    {
+        var rest = arguments.Skip(1).ToArray();
+        if (arguments[0] == "seals") Seals(rest);
+        else Locate(rest);
+    }
+}
