@@ -1,0 +1,86 @@
+// Where frames of ARKit were taken. Not compiled by this project's checks: it needs Xcode.
+import ARKit
+import Foundation
+import Veiloc
+
+/// One map of a service. Calls block: use a background queue.
+final class Localizer {
+    let alignment: Alignment
+    private let server: URL
+    private let map: String
+    private let profile: Profile
+    private let session: Session
+    private var misses: UInt32 = 0
+
+    init(server: URL, map: String) throws {
+        self.server = server
+        self.map = map
+        alignment = try Alignment()
+        session = try Session()
+        profile = try Profile(bytes: Localizer.request(server, map, "profile", body: nil).1)
+    }
+
+    /// Seals a frame and asks the service; returns words for the user.
+    func locate(_ frame: ARFrame) throws -> String {
+        // The pose of this very frame: the answer comes when the camera has moved on.
+        let m = frame.camera.transform
+        let columns = [m.columns.0, m.columns.1, m.columns.2, m.columns.3].flatMap { [$0.x, $0.y, $0.z, $0.w] }
+        let pose = CameraPose(axes: .openGl, pose: try poseFromMatrix(columns: columns))
+        let k = frame.camera.intrinsics
+        let image = frame.capturedImage
+        CVPixelBufferLockBaseAddress(image, .readOnly)
+        defer { CVPixelBufferUnlockBaseAddress(image, .readOnly) }
+        let (width, height) = (CVPixelBufferGetWidthOfPlane(image, 0), CVPixelBufferGetHeightOfPlane(image, 0))
+        let stride = CVPixelBufferGetBytesPerRowOfPlane(image, 0)
+        guard let base = CVPixelBufferGetBaseAddressOfPlane(image, 0) else { return "" }
+        // The gray plane, where it is.
+        let gray = Data(bytesNoCopy: base, count: stride * height, deallocator: .none)
+        let camera = pinholeCamera(
+            width: UInt32(width), height: UInt32(height),
+            fx: Double(k[0][0]), fy: Double(k[1][1]), cx: Double(k[2][0]), cy: Double(k[2][1]))
+        let layout = FrameLayout(format: .gray, width: UInt32(width), height: UInt32(height), rowStride: UInt32(stride))
+        let query: Query
+        do {
+            query = try seal(profile: profile, bytes: gray, layout: layout, camera: camera, session: session, cameraInWorld: pose)
+        } catch {
+            // Nothing was sent: another frame costs nothing.
+            return adviceText(advice: advice(query: nil, answer: nil))
+        }
+        let (status, body) = try Localizer.request(server, map, "localize", body: query.bytes())
+        guard status == 200 else {
+            if status == 422 { misses += 1 }
+            return adviceText(advice: advice(query: query, answer: nil, misses: misses))
+        }
+        misses = 0
+        let answer = try Answer(bytes: body)
+        _ = try alignment.add(answer: answer, cameraInWorld: pose)
+        return adviceText(advice: advice(query: query, answer: answer))
+    }
+
+    /// Where content that is placed in the map is in ARKit's world.
+    func worldFromAnchor(_ mapFromAnchor: Pose) throws -> Pose? {
+        try alignment.worldFromAnchor(axes: .openGl, mapFromAnchor: mapFromAnchor)
+    }
+
+    private static func request(_ server: URL, _ map: String, _ what: String, body: Data?) throws -> (Int, Data) {
+        var request = URLRequest(url: server.appendingPathComponent("v1/maps/\(map)/\(what)"))
+        request.setValue("application/x-protobuf", forHTTPHeaderField: "Accept")
+        if let body {
+            request.httpMethod = "POST"
+            request.setValue("application/x-protobuf", forHTTPHeaderField: "Content-Type")
+            request.httpBody = body
+        }
+        let done = DispatchSemaphore(value: 0)
+        var result: Result<(Int, Data), Error> = .failure(URLError(.unknown))
+        URLSession.shared.dataTask(with: request) { data, response, error in
+            if let http = response as? HTTPURLResponse, let data {
+                result = .success((http.statusCode, data))
+            } else if let error {
+                result = .failure(error)
+            }
+            done.signal()
+        }.resume()
+        done.wait()
+        return try result.get()
+    }
+}
