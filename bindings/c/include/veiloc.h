@@ -109,7 +109,7 @@ typedef enum VeilocAxes {
   VEILOC_AXES_UNITY = 1,
   // Unreal: left-handed, z up, looks along x, centimetres.
   VEILOC_AXES_UNREAL = 2,
-  // COLMAP and OpenCV: y down, looks along z, metres.
+  // Cameras as in COLMAP and OpenCV: y down, look along z; the world is that of OpenGl, or of the map. Metres.
   VEILOC_AXES_COLMAP = 3,
 } VeilocAxes;
 

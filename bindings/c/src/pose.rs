@@ -15,7 +15,7 @@ pub enum VeilocAxes {
     Unity = 1,
     /// Unreal: left-handed, z up, looks along x, centimetres.
     Unreal = 2,
-    /// COLMAP and OpenCV: y down, looks along z, metres.
+    /// Cameras as in COLMAP and OpenCV: y down, look along z; the world is that of OpenGl, or of the map. Metres.
     Colmap = 3,
 }
 

@@ -169,10 +169,7 @@ impl Alignment {
     ///
     /// # Errors
     /// [`VeilocException::Argument`] for a pose that is no rotation.
-    pub fn camera_in_map(
-        &self,
-        camera_in_world: CameraPose,
-    ) -> Result<Option<CameraInMap>, VeilocException> {
+    pub fn camera_in_map(&self, camera_in_world: CameraPose) -> Result<Option<CameraInMap>, VeilocException> {
         let (alignment, camera) = (self.locked(), camera_in_world.cam_from_ar()?);
         let (Some(cam_from_map), Some(accuracy)) =
             (alignment.cam_from_map(&camera), alignment.accuracy(&camera))

@@ -13,7 +13,7 @@ pub enum Axes {
     Unity,
     /// Unreal: left-handed, z up, looks along x, centimetres.
     Unreal,
-    /// COLMAP and OpenCV: y down, looks along z, metres.
+    /// Cameras as in COLMAP and OpenCV: y down, look along z; the world is that of `OpenGl`, or of the map. Metres.
     Colmap,
 }
 

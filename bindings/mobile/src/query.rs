@@ -5,9 +5,7 @@ use std::sync::Arc;
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_of, seal_frame, seal_frame_in};
 use veiloc_obfuscation::{DeviceLimits, device_rng};
-use veiloc_protocol::{
-    AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SealedQuery, SizeClass,
-};
+use veiloc_protocol::{AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SealedQuery, SizeClass};
 
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::error::VeilocException;
@@ -122,7 +120,10 @@ fn check(query: &SealedQuery) -> Result<(), VeilocException> {
 }
 
 impl SealOptions {
-    fn lowered(&self, pose: Option<&CameraFromAr>) -> Result<veiloc_obfuscation::SealOptions, VeilocException> {
+    fn lowered(
+        &self,
+        pose: Option<&CameraFromAr>,
+    ) -> Result<veiloc_obfuscation::SealOptions, VeilocException> {
         let mut options = match &self.scheme {
             Some(scheme) => veiloc_obfuscation::SealOptions::new(
                 scheme.parse::<Scheme>().map_err(VeilocException::argument)?,
@@ -139,7 +140,9 @@ impl SealOptions {
             options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
         }
         if self.send_gravity {
-            let without = || VeilocException::argument("gravity is known from the pose of the camera, which is missing");
+            let without = || {
+                VeilocException::argument("gravity is known from the pose of the camera, which is missing")
+            };
             let down = veiloc_ar::down_in_camera(pose.ok_or_else(without)?);
             let gravity = CoarseGravity::new(down, CoarseGravity::PHONE_SD_DEG);
             options = options.with_gravity(Some(gravity.map_err(VeilocException::argument)?));
@@ -210,9 +213,7 @@ pub fn rig_bytes(
         || !is_sd(rotation_sd_deg)
         || !is_sd(translation_sd)
     {
-        return Err(VeilocException::argument(
-            "metres_per_unit must be above 0, and deviations 0 or more",
-        ));
+        return Err(VeilocException::argument("metres_per_unit must be above 0, and deviations 0 or more"));
     }
     let cameras: Vec<_> =
         cameras_in_world.into_iter().map(CameraPose::cam_from_ar).collect::<Result<_, _>>()?;

@@ -20,10 +20,9 @@ fn header_is_current() {
 fn header_compiles_as_c_and_cplusplus() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let work = tempfile::tempdir().expect("a folder");
-    for (compiler, standard, file, header) in [
-        ("cc", "-std=c99", "header.c", "veiloc.h"),
-        ("c++", "-std=c++11", "header.cpp", "veiloc.hpp"),
-    ] {
+    for (compiler, standard, file, header) in
+        [("cc", "-std=c99", "header.c", "veiloc.h"), ("c++", "-std=c++11", "header.cpp", "veiloc.hpp")]
+    {
         let source = work.path().join(file);
         std::fs::write(&source, format!("#include \"{header}\"\nint main(void) {{ return 0; }}\n"))
             .expect("the folder is writable");

@@ -5,14 +5,14 @@
 //! | `OpenGl`: ARKit, ARCore, WebXR, OpenXR | `x` right, `y` up, `z` back | `x` right, `y` up, looks along `-z` | metres |
 //! | `Unity` | `x` right, `y` up, `z` forward, left-handed | the same, looks along `z` | metres |
 //! | `Unreal` | `x` forward, `y` right, `z` up, left-handed | the same, looks along `x` | centimetres |
-//! | `Colmap` | `x` right, `y` down, `z` forward | the same, looks along `z` | metres |
+//! | `Colmap` | that of `OpenGl`, or of the map | `x` right, `y` down, looks along `z` | metres |
 //!
 //! One right-handed world becomes the others by an exchange of axes `W` and a factor `s`, and a camera with COLMAP's
 //! axes by `K`. With the world of `OpenGl` as the first:
 //!
 //! ```text
 //!            OpenGl              Unity              Unreal              Colmap
-//! W          (x, y, z)           (x, y, -z)         (-z, x, y)          (x, -y, -z)
+//! W          (x, y, z)           (x, y, -z)         (-z, x, y)          (x, y, z)
 //! K          (x, -y, -z)         (x, -y, z)         (z, x, -y)          (x, y, z)
 //! s          1                   1                  100                 1
 //!
@@ -89,7 +89,8 @@ pub enum Axes {
     Unity,
     /// Unreal Engine, centimetres.
     Unreal,
-    /// COLMAP and OpenCV.
+    /// Cameras as in COLMAP and OpenCV. COLMAP's worlds have no fixed axes, so the world's are not changed; gravity is
+    /// along `-y` as for the others.
     Colmap,
 }
 
@@ -126,10 +127,9 @@ impl Axes {
     #[rustfmt::skip]
     fn world(self) -> Matrix3<f64> {
         match self {
-            Self::OpenGl => Matrix3::identity(),
+            Self::OpenGl | Self::Colmap => Matrix3::identity(),
             Self::Unity => Matrix3::new(1.0, 0.0, 0.0,  0.0, 1.0, 0.0,  0.0, 0.0, -1.0),
             Self::Unreal => Matrix3::new(0.0, 0.0, -1.0,  1.0, 0.0, 0.0,  0.0, 1.0, 0.0),
-            Self::Colmap => Matrix3::new(1.0, 0.0, 0.0,  0.0, -1.0, 0.0,  0.0, 0.0, -1.0),
         }
     }
 

@@ -27,17 +27,19 @@ const WORKED: [(Axes, FrameworkPose, [f64; 3]); 4] = [
         FrameworkPose { position: [200.0, 100.0, 150.0], rotation: [0.0, 0.0, HALF, HALF] },
         [175.0, 400.0, 200.0],
     ),
-    // `y` is down: clockwise seen from above is positive about it.
+    // The world of OpenGL, and a camera whose `y` is down: half a turn about the axis between right and back.
     (
         Axes::Colmap,
-        FrameworkPose { position: [1.0, -1.5, 2.0], rotation: [0.0, HALF, 0.0, HALF] },
-        [4.0, -2.0, 1.75],
+        FrameworkPose { position: [1.0, 1.5, -2.0], rotation: [HALF, 0.0, HALF, 0.0] },
+        [4.0, 2.0, -1.75],
     ),
 ];
 
+/// Largest difference of a number; a quaternion and its negative are one rotation.
 fn difference(a: &FrameworkPose, b: &FrameworkPose) -> f64 {
-    let numbers = |pose: &FrameworkPose| [pose.position.to_vec(), pose.rotation.to_vec()].concat();
-    numbers(a).iter().zip(numbers(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    let largest = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let turned = largest(&a.rotation, &b.rotation).min(largest(&a.rotation, &b.rotation.map(|c| -c)));
+    largest(&a.position, &b.position).max(turned)
 }
 
 fn some_pose(seed: f64) -> CameraFromAr {
