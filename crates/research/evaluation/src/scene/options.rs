@@ -1,7 +1,7 @@
 //! Options of an evaluation on a scene with known poses.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;

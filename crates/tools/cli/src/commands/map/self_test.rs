@@ -87,20 +87,28 @@ impl KeepBrokenArgs {
     }
 }
 
-/// Detects a map with almost no points, or one that localizes few of its own images for a known reason. A low share
-/// alone proves nothing: if images are sparse, each left-out image may take all points with it.
+/// Detects a map with almost no points, one that localizes few of its own images for a known reason, and one that
+/// localizes none of them although its points are seen in enough images. A low share alone proves nothing: if images
+/// are sparse, each left-out image may take all points with it.
 fn is_broken(model: &MapModel, warnings: &[MapWarning]) -> bool {
     let has = |which: fn(&MapWarning) -> bool| warnings.iter().any(which);
     let explained = has(|d| matches!(d, MapWarning::LikelyCause { .. }));
     let empty = has(|d| matches!(d, MapWarning::FewPoints { .. }));
-    let failed = model.self_test.as_ref().is_some_and(SelfTest::failed);
+    let test = model.self_test.as_ref();
+    let failed = test.is_some_and(SelfTest::failed);
+    let found_none = test.is_some_and(|test| test.schemes.iter().all(|scheme| scheme.localized == 0));
     model.points.len() < MIN_POINTS
         || (explained && has(|d| matches!(d, MapWarning::SelfTest { .. })))
         || (empty && failed)
+        || (found_none && model.mean_track_length() >= MIN_TRACK_LENGTH)
 }
 
 /// Minimum number of points for localization: a pose needs ten inliers.
 const MIN_POINTS: usize = 10;
+
+/// Mean number of images that see a point, from which on enough points remain without an image and its two nearest
+/// neighbours, which the self-test leaves out.
+const MIN_TRACK_LENGTH: f64 = 4.0;
 
 /// A self-test as JSON.
 #[derive(Serialize)]
