@@ -4,7 +4,7 @@ In each language a program seals real and rendered frames with given seeds, and 
 library makes of the image file. Then it seals rendered frames, asks `veiloc serve`, and brings the answers into the world of an AR
 framework whose transform is known here.
 
-    VEILOC_DATA=../shared/data scripts/phones/run.py --veiloc target/debug/veiloc --libraries target/debug [c cpp cs kotlin]
+    VEILOC_DATA=../shared/data scripts/phones/run.py --veiloc target/debug/veiloc --libraries target/debug [c cpp cs kotlin aarch64]
 
 `--libraries` is the folder of `cargo build -p veiloc-c -p veiloc-mobile --features veiloc-c/seeded,veiloc-mobile/seeded`. C and C++ run
 under the address and undefined behaviour sanitizers. Without VEILOC_DATA only rendered frames are used, and this is printed.
@@ -218,12 +218,24 @@ def kotlin(place, repeat):
     return [place.seals(*java, "seals", repeat=repeat), place.locate(*java, "locate")]
 
 
+def aarch64(place, _):
+    """C for aarch64 Linux, under emulation. The library: cargo rustc -p veiloc-c --lib --crate-type staticlib --features seeded
+    --target aarch64-unknown-linux-gnu, in the same target folder or that of VEILOC_AARCH64."""
+    folder = os.environ.get("VEILOC_AARCH64") or place.libraries.parent / "aarch64-unknown-linux-gnu" / place.libraries.name
+    library, seals = pathlib.Path(folder) / "libveiloc_c.a", place.work / "seals-aarch64"
+    run("aarch64-linux-gnu-gcc", "-std=gnu11", *WARNINGS, "-O1", "-static", "-I", C / "include", C / "tests/c/seals.c", library,
+        "-lpthread", "-ldl", "-lm", "-o", seals)
+    return [place.seals("qemu-aarch64", seals)]
+
+
 LANGUAGES = {"c": c, "cpp": cpp, "cs": cs, "kotlin": kotlin}
+# Only when it is named: it takes a cross compiler, qemu-user and a build of its own.
+EXTRA = {"aarch64": aarch64}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("languages", nargs="*", default=list(LANGUAGES), metavar="LANGUAGE", help=", ".join(LANGUAGES))
+    parser.add_argument("languages", nargs="*", default=list(LANGUAGES), metavar="LANGUAGE", help=", ".join([*LANGUAGES, *EXTRA]))
     parser.add_argument("--veiloc", type=pathlib.Path, required=True, help="the program")
     parser.add_argument("--libraries", type=pathlib.Path, required=True, help="folder of the libraries, and of examples/reference")
     parser.add_argument("--work", type=pathlib.Path, help="folder for what is made; default: phones in that folder")
@@ -236,7 +248,7 @@ def main():
     try:
         for language in given.languages:
             print(language, flush=True)
-            for line in LANGUAGES[language](place, given.repeat):
+            for line in {**LANGUAGES, **EXTRA}[language](place, given.repeat):
                 print(f"  {line}", flush=True)
     finally:
         place.service.terminate()

@@ -1,10 +1,10 @@
 """The transform from the map to the AR world over a walk, with wrong answers among the right ones.
 
-Frames of a device whose own tracking is known (`posed-given` of hololens-office) are sealed by libveiloc_c, answered by `veiloc serve`, and
-given to an alignment with the pose of the device's tracking. Every tenth answer is that of another frame: trusted, and wrong. The place
-of the camera in the map by the alignment is compared with the true one.
+The frames of a scene's `query.txt` are sealed by libveiloc_c, answered by `veiloc serve`, and given to an alignment with the poses of the
+device's own tracking: those of `posed-given`, or the true ones with a drift of 1 % of the path. Every tenth answer is that of another
+frame: trusted, and wrong. The place of the camera in the map by the alignment is compared with the true one.
 
-    scripts/phones/walk.py --veiloc VEILOC --libraries target/debug --map office.vmap --scene ../shared/data/hololens-office [--csv F]
+    scripts/phones/walk.py --veiloc VEILOC --libraries target/debug --map kitchen.vmap --scene ../shared/data/redkitchen [--csv F]
 
 The map is built beforehand from the scene's `map.txt` with the poses in `posed`. Standard library only; the C library by ctypes.
 """
@@ -14,6 +14,7 @@ import ctypes
 import http.client
 import math
 import pathlib
+import random
 import re
 import statistics
 import subprocess
@@ -58,6 +59,22 @@ def colmap_pose(pose):
     return made
 
 
+def drifted(poses, names, drift=0.01, seed=1):
+    """Poses of a tracking that is off by a random walk of `drift` metres a metre, in a world of its own."""
+    generator, step, tracking, last = random.Random(seed), [0.0] * 3, {}, None
+    turn, shift = run.quaternion(run.AR_FROM_MAP[0]), run.AR_FROM_MAP[1]
+    for name in names:
+        rotation, translation = poses[name]
+        centre = [-c for c in run.applied(run.transposed(rotation), translation)]
+        path = math.dist(centre, last) if last else 0.0
+        last = centre
+        step = [c + drift * path * generator.gauss(0, 1) for c in step]
+        world = [a + b + c for a, b, c in zip(run.applied(turn, centre), shift, step)]
+        cam_from_world = run.product(rotation, run.transposed(turn))
+        tracking[name] = (cam_from_world, [-c for c in run.applied(cam_from_world, world)])
+    return tracking
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name in ("veiloc", "libraries", "map", "scene"):
@@ -79,7 +96,8 @@ def main():
 
     work = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-walk-"))
     names = [line.split()[0] for line in (given.scene / "query.txt").read_text().splitlines() if line.strip()]
-    truth, tracking = (run.poses_of(given.scene / folder / "images.txt") for folder in ("posed", "posed-given"))
+    truth, own = run.poses_of(given.scene / "posed/images.txt"), given.scene / "posed-given/images.txt"
+    tracking = run.poses_of(own) if own.exists() else drifted(truth, names)
     words = (given.scene / "posed/cameras.txt").read_text().splitlines()[-1].split()[1:]
     run.run(given.veiloc, "map", "profile", given.map, "--out", work / "profile", "--quiet")
     run.run(given.libraries / "examples/reference", work / "profile", ",".join(words), work / "frames",

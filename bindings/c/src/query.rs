@@ -3,11 +3,9 @@
 use std::ffi::c_char;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_ar::{SealedCameraFrame, rig_of, seal_frame, seal_frame_in};
+use veiloc_ar::{SealedCameraFrame, rig_of, seal_to_send};
 use veiloc_obfuscation::{DeviceLimits, SealOptions, device_rng};
-use veiloc_protocol::{
-    AngleBits, CoarseGravity, Profile, RigMessage, Scheme, SealedFrame, SealedQuery, SizeClass,
-};
+use veiloc_protocol::{AngleBits, CoarseGravity, Profile, RigMessage, Scheme, SealedFrame, SizeClass};
 
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
@@ -147,28 +145,11 @@ impl Arguments {
         };
         let rng: &mut ChaCha20Rng = &mut rng;
         // SAFETY: as above.
-        let sealed = match unsafe { pointers::optional_mutable(self.session) } {
-            Some(session) => {
-                let mut next = session.session.clone();
-                let sealed =
-                    seal_frame_in(&mut next, &frame, &camera, profile, &options, pose.as_ref(), rng)?;
-                check(&sealed.query)?;
-                session.session = next;
-                sealed
-            }
-            None => {
-                let sealed = seal_frame(&frame, &camera, profile, &options, rng)?;
-                check(&sealed.query)?;
-                sealed
-            }
-        };
+        let session = unsafe { pointers::optional_mutable(self.session) }.map(|own| &mut own.session);
+        let sealed = seal_to_send(session, &frame, &camera, profile, &options, pose.as_ref(), rng)?;
         // SAFETY: as above.
         unsafe { pointers::give_handle(out, VeilocQuery { sealed, profile: profile.clone() }) }
     }
-}
-
-fn check(query: &SealedQuery) -> Result<(), Failure> {
-    query.check_sides().map_err(|unbalanced| Failure::new(VeilocStatus::Unbalanced, unbalanced))
 }
 
 /// # Safety
@@ -283,10 +264,8 @@ pub unsafe extern "C" fn veiloc_rig_bytes(
             return Err(argument("count must be 1 to 32"));
         }
         let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-        if !(metres_per_unit.is_finite() && metres_per_unit > 0.0)
-            || !is_sd(rotation_sd_deg)
-            || !is_sd(translation_sd)
-        {
+        let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
+        if !(is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd)) {
             return Err(argument("metres_per_unit must be above 0, and deviations 0 or more"));
         }
         let axes = axes(pose_axes)?;

@@ -5,6 +5,7 @@ use std::ffi::{CString, c_char};
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use veiloc_ar::FrameError;
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// What an app does about an error.
@@ -62,6 +63,15 @@ impl From<SealError> for Failure {
             _ => VeilocStatus::Seal,
         };
         Self::new(status, error)
+    }
+}
+
+impl From<FrameError> for Failure {
+    fn from(error: FrameError) -> Self {
+        match error {
+            FrameError::Seal(error) => error.into(),
+            FrameError::Unbalanced(error) => Self::new(VeilocStatus::Unbalanced, error),
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 
+use veiloc_ar::FrameError;
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// Why a call failed, by what an app does about it.
@@ -56,6 +57,15 @@ impl From<SealError> for VeilocException {
             SealErrorKind::TooManyStarts => Self::TooManyStarts(text),
             SealErrorKind::TurnedAway => Self::TurnedAway(text),
             _ => Self::Seal(text),
+        }
+    }
+}
+
+impl From<FrameError> for VeilocException {
+    fn from(error: FrameError) -> Self {
+        match error {
+            FrameError::Seal(error) => error.into(),
+            FrameError::Unbalanced(error) => Self::Unbalanced(error.to_string()),
         }
     }
 }

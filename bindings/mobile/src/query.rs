@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_of, seal_frame, seal_frame_in};
+use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_of, seal_to_send};
 use veiloc_obfuscation::{DeviceLimits, device_rng};
-use veiloc_protocol::{AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SealedQuery, SizeClass};
+use veiloc_protocol::{AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SizeClass};
 
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::error::VeilocException;
@@ -96,27 +96,10 @@ fn seal_with(
     let camera = known_camera(camera, layout)?;
     let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
     let options = options.unwrap_or_default().lowered(pose.as_ref())?;
-    let sealed = match session {
-        Some(session) => {
-            let mut stored = session.locked();
-            let mut next = stored.clone();
-            let sealed =
-                seal_frame_in(&mut next, &frame, &camera, &profile.profile, &options, pose.as_ref(), rng)?;
-            check(&sealed.query)?;
-            *stored = next;
-            sealed
-        }
-        None => {
-            let sealed = seal_frame(&frame, &camera, &profile.profile, &options, rng)?;
-            check(&sealed.query)?;
-            sealed
-        }
-    };
+    let mut stored = session.as_ref().map(|session| session.locked());
+    let sealed =
+        seal_to_send(stored.as_deref_mut(), &frame, &camera, &profile.profile, &options, pose.as_ref(), rng)?;
     Ok(Arc::new(Query { sealed, profile }))
-}
-
-fn check(query: &SealedQuery) -> Result<(), VeilocException> {
-    query.check_sides().map_err(|unbalanced| VeilocException::Unbalanced(unbalanced.to_string()))
 }
 
 impl SealOptions {
@@ -209,10 +192,8 @@ pub fn rig_bytes(
         return Err(VeilocException::argument("1 to 32 queries, and a pose for each"));
     }
     let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-    if !(metres_per_unit.is_finite() && metres_per_unit > 0.0)
-        || !is_sd(rotation_sd_deg)
-        || !is_sd(translation_sd)
-    {
+    let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
+    if !(is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd)) {
         return Err(VeilocException::argument("metres_per_unit must be above 0, and deviations 0 or more"));
     }
     let cameras: Vec<_> =

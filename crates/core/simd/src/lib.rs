@@ -9,7 +9,8 @@
 //! - `MappedFile`: a file as one slice; not on WebAssembly, which has no files to map.
 //!
 //! Every kernel has a portable version without intrinsics ([`Backend::PORTABLE`]), which is also used on machines other
-//! than x86-64. All results are equal on every backend, bit for bit; tests compare each one with naive loops.
+//! than x86-64. On aarch64 it is vector code, because NEON belongs to every such machine and the compiler vectorizes the
+//! loops as it does for AVX2: the loops of the blur have no scalar arithmetic there. All results are equal on every backend, bit for bit; tests compare each one with naive loops.
 //!
 //! Callers select a [`Backend`] once ([`Backend::best`]) and pass plain slices; shapes are documented for each
 //! function.

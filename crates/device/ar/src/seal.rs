@@ -7,7 +7,7 @@ use veiloc_features::{CameraFrame, FeatureError, Features, Image};
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromRig, Intrinsics};
 use veiloc_obfuscation::{KnownCamera, Orientation, SealError, SealOptions, Session, extract_loaded, seal};
-use veiloc_protocol::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery, UnbalancedAnchors};
 
 use crate::CameraFromAr;
 
@@ -69,6 +69,43 @@ pub fn seal_frame_in(
     };
     let extracted = Extracted::new(frame, camera, profile, options)?;
     extracted.sealed(|features, camera, options| session.seal(features, camera, profile, options, &held, rng))
+}
+
+/// Why a frame gave no query that may be sent.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// It could not be sealed.
+    #[error(transparent)]
+    Seal(#[from] SealError),
+    /// Its query could not determine a pose.
+    #[error(transparent)]
+    Unbalanced(#[from] UnbalancedAnchors),
+}
+
+/// Seals a frame, in a session if there is one, and returns only a query that can determine a pose. After an error the
+/// session has not changed and nothing was sent, so another frame costs nothing.
+///
+/// # Errors
+/// [`FrameError`].
+pub fn seal_to_send(
+    session: Option<&mut Session>,
+    frame: &CameraFrame<'_>,
+    camera: &KnownCamera,
+    profile: &Profile,
+    options: &SealOptions,
+    cam_from_ar: Option<&CameraFromAr>,
+    rng: &mut impl CryptoRng,
+) -> Result<SealedCameraFrame, FrameError> {
+    let Some(session) = session else {
+        let sealed = seal_frame(frame, camera, profile, options, rng)?;
+        sealed.query.check_sides()?;
+        return Ok(sealed);
+    };
+    let mut next = session.clone();
+    let sealed = seal_frame_in(&mut next, frame, camera, profile, options, cam_from_ar, rng)?;
+    sealed.query.check_sides()?;
+    *session = next;
+    Ok(sealed)
 }
 
 /// The orientation of a camera for a session, with the gravity direction: the AR world's `y` is up. `None` when a

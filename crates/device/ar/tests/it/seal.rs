@@ -5,7 +5,8 @@ use std::path::Path;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use veiloc_ar::{
-    Axes, CameraFrame, FrameworkPose, PixelFormat, QuarterTurns, rig_of, seal_frame, seal_frame_in,
+    Axes, CameraFrame, FrameError, FrameworkPose, PixelFormat, QuarterTurns, rig_of, seal_frame,
+    seal_frame_in, seal_to_send,
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
@@ -79,6 +80,28 @@ fn the_camera_of_another_size_is_an_error() {
     let options = SealOptions::default();
     let error = seal_frame(&frame, &known, &profile(), &options, &mut rng()).expect_err("another size");
     assert!(matches!(error, SealError::Image(_)) && error.to_string().contains("240x320"), "{error}");
+}
+
+#[test]
+fn a_query_that_cannot_determine_a_pose_is_not_given() {
+    // Texture on the left, and a single patch of it on the right.
+    let mut pixels = pixels();
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        let (x, y) = (i % 320, i / 320);
+        let is_patch = (250..270).contains(&x) && (100..120).contains(&y);
+        if x > 140 && !is_patch {
+            *pixel = 128;
+        }
+    }
+    let frame = CameraFrame::new(PixelFormat::Gray, SIZE, &pixels, 0).expect("a frame");
+    let known = KnownCamera::calibrated(camera());
+    let (options, mut rng) = (SealOptions::default(), rng());
+    let mut session = Session::new(SessionOptions::default(), &mut rng);
+    for stored in [Some(&mut session), None] {
+        let sealed = seal_to_send(stored, &frame, &known, &profile(), &options, None, &mut rng);
+        assert!(matches!(sealed, Err(FrameError::Unbalanced(_))), "{sealed:?}");
+    }
+    assert_eq!(session.frames(), 0);
 }
 
 #[test]
