@@ -22,7 +22,7 @@ photo="$scene/images/$(grep -v '^#' "$scene/query.txt" | head -1 | cut -d' ' -f1
 "$bin/veiloc" seal "$photo" --camera "$camera" --profile "$work/profile" --scheme dcl -o "$work/query"
 
 : > "$work/log"
-"$bin/veiloc" serve --map place="$work/place.vmap" --listen 127.0.0.1:0 --queue 32 --rate 1000000 --log error 2> "$work/log" &
+"$bin/veiloc" serve --map place="$work/place.vmap" --listen 127.0.0.1:0 --queue 32 --rate 1000000 --answer-quantum 0 --log error 2> "$work/log" &
 server=$!
 until grep -q '^serving' "$work/log"; do
     kill -0 "$server" 2>/dev/null || { cat "$work/log"; exit 1; }

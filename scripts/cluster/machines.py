@@ -114,7 +114,7 @@ class Cluster:
         self.port, self.admin = free_port(), free_port()
         command = [self.program.veiloc, "serve", "--cluster", self.servers, "--cluster-map", MAP, "--store", self.store,
                    "--cache", self.work / "cache-gateway", "--listen", f"127.0.0.1:{self.port}", "--admin-listen",
-                   f"127.0.0.1:{self.admin}", "--rate", 1000000, "--watch", 1, "--drain-delay", 0, *more]
+                   f"127.0.0.1:{self.admin}", "--rate", 1000000, "--watch", 1, "--drain-delay", 0, "--answer-quantum", 0, *more]
         return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
 
     def stop(self):

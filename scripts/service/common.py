@@ -132,6 +132,8 @@ class Server:
         maps = maps if maps is not None else ["--map", f"place={scene.map}"]
         command = [scene.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", str(rate)]
         command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
+        if "--answer-quantum" in self.known and "--answer-quantum" not in more:
+            command += ["--answer-quantum", "0"]
         if nofile:
             command = ["sh", "-c", f'ulimit -n {nofile}; exec "$@"', "sh", *command]
         self.log_path = scene.work / f"server-{self.port}.log"

@@ -142,8 +142,11 @@ async fn answer(
 
     // A local map needs only the decoded queries.
     let bytes = if loaded.map().is_some() { Vec::new() } else { bytes };
+    let (received, begun) = (tokio::time::Instant::now(), context.elapsed());
     let result =
         compute(app, context, &caller, loaded.clone(), ReadBody { request, bytes }, request_options).await?;
+    hold(app, context, received, begun).await;
+    let result = result.unwrap_or(Err(LocalizeFailure::TimedOut));
     let LocalizeOutput { answer, times } = result.map_err(|why| {
         if matches!(why, LocalizeFailure::NoPose(_)) {
             app.metrics.localization(&loaded.name, LocalizationOutcome::NotLocalized);
@@ -167,6 +170,29 @@ async fn answer(
     let mut response = ([(CONTENT_TYPE, format.content_type())], body).into_response();
     response.extensions_mut().insert(PadLength);
     Ok(response)
+}
+
+/// Waits until a whole number of quanta has passed since the body was received, so that the time of the answer does not
+/// show whether the query was localized (rule L12).
+async fn hold(app: &App, context: &RequestContext, received: tokio::time::Instant, begun: Duration) {
+    let worked = received.elapsed();
+    let wait = remaining(worked, app.options.answer_quantum);
+    tokio::time::sleep(wait).await;
+    let held = RequestStage { name: "hold", within: None, begun: begun + worked, took: wait };
+    app.metrics.stage(held.name, held.took);
+    context.stage(held);
+    if worked > app.options.answer_quantum && !app.options.answer_quantum.is_zero() {
+        app.metrics.late_answer();
+    }
+}
+
+/// Time until the next multiple of `quantum`, at least one; zero without a quantum.
+fn remaining(worked: Duration, quantum: Duration) -> Duration {
+    if quantum.is_zero() {
+        return Duration::ZERO;
+    }
+    let quanta = worked.as_nanos().div_ceil(quantum.as_nanos()).clamp(1, u128::from(u32::MAX)) as u32;
+    (quantum * quanta).saturating_sub(worked)
 }
 
 fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
@@ -255,7 +281,10 @@ impl Job {
     }
 }
 
-/// Localizes on a thread of the pool.
+/// Localizes on a thread of the pool; `None`: not within the time limit.
+///
+/// # Errors
+/// What does not depend on the content of the query: a full queue, a shutdown, an internal error.
 async fn compute(
     app: &Arc<App>,
     context: &RequestContext,
@@ -263,7 +292,7 @@ async fn compute(
     loaded: Arc<LoadedMap>,
     read: ReadBody,
     request_options: RequestOptions,
-) -> Result<Result<LocalizeOutput, LocalizeFailure>, Problem> {
+) -> Result<Option<Result<LocalizeOutput, LocalizeFailure>>, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = request_options.near {
         let [x, y, z] = near.center();
@@ -291,11 +320,11 @@ async fn compute(
         Rejected::Closed => Problem::Stopping { retry_after: NonZeroU64::MIN },
     })?;
     match tokio::time::timeout(limit, result).await {
-        Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
+        Err(_) => Ok(None),
         Ok(Ok(done)) => {
             done.record_stages(context, begun);
             app.metrics.stage("queue", done.waited);
-            Ok(done.result)
+            Ok(Some(done.result))
         }
         Ok(Err(_)) => {
             tracing::error!(
@@ -305,5 +334,28 @@ async fn compute(
             );
             Err(Problem::Broken)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_leave_at_whole_quanta() {
+        let ms = Duration::from_millis;
+        // Work, quantum, wait.
+        for (worked, quantum, wait) in [
+            (0, 250, 250),
+            (1, 250, 249),
+            (250, 250, 0),
+            (251, 250, 249),
+            (700, 250, 50),
+            (700, 0, 0),
+            (30_000, 7_000, 5_000),
+        ] {
+            assert_eq!(remaining(ms(worked), ms(quantum)), ms(wait), "{worked} ms, quantum {quantum} ms");
+        }
+        assert_eq!(remaining(Duration::MAX, Duration::from_nanos(1)), Duration::ZERO);
     }
 }

@@ -34,7 +34,7 @@ const TOKENS: usize = 256;
 const OTHER: &str = "other";
 
 /// Stages of a request, see [`crate::telemetry::RequestStage`].
-const STAGES: [&str; 5] = ["read", "queue", "retrieve", "match", "pose"];
+const STAGES: [&str; 6] = ["read", "queue", "retrieve", "match", "pose", "hold"];
 
 /// How a localization ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,6 +149,7 @@ pub struct Metrics {
     tokens: Mutex<BTreeSet<Arc<str>>>,
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     localizations: Family<Labels, Counter>,
+    late_answers: Counter,
     reloads: Family<Labels, Counter>,
     failing: Family<Labels, Gauge>,
     queued: Gauge,
@@ -202,6 +203,12 @@ impl Metrics {
         );
         let stages = histogram(registry, "stage_seconds", "Time of each stage of a localization");
         let localizations = counter(registry, "localizations", "Localizations, by map and outcome");
+        let late_answers = Counter::default();
+        registry.register(
+            "late_answers",
+            "Answers about a pose that took more than one quantum of time",
+            late_answers.clone(),
+        );
         let reloads = counter(registry, "reloads", "Reloaded files, by kind and result");
         let failing: Family<Labels, Gauge> = Family::default();
         registry.register(
@@ -250,6 +257,7 @@ impl Metrics {
             tokens: Mutex::default(),
             stages,
             localizations,
+            late_answers,
             reloads,
             failing,
             queued,
@@ -341,6 +349,11 @@ impl Metrics {
     /// Counts the fault of a connection.
     pub fn connection_fault(&self, fault: ConnectionFault) {
         self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]).inc();
+    }
+
+    /// Counts an answer that took more than one quantum.
+    pub fn late_answer(&self) {
+        self.late_answers.inc();
     }
 
     /// Records the duration of a stage, see [`crate::telemetry::RequestStage`].

@@ -17,6 +17,7 @@ mod reload;
 mod rig;
 mod scopes;
 mod shutdown;
+mod timing;
 mod tls;
 mod traces;
 mod unknown_clients;

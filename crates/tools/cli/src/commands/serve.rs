@@ -143,6 +143,11 @@ pub(crate) struct Args {
     /// Timeout of a query in seconds, from its last byte to its pose, including the time in the queue.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     request_timeout: f64,
+    /// Answers leave at whole multiples of these seconds after a query was received, so that their time does not show
+    /// whether a pose was found; 0 turns this off. It should exceed the time of almost all localizations
+    /// (`veiloc_late_answers_total` counts the others).
+    #[arg(long, default_value_t = 0.5, value_parser = not_negative, value_name = "SECONDS")]
+    answer_quantum: f64,
     /// Timeout for receiving a query's body, in seconds.
     #[arg(long, default_value_t = 15.0, value_parser = positive, value_name = "SECONDS")]
     body_timeout: f64,
@@ -333,6 +338,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.admin = Some(args.admin_listen.unwrap_or_else(|| ServerOptions::default_admin(&args.listen)));
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
     options.timeouts.localize = seconds(args.request_timeout);
+    options.answer_quantum = seconds(args.answer_quantum);
     options.timeouts.body = seconds(args.body_timeout);
     options.timeouts.drain = seconds(args.drain_delay);
     options.timeouts.grace = seconds(args.grace);

@@ -41,7 +41,7 @@ impl Service {
     /// The log is read up to the line with the address, and no further.
     fn start_unread(scene: &TestScene, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = scene
-            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unauthenticated-max-age 3600 --connection-max-age 3600 {arguments}"))
+            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --answer-quantum 0 --unauthenticated-max-age 3600 --connection-max-age 3600 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();

@@ -159,6 +159,7 @@ impl Files {
         options.rate.burst = 100_000.try_into().expect("not zero");
         options.watch = None;
         options.timeouts = no_timeouts();
+        options.answer_quantum = Duration::ZERO;
         options
     }
 }

@@ -55,6 +55,7 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("unauthenticated-max-age", "12.5", "12.5"),
     ("connection-max-age", "13", "13"),
     ("request-timeout", "14", "14"),
+    ("answer-quantum", "0.75", "0.75"),
     ("body-timeout", "16", "16"),
     ("drain-delay", "0", "0"),
     ("grace", "17", "17"),
