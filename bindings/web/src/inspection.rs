@@ -9,7 +9,7 @@ use rand_chacha::rand_core::SeedableRng;
 use serde::Serialize;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, GraphOptions, KnownSegment, NeighbourLists, Observation, closed_form,
-    errors_px, graph, prior_only,
+    errors_px, graph, prior_median,
 };
 use veiloc_geometry::Pixel;
 use veiloc_protocol::{Observations, SealedQuery};
@@ -148,7 +148,7 @@ pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>,
         .zip(truth)
         .filter_map(|(observation, truth)| Some((observation, truth?)))
         .unzip();
-    let prior_answers = prior_only(&observations, width, height);
+    let prior_answers = prior_median(&observations, width, height);
     let answers = match attack {
         "prior" => prior_answers.clone(),
         "graph" => {

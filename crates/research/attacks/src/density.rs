@@ -1,7 +1,7 @@
 //! Spatial density of keypoints: a prior learned from other images.
 //!
 //! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other images knows this
-//! density. The prior-only baseline along a segment is then the expected position under that density (times `r` for
+//! density. The best answer along a segment is then the expected position under that density (times `r` for
 //! half-lines, whose wedges widen; see [`crate::prior_only`]). Positions are counted relative to width and height, so
 //! images of different size can be combined.
 
@@ -120,7 +120,7 @@ impl Density {
         (expected, weights * length / SAMPLES as f64)
     }
 
-    /// The expected position of each keypoint given its own observation and this density: as [`crate::prior_only`],
+    /// The expected position of each keypoint given its own observation and this density: as [`crate::expected_positions`],
     /// which assumes a uniform density.
     pub fn expected_positions(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
         let position = |o: &Observation| {
@@ -139,7 +139,7 @@ impl Density {
 mod tests {
     use super::*;
     use crate::metrics::errors_px;
-    use crate::{lift, prior_only};
+    use crate::{expected_positions, lift};
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::Pencils;
@@ -166,11 +166,13 @@ mod tests {
         assert_eq!(counts, before);
         let sent = lift::dual_convergent(&victim, &Pencils::paper(640, 480));
         let mean = |positions: Vec<Pixel>| errors_px(positions, &victim).iter().sum::<f64>() / 1000.0;
-        let (learned, even) =
-            (mean(counts.density().expected_positions(&sent, 640, 480)), mean(prior_only(&sent, 640, 480)));
+        let (learned, even) = (
+            mean(counts.density().expected_positions(&sent, 640, 480)),
+            mean(expected_positions(&sent, 640, 480)),
+        );
         assert!(learned < 0.75 * even, "{learned} {even}");
         let nothing = KeypointHistogram::default().density().expected_positions(&sent, 640, 480);
-        for (a, b) in nothing.iter().zip(prior_only(&sent, 640, 480)) {
+        for (a, b) in nothing.iter().zip(expected_positions(&sent, 640, 480)) {
             assert!(a.distance(&b) < 1.0, "{a:?} {b:?}");
         }
     }

@@ -6,8 +6,8 @@
 //!   descriptors;
 //! - [`graph`](graph()): the layout of the whole neighbour graph with each keypoint on its line. It is far stronger:
 //!   with true neighbours its errors on half-lines are one or two pixels where those of [`closed_form`] are hundreds;
-//! - [`prior_only`]: the best answer from the single line alone, and [`Density::expected_positions`], the same with a
-//!   density of keypoints learned from other images;
+//! - [`prior_only`] and [`prior_median`]: the best answers from the single line alone, for bits and for median errors;
+//!   [`Density::expected_positions`]: with a density of keypoints learned from other images;
 //! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, without an oracle (networks that predict
 //!   neighbours, positions and images are in [`learned`], cargo feature `networks`);
 //! - [`transfer`](transfer()): positions and neighbours transferred from map images with similar descriptors;
@@ -69,7 +69,7 @@ pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
 pub use observation::{Observation, PencilRow};
 pub use predictor::NeighbourPredictor;
-pub use prior::{KnownSegment, prior_only};
+pub use prior::{KnownSegment, expected_positions, prior_median, prior_only};
 pub use ranking::likeliest_pairs;
 pub use server_side::{
     GuidedEstimate, GuidedOptions, HoleEstimate, LineNeighbours, MapVisibility, guided_transfer, hole,

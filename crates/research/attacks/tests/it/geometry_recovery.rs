@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
     AttackError, ClosedFormOptions, ErrorSummary, KnownSegment, NeighbourExtent, NeighbourLists, Observation,
-    bits_over_prior, closed_form, errors_px, lift, prior_only,
+    bits_over_prior, closed_form, errors_px, expected_positions, lift, prior_only,
 };
 use veiloc_geometry::{Layout, Pencils, Pixel, PixelLine};
 
@@ -232,7 +232,7 @@ fn other_anchor_only_uses_other_rays_or_prior() {
     let sent = lift::dual_convergent(&truth, &pencils);
     let lists = NeighbourLists::nearest(&truth, 20);
     let answers = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::informed()).expect("lists fit");
-    let prior = prior_only(&sent, 640, 480);
+    let prior = expected_positions(&sent, 640, 480);
     let mut alone = 0;
     for i in 0..truth.len() {
         let side = pencils.anchor_of(truth[i]);

@@ -174,13 +174,13 @@ pub const ATTACKS: [Attack; 18] = [
 const CONSENSUS: f64 = 20.0 / 640.0;
 
 impl Attack {
-    /// The prior-only baseline, with uniform keypoints: the zero line of every table.
+    /// The prior-only baseline: the best answer for errors in pixels. Bits are relative to the best answer for bits.
     pub const PRIOR: Self = Self {
         name: "prior",
         words: "prior-only baseline, from the single line",
         holds: "",
         needs: AttackRequirements::NOTHING,
-        run: |a, _| Ok(a.prior_only().into()),
+        run: |a, _| Ok(a.prior_median().into()),
     };
 
     /// The paper's attack (Eq. 3): infinite lines, answers anywhere.

@@ -7,7 +7,7 @@ use crate::audit::server_view::ServerView;
 use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{
     DecodedDescriptors, Density, KnownImage, MapVisibility, NeighbourLists, Observation,
-    TransferredPositions, hole, prior_only,
+    TransferredPositions, hole, prior_median, prior_only,
 };
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
@@ -71,9 +71,14 @@ impl From<Vec<Pixel>> for RecoveredPositions {
 }
 
 impl AttackInput<'_> {
-    /// The prior-only baseline.
+    /// The prior-only baseline for bits: the answer where an attack has none.
     pub fn prior_only(&self) -> Vec<Pixel> {
         prior_only(self.observations, self.size.0, self.size.1)
+    }
+
+    /// The prior-only baseline for errors in pixels.
+    pub fn prior_median(&self) -> Vec<Pixel> {
+        prior_median(self.observations, self.size.0, self.size.1)
     }
 
     /// Positions transferred from map images; the prior-only baseline where there are none.

@@ -88,7 +88,7 @@ impl<F: FnMut(usize, usize)> AttackObserver for Progress<F> {
 
 #[cfg(test)]
 mod tests {
-    use veiloc_attacks::{ErrorSummary, bits_over_prior};
+    use veiloc_attacks::{ErrorSummary, bits_over_prior, errors_px, prior_only};
 
     use super::super::{AttackEvaluation, attack_groups, evaluate_attacks};
     use super::*;
@@ -124,7 +124,8 @@ mod tests {
             let key = (trial.scheme.to_string(), trial.attack.to_string(), trial.corrupt as u64);
             self.trials.push((trial.group, trial.image.name.clone(), key.clone()));
             if trial.attack == Attack::PRIOR {
-                self.prior = trial.errors.to_vec();
+                let best = prior_only(trial.observations, trial.image.width, trial.image.height);
+                self.prior = errors_px(best, &trial.image.keypoints);
             }
             if key == ("dcl".to_owned(), "closed-form".to_owned(), 50) {
                 self.bits += bits_over_prior(trial.errors, &self.prior, 640, 480) / 2.0;

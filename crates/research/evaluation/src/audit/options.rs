@@ -94,6 +94,9 @@ pub struct ServerKnowledge {
     /// Share of the keypoints, 0 to 1, in a compact region that is missing from the map, such as a person; errors are
     /// then measured on that region.
     pub private: Option<f64>,
+    /// Share of the image, 0 to 1, in random regions whose descriptors the device sends turned, so that they match
+    /// nothing; errors are not measured there.
+    pub turned: f64,
     /// Where errors are measured, without a private region.
     pub measured: MeasuredKeypoints,
 }

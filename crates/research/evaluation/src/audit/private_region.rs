@@ -29,6 +29,35 @@ pub fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> 
     inside
 }
 
+/// Half heights of the regions of [`turned`], relative to the image's height.
+const HALF_HEIGHTS: [f64; 2] = [0.12, 0.36];
+/// Cells of the grid on which their share of the image is counted.
+const CELLS: [usize; 2] = [64, 48];
+
+/// Keypoints in random upright ellipses that cover this share of the image, `[N]`: a device that knows neither the map
+/// nor what is private sends their descriptors turned, as those of decoys. So the map is missing there too.
+pub(super) fn turned(keypoints: &[Pixel], size: [u32; 2], share: f64, rng: &mut impl Rng) -> Vec<bool> {
+    let mut inside = vec![false; keypoints.len()];
+    let [width, height] = size.map(f64::from);
+    let mut free: Vec<Pixel> = (0..CELLS[0] * CELLS[1])
+        .map(|i| {
+            let (x, y) = ((i % CELLS[0]) as f64 + 0.5, (i / CELLS[0]) as f64 + 0.5);
+            Pixel::new(x * width / CELLS[0] as f64, y * height / CELLS[1] as f64)
+        })
+        .collect();
+    let left = (1.0 - share.clamp(0.0, 0.9)) * free.len() as f64;
+    while free.len() as f64 > left {
+        let center = [rng.random_range(0.0..width), rng.random_range(0.0..height)];
+        let tall = rng.random_range(HALF_HEIGHTS[0]..HALF_HEIGHTS[1]) * height;
+        let is_in = |p: &Pixel| ((p.u - center[0]) * UPRIGHT).hypot(p.v - center[1]) <= tall;
+        free.retain(|p| !is_in(p));
+        for (inside, p) in inside.iter_mut().zip(keypoints) {
+            *inside |= is_in(p);
+        }
+    }
+    inside
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,5 +87,20 @@ mod tests {
             assert!(extent(|p| p.v) > 1.0 * extent(|p| p.u), "upright");
         }
         assert!(person(&[], 0.5, &mut rng).is_empty());
+    }
+
+    #[test]
+    fn turned_regions_cover_the_requested_share() {
+        let grid: Vec<Pixel> = (0..4800)
+            .map(|i| Pixel::new((f64::from(i % 80) + 0.5) * 8.0, (f64::from(i / 80) + 0.5) * 8.0))
+            .collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for share in [0.0, 0.2, 0.5] {
+            let inside = turned(&grid, [640, 480], share, &mut rng);
+            let covered = inside.iter().filter(|inside| **inside).count() as f64 / 4800.0;
+            // The last region may exceed it: the largest has a sixth of the image.
+            assert!((share - 0.01..share + 0.18).contains(&covered), "{share}: {covered}");
+            assert!(share > 0.0 || covered == 0.0);
+        }
     }
 }

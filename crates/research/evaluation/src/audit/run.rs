@@ -288,16 +288,16 @@ fn attack_image(
         }
         let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
         if let (Some(hiding), Some(view)) = (&answers.hiding, view) {
-            let unexplained = |i: &usize| view.known[*i].is_none();
+            let unexplained = |i: &usize| view.known[*i].is_none() && !view.ignored[*i];
             let (own, others): (Vec<usize>, Vec<usize>) =
                 (0..all.len()).filter(unexplained).partition(|i| view.measured[*i]);
             let of = |rows: &[usize]| rows.iter().map(|i| hiding[*i]).collect::<Vec<f64>>();
             row.hiding_auc.extend(roc_auc(&of(&own), &of(&others)));
         }
         if row.attack == Attack::PRIOR {
-            sent.prior_errors.clone_from(&errors);
-        }
-        if !errors.is_empty() {
+            let best = errors_px(attempt.prior_only(), truth);
+            sent.prior_errors = (0..best.len()).filter(|i| counts(*i)).map(|i| best[i]).collect();
+        } else if !errors.is_empty() {
             let bits = bits_over_prior(&errors, &sent.prior_errors, image.width, image.height);
             row.bits += bits * errors.len() as f64;
         }

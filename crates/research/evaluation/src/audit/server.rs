@@ -19,7 +19,7 @@ use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
 use super::options::{AttackEvaluation, MeasuredKeypoints, ServerKnowledge};
-use super::private_region::person;
+use super::private_region::{person, turned};
 use super::server_view::{PosedView, ServerView};
 use crate::EvalError;
 use crate::pose::pose_problem;
@@ -115,7 +115,17 @@ impl<'a> Server<'a> {
             let seed = seed_for(evaluation.seed, &[name, "private region"]);
             person(&image.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
         });
-        let in_map = |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]);
+        let turned = {
+            let seed = seed_for(evaluation.seed, &[name, "turned regions"]);
+            turned(
+                &image.keypoints,
+                [image.width, image.height],
+                self.knowledge.turned,
+                &mut ChaCha8Rng::seed_from_u64(seed),
+            )
+        };
+        let in_map =
+            |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]) && !turned[rows[m][0]];
         let selected: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
         let matched = restricted_to(problem, &selected, &rows);
 
@@ -169,7 +179,7 @@ impl<'a> Server<'a> {
             _ => None,
         };
         let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
-        let measured = match (private, self.knowledge.measured) {
+        let measured: Vec<bool> = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
             (None, MeasuredKeypoints::Hidden) => known.iter().map(Option::is_none).collect(),
             (None, MeasuredKeypoints::All) => vec![true; observations.len()],
@@ -182,7 +192,9 @@ impl<'a> Server<'a> {
                 known.iter().map(Option::is_some).collect()
             }
         };
-        Ok(ServerView { observed, sent: lines, observations, known, measured, pose })
+        let ignored = measured.iter().zip(&turned).map(|(measured, turned)| *measured && *turned).collect();
+        let measured = measured.iter().zip(&turned).map(|(measured, turned)| *measured && !turned).collect();
+        Ok(ServerView { observed, sent: lines, observations, known, measured, ignored, pose })
     }
 }
 

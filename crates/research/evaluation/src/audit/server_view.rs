@@ -16,6 +16,8 @@ pub(crate) struct ServerView {
     pub(crate) known: Vec<Option<Pixel>>,
     /// `[N]`: whether the error of a keypoint is measured.
     pub(crate) measured: Vec<bool>,
+    /// `[N]`: private keypoints whose descriptors are turned: they are neither measured nor counted as others.
+    pub(crate) ignored: Vec<bool>,
     /// The camera with its pose and depths, if a pose was found.
     pub(crate) pose: Option<PosedView>,
 }

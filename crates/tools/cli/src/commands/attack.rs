@@ -31,7 +31,7 @@ pub(crate) struct Args {
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
     /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other
     /// images), graph, transfer-graph. Attacks of a server that knows the pose (--server-matches): server-side and
-    /// iterative (the paper's), server-side-points, guided-transfer, several-frames. Attack with several sealed queries
+    /// iterative (the paper's), server-side-points, hole (what stands in front of the map), guided-transfer, several-frames. Attack with several sealed queries
     /// of the same image: resting-camera.
     #[arg(
         long,
@@ -85,6 +85,10 @@ pub(super) struct AdversaryArgs {
     /// for example a person in the image. Errors are measured on that region. Default: no such region.
     #[arg(long, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
     private: Option<f64>,
+    /// With --server-matches: this percentage of the image lies in random regions the shape of persons whose descriptors
+    /// the device sends turned, so that they match nothing. Errors are not measured there.
+    #[arg(long, default_value_t = 0.0, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
+    turned_regions: f64,
     /// With --server-matches: the keypoints on which errors are measured.
     #[arg(
         long,
@@ -177,6 +181,7 @@ impl AdversaryArgs {
                 problems: self.server_matches.clone(),
                 map_problems: Vec::new(),
                 private: self.private.map(|percent| percent / 100.0),
+                turned: self.turned_regions / 100.0,
                 measured: match self.measure {
                     MeasureArg::Hidden => MeasuredKeypoints::Hidden,
                     MeasureArg::All => MeasuredKeypoints::All,

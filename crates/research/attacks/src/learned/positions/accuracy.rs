@@ -6,7 +6,9 @@ use veiloc_geometry::Pixel;
 use veiloc_obfuscation::audit::obfuscate_points;
 use veiloc_protocol::AngleBits;
 
-use crate::{AttackError, ErrorSummary, KnownImage, Observation, bits_over_prior, errors_px, prior_only};
+use crate::{
+    AttackError, ErrorSummary, KnownImage, Observation, bits_over_prior, errors_px, prior_median, prior_only,
+};
 
 use super::bins::Bins;
 use super::{PositionNetwork, recover};
@@ -30,8 +32,8 @@ pub struct PositionAccuracy {
     pub bits: f64,
     /// [`bits_over_prior`] of [`PositionEstimate::mean`](super::PositionEstimate::mean).
     pub bits_of_mean: f64,
-    /// [`bits_over_prior`] of the posterior median of an untrained network: the gain of the median over the mean
-    /// alone, which is large for rows with several spans.
+    /// [`bits_over_prior`] of the posterior median of an untrained network: what the same answer is worth without
+    /// content.
     pub bits_untrained: f64,
     /// [`Self::information`] of each image.
     pub by_image: Vec<f64>,
@@ -83,7 +85,7 @@ pub fn position_accuracy(
         untrained += rows * bits_over_prior(&before, &prior, width, height);
         of_mean += rows * bits_over_prior(&mean, &prior, width, height);
         errors.extend(error);
-        prior_errors.extend(prior);
+        prior_errors.extend(errors_px(prior_median(&sent, width, height), &truth));
     }
     let keypoints = errors.len();
     Ok((keypoints > 0).then(|| PositionAccuracy {

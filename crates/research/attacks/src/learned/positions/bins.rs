@@ -1,4 +1,4 @@
-//! The possible positions of a keypoint, divided into bins with the exact probabilities of `crate::prior_only`.
+//! The possible positions of a keypoint, divided into bins with the exact probabilities of `crate::expected_positions`.
 //!
 //! Each candidate of an observation (a span of a line of a pencil, or one of two lines) is divided into bins of
 //! equal prior probability; the number of bins of a candidate is proportional to its share, at least one. A bin is
@@ -107,7 +107,7 @@ fn quantile(segment: &KnownSegment, share: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::{lift, prior_only};
+    use crate::{expected_positions, lift};
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::Pencils;
@@ -137,7 +137,7 @@ mod tests {
             );
             let sent = Observation::of_sent(&sent.expect("inside"));
             let bins = Bins::of(&sent, [640, 480], 64);
-            let expected = prior_only(&sent, 640, 480);
+            let expected = expected_positions(&sent, 640, 480);
             let mut far = 0;
             for (i, keypoint) in keypoints.iter().enumerate() {
                 let all = bins.of_row(i);

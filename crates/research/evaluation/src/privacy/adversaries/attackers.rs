@@ -150,6 +150,7 @@ impl Attackers<'_> {
                 problems: vec![scene.problems.clone()],
                 map_problems: vec![scene.map_problems.clone()],
                 private: (adversary == Adversary::PoseServerPrivate).then_some(PRIVATE_SHARE),
+                turned: 0.0,
                 measured: MeasuredKeypoints::Hidden,
             })
         };

@@ -6,7 +6,7 @@ use veiloc_attacks::multi_view::{
     Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack_matched, resting_camera,
     select_frames_matched,
 };
-use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
+use veiloc_attacks::{AttackError, Observation, errors_px, prior_median, prior_only};
 use veiloc_descriptor::{MatchOptions, match_descriptors};
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SessionAnchors;
@@ -57,7 +57,10 @@ impl Method {
 #[derive(Default)]
 pub(super) struct AttackErrors {
     pub(super) errors: Vec<f64>,
+    /// Errors of the best answer for bits.
     pub(super) prior: Vec<f64>,
+    /// Errors of the best answer for errors in pixels.
+    pub(super) prior_for_pixels: Vec<f64>,
     pub(super) size: (u32, u32),
 }
 
@@ -176,6 +179,7 @@ impl<'a> Target<'a> {
         };
         let (width, height) = self.size();
         let prior = prior_only(&self.observations, width, height);
+        let for_pixels = prior_median(&self.observations, width, height);
         counts
             .iter()
             .map(|count| {
@@ -196,6 +200,7 @@ impl<'a> Target<'a> {
                 Ok(AttackErrors {
                     errors: errors_px(evaluated.iter().map(|j| answer(j.0)), &truth),
                     prior: errors_px(evaluated.iter().map(|j| prior[j.0]), &truth),
+                    prior_for_pixels: errors_px(evaluated.iter().map(|j| for_pixels[j.0]), &truth),
                     size: (width, height),
                 })
             })

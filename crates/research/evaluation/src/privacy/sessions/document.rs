@@ -190,7 +190,7 @@ impl SessionRow {
         self.bits += bits * attacked.errors.len() as f64;
         self.images += 1;
         self.errors.extend(&attacked.errors);
-        self.prior.extend(&attacked.prior);
+        self.prior.extend(&attacked.prior_for_pixels);
     }
 
     /// The row with its final figures.

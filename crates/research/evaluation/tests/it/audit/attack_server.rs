@@ -112,6 +112,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
             problems: vec![problems.to_owned()],
             map_problems: Vec::new(),
             private: None,
+            turned: 0.0,
             measured: MeasuredKeypoints::Hidden,
         }),
         frames: vec![3],
