@@ -241,6 +241,24 @@ fn private_region_has_no_matches() {
     );
 }
 
+/// Turned descriptors match nothing, and errors are not measured on them.
+#[test]
+fn turned_regions_have_no_matches() {
+    let (_folder, [keypoints, problems]) = files(2, Matches::Right);
+    let mut options = evaluation(&keypoints, &problems, &[named("hole")]);
+    options.images = None;
+    let server = options.server.as_mut().expect("set");
+    server.private = Some(0.1);
+    let whole = run(&options).expect("attacked");
+    options.server.as_mut().expect("set").turned = 0.4;
+    let turned = run(&options).expect("attacked");
+    let ratio = turned.server[0].known / whole.server[0].known;
+    assert!((0.4..0.8).contains(&ratio), "{ratio}");
+    assert!(turned.server[0].measured < 0.1 - 1e-9, "{:?}", turned.server);
+    let auc = row(&turned, named("hole"), None).hiding_auc;
+    assert!(auc.is_some_and(|auc| (0.0..=1.0).contains(&auc)), "{auc:?}");
+}
+
 #[test]
 fn mismatched_files_and_missing_poses_are_reported() {
     let refused = |matches| {
