@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares the poses of layouts of dcl on every place: as it is, half hidden, and in a sparse map (decision 0047).
+"""Compares the poses of layouts of dcl on every place: as it is, half hidden, and in a sparse map (decision 0049).
 
     scripts/layout_poses.py --veiloc target/release/veiloc --data $VEILOC_DATA --work work --csv docs/results/privacy/layout-poses.csv
 
