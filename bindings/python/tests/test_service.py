@@ -21,7 +21,7 @@ class Service:
     def __init__(self, path, folder, map, *options):
         map.save(folder / "room.vmap")
         words = ["serve", "--map", f"room={folder / 'room.vmap'}", "--listen", "127.0.0.1:0", *options]
-        words += ["--admin-listen", "127.0.0.1:0"]
+        words += ["--admin-listen", "127.0.0.1:0", "--answer-quantum", "0"]
         # A background test run ignores SIGINT, and child processes inherit that.
         reset_sigint = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         self.process = subprocess.Popen([path, *words], stderr=subprocess.PIPE, text=True, preexec_fn=reset_sigint)

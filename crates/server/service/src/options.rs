@@ -243,9 +243,9 @@ const fn default_admin_port(listen: u16) -> u16 {
     }
 }
 
-/// About the 99th percentile of answers with a full queue on two cores, and twice what a query of an unknown focal length
-/// takes that is not localized.
-const ANSWER_QUANTUM: Duration = Duration::from_millis(500);
+/// Above the 99th percentile of answers with a full queue on two cores (0.5 s), and of queries of an unknown focal length
+/// that are not localized (0.8 s of processor time on busy cores).
+const ANSWER_QUANTUM: Duration = Duration::from_secs(1);
 
 const DEFAULT_RATE: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
 

@@ -148,6 +148,7 @@ async fn http_answers_equal_those_of_a_local_map() {
     let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
     let mut options = ServerOptions::new(Vec::new());
     options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
+    options.answer_quantum = Duration::ZERO;
     let backend = Arc::new(cluster.gateway.clone());
     options.remote_maps = vec![RemoteMap { name: MAP.to_owned(), backend }];
     let (query, other) = (published.query(&truth()), common::service::TestScene::new(5).sealed(&truth()));

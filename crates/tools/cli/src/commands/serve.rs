@@ -146,7 +146,7 @@ pub(crate) struct Args {
     /// Answers leave at whole multiples of these seconds after a query was received, so that their time does not show
     /// whether a pose was found; 0 turns this off. It should exceed the time of almost all localizations
     /// (`veiloc_late_answers_total` counts the others).
-    #[arg(long, default_value_t = 0.5, value_parser = not_negative, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 1.0, value_parser = not_negative, value_name = "SECONDS")]
     answer_quantum: f64,
     /// Timeout for receiving a query's body, in seconds.
     #[arg(long, default_value_t = 15.0, value_parser = positive, value_name = "SECONDS")]
