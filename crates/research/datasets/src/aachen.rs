@@ -11,13 +11,13 @@ use std::str::FromStr;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, read_posed, write_binary};
 use veiloc_map::{PosedImage, PosedImages};
+use veiloc_mapping::importers::lines::Line;
+use veiloc_mapping::importers::poses::nvm::{radial_camera, read_nvm};
 
 use crate::error::DatasetError;
 use crate::files::{ImageFiles, MissingImages, size};
-use crate::lines::{Line, read_text};
-use crate::nvm::read_nvm;
+use crate::lines::read_text;
 use crate::official::is_whole;
-use crate::radial;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
 use crate::write::{DatasetCamera, DatasetView, ViewRole};
@@ -125,7 +125,7 @@ fn by_nvm(
         let listed = known.name.strip_prefix("./").unwrap_or(&known.name);
         let Some(name) = found.find(listed) else { continue };
         let camera =
-            radial::camera(known.focal, known.distortion, size(&folder.join(&name))?).map_err(|e| {
+            radial_camera(known.focal, known.distortion, size(&folder.join(&name))?).map_err(|e| {
                 DatasetError::Unusable { path: path.to_owned(), reason: format!("{listed}: {e}") }
             })?;
         images.push(PosedImage {
@@ -163,7 +163,7 @@ pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, DatasetE
     let mut queries: Vec<(String, Intrinsics)> = Vec::new();
     for line in Line::all(path, &text) {
         let [name, model, ..] = line.words[..] else {
-            return Err(line.fault("a query needs its name and its camera"));
+            return Err(line.fault("a query needs its name and its camera").into());
         };
         let (w, h) = (line.number(2, "the width")?, line.number(3, "the height")?);
         let params: Vec<f64> = (4..line.words.len())
@@ -193,7 +193,7 @@ pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, Data
         );
         let pose = pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
         if poses.insert(line.words[0].to_owned(), pose).is_some() {
-            return Err(line.fault(format!("{} appears twice", line.words[0])));
+            return Err(line.fault(format!("{} appears twice", line.words[0])).into());
         }
     }
     Ok(poses)

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
+use veiloc_mapping::importers::lines::{Line, pose_at};
+use veiloc_mapping::importers::poses::nvm::{NvmModel, radial_camera, read_nvm};
 
 use crate::error::DatasetError;
 use crate::files::{ImageFiles, MissingImages, size};
-use crate::lines::{Line, pose_at, read_text};
-use crate::nvm::{NvmModel, read_nvm};
+use crate::lines::read_text;
 use crate::official::is_whole;
-use crate::radial;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
 use crate::write::{DatasetCamera, DatasetView, ViewRole};
@@ -119,7 +119,7 @@ pub fn read_scene(
                 path: path.clone(),
                 reason: format!("has no camera of {}; {GET}, or give --camera", listed.name),
             })?;
-            let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
+            let camera = radial_camera(known.focal, known.distortion, size(&folder.join(&name))?)
                 .map_err(|e| DatasetError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
             (camera, known.seen.clone())
         };
@@ -159,7 +159,7 @@ fn model(folder: &Path) -> Result<NvmModel, DatasetError> {
             remedy: format!("{GET}, or give all images one camera with --camera"),
         });
     }
-    read_nvm(&path)
+    Ok(read_nvm(&path)?)
 }
 
 /// A name without its extension: lists have `.png` where models have `.jpg`.

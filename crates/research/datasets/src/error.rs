@@ -78,14 +78,13 @@ pub enum DatasetError {
     /// A COLMAP model could not be read, or poses do not fit together.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
+    /// A model of another program could not be read.
+    #[error(transparent)]
+    Mapping(#[from] veiloc_mapping::MappingError),
 }
 
 impl DatasetError {
     pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), source }
-    }
-
-    pub(crate) fn line(path: &Path, line: usize, reason: impl Into<String>) -> Self {
-        Self::Line { path: path.to_owned(), line, reason: reason.into() }
     }
 }

@@ -5,7 +5,6 @@
 //! - [`aachen`]: Aachen Day-Night v1 and v1.1, whose queries have no published poses.
 //! - [`mod@write`]: writes the same folders, so that other programs can read a user's own scene. Writer and reader of
 //!   a data set are in one file.
-//! - [`nvm`]: VisualSFM's models, which two of the data sets contain.
 //!
 //! A reader returns a [`DatasetScene`]: images with cameras and poses, split into map images and queries. Errors name
 //! what is missing and where to get it. Readers use lists and image sizes, never pixels.
@@ -16,10 +15,8 @@ pub mod cambridge;
 mod error;
 mod files;
 mod lines;
-pub mod nvm;
 mod official;
 pub mod problem_files;
-mod radial;
 mod scene;
 pub mod seven_scenes;
 pub mod write;

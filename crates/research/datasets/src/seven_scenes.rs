@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
+use veiloc_mapping::importers::lines::Line;
 
 use crate::error::DatasetError;
 use crate::files::{ImageFiles, MissingImages, size};
-use crate::lines::{Line, read_text};
+use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
@@ -199,7 +200,8 @@ fn by_list(
         if others.contains(sequence) {
             return Err(line.fault(format!(
                 "{listed} belongs to a sequence of the other split, so a map image would be a query; get lists and splits again"
-            )));
+            ))
+            .into());
         }
         let (wxyz, t) = (line.numbers(1, "the quaternion")?, line.numbers(5, "the translation")?);
         let [focal] = line.numbers(8, "the focal length")?;

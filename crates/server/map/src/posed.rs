@@ -75,7 +75,9 @@ impl PosedImages {
         Self { images, points, by_name, remarks: Vec::new() }
     }
 
-    pub(crate) fn with_remarks(self, remarks: Vec<String>) -> Self {
+    /// The same images with other remarks, for readers of other formats.
+    #[must_use]
+    pub fn with_remarks(self, remarks: Vec<String>) -> Self {
         Self { remarks, ..self }
     }
 

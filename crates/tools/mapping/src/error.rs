@@ -11,7 +11,15 @@ use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
 use crate::frames::OtherFrame;
+use crate::importers::poses::PoseFormat;
 use crate::report::MapWarning;
+use crate::structure_from_motion::INSTALL;
+
+/// What is looked for in a folder or file of posed images.
+const LOOKED_FOR: &str = "looked for: a COLMAP model (cameras and images, also in sparse/0), transforms.json \
+                          (nerfstudio), bundle.out, .nvm, reconstruction.json (OpenSfM), Metashape's XML, RealityCapture's CSV, \
+                          sensors/sensors.txt (kapture), mav0 (EuRoC), trajectories of TUM and KITTI, captures of Polycam, \
+                          Record3D and 3D Scanner App";
 
 /// Errors of building, changing and testing maps, and of reading and writing hloc's files.
 #[derive(Debug, thiserror::Error)]
@@ -196,6 +204,68 @@ pub enum MappingError {
         /// The problem and the remedy.
         reason: String,
     },
+    /// A line of a file of poses or of a list is invalid.
+    #[error("{}:{line}: {reason}", path.display())]
+    PosesLine {
+        /// The file.
+        path: PathBuf,
+        /// Line number, from 1.
+        line: usize,
+        /// The problem and the remedy.
+        reason: String,
+    },
+    /// Posed images of another program cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Poses {
+        /// The file or folder.
+        path: PathBuf,
+        /// The problem and the remedy.
+        reason: String,
+    },
+    /// No format of posed images was recognized.
+    #[error(
+        "{}: no posed images are recognized {}; {LOOKED_FOR}",
+        path.display(),
+        if *is_folder { "in this folder" } else { "in this file" }
+    )]
+    UnknownPoses {
+        /// The file or folder.
+        path: PathBuf,
+        /// Whether it is a folder.
+        is_folder: bool,
+    },
+    /// A folder has posed images in several formats.
+    #[error("{}: posed images of several formats are here; give one of them: {}", path.display(), formats(found))]
+    AmbiguousPoses {
+        /// The folder.
+        path: PathBuf,
+        /// Each format, and its file or folder.
+        found: Vec<(PoseFormat, PathBuf)>,
+    },
+    /// A map cannot be aligned, or two maps cannot be brought to one frame.
+    #[error("the map cannot be aligned: {reason}")]
+    Alignment {
+        /// The problem and the remedy.
+        reason: String,
+    },
+    /// Neither pycolmap nor COLMAP was found.
+    #[error(
+        "images without poses need structure from motion, and {} has no pycolmap{}; install it: {INSTALL}",
+        python.display(),
+        if *is_given { "" } else { ", and no program colmap is on the PATH" }
+    )]
+    NoSfmProgram {
+        /// The Python that was searched.
+        python: PathBuf,
+        /// Whether the user named it.
+        is_given: bool,
+    },
+    /// Structure from motion failed.
+    #[error("structure from motion: {reason}")]
+    Sfm {
+        /// The problem and the remedy.
+        reason: String,
+    },
     /// An entry cannot be written.
     #[error("{name:?} cannot be written into an hloc file: {reason}")]
     Unwritable {
@@ -211,6 +281,13 @@ impl MappingError {
     pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), source }
     }
+}
+
+/// The formats with their files, for messages.
+fn formats(found: &[(PoseFormat, PathBuf)]) -> String {
+    let each: Vec<String> =
+        found.iter().map(|(format, path)| format!("{} ({format})", path.display())).collect();
+    each.join(", ")
 }
 
 /// The groups, one per line.

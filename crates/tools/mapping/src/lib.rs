@@ -11,10 +11,13 @@
 //! - [`build`]: builds a map from images with known poses.
 //! - [`prepare`]: computes one share of a distributed build.
 //! - [`add`], [`remove`]: add and remove images; unaffected points stay bit-identical.
+//! - [`align`]: transforms a map to another world frame; [`merge`] joins two maps.
 //! - [`import`]: imports a complete COLMAP model with its points and observations.
 //! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
 //! - [`HoldOutMap`]: the map without some of its images.
 //! - [`diagnose`]: the likely reason why images are inconsistent.
+//! - [`structure_from_motion`]: poses of images without poses, by pycolmap or COLMAP.
+//! - [`importers::poses`]: poses of other programs.
 //! - [`BuildReport`]: the result of a build, and every [`MapWarning`] about the map.
 //!
 //! Poses are fixed: only points are refined. Results do not depend on the number of threads or on timing.
@@ -49,6 +52,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod align;
 mod bad_image;
 mod build;
 pub mod build_cache;
@@ -67,12 +71,14 @@ mod import;
 pub mod importers;
 mod input;
 mod matching;
+mod merge;
 mod options;
 mod pairs;
 mod prepare;
 mod progress;
 mod report;
 mod scene;
+pub mod structure_from_motion;
 mod tracks;
 mod triangulation;
 mod view;
@@ -90,6 +96,7 @@ pub use hold_out::HoldOutMap;
 pub use image_names::{NameIndex, image_file, mask_file};
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
+pub use merge::{MergeReport, merge};
 pub use options::BuildOptions;
 pub use prepare::{BuildStage, ShareSummary, StageShare, prepare};
 pub use progress::Progress;

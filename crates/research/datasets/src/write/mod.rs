@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_mapping::importers::poses::nvm::radial_camera;
 
 use crate::error::DatasetError;
-use crate::{aachen, cambridge, radial, seven_scenes};
+use crate::{aachen, cambridge, seven_scenes};
 
 /// The layout of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +96,7 @@ impl DatasetCamera {
     /// # Errors
     /// [`DatasetError::Unusable`] for an empty image.
     pub fn camera(&self) -> Result<Intrinsics, DatasetError> {
-        radial::camera(self.focal, self.distortion, self.size)
+        radial_camera(self.focal, self.distortion, self.size)
             .map_err(|e| DatasetError::Unusable { path: PathBuf::new(), reason: e.to_string() })
     }
 }

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use veiloc_datasets::nvm::{parse, read_nvm};
 use veiloc_datasets::seven_scenes::PoseSource;
 use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
 use veiloc_datasets::{DatasetError, DatasetScene, MissingImages, aachen, cambridge, seven_scenes};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_mapping::importers::poses::nvm::{parse, read_nvm};
 use veiloc_testdata::real_data_test;
 
 const HERE: MissingImages = MissingImages::LeaveOut;

@@ -1,13 +1,17 @@
 //! `veiloc map`: build, import, inspect, change, compress, split, publish and export maps.
 
+mod align;
 mod compress;
 mod export;
 mod frame;
 pub(crate) mod info;
+mod merge;
 #[cfg(feature = "cluster")]
 pub(crate) mod publish;
 mod self_test;
+mod sfm;
 pub(crate) mod split;
+mod view;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -24,7 +28,8 @@ use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, OnOtherFrame, V
 use self::frame::FrameArgs;
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
-use crate::commands::posed::{read_posed, warn_of};
+use self::sfm::SfmArgs;
+use crate::commands::posed::{read_posed_input, warn_of};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::lists;
@@ -35,14 +40,20 @@ use crate::ui::Ui;
 /// What to do with a map.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Build a map from images with known poses.
+    /// Build a map from images, with or without known poses.
     Build(BuildArgs),
     /// Build a map from a complete COLMAP model, with its points and observations.
     Import(ImportArgs),
     /// Print facts about a map.
     Info(InfoArgs),
+    /// Write a page that shows a map in 3D, its weak parts, and what to do about them.
+    View(view::ViewArgs),
     /// Add images with known poses to a map, without rebuilding it.
     Add(AddArgs),
+    /// Transform a map to metres, north and gravity, or to the frame of another map.
+    Align(align::AlignArgs),
+    /// Merge two maps that show a common part.
+    Merge(merge::MergeArgs),
     /// Remove images from a map, with their keypoints and the points that only they observe.
     Remove(RemoveArgs),
     /// Write the profile that a device needs to seal queries for a map; it contains no map data.
@@ -71,7 +82,8 @@ pub(crate) enum Command {
 #[derive(clap::Args)]
 struct OutputArgs {
     /// Direction of gravity (down) in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). It
-    /// is used with the gravity of queries (`seal --gravity`). Default: not known; the gravity of queries is not used.
+    /// is used with the gravity of queries (`seal --gravity`). Default: the direction that the format of `--posed` defines (AR
+    /// captures, RealityCapture, OpenSfM with a reference); otherwise not known, and the gravity of queries is not used.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     down: Option<GravityDirection>,
     /// The map file to write.
@@ -85,14 +97,17 @@ struct OutputArgs {
 /// Images with known poses.
 #[derive(clap::Args)]
 struct PosedArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary. Points are optional; if present, they help to
-    /// find image pairs.
-    #[arg(long, value_name = "DIR")]
-    posed: PathBuf,
+    /// Images with cameras and poses: a COLMAP model (also in sparse/0), or a file or folder of nerfstudio
+    /// (transforms.json), Bundler, VisualSFM (.nvm), OpenSfM, Metashape (XML), RealityCapture (CSV), kapture, Polycam,
+    /// Record3D or 3D Scanner App, or a trajectory of TUM, KITTI or EuRoC. The format is recognized and printed. Points are
+    /// optional; if present, they help to find image pairs.
+    #[arg(long, value_name = "PATH")]
+    posed: Option<PathBuf>,
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Names of the images to use, one per line. Default: every image of the model.
+    /// Names of the images to use, one per line. Default: every image with a pose, or, without poses, every JPEG and PNG
+    /// file of the folder.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     #[command(flatten)]
@@ -113,7 +128,10 @@ impl BadImageArgs {
     }
 }
 
-/// Build a map from images with known poses.
+/// Build a map from images, with or without known poses.
+///
+/// Poses are those of --posed, or else structure from motion computes them, by pycolmap or COLMAP: the map then has no metric
+/// scale, and its work folder (--work, or beside the map) keeps what it computed, so that an interrupted build continues.
 ///
 /// Extracts features, matches overlapping images, checks the matches against the known poses, triangulates map points,
 /// localizes some of the map's own images as a self-test, and writes one file. A group of images whose poses are in
@@ -123,6 +141,8 @@ impl BadImageArgs {
 pub(crate) struct BuildArgs {
     #[command(flatten)]
     posed: PosedArgs,
+    #[command(flatten)]
+    sfm: SfmArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
@@ -199,6 +219,7 @@ pub(crate) struct InfoArgs {
 /// Before they join, the images are localized in the map. If their poses are in another frame than the map, the command
 /// refuses them, or transforms them with --align.
 #[derive(clap::Args)]
+#[command(mut_arg("posed", |posed| posed.required(true)))]
 pub(crate) struct AddArgs {
     /// The map.
     map: PathBuf,
@@ -267,6 +288,9 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
             InfoOutput { list: args.images, json: args.json, ..InfoOutput::default() }.print(&args.map, ui)
         }
         Command::Add(args) => add(args, ui),
+        Command::View(args) => view::run(args, ui),
+        Command::Align(args) => align::run(args, ui),
+        Command::Merge(args) => merge::run(args, ui),
         Command::Remove(args) => remove(args, ui),
         Command::Profile(args) => profile(args, ui),
         Command::Compress(args) => compress::run(args, ui),
@@ -284,7 +308,9 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 }
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
-    let posed_input = args.posed.read(ui)?;
+    let posed_input = args.posed.read(ui, |names| {
+        args.sfm.posed(&args.posed.images, names, args.work.as_deref(), &args.written.out, ui)
+    })?;
     if args.pairs.out_pairs.is_some() {
         posed_input.names().try_for_each(check_pair_name)?;
     }
@@ -311,7 +337,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
              {fault}"
         ));
     }
-    model.down = args.written.down;
+    model.down = args.written.down.or(posed_input.down);
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
     args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
@@ -388,7 +414,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
 }
 
 fn add(args: &AddArgs, ui: &Ui) -> Outcome {
-    let posed_input = args.posed.read(ui)?;
+    let posed_input = args.posed.read(ui, |_| Err(Failure::refused("give poses with --posed")))?;
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
     let extractors = args.features.extractors(&model.profile)?;
@@ -492,15 +518,27 @@ fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
 /// The data that [`PosedArgs`] names.
 struct PosedInput<'a> {
     images: PosedImages,
+    /// The direction of gravity that the format defines.
+    down: Option<GravityDirection>,
     names: Option<Vec<String>>,
     args: &'a PosedArgs,
 }
 
 impl PosedArgs {
-    fn read(&self, ui: &Ui) -> Result<PosedInput<'_>, Failure> {
-        let images = read_posed(&self.posed, ui)?;
+    /// Reads the posed images; without `--posed` it computes them.
+    fn read(
+        &self,
+        ui: &Ui,
+        compute: impl FnOnce(Option<&[String]>) -> Result<PosedImages, Failure>,
+    ) -> Result<PosedInput<'_>, Failure> {
         let names = self.list.as_deref().map(lists::read_list).transpose()?;
-        Ok(PosedInput { images, names, args: self })
+        let Some(posed) = &self.posed else {
+            // Images without a pose were named; the others are used.
+            let images = compute(names.as_deref())?;
+            return Ok(PosedInput { images, down: None, names: None, args: self });
+        };
+        let read = read_posed_input(posed, &self.images, ui)?;
+        Ok(PosedInput { images: read.images, down: read.down, names, args: self })
     }
 }
 

@@ -1,26 +1,40 @@
-//! Reads posed images, and says what was left out of them.
+//! Reads posed images of any format, and says which it was and what was left out of them.
 
 use std::path::Path;
 
 use veiloc_map::PosedImages;
-use veiloc_map::colmap;
+use veiloc_mapping::importers::poses::{self, PosedInput};
 
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-/// Reads the posed images of a COLMAP model, and warns of what is left out.
+/// Reads posed images; `images` is the folder of the images.
 ///
 /// # Errors
-/// The folder has no model that can be read.
-pub(crate) fn read_posed(folder: &Path, ui: &Ui) -> Result<PosedImages, Failure> {
-    let posed = colmap::read_posed(folder)?;
-    warn_of(folder, posed.remarks(), ui);
-    Ok(posed)
+/// No format is recognized, several are, or the file cannot be read.
+pub(crate) fn read_posed(path: &Path, images: &Path, ui: &Ui) -> Result<PosedImages, Failure> {
+    Ok(read_posed_input(path, images, ui)?.images)
 }
 
-/// Warns of what reading a COLMAP model left out or changed.
-pub(crate) fn warn_of(folder: &Path, remarks: &[String], ui: &Ui) {
+/// The same with what the format says about the world frame.
+pub(crate) fn read_posed_input(path: &Path, images: &Path, ui: &Ui) -> Result<PosedInput, Failure> {
+    let read = poses::read_posed(path, images)?;
+    // The folder of a COLMAP model needs no word.
+    if read.path != path || read.format != poses::PoseFormat::Colmap {
+        ui.info(format_args!(
+            "{}: {}, {} images",
+            read.path.display(),
+            read.format,
+            read.images.images().len()
+        ));
+    }
+    warn_of(&read.path, read.images.remarks(), ui);
+    Ok(read)
+}
+
+/// Warns of what reading posed images left out or changed.
+pub(crate) fn warn_of(path: &Path, remarks: &[String], ui: &Ui) {
     for remark in remarks {
-        ui.warn(format_args!("warning: {}: {remark}", folder.display()));
+        ui.warn(format_args!("warning: {}: {remark}", path.display()));
     }
 }

@@ -380,8 +380,11 @@ fn posed_models_and_lists() {
             refused(list("missing"), &["bad/missing.txt", "check the path"]),
             refused(list("intrinsics"), &["bad/intrinsics.txt", "line 1", "would not be used", "names only"]),
             refused(list("one"), &["no point could be triangulated", "overlap"]),
-            refused(build("bad/missing", "map.txt", "bad/x.vmap"), &["bad/missing", "give the folder"]),
-            refused(build("images", "map.txt", "bad/x.vmap"), &["images", "give the folder"]),
+            refused(build("bad/missing", "map.txt", "bad/x.vmap"), &["bad/missing", "check the path"]),
+            refused(
+                build("images", "map.txt", "bad/x.vmap"),
+                &["images", "no posed images", "transforms.json"],
+            ),
             refused(posed("nan"), &["images.txt", "line", "not finite", "remove the image"]),
             refused(posed("infinite"), &["images.txt", "line", "not finite", "remove the image"]),
             refused(posed("zero"), &["images.txt", "line", "quaternion is zero", "remove the image"]),

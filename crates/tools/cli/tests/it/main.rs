@@ -1,5 +1,6 @@
 //! Tests of `veiloc-cli` from outside, one executable: linking is what costs.
 
+mod aligned_maps;
 mod args;
 mod attack;
 mod audit;
@@ -41,3 +42,4 @@ mod sessions;
 mod settings;
 mod tokens;
 mod trust_states;
+mod without_poses;

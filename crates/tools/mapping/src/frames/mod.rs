@@ -24,7 +24,8 @@ use veiloc_protocol::Scheme;
 
 pub use self::similarity::Similarity3;
 
-use self::consensus::{Comparison, FoundFrame, compare, median};
+pub(crate) use self::consensus::median;
+use self::consensus::{Comparison, FoundFrame, compare};
 use self::groups::weakly_linked;
 use crate::calibration::query::{options_for, sealed, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
@@ -284,6 +285,65 @@ pub(crate) fn compare_groups(
         found.extend(groups.into_iter().filter(|group| group.frame.localized >= MIN_GROUP));
     }
     Ok((total, found))
+}
+
+/// The similarity from the frame of a map to that of another map, by localizing up to `limit` of its images in the other.
+///
+/// # Errors
+/// [`MappingError::Alignment`]: other descriptors, fewer than three localized images, or no similarity on which more than
+/// half of them agree.
+pub(crate) fn common_frame(
+    model: &MapModel,
+    reference: &MapModel,
+    limit: usize,
+    progress: &dyn Progress,
+) -> Result<OtherFrame, MappingError> {
+    let refuse = |reason: String| Err(MappingError::Alignment { reason });
+    let kinds = [model, reference].map(|map| map.profile.descriptor_kind());
+    if kinds[0] != kinds[1] {
+        let [own, other] = kinds.map(|kind| kind.name().to_owned());
+        return refuse(format!(
+            "one map has features {own}, the other {other}; build both with the same --features"
+        ));
+    }
+    let Some(in_reference) = ReferenceMap::of(reference)? else {
+        return refuse("nothing can be localized in the other map: it has no points".to_owned());
+    };
+    // Queries are sealed for the other map.
+    let queries = MapModel { profile: reference.profile.clone(), ..model.clone() };
+    let images: Vec<usize> = (0..queries.images.len()).collect();
+    let (report, groups) = in_reference.compare(&queries, &images, limit, progress);
+    let FrameReport { tested, localized, .. } = report;
+    let of_groups: usize = groups.iter().map(|group| group.frame.localized).sum();
+    let same = localized.saturating_sub(of_groups + report.disagreeing.len());
+    if localized < MIN_GROUP {
+        return refuse(format!(
+            "{localized} of {tested} images of the one map are localized in the other, and {MIN_GROUP} are needed; the maps \
+             must show a common part"
+        ));
+    }
+    let identity = OtherFrame {
+        names: queries.images.iter().map(|image| image.name.clone()).collect(),
+        localized: same,
+        map_from_given: Similarity3::identity(),
+        distance: 0.0,
+        distance_sd: 0.0,
+        angle_sd_deg: 0.0,
+        scale_sd: None,
+    };
+    let frames = || groups.iter().map(|group| &group.frame).chain([&identity]);
+    match frames().max_by_key(|frame| frame.localized) {
+        Some(best) if best.localized >= MIN_GROUP && 2 * best.localized > localized => Ok(best.clone()),
+        _ => {
+            let each: Vec<String> =
+                frames().filter(|frame| frame.localized > 0).map(|frame| format!("\n  {frame}")).collect();
+            refuse(format!(
+                "{localized} of {tested} images of the one map are localized in the other, but they do not agree on one \
+                 transform; a map may have parts in frames of their own, or the maps show places that look alike:{}",
+                each.concat()
+            ))
+        }
+    }
 }
 
 /// Maximum number of localized images of those that are added: as in a self-test.

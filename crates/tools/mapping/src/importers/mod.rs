@@ -1,3 +1,5 @@
 //! Readers and writers of other tools' files.
 
 pub mod hloc;
+pub mod lines;
+pub mod poses;

@@ -93,7 +93,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
     if let Some(scene) = args.posed_scene.given() {
         evaluation.scene = Some(AdversaryScene {
-            posed: read_posed(&scene.posed, ui)?,
+            posed: read_posed(&scene.posed, &scene.images, ui)?,
             images: scene.images,
             map_list: lists::read_list(&scene.map_list)?,
             query_list: lists::read_list(&scene.query_list)?,

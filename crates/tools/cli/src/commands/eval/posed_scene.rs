@@ -7,8 +7,8 @@ use crate::localization_args::positive;
 /// A scene with known poses.
 #[derive(clap::Args)]
 pub(super) struct PosedSceneArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
-    #[arg(long, value_name = "DIR")]
+    /// Posed images, of any format that `map build --posed` reads; points are ignored.
+    #[arg(long, value_name = "PATH")]
     pub(super) posed: PathBuf,
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
@@ -25,8 +25,8 @@ pub(super) struct PosedSceneArgs {
 /// The same arguments if the scene is optional: all or none of them must be given.
 #[derive(clap::Args)]
 pub(super) struct OptionalPosedSceneArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are ignored.
-    #[arg(long, value_name = "DIR", requires_all = ["images", "map_list", "query_list"])]
+    /// Posed images, of any format that `map build --posed` reads; points are ignored.
+    #[arg(long, value_name = "PATH", requires_all = ["images", "map_list", "query_list"])]
     posed: Option<PathBuf>,
     /// Folder of the images.
     #[arg(long, value_name = "DIR", requires = "posed")]

@@ -48,7 +48,7 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let query_list = lists::read_list(&args.posed_scene.query_list)?;
     let source = ProblemSource {
-        posed: &read_posed(&args.posed_scene.posed, ui)?,
+        posed: &read_posed(&args.posed_scene.posed, &args.posed_scene.images, ui)?,
         images: &args.posed_scene.images,
         map_list: &lists::read_list(&args.posed_scene.map_list)?,
         query_list: &query_list,

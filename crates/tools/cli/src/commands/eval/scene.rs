@@ -97,7 +97,7 @@ impl SceneArgs {
             localize: self.matching.options(&self.pose),
             seed: self.pose.run.seed,
             ..SceneEvaluation::of_scene(
-                read_posed(&self.posed_scene.posed, ui)?,
+                read_posed(&self.posed_scene.posed, &self.posed_scene.images, ui)?,
                 self.posed_scene.images.clone(),
                 lists::read_list(&self.posed_scene.map_list)?,
                 names,
@@ -116,9 +116,9 @@ impl Args {
 /// Queries that must not be localized.
 #[derive(clap::Args)]
 struct NegativeArgs {
-    /// Folder of a COLMAP model of another scene, for the cameras of the negative queries, whose poses in this map are
+    /// Posed images of another scene, of any format that `map build --posed` reads, for the cameras of the negative queries, whose poses in this map are
     /// all wrong. The table counts those that get a pose, and those that get a trusted pose.
-    #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "DIR", requires_all = ["negatives_images", "negatives_list"])]
+    #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "PATH", requires_all = ["negatives_images", "negatives_list"])]
     posed: Option<PathBuf>,
     /// Folder of the other scene's images.
     #[arg(
@@ -137,7 +137,7 @@ impl NegativeArgs {
     fn negatives(&self, ui: &Ui) -> Result<Option<NegativeQueryImages>, Failure> {
         match (&self.posed, &self.images, &self.list) {
             (Some(posed), Some(images), Some(list)) => Ok(Some(NegativeQueryImages {
-                posed: read_posed(posed, ui)?,
+                posed: read_posed(posed, images, ui)?,
                 images: images.clone(),
                 list: lists::read_list(list)?,
             })),

@@ -76,7 +76,7 @@ on --seed, the name of the image and the name of the stress):
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
     let mut evaluation = StressEvaluation::new(
-        read_posed(&args.posed_scene.posed, ui)?,
+        read_posed(&args.posed_scene.posed, &args.posed_scene.images, ui)?,
         args.posed_scene.images.clone(),
         lists::read_list(&args.posed_scene.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),

@@ -6,6 +6,7 @@ use serde::Serialize;
 use veiloc_map::MapFile;
 use veiloc_mapping::{BadImage, FrameReport, MapWarning, SkippedImages};
 
+use super::align::AlignmentInfo;
 use super::frame::{self, FrameInfo};
 use super::self_test::SelfTestInfo;
 use crate::exit::{Exit, Outcome};
@@ -54,6 +55,9 @@ pub(crate) struct Info {
     /// Comparison of the poses of images with the frame of the map; absent if there was none.
     #[serde(skip_serializing_if = "Option::is_none")]
     frame: Option<FrameInfo>,
+    /// The transform of the map by `map align`, or of the second map by `map merge`; absent for other commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    alignment: Option<AlignmentInfo>,
     /// Reasons to expect poor localization; may be empty.
     warnings: Vec<Warning>,
     /// Images that `--skip-bad` left out; absent when there are none.
@@ -128,6 +132,7 @@ pub(super) struct InfoOutput {
     pub(super) skipped: Vec<BadImage>,
     pub(super) warnings: Vec<MapWarning>,
     pub(super) frame: Option<FrameReport>,
+    pub(super) alignment: Option<AlignmentInfo>,
 }
 
 impl InfoOutput {
@@ -157,6 +162,7 @@ impl InfoOutput {
             skipped: self.skipped.iter().map(skipped).collect(),
             image_list: self.list.then_some(images),
             frame: self.frame.as_ref().map(FrameInfo::of),
+            alignment: self.alignment,
             ..facts(&map, path)
         };
         if !self.skipped.is_empty() {
@@ -209,6 +215,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
             .map(|region| RegionInfo { core_images: region.core_count(), map_images: region.images }),
         self_test: map.self_test().map(SelfTestInfo::of),
         frame: None,
+        alignment: None,
         warnings: Vec::new(),
         skipped: Vec::new(),
         image_list: None,

@@ -1,3 +1,4 @@
 //! Tests of `importers`.
 
 mod hloc;
+mod poses;

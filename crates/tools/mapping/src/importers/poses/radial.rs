@@ -13,7 +13,10 @@ const RADII: usize = 64;
 
 /// The camera of an image with this size, its principal point in the centre, with the focal length (pixels) and
 /// distortion of an NVM file.
-pub(crate) fn camera(focal: f64, distortion: f64, (w, h): (u32, u32)) -> Result<Intrinsics, IntrinsicsError> {
+///
+/// # Errors
+/// [`IntrinsicsError`]: the focal length is not positive, or a number is not finite.
+pub fn radial_camera(focal: f64, distortion: f64, (w, h): (u32, u32)) -> Result<Intrinsics, IntrinsicsError> {
     let (cx, cy) = (f64::from(w) / 2.0, f64::from(h) / 2.0);
     if distortion == 0.0 || focal <= 0.0 {
         return Intrinsics::new("SIMPLE_PINHOLE", w, h, &[focal, cx, cy]);
@@ -58,7 +61,7 @@ mod tests {
             (1084.59, -0.06, (1600, 1067)),
             (1670.0, 0.03, (1920, 1080)),
         ] {
-            let camera = camera(focal, r, size).expect("a camera");
+            let camera = radial_camera(focal, r, size).expect("a camera");
             let (cx, cy) = (f64::from(size.0) / 2.0, f64::from(size.1) / 2.0);
             let mut worst: f64 = 0.0;
             for (x, y) in [(0.0, 0.0), (0.25, 0.1), (0.5, 0.5), (0.8, 0.3), (1.0, 1.0), (1.0, 0.5)] {
@@ -71,9 +74,9 @@ mod tests {
             assert!(worst < 0.2, "f {focal}, r {r}: {worst} px");
         }
         assert_eq!(
-            camera(500.0, 0.0, (640, 480)).expect("a camera").to_string(),
+            radial_camera(500.0, 0.0, (640, 480)).expect("a camera").to_string(),
             "SIMPLE_PINHOLE,640,480,500,320,240"
         );
-        assert!(camera(-1.0, 0.1, (640, 480)).is_err());
+        assert!(radial_camera(-1.0, 0.1, (640, 480)).is_err());
     }
 }

@@ -10,8 +10,11 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::error::DatasetError;
-use crate::lines::{Line, pose_at};
+use super::{Poses, faulty};
+use crate::error::MappingError;
+use crate::importers::lines::{Line, pose_at};
+use crate::importers::poses::names::ImageNames;
+pub use crate::importers::poses::radial::radial_camera;
 
 /// Number of fields after the name of a camera.
 const CAMERA_FIELDS: usize = 10;
@@ -44,7 +47,7 @@ pub struct NvmModel {
 
 impl NvmModel {
     /// A remark about further models in the file, if there are any.
-    pub(crate) fn remark(&self) -> Option<String> {
+    pub fn remark(&self) -> Option<String> {
         let n = self.left_out;
         (n > 0).then(|| {
             format!("{n} cameras of further models in the NVM file were left out: their world frames differ")
@@ -55,24 +58,38 @@ impl NvmModel {
 /// Reads the first model of a file.
 ///
 /// # Errors
-/// [`DatasetError`] names file and line: not an NVM file, a fixed calibration, an invalid number, a truncated file,
+/// [`MappingError`] names file and line: not an NVM file, a fixed calibration, an invalid number, a truncated file,
 /// or a point seen by a camera that does not exist.
-pub fn read_nvm(path: &Path) -> Result<NvmModel, DatasetError> {
-    let bytes = std::fs::read(path).map_err(DatasetError::io(path))?;
+pub fn read_nvm(path: &Path) -> Result<NvmModel, MappingError> {
+    let bytes = std::fs::read(path).map_err(MappingError::io(path))?;
     // Names may be in any encoding; only names that other lists contain are used.
     parse(path, &String::from_utf8_lossy(&bytes))
+}
+
+/// Reads the first model of a file as posed images; their sizes are those of the image files.
+pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
+    let model = read_nvm(path)?;
+    let mut poses = Poses { remarks: model.remark().into_iter().collect(), ..Poses::default() };
+    for camera in &model.cameras {
+        let Some((name, size)) = names.with_size(path, &camera.name)? else {
+            poses.without_file.push(camera.name.clone());
+            continue;
+        };
+        let intrinsics = radial_camera(camera.focal, camera.distortion, size);
+        let intrinsics = intrinsics.map_err(|e| faulty(path, format!("{}: {e}", camera.name)))?;
+        poses.push(name, intrinsics, camera.cam_from_world, camera.seen.clone());
+    }
+    poses.points = model.points;
+    Ok(poses)
 }
 
 /// Parses the text of a file; errors name `path`.
 ///
 /// # Errors
 /// As [`read_nvm`].
-pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
+pub fn parse(path: &Path, text: &str) -> Result<NvmModel, MappingError> {
     let mut lines = Line::all(path, text);
-    let early = |what: &str| DatasetError::Unusable {
-        path: path.to_owned(),
-        reason: format!("ends before its {what}; get the file again"),
-    };
+    let early = |what: &str| faulty(path, format!("ends before its {what}; get the file again"));
     let head = lines.next().ok_or_else(|| early("first line"))?;
     if head.words[0] != "NVM_V3" {
         return Err(head.fault("does not begin with NVM_V3, as VisualSFM's models do"));
@@ -122,7 +139,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
     Ok(model)
 }
 
-fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
+fn camera(line: &Line<'_>) -> Result<NvmCamera, MappingError> {
     let at = line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
         line.fault("a camera needs name, focal length, quaternion, centre, distortion and 0")
     })?;

@@ -1,0 +1,68 @@
+//! `veiloc map merge`: joins two maps of one place.
+
+use std::path::PathBuf;
+
+use veiloc_map::MapFile;
+use veiloc_mapping::merge;
+
+use super::MapEdit;
+use super::align::AlignmentInfo;
+use super::info::InfoOutput;
+use super::self_test::SelfTestArgs;
+use crate::exit::Outcome;
+use crate::stages::Stages;
+use crate::targets::OutFile;
+use crate::ui::Ui;
+
+/// Merge two maps that show a common part: the images of the second join the first, in its frame.
+///
+/// Up to 50 images of each map are localized in the other. More than half of those that are localized must agree on one similarity
+/// (scale, rotation, translation); it is applied to the poses of the second map, and points are triangulated again where images
+/// of both see them. The features stored in the maps are used; no image is read. The profile of the first map stays.
+#[derive(clap::Args)]
+pub(crate) struct MergeArgs {
+    /// The map whose frame and profile stay.
+    map: PathBuf,
+    /// The map whose images join it.
+    other: PathBuf,
+    /// Text before the names of the second map's images, for example `day-2/`. Default: none.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    prefix: String,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    /// The map file to write. Default: the first map.
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<OutFile>,
+    /// Print facts about the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
+    let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = edit.read()?;
+    let other = MapFile::open(&args.other)?.to_model();
+    let mut report = merge(&mut model, &other, &args.prefix, &Stages::new(ui))?;
+    args.self_test.test(&mut model, &mut report.build.warnings, ui)?;
+    edit.write(&model)?;
+    ui.info(format_args!("{}: {}", args.other.display(), report.frame));
+    match (&report.inverse, report.closure) {
+        (Some(inverse), Some(closure)) => ui.info(format_args!(
+            "Checked in the other direction: {} images localized, camera centres there and back {} apart in the median",
+            inverse.localized,
+            veiloc_report::significant(closure)
+        )),
+        _ => ui.warn(format_args!(
+            "warning: the images of {} do not confirm the transform: too few of them are localized in {}",
+            args.map.display(),
+            args.other.display()
+        )),
+    }
+    let output = InfoOutput {
+        json: args.json,
+        warnings: report.build.warnings,
+        alignment: Some(AlignmentInfo::of_frame(&report.frame)),
+        ..InfoOutput::default()
+    };
+    output.print(edit.out, ui)
+}

@@ -1,0 +1,154 @@
+//! Maps in another frame: `map align` and `map merge`.
+
+use super::common;
+
+use common::{CAMERA, EXTRACTION, Run, TestScene, scene};
+use serde_json::Value;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_mapping::Similarity3;
+
+/// A frame that has nothing in common with that of the scene.
+fn gauge() -> Similarity3 {
+    Similarity3 {
+        scale: 2.3,
+        rotation: Rotation3::from_scaled_axis(Vector3::new(0.2, 1.0, 0.4)),
+        translation: Vector3::new(5.0, -3.0, 7.0),
+    }
+}
+
+/// Aligns a map to the true camera centres in a frame; one of them is wrong.
+fn align(scene: &TestScene, map: &str, out: &str, to: &Similarity3) -> Run {
+    let mut lines = "# name, x, y, z\nunknown.png, 1, 2, 3\n".to_owned();
+    for (index, (name, pose)) in scene.poses.iter().filter(|(name, _)| name.starts_with("map")).enumerate() {
+        let mut c = to.transform(&pose.center().coords);
+        c.x += if index == 2 { 3.0 } else { 0.0 };
+        lines += &format!("{name}, {}, {}, {}\n", c.x, c.y, c.z);
+    }
+    scene.write("known.csv", lines);
+    scene.run(&format!("map align {map} --positions known.csv --no-self-test -o {out} --json")).succeeded()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+/// Distance of a localized query from its true centre in a frame.
+fn query_error(scene: &TestScene, map: &str, frame: &Similarity3) -> f64 {
+    scene.run(&format!("map profile {map} -o {map}.vprofile")).succeeded();
+    let seal = format!("seal images/query-1.png --camera {CAMERA} --profile {map}.vprofile -o {map}.vquery");
+    scene.run(&seal).succeeded();
+    let run = scene.run(&format!("localize --map {map} {map}.vquery --json"));
+    let query = &run.json()["queries"][0]["cam_from_world"];
+    let of = |key: &str, n: usize| (0..n).map(|i| number(&query[key][i])).collect::<Vec<f64>>();
+    let (q, t) = (of("q", 4), of("t", 3));
+    let pose =
+        CameraFromWorld::from_quaternion([q[0], q[1], q[2], q[3]], [t[0], t[1], t[2]]).expect("a pose");
+    let truth = frame.transform(&scene.pose_of("query-1.png").center().coords);
+    (pose.center().coords - truth).norm()
+}
+
+#[test]
+fn map_is_aligned_to_positions_and_back_to_another_map() {
+    let scene = scene();
+    let run = align(scene, "place.vmap", "gauge.vmap", &gauge());
+    assert!(run.stderr.contains("1 names are not in the map, the first is unknown.png"), "{run}");
+    let alignment = &run.json()["alignment"];
+    assert!((number(&alignment["scale"]) - 2.3).abs() < 1e-9, "{alignment}");
+    let unused = alignment["positions"].as_array().into_iter().flatten().filter(|p| p["used"] == false);
+    assert_eq!(unused.map(|p| p["name"].clone()).collect::<Vec<_>>(), ["map-02.png"]);
+    assert!(number(&alignment["rms"]) < 1e-9, "{alignment}");
+    let error = query_error(scene, "gauge.vmap", &gauge());
+    assert!(error < 0.1, "{error}");
+
+    let back =
+        scene.run("map align gauge.vmap --to-map place.vmap --no-self-test -o back.vmap --json").succeeded();
+    let alignment = &back.json()["alignment"];
+    assert!((number(&alignment["scale"]) * 2.3 - 1.0).abs() < 0.01, "{alignment}");
+    let error = query_error(scene, "back.vmap", &Similarity3::identity());
+    assert!(error < 0.05, "{error}");
+}
+
+#[test]
+fn map_is_leveled_by_its_images_and_keeps_its_gravity() {
+    let scene = scene();
+    align(scene, "place.vmap", "tilted.vmap", &gauge());
+    let run = scene.run("map align tilted.vmap --level --no-self-test -o level.vmap --json").succeeded();
+    assert!(run.stderr.contains("Gravity by the images"), "{run}");
+    // Down of the rendered room is −z; its cameras are level up to some degrees.
+    let rotation = &run.json()["alignment"]["rotation"];
+    let row =
+        |i: usize| Vector3::new(number(&rotation[i][0]), number(&rotation[i][1]), number(&rotation[i][2]));
+    let down = gauge().rotation * -Vector3::z();
+    let found = Vector3::new(row(0).dot(&down), row(1).dot(&down), row(2).dot(&down));
+    assert!(found.angle(&-Vector3::z()).to_degrees() < 5.0, "{found}");
+
+    let known = gauge().rotation * Vector3::new(0.0, 0.6, -0.8);
+    let down = format!("{},{},{}", known.x, known.y, known.z);
+    let run =
+        scene.run(&format!("map align tilted.vmap --level --down {down} --no-self-test --json")).succeeded();
+    assert!(!run.stderr.contains("Gravity by the images"), "{run}");
+}
+
+#[test]
+fn halves_with_other_gauges_are_merged() {
+    let scene = scene();
+    let names = |range: std::ops::Range<usize>| {
+        range.map(|i| format!("map-{i:02}.png")).collect::<Vec<_>>().join(" ")
+    };
+    for (map, without) in [("first.vmap", names(6..10)), ("second.vmap", names(0..6))] {
+        scene.write(map, scene.read("place.vmap"));
+        scene.run(&format!("map remove {map} {without} --no-self-test")).succeeded();
+    }
+    align(scene, "second.vmap", "second.vmap", &gauge());
+    let run = scene
+        .run("map merge first.vmap second.vmap --prefix day-2/ --no-self-test -o whole.vmap --json")
+        .succeeded();
+    let document = run.json();
+    assert_eq!(document["images"], 10, "{document}");
+    assert!((number(&document["alignment"]["scale"]) * 2.3 - 1.0).abs() < 0.02, "{document}");
+    let whole = scene.run("map info whole.vmap --json").json();
+    let half = scene.run("map info first.vmap --json").json();
+    assert!(number(&whole["points"]) > 1.2 * number(&half["points"]), "points of both: {whole}");
+    let error = query_error(scene, "whole.vmap", &Similarity3::identity());
+    assert!(error < 0.05, "{error}");
+
+    let twice = scene.run("map merge whole.vmap first.vmap --no-self-test");
+    assert!(twice.code == Some(1) && twice.stderr.contains("map-00.png"), "{twice}");
+}
+
+#[test]
+fn places_without_a_common_part_are_not_merged() {
+    let scene = scene();
+    common::render_out_of_map_images(24);
+    let build = format!(
+        "map build --posed other/posed --images other/images -o other.vmap --no-self-test {}",
+        EXTRACTION.join(" ")
+    );
+    scene.run(&build).succeeded();
+    let before = scene.read("place.vmap");
+    for command in ["map merge place.vmap other.vmap", "map align place.vmap --to-map other.vmap"] {
+        let run = scene.run(command);
+        assert!(run.code == Some(1) && run.stderr.contains("must show a common part"), "{run}");
+    }
+    assert_eq!(scene.read("place.vmap"), before, "unchanged");
+    let line = scene.run("map align place.vmap --positions nothing.csv");
+    assert!(line.code == Some(1) && line.stderr.contains("nothing.csv"), "{line}");
+}
+
+#[test]
+fn page_of_a_map_names_its_weak_parts() {
+    let scene = scene();
+    // Few images are left, so most points are observed by few.
+    scene.write("weak.vmap", scene.read("place.vmap"));
+    scene.run("map remove weak.vmap map-01.png map-02.png map-03.png map-04.png --no-self-test").succeeded();
+    let run = scene.run("map view weak.vmap -o weak.html").succeeded();
+    let advice = "points are observed by three images or fewer";
+    assert!(run.stderr.contains(advice), "{run}");
+    let page = String::from_utf8(scene.read("weak.html")).expect("text");
+    assert!(page.contains(advice) && page.contains("data-part=\"canvas\""));
+    assert!(page.contains("map-00.png") && page.contains("trusted from dcl"), "the images and their states");
+
+    let run = scene.run("map view place.vmap --test-images 0 -o place.html").succeeded();
+    assert!(!run.stderr.contains("no trusted pose"), "{run}");
+}

@@ -1,0 +1,92 @@
+//! Maps of images without poses: the program of structure from motion is a script that writes a known model, so that the test
+//! needs no pycolmap.
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+
+use super::common;
+
+use common::{EXTRACTION, TestScene, scene};
+
+/// Writes a program that behaves as a Python with pycolmap: it says its version, or reads the task and copies a model. It
+/// appends a line to `calls` each time it computes.
+fn python(scene: &TestScene, name: &str, models: &[&str], says: &str) {
+    let copies: Vec<String> = (0..)
+        .zip(models)
+        .map(|(number, model)| format!("cp -r '{}' \"$sparse/{number}\"", scene.path(model).display()))
+        .collect();
+    let script = format!(
+        r#"#!/bin/sh
+case "$2" in *__version__*) echo 4.0; exit 0;; esac
+sparse=$(sed 's/.*"sparse":"\([^"]*\)".*/\1/')
+echo call >> '{calls}'
+{copies}
+{says}
+"#,
+        calls = scene.path("calls").display(),
+        copies = copies.join("\n"),
+    );
+    scene.write(name, script);
+    fs::set_permissions(scene.path(name), fs::Permissions::from_mode(0o755)).expect("executable");
+}
+
+fn build(scene: &TestScene, arguments: &str) -> common::Run {
+    scene.run(&format!("map build --images images {} {arguments}", EXTRACTION.join(" ")))
+}
+
+#[test]
+fn map_is_built_from_images_alone_and_the_poses_are_kept() {
+    let scene = scene();
+    // The largest model has all poses but one; a second one has a few.
+    let posed = String::from_utf8(scene.read("posed/images.txt")).expect("text");
+    let cameras = scene.read("posed/cameras.txt");
+    let records: Vec<&str> = posed.lines().filter(|line| line.contains(".png")).collect();
+    for (model, of) in [("few", &records[..3]), ("many", &records[1..])] {
+        scene.write(&format!("{model}/cameras.txt"), &cameras);
+        scene.write(
+            &format!("{model}/images.txt"),
+            of.iter().map(|line| format!("{line}\n\n")).collect::<String>(),
+        );
+    }
+    let says = r#"echo '{"stage": "camera poses", "total": 13}'; echo a line of COLMAP; echo '{"done": 13}'
+echo '{"unregistered": "map-00.png", "keypoints": 12, "verified_pairs": 0}'"#;
+    python(scene, "python", &["few", "many"], says);
+    let run = build(scene, "--python ./python -o alone.vmap --no-self-test").succeeded();
+    assert!(run.stderr.contains("12 of 13 images have a pose, by pycolmap 4.0 of ./python"), "{run}");
+    assert!(run.stderr.contains("2 models that are not connected"), "{run}");
+    // It is in the other model, which says more than its keypoints.
+    assert!(run.stderr.contains("map-00.png: in another model"), "{run}");
+    let calls = || scene.read("calls").len();
+    let once = calls();
+    let again = build(scene, "--python ./python -o alone.vmap --no-self-test").succeeded();
+    assert!(calls() == once && again.stderr.contains("from an earlier run"), "{again}");
+
+    // Other images: computed again, in the folder that --work names.
+    python(scene, "python", &["many"], says);
+    let run = build(scene, "--python ./python --work kept -o alone.vmap --no-self-test").succeeded();
+    assert!(calls() > once && run.stderr.contains("map-00.png: 12 keypoints"), "{run}");
+    assert!(scene.path("kept/sfm/finished.json").is_file());
+
+    let run = scene.run(&format!(
+        "localize --map alone.vmap --queries queries.txt --images images --camera {}",
+        common::CAMERA
+    ));
+    assert_eq!(run.code, Some(0), "{run}");
+}
+
+#[test]
+fn missing_and_failing_programs_are_named() {
+    let scene = scene();
+    let run = build(scene, "--python ./no-python -o none.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("python3 -m pip install pycolmap"), "{run}");
+    python(scene, "failing", &[], "echo 'ValueError: no texture' >&2; exit 3");
+    let run = build(scene, "--python ./failing -o none.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("ValueError: no texture"), "{run}");
+    python(scene, "empty", &[], "true");
+    let run = build(scene, "--python ./empty --work empty-work -o none.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("no model could be computed from 13 images"), "{run}");
+    let run = scene.run("map build --images images --posed posed --python ./empty -o none.vmap");
+    assert_eq!(run.code, Some(2), "poses and structure from motion: {run}");
+    assert!(!scene.path("none.vmap").exists());
+}

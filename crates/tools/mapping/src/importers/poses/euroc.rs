@@ -1,0 +1,141 @@
+//! A sequence of EuRoC (ASL's format): `mav0/cam0/sensor.yaml`, `mav0/cam0/data.csv`, and the poses of the body in
+//! `mav0/state_groundtruth_estimate0/data.csv`.
+//!
+//! A pose is `time, x, y, z, qw, qx, qy, qz, …`: the body in the world, nanoseconds; `T_BS` of `sensor.yaml` is camera to body,
+//! 4 × 4 row by row. Camera axes are right, down, forward. `distortion_model` is `radial-tangential` (OpenCV's `k1 k2 p1 p2`)
+//! or `equidistant` (OpenCV's fisheye). Pixels count from the centre of the first one, so half a pixel is added. The camera is
+//! `cam0`, or the one in whose folder the images are. Poses are interpolated at the times of the images.
+//!
+//! Source: M. Burri et al., *The EuRoC micro aerial vehicle datasets*, IJRR 2016, section 5 ("Data format").
+
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+
+use super::cameras::{Brown, intrinsics};
+use super::names::ImageNames;
+use super::times::{Stamped, pose_at_time};
+use super::{Poses, faulty, pose_of_world_from_cam, text};
+use crate::error::MappingError;
+use crate::importers::lines::Line;
+
+/// The file of poses below `mav0`.
+const POSES: &str = "state_groundtruth_estimate0/data.csv";
+
+pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
+    let camera_folder = camera_folder(folder, names);
+    let sensor_file = camera_folder.join("sensor.yaml");
+    let sensor = Sensor { path: &sensor_file, content: text(&sensor_file)? };
+    let camera = sensor.intrinsics()?;
+    let body_from_cam = Matrix4::from_row_slice(&sensor.array::<16>("data")?);
+    let cam_from_body = pose_of_world_from_cam(&body_from_cam);
+    let cam_from_body =
+        cam_from_body.ok_or_else(|| faulty(&sensor_file, "T_BS is no rotation and translation"))?;
+
+    let path = folder.join(POSES);
+    let content = text(&path)?;
+    let mut trajectory = Vec::new();
+    for line in Line::of_commas(&path, &content) {
+        let time = nanoseconds(&line)?;
+        let pose = Stamped::new(time, line.numbers(4, "the quaternion")?, line.numbers(1, "the position")?);
+        trajectory.push(pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?);
+    }
+    trajectory.sort_by(|a, b| a.time.total_cmp(&b.time));
+
+    let path = camera_folder.join("data.csv");
+    let content = text(&path)?;
+    let in_camera_folder = camera_folder.join("data/data.csv");
+    let mut poses = Poses::default();
+    let mut without_pose = 0;
+    for line in Line::of_commas(&path, &content) {
+        let time = nanoseconds(&line)?;
+        let written = line.words.get(1).copied().ok_or_else(|| line.fault("the file name is missing"))?;
+        let Some(body) = pose_at_time(&trajectory, time) else {
+            without_pose += 1;
+            continue;
+        };
+        let pose = composed(&cam_from_body, &body);
+        poses.push(names.find(&in_camera_folder, written), camera, pose, Vec::new());
+    }
+    if without_pose > 0 {
+        poses.remarks.push(format!("{without_pose} images are left out: there is no pose near their times"));
+    }
+    Ok(poses)
+}
+
+/// `cam_from_body * body_from_world`.
+fn composed(cam_from_body: &CameraFromWorld, body: &Stamped) -> CameraFromWorld {
+    let world_from_body = Isometry3::from_parts(Translation3::from(body.position), body.rotation);
+    let body_from_world = world_from_body.inverse();
+    let rotation = cam_from_body.rotation() * UnitQuaternion::to_rotation_matrix(body_from_world.rotation);
+    let translation =
+        cam_from_body.rotation() * body_from_world.translation.vector + cam_from_body.translation();
+    CameraFromWorld::new(rotation, translation)
+}
+
+/// The folder of the camera whose images these are, or else of the first camera.
+fn camera_folder(folder: &Path, names: &ImageNames) -> PathBuf {
+    let images = names.folder().canonicalize().unwrap_or_else(|_| names.folder().to_owned());
+    let cameras = (0..8).map(|n| folder.join(format!("cam{n}")));
+    let holds = |camera: &PathBuf| camera.canonicalize().is_ok_and(|camera| images.starts_with(camera));
+    cameras.into_iter().find(holds).unwrap_or_else(|| folder.join("cam0"))
+}
+
+/// The time of a line, in seconds after the first second of its nanoseconds.
+fn nanoseconds(line: &Line<'_>) -> Result<f64, MappingError> {
+    // An integer first: a double has 100 ns only.
+    let time: i64 = line.number(0, "the time")?;
+    Ok(1e-9 * time as f64)
+}
+
+/// `sensor.yaml`: keys with a value, or with numbers in brackets, which may go over several lines.
+struct Sensor<'a> {
+    path: &'a Path,
+    content: String,
+}
+
+impl Sensor<'_> {
+    fn value(&self, key: &str) -> Result<&str, MappingError> {
+        let starts =
+            |line: &&str| line.trim_start().strip_prefix(key).is_some_and(|rest| rest.starts_with(':'));
+        let line = self.content.lines().find(starts);
+        let line = line.ok_or_else(|| faulty(self.path, format!("{key} is missing")))?;
+        let at = line.as_ptr() as usize - self.content.as_ptr() as usize + line.find(':').unwrap_or(0) + 1;
+        let rest = self.content[at..].trim_start_matches([' ', '\t']);
+        Ok(if rest.starts_with('[') {
+            rest.split(']').next().unwrap_or(rest).trim_start_matches('[')
+        } else {
+            rest.lines().next().unwrap_or_default().split('#').next().unwrap_or_default().trim()
+        })
+    }
+
+    fn array<const N: usize>(&self, key: &str) -> Result<[f64; N], MappingError> {
+        let numbers = self.value(key)?.split(',').map(|word| word.trim().parse::<f64>().ok());
+        let numbers: Option<Vec<f64>> = numbers.map(|number| number.filter(|n| n.is_finite())).collect();
+        numbers
+            .and_then(|numbers| numbers.try_into().ok())
+            .ok_or_else(|| faulty(self.path, format!("{key} is no array of {N} numbers")))
+    }
+
+    fn intrinsics(&self) -> Result<Intrinsics, MappingError> {
+        let [w, h] = self.array("resolution")?;
+        let [fx, fy, cx, cy] = self.array("intrinsics")?;
+        let [k1, k2, p1, p2] = self.array("distortion_coefficients")?;
+        let (size, principal) = ((w as u32, h as u32), [cx + 0.5, cy + 0.5]);
+        match self.value("distortion_model")? {
+            "radial-tangential" | "radtan" => {
+                Brown { size, focal: [fx, fy], principal, k: [k1, k2, 0.0, 0.0], p: [p1, p2] }
+                    .intrinsics(self.path)
+            }
+            "equidistant" => {
+                let params = [fx, fy, principal[0], principal[1], k1, k2, p1, p2];
+                intrinsics(self.path, "OPENCV_FISHEYE", size, &params)
+            }
+            other => Err(faulty(
+                self.path,
+                format!("distortion_model is {other:?}; radial-tangential and equidistant are read"),
+            )),
+        }
+    }
+}

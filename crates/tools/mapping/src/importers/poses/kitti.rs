@@ -1,0 +1,88 @@
+//! Poses of KITTI's odometry benchmark: 12 numbers a line, the rows of `[R | t]` of the left gray camera (`image_0`) to the
+//! world, one line a frame; camera axes right, down, forward.
+//!
+//! `calib.txt` has the projection `P0` to `P3` of each rectified camera; it is searched beside the poses, in the folder of the
+//! images and in that above it. The camera is that of the folder's name, `image_0` to `image_3`; its centre is
+//! `−K⁻¹ P[:, 3]` from that of `image_0`. Frames are named by their number, from 0. Pixels count from the centre of the first
+//! one, so half a pixel is added.
+//!
+//! Source: A. Geiger, KITTI odometry development kit, `readme.txt` ("Data Format Description").
+
+use std::path::Path;
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
+
+use super::cameras::Brown;
+use super::names::{ImageNames, without_extension};
+use super::{Poses, faulty, pose_of_world_from_cam, text};
+use crate::error::MappingError;
+use crate::importers::lines::Line;
+
+pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
+    let content = text(path)?;
+    let mut frames = Vec::new();
+    for line in Line::all(path, &content) {
+        let rows = line.numbers::<12>(0, "a pose")?;
+        let mut matrix = Matrix4::identity();
+        matrix.fixed_view_mut::<3, 4>(0, 0).copy_from_slice(&transposed(rows));
+        let pose = pose_of_world_from_cam(&matrix);
+        frames.push(pose.ok_or_else(|| line.fault("the pose is no rotation and translation"))?);
+    }
+    let folder = names.folder();
+    let folder_name = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let folder_name =
+        folder_name.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let number = folder_name.strip_prefix("image_").and_then(|n| n.parse::<u32>().ok()).unwrap_or(0);
+    let (intrinsics, cam_from_left) = calibration(path, names, number)?;
+    let mut poses = Poses::default();
+    let mut others = 0;
+    for name in names.all() {
+        let stem = without_extension(name.rsplit('/').next().unwrap_or_default()).to_owned();
+        let Some(frame) = stem.parse::<usize>().ok().and_then(|index| frames.get(index)) else {
+            others += 1;
+            continue;
+        };
+        let Some((name, size)) = names.with_size(path, &name)? else { continue };
+        let [fx, fy, cx, cy] = intrinsics;
+        let camera = Brown { size, focal: [fx, fy], principal: [cx + 0.5, cy + 0.5], ..Brown::default() };
+        let pose = CameraFromWorld::new(*frame.rotation(), frame.translation() + cam_from_left);
+        poses.push(name, camera.intrinsics(path)?, pose, Vec::new());
+    }
+    if others > 0 {
+        poses.remarks.push(format!("{others} images are left out: their names are no numbers of a pose"));
+    }
+    Ok(poses)
+}
+
+/// Column-major numbers of a 3 × 4 matrix of row-major ones.
+fn transposed(rows: [f64; 12]) -> [f64; 12] {
+    std::array::from_fn(|at| rows[4 * (at % 3) + at / 3])
+}
+
+/// `fx, fy, cx, cy` of a camera, and its translation from `image_0`.
+fn calibration(
+    path: &Path,
+    names: &ImageNames,
+    number: u32,
+) -> Result<([f64; 4], Vector3<f64>), MappingError> {
+    let folder = names.folder();
+    let candidates = [
+        path.with_file_name("calib.txt"),
+        folder.join("calib.txt"),
+        folder.parent().unwrap_or(folder).join("calib.txt"),
+    ];
+    let file = candidates.iter().find(|file| file.is_file()).ok_or_else(|| {
+        faulty(path, "there is no calib.txt beside it, in the folder of the images, or above that folder")
+    })?;
+    let content = text(file)?;
+    let key = format!("P{number}:");
+    let line = Line::all(file, &content).find(|line| line.words[0] == key);
+    let line = line.ok_or_else(|| faulty(file, format!("has no {key}")))?;
+    let [fx, skew, cx, tx, zero, fy, cy, ty, _, _, _, tz] =
+        line.numbers::<12>(1, "a number of the projection")?;
+    let k = Matrix3::new(fx, skew, cx, zero, fy, cy, 0.0, 0.0, 1.0);
+    let inverse = k.try_inverse().filter(|_| skew == 0.0 && zero == 0.0);
+    let inverse = inverse.ok_or_else(|| line.fault("is not the projection of a camera without skew"))?;
+    Ok(([fx, fy, cx, cy], inverse * Vector3::new(tx, ty, tz)))
+}

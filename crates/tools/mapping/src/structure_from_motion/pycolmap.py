@@ -1,0 +1,156 @@
+"""Structure from motion by pycolmap, run by veiloc: reads a JSON document on stdin, prints one JSON object a line on stdout.
+
+Input: database, images (folder), names, sparse (folder for models), camera_mode, matching ("exhaustive" or "sequential"), seed.
+Output lines: {"stage": name, "total": n}, {"done": n}, and for each image that has no pose
+{"unregistered": name, "keypoints": n, "verified_pairs": n}.
+"""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pycolmap
+
+# Frames of a video between which all pairs are matched, too, so that its path is closed where it returns.
+LOOP_FRAMES = 100
+
+# Seconds between two looks at the progress.
+INTERVAL = 2.0
+
+# Prints the rows of a database as JSON; arguments: the file and the SQL.
+QUERY = """
+import json, sqlite3, sys
+connection = sqlite3.connect("file:" + sys.argv[1] + "?mode=ro", uri=True, timeout=1)
+print(json.dumps(connection.execute(sys.argv[2]).fetchall()))
+"""
+
+
+def say(**line):
+    print(json.dumps(line), flush=True)
+
+
+def query(database, sql, default=()):
+    """Rows of the database; it may be locked, or not have its tables yet.
+
+    Another process reads them: the SQLite of this Python and that of pycolmap would remove each other's locks on the file.
+    """
+    command = [sys.executable, "-c", QUERY, str(database), sql]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return json.loads(done.stdout) if done.returncode == 0 else default
+
+
+def stage(name, total, database, table, work):
+    """Runs `work` and prints the number of rows of a table meanwhile."""
+    say(stage=name, total=total)
+    finished = threading.Event()
+
+    def watch():
+        last = -1
+        while not finished.wait(INTERVAL):
+            rows = query(database, f"SELECT count(*) FROM {table}")
+            if rows and rows[0][0] != last:
+                last = rows[0][0]
+                say(done=min(last, total))
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        work()
+    finally:
+        finished.set()
+        watcher.join()
+    say(done=total)
+
+
+def match(task, names):
+    database = task["database"]
+    if task["matching"] == "exhaustive":
+        total = len(names) * (len(names) - 1) // 2
+        stage("matches of structure from motion", total, database, "two_view_geometries", lambda: pycolmap.match_exhaustive(database))
+        return
+    options = pycolmap.SequentialPairingOptions()
+    total = len(names) * options.overlap
+    stage(
+        "matches of structure from motion",
+        total,
+        database,
+        "two_view_geometries",
+        lambda: pycolmap.match_sequential(database, pairing_options=options),
+    )
+    chosen = sorted(names)[:: max(1, len(names) // LOOP_FRAMES)]
+    pairs = Path(task["sparse"]).parent / "loop_pairs.txt"
+    pairs.write_text("".join(f"{a} {b}\n" for i, a in enumerate(chosen) for b in chosen[i + 1 :]))
+    imported = pycolmap.ImportedPairingOptions()
+    imported.match_list_path = str(pairs)
+    total = len(chosen) * (len(chosen) - 1) // 2
+    known = query(database, "SELECT count(*) FROM two_view_geometries", [(0,)])[0][0]
+    stage(
+        "matches where the path returns",
+        known + total,
+        database,
+        "two_view_geometries",
+        lambda: pycolmap.match_image_pairs(database, pairing_options=imported),
+    )
+
+
+def main():
+    task = json.load(sys.stdin)
+    names, database = task["names"], task["database"]
+    pycolmap.logging.minloglevel = 2
+    pycolmap.set_random_seed(task["seed"])
+    stage(
+        "features of structure from motion",
+        len(names),
+        database,
+        "keypoints",
+        lambda: pycolmap.extract_features(
+            database, task["images"], image_names=names, camera_mode=getattr(pycolmap.CameraMode, task["camera_mode"])
+        ),
+    )
+    match(task, names)
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = task["seed"]
+    options.extract_colors = False
+    options.min_model_size = min(10, max(3, len(names) // 2))
+    say(stage="camera poses", total=len(names))
+    done = [0]
+
+    def one_more(count=1):
+        done[0] = min(done[0] + count, len(names))
+        say(done=done[0])
+
+    sparse = Path(task["sparse"])
+    models = pycolmap.incremental_mapping(
+        database,
+        task["images"],
+        sparse,
+        options,
+        initial_image_pair_callback=lambda: one_more(2),
+        next_image_callback=one_more,
+    )
+    say(done=len(names))
+    for number, model in models.items():
+        folder = sparse / str(number)
+        folder.mkdir(parents=True, exist_ok=True)
+        model.write(folder)
+
+    largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    registered = set()
+    if largest is not None:
+        registered = {image.name for image in largest.images.values() if image.has_pose}
+    ids = dict(query(database, "SELECT name, image_id FROM images"))
+    keypoints = dict(query(database, "SELECT image_id, rows FROM keypoints"))
+    verified = {}
+    for (pair,) in query(database, "SELECT pair_id FROM two_view_geometries WHERE rows >= 15"):
+        for image in divmod(pair, 2147483647):
+            verified[image] = verified.get(image, 0) + 1
+    for name in names:
+        if name not in registered:
+            image = ids.get(name)
+            say(unregistered=name, keypoints=keypoints.get(image, 0), verified_pairs=verified.get(image, 0))
+
+
+main()

@@ -1,0 +1,79 @@
+//! Runs pycolmap in a Python, by a script that prints its progress.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use serde_json::{Value, json};
+use veiloc_features::Progress;
+
+use super::state::{Causes, Task, cause};
+use crate::error::MappingError;
+
+const SCRIPT: &str = include_str!("pycolmap.py");
+
+/// Characters of the program's output that an error shows.
+const SHOWN: usize = 2000;
+
+pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result<Causes, MappingError> {
+    let failed = |what: String| MappingError::Sfm { reason: format!("{}: {what}", python.display()) };
+    let mut child = Command::new(python)
+        .args(["-c", SCRIPT])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(MappingError::io(python))?;
+    let input = json!({
+        "database": task.database(),
+        "images": task.images,
+        "names": task.names,
+        "sparse": task.sparse(),
+        "camera_mode": task.camera_mode,
+        "matching": if task.is_sequential { "sequential" } else { "exhaustive" },
+        "seed": task.seed,
+    });
+    if let Some(mut stdin) = child.stdin.take() {
+        stdin.write_all(input.to_string().as_bytes()).map_err(MappingError::io(python))?;
+    }
+    // Its log, which would fill the pipe if nothing read it.
+    let log = child.stderr.take().map(|mut stderr| {
+        std::thread::spawn(move || {
+            let mut log = Vec::new();
+            let _ = stderr.read_to_end(&mut log);
+            String::from_utf8_lossy(&log).into_owned()
+        })
+    });
+    let mut causes = Causes::new();
+    let mut done = 0;
+    for line in child.stdout.take().map(BufReader::new).into_iter().flat_map(BufRead::lines) {
+        let line = line.map_err(MappingError::io(python))?;
+        // COLMAP itself prints lines, too.
+        let Ok(Value::Object(fields)) = serde_json::from_str::<Value>(&line) else { continue };
+        let number = |key: &str| fields.get(key).and_then(Value::as_u64).map(|n| n as usize);
+        if let (Some(stage), Some(total)) = (fields.get("stage").and_then(Value::as_str), number("total")) {
+            progress.start(stage, total);
+            done = 0;
+        } else if let Some(now) = number("done") {
+            progress.advance(now.saturating_sub(done));
+            done = done.max(now);
+        } else if let Some(name) = fields.get("unregistered").and_then(Value::as_str) {
+            let counts = (number("keypoints").unwrap_or(0), number("verified_pairs").unwrap_or(0));
+            causes.insert(name.to_owned(), cause(counts.0, counts.1));
+        }
+    }
+    progress.finish();
+    let status = child.wait().map_err(MappingError::io(python))?;
+    let log = log.and_then(|log| log.join().ok()).unwrap_or_default();
+    if !status.success() {
+        return Err(failed(format!("pycolmap failed ({status}): {}", tail(&log))));
+    }
+    Ok(causes)
+}
+
+/// The end of a log.
+pub(super) fn tail(log: &str) -> &str {
+    let log = log.trim_end();
+    let from = log.char_indices().rev().nth(SHOWN).map_or(0, |(at, _)| at);
+    &log[from..]
+}
