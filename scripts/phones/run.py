@@ -6,8 +6,8 @@ framework whose transform is known here.
 
     VEILOC_DATA=../shared/data scripts/phones/run.py --veiloc target/debug/veiloc --libraries target/debug [c cpp cs kotlin aarch64]
 
-`--libraries` is the folder of `cargo build -p veiloc-c -p veiloc-mobile --features veiloc-c/seeded,veiloc-mobile/seeded`. C and C++ run
-under the address and undefined behaviour sanitizers. Without VEILOC_DATA only rendered frames are used, and this is printed.
+`--libraries` is the folder of `cargo build -p veiloc-c --features seeded --lib --example reference` and `cargo build -p veiloc-mobile
+--features seeded --lib`. C and C++ run under the address and undefined behaviour sanitizers. Without VEILOC_DATA only rendered frames are used, and this is printed.
 Languages whose tools are missing fail; name those to run. Standard library only.
 """
 
