@@ -18,7 +18,7 @@ from pathlib import Path
 
 from places import write_csv
 
-SCENES = ["redkitchen", "herzjesu", "hololens-office", "tum-fr1-rpy", "llff-room"]
+SCENES = ["redkitchen", "herzjesu", "hololens-office", "tum-fr1-rpy", "llff-room", "fountain", "entry"]
 ERRORS = ["none", "cx 1 %", "cx 2 %", "cx 5 %", "cx 10 %", "fy 0.9", "k1 -0.2"]
 COLUMNS = [
     "scene", "scheme", "camera error", "queries", "trusted", "doubtful", "trusted, centre beyond 3 ±",
