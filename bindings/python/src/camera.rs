@@ -48,6 +48,16 @@ pub(crate) fn camera_of(camera: &Bound<'_, PyAny>) -> Result<Intrinsics> {
     Ok(Intrinsics::new(&model, size("width")?, size("height")?, &params)?)
 }
 
+/// A camera as a dictionary with these keys.
+pub(crate) fn dictionary<'py>(py: Python<'py>, camera: &Intrinsics) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("model", camera.model.name())?;
+    dict.set_item("width", camera.width)?;
+    dict.set_item("height", camera.height)?;
+    dict.set_item("params", camera.model.params().to_vec())?;
+    Ok(dict)
+}
+
 /// Undistorts pixels: their positions in the image of the same camera without distortion.
 pub(crate) fn undistorted(camera: &Intrinsics, pixels: Vec<Pixel>) -> Result<Vec<Pixel>> {
     let one = |(index, pixel): (usize, Pixel)| {

@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 use veiloc_map::colmap::read_model;
 
 use crate::arrays;
-use crate::camera::{camera_of, undistorted};
+use crate::camera::{camera_of, dictionary, undistorted};
 use crate::errors::Result;
 use crate::pose::CameraPose;
 
@@ -47,13 +47,7 @@ impl ColmapModel {
     /// Camera of an image, a dictionary; None when the model has no image of this name.
     fn camera<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(image) = self.model.image_by_name(name) else { return Ok(None) };
-        let camera = self.model.camera_of(image);
-        let dict = PyDict::new(py);
-        dict.set_item("model", camera.model.name())?;
-        dict.set_item("width", camera.width)?;
-        dict.set_item("height", camera.height)?;
-        dict.set_item("params", camera.model.params().to_vec())?;
-        Ok(Some(dict))
+        Ok(Some(dictionary(py, self.model.camera_of(image))?))
     }
 
     /// Row in `points` of the point that each keypoint of an image observes, `[N]` int64, -1 for none; None when the

@@ -59,6 +59,8 @@ mod _native {
     #[pymodule_export]
     use crate::pose::CameraPose;
     #[pymodule_export]
+    use crate::posed::read_posed;
+    #[pymodule_export]
     use crate::profile::Profile;
     #[pymodule_export]
     use crate::program::run_program;

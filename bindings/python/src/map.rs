@@ -15,6 +15,7 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::{
     SelfTestOptions, SelfTestTrial, chosen, is_testable, self_test, summarize_trials, trials,
 };
+use veiloc_mapping::structure_from_motion::{SfmOptions, reconstruct};
 use veiloc_mapping::{BuildOptions, Input, MapWarning, OnOtherFrame, VocabularyUpdate};
 use veiloc_protocol::SealedQuery;
 
@@ -26,7 +27,7 @@ use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::posed::{down_of, on_bad, on_other_frame, posed_of};
+use crate::posed::{down_of, matching_of, on_bad, on_other_frame, posed_of};
 use crate::profile::Profile;
 
 /// A map, in which sealed queries are localized.
@@ -77,12 +78,13 @@ impl Map {
     /// Builds a map from images with known poses.
     ///
     /// Args:
-    ///     posed: folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
+    ///     posed: images with cameras and poses, of any format that `read_posed` reads, or a list of (name, camera,
     ///         CameraPose).
     ///     images: folder of the images.
     ///     names: use only these images, in this order.
     ///     features: `"compact"` or `"sift"`.
-    ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
+    ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
+    ///         that of the format of `posed`, if it defines one.
     ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
     ///     skip_bad: skip images that cannot be used, instead of raising an error.
     ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
@@ -110,8 +112,8 @@ impl Map {
         work: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
-        let posed = posed_of(posed)?;
-        let down = down.map(down_of).transpose()?;
+        let (posed, down_of_format) = posed_of(posed, &images)?;
+        let down = down.map(down_of).transpose()?.or(down_of_format);
         let other_frame = on_other_frame(other_frame)?;
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
@@ -130,6 +132,63 @@ impl Map {
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
             Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
+        })?
+    }
+
+    /// Builds a map from images without poses: pycolmap computes the poses (`pip install veiloc[sfm]`).
+    ///
+    /// The map has no metric scale. Images without a pose, and further models that are not connected, are in `warnings`.
+    ///
+    /// Args:
+    ///     images: folder of the images, JPEG or PNG.
+    ///     work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
+    ///         interrupted build continues. It holds keypoints and descriptors of the images.
+    ///     names: use only these images.
+    ///     features, down, self_test, skip_bad, progress: as for `build`.
+    ///     matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
+    ///     python: the Python that has pycolmap. Default: this one.
+    ///
+    /// Raises:
+    ///     ImageError: an image cannot be used.
+    ///     MapError: pycolmap is not installed or fails, or no map can be built from these images.
+    #[staticmethod]
+    #[pyo3(signature = (images, work, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, matching="auto", python=None, progress=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn from_images(
+        py: Python<'_>,
+        images: PathBuf,
+        work: PathBuf,
+        names: Option<Vec<String>>,
+        features: &str,
+        down: Option<&Bound<'_, PyAny>>,
+        self_test: bool,
+        skip_bad: bool,
+        matching: &str,
+        python: Option<PathBuf>,
+        progress: Option<Py<PyAny>>,
+    ) -> Result<Self> {
+        let down = down.map(down_of).transpose()?;
+        let mut sfm = SfmOptions::default();
+        sfm.matching = matching_of(matching)?;
+        sfm.python = match python {
+            Some(python) => Some(python),
+            None => py.import("sys")?.getattr("executable")?.extract()?,
+        };
+        let mut options = BuildOptions::default();
+        features.clone_into(&mut options.features);
+        ProgressCallback::new(py, progress)?.run(py, |progress| {
+            let found = reconstruct(&images, names.as_deref(), &work.join("sfm"), &sfm, progress)?;
+            let cache = FolderCache::in_folder(&work, &options).map_err(BindingError::map)?;
+            let input = Input::new(&found.posed, &images).on_bad_image(on_bad(skip_bad)).with_cache(&cache);
+            let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
+            cache.finish().map_err(BindingError::map)?;
+            model.down = down;
+            let without_pose = found.unregistered.iter().map(ToString::to_string);
+            let others = found.others.iter().map(|(model, images)| {
+                format!("{}: a model of {images} images that is not connected is not used", model.display())
+            });
+            let remarks: Vec<String> = without_pose.chain(others).collect();
+            Self::finished(model, &report.warnings, &remarks, self_test, progress)
         })?
     }
 
@@ -213,7 +272,7 @@ impl Map {
         other_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
-        let posed = posed_of(posed)?;
+        let (posed, _) = posed_of(posed, &images)?;
         let other_frame = on_other_frame(other_frame)?;
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut input =

@@ -121,3 +121,23 @@ def test_exports_are_documented():
     for name in public(veiloc.__all__):
         assert getattr(veiloc, name).__doc__, name
     assert STUBS.with_name("py.typed").exists()
+
+
+def test_read_posed_recognizes_formats(tmp_path):
+    """Posed images of other programs, as `Map.build` takes them."""
+    fixtures = Path(__file__).resolve().parents[3] / "crates/tools/mapping/tests/data/importers/poses"
+    images, facts = veiloc.read_posed(fixtures / "nerfstudio/transforms.json", tmp_path)
+    assert facts["format"] == "nerfstudio's transforms.json" and "applied_transform" in facts["remarks"][0]
+    expected, other = veiloc.read_posed(fixtures / "expected/nerfstudio", tmp_path)
+    assert other["format"] == "a COLMAP model" and other["down"] is None
+    # Without files of these names they stay as written.
+    poses = {name.removeprefix("images/"): pose for name, _, pose in images}
+    for name, camera, pose in expected:
+        degrees, units = poses[name].error(pose)
+        assert degrees < 1e-7 and units < 1e-9
+        assert camera["width"] == 64
+    assert veiloc.read_posed(fixtures / "polycam", tmp_path)[1]["down"] == [0, -1, 0]
+    with pytest.raises(veiloc.MapError, match="transforms.json"):
+        veiloc.read_posed(tmp_path)
+    with pytest.raises(veiloc.MapError, match="pip install pycolmap"):
+        veiloc.Map.from_images(tmp_path, tmp_path / "work", python="/nowhere/python")

@@ -3,7 +3,7 @@
 - Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
 - The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client` for a service.
-- The server: `Map`; `prepare` and `veiloc.ray` to build a map on several machines.
+- The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines.
 - Privacy attacks: `attack`, `audit`.
 - `render_room`: a synthetic scene for experiments.
 - `veiloc.hloc`: the last step of hloc, with lines instead of points.
@@ -36,6 +36,7 @@ from veiloc._native import (
     p6lp,
     p6lp_dual_radial,
     prepare,
+    read_posed,
     render_room,
     seal,
     u4lp,
@@ -92,6 +93,7 @@ __all__ = [
     "p6lp",
     "p6lp_dual_radial",
     "prepare",
+    "read_posed",
     "render_room",
     "seal",
     "u4lp",

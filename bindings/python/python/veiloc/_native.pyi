@@ -300,12 +300,13 @@ class Map:
         """Builds a map from images with known poses.
 
         Args:
-            posed: folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
+            posed: images with cameras and poses, of any format that `read_posed` reads, or a list of (name, camera,
                 CameraPose).
             images: folder of the images.
             names: use only these images, in this order.
             features: `"compact"` or `"sift"`.
-            down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
+            down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
+                that of the format of `posed`, if it defines one.
             self_test: localize some of the map's own images, to calibrate the covariances of its answers.
             skip_bad: skip images that cannot be used, instead of raising an error.
             other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
@@ -319,146 +320,35 @@ class Map:
             MapError: the model cannot be read, or no map can be built from these images.
         """
     @staticmethod
-    def open(path: Path) -> Profile:
-        """Reads a profile file that `veiloc map profile` wrote.
-
-        Raises:
-            QueryError: the file cannot be read, or is not a profile.
-        """
-    @staticmethod
-    def from_bytes(data: bytes) -> Profile:
-        """Decodes a profile.
-
-        Raises:
-            QueryError: the bytes are not a profile.
-        """
-    @property
-    def id(self) -> str:
-        """Identifier of the profile. A map refuses queries that were sealed with another one."""
-    @property
-    def features(self) -> str:
-        """Name of the local features."""
-    @property
-    def global_descriptor(self) -> str:
-        """Name of the model that computes the global descriptor."""
-    @property
-    def max_keypoints(self) -> int:
-        """Most keypoints that the profile requests."""
-    @property
-    def max_image_side(self) -> int:
-        """Longest image side that the profile requests, pixels."""
-    def __bytes__(self) -> bytes: ...
-    def __eq__(self, other: object) -> bool: ...
-    def __hash__(self) -> int: ...
-
-class Session:
-    """Seals a sequence of images of one scene.
-
-    The images share their anchors, and no keypoint is sent under two anchors.
-
-    A session holds keypoint positions: `bytes(session)` must not leave the device.
-
-    Args:
-        anchors: the frame in which the anchors are fixed: `"world"`, `"gravity"` or `"image"`.
-
-    Raises:
-        InputError: `anchors` is another string.
-    """
-
-    def __init__(self, *, anchors: Anchors = "world") -> None: ...
-    @staticmethod
-    def from_bytes(data: bytes) -> Session:
-        """Decodes a session.
-
-        Raises:
-            Error: the bytes are not a session.
-        """
-    @staticmethod
-    def open(path: Path) -> Session:
-        """Reads a session file, also one that `veiloc seal --session` wrote.
-
-        Raises:
-            Error: the file cannot be read, or is not a session.
-        """
-    def seal(
-        self,
-        image: Image,
-        camera: Camera | None,
-        profile: Profile,
-        *,
-        orientation: npt.ArrayLike | None = None,
-        down: npt.ArrayLike | None = None,
-        scheme: Scheme = "dcl",
-        max_keypoints: int | None = None,
-        max_image_side: int | None = None,
-        angle_bits: int = 12,
-        gravity: npt.ArrayLike | None = None,
-        focal: Focal | None = None,
-        mask: Mask | None = None,
-    ) -> bytes:
-        """Seals the next image. When this fails, the session does not change.
-
-        Args:
-            orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
-                odometry).
-            down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
-            image, camera, profile, scheme, max_keypoints, max_image_side, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
-
-        Returns:
-            The bytes of the sealed query.
-
-        Raises:
-            ImageError, QueryError, InputError: as for `veiloc.seal`.
-        """
-    @property
-    def frames(self) -> int:
-        """Number of images that were sealed."""
-    @property
-    def starts(self) -> int:
-        """How many times the session chose new anchors."""
-    def __bytes__(self) -> bytes: ...
-
-class Map:
-    """A map, in which sealed queries are localized.
-
-    A map is immutable: `add` and `remove` return a new one. A map that was built or changed is in memory until `save`
-    writes it.
-    """
-
-    @staticmethod
-    def build(
-        posed: Posed,
+    def from_images(
         images: Path,
+        work: Path,
         *,
         names: Sequence[str] | None = None,
         features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
-        other_frame: Literal["refuse", "align", "accept"] = "refuse",
-        work: Path | None = None,
+        matching: Literal["auto", "exhaustive", "sequential"] = "auto",
+        python: Path | None = None,
         progress: Progress | None = None,
     ) -> Map:
-        """Builds a map from images with known poses.
+        """Builds a map from images without poses: pycolmap computes the poses (`pip install veiloc[sfm]`).
+
+        The map has no metric scale. Images without a pose, and further models that are not connected, are in `warnings`.
 
         Args:
-            posed: folder of a COLMAP model (text or binary) with cameras and poses, or a list of (name, camera,
-                CameraPose).
-            images: folder of the images.
-            names: use only these images, in this order.
-            features: `"compact"` or `"sift"`.
-            down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`, if it is known.
-            self_test: localize some of the map's own images, to calibrate the covariances of its answers.
-            skip_bad: skip images that cannot be used, instead of raising an error.
-            other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
-                `"align"` (transform their poses) or `"accept"` (do not compare).
-            work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
-                images.
-            progress: a callable of (stage, done, total).
+            images: folder of the images, JPEG or PNG.
+            work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
+                interrupted build continues. It holds keypoints and descriptors of the images.
+            names: use only these images.
+            features, down, self_test, skip_bad, progress: as for `build`.
+            matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
+            python: the Python that has pycolmap. Default: this one.
 
         Raises:
             ImageError: an image cannot be used.
-            MapError: the model cannot be read, or no map can be built from these images.
+            MapError: pycolmap is not installed or fails, or no map can be built from these images.
         """
     @staticmethod
     def from_colmap(
@@ -469,6 +359,7 @@ class Map:
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
+        frame_check: bool = True,
         progress: Progress | None = None,
     ) -> Map:
         """Builds a map from a complete COLMAP model; it keeps the model's points and observations.
@@ -476,6 +367,8 @@ class Map:
         Args:
             model: folder of the model, text or binary.
             images, features, down, self_test, skip_bad, progress: as for `build`.
+            frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
+                transform it, use `build` with `other_frame="align"`.
 
         Raises:
             MapError, ImageError: as for `build`.
@@ -650,6 +543,23 @@ class Map:
         """Number of images."""
     def _repr_svg_(self) -> str | None:
         """Top view of the map for notebooks: its points and the cameras of its images."""
+
+def read_posed(path: Path, images: Path | None = None) -> tuple[list[tuple[str, _CameraFields, CameraPose]], dict[str, Any]]:
+    """Reads images with cameras and poses: a COLMAP model, or a file or folder of nerfstudio, Bundler, VisualSFM, OpenSfM,
+    Metashape, RealityCapture, kapture, Polycam, Record3D, 3D Scanner App, TUM, KITTI or EuRoC. The format is recognized.
+
+    Args:
+        path: the file or folder.
+        images: folder of the images: names are relative to it, and it has the sizes of images that a format does not
+            have. Default: the folder of `path`.
+
+    Returns:
+        A list of (name, camera, CameraPose), as `Map.build` takes it, and a dictionary: `format`; `path`, the file that was
+        read; `down`, the direction of gravity that the format defines, or None; `remarks`, what was left out or assumed.
+
+    Raises:
+        MapError: no format is recognized, several are, or the file cannot be read.
+    """
 
 def prepare(
     posed: Posed,
