@@ -174,7 +174,7 @@ mod tests {
     const UNITS: [(&str, &str); 4] =
         [("PX", "pixel"), ("SECONDS", "seconds"), ("PERCENT", "percent"), ("T/DEG", "degrees")];
     /// Value names whose absence needs no description: files and folders that are only used if given.
-    const ON_DEMAND: [&str; 5] = ["FILE", "DIR", "PROBLEMS", "NAME=", "TOKEN"];
+    const ON_DEMAND: [&str; 7] = ["FILE", "DIR", "PATH", "MAP", "PROBLEMS", "NAME=", "TOKEN"];
 
     /// An argument whose help says that a file or folder is written has a type that is checked before the command.
     #[test]

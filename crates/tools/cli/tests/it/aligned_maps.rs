@@ -19,13 +19,13 @@ fn gauge() -> Similarity3 {
 
 /// Aligns a map to the true camera centres in a frame; one of them is wrong.
 fn align(scene: &TestScene, map: &str, out: &str, to: &Similarity3) -> Run {
-    let mut lines = "# name, x, y, z\nunknown.png, 1, 2, 3\n".to_owned();
+    let mut lines = vec!["# name, x, y, z".to_owned(), "unknown.png, 1, 2, 3".to_owned()];
     for (index, (name, pose)) in scene.poses.iter().filter(|(name, _)| name.starts_with("map")).enumerate() {
         let mut c = to.transform(&pose.center().coords);
         c.x += if index == 2 { 3.0 } else { 0.0 };
-        lines += &format!("{name}, {}, {}, {}\n", c.x, c.y, c.z);
+        lines.push(format!("{name}, {}, {}, {}", c.x, c.y, c.z));
     }
-    scene.write("known.csv", lines);
+    scene.write("known.csv", lines.join("\n"));
     scene.run(&format!("map align {map} --positions known.csv --no-self-test -o {out} --json")).succeeded()
 }
 

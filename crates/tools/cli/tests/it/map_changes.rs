@@ -156,17 +156,6 @@ fn poses_without_points_suffice_and_wrong_focal_length_is_diagnosed() {
     is_refused(scene, &build("long"), "long", "about 2.00 times the correct one", "focal-length");
 }
 
-/// Distortion that folds the image, and no image of the map is localized: without a known cause, but certainly unusable.
-#[test]
-fn map_that_localizes_none_of_its_images_is_refused() {
-    let scene = scene();
-    scene.write("folded/cameras.txt", "1 SIMPLE_RADIAL 400 300 330 201 149 -1.2\n");
-    scene.write("folded/images.txt", scene.read("posed/images.txt"));
-    let build = "map build --posed folded --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
-                 -o folded.vmap --json";
-    is_refused(scene, build, "folded", "nothing can be localized in this map", "self-test");
-}
-
 /// With camera-to-world poses the existing map stays, and the error names the cause.
 #[test]
 fn inverted_poses_are_diagnosed_and_old_map_stays() {

@@ -44,10 +44,7 @@ fn map_is_built_from_images_alone_and_the_poses_are_kept() {
     let records: Vec<&str> = posed.lines().filter(|line| line.contains(".png")).collect();
     for (model, of) in [("few", &records[..3]), ("many", &records[1..])] {
         scene.write(&format!("{model}/cameras.txt"), &cameras);
-        scene.write(
-            &format!("{model}/images.txt"),
-            of.iter().map(|line| format!("{line}\n\n")).collect::<String>(),
-        );
+        scene.write(&format!("{model}/images.txt"), of.join("\n\n") + "\n\n");
     }
     let says = r#"echo '{"stage": "camera poses", "total": 13}'; echo a line of COLMAP; echo '{"done": 13}'
 echo '{"unregistered": "map-00.png", "keypoints": 12, "verified_pairs": 0}'"#;

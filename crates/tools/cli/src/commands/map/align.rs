@@ -48,7 +48,8 @@ pub(crate) struct AlignArgs {
     /// mostly taken with a level horizontal axis.
     #[arg(long, group = "target")]
     level: bool,
-    /// Direction of gravity (down) in the axes of the map, as for `map build`.
+    /// Direction of gravity (down) in the axes of the map, as for `map build`. Default: that of the map, or else of its
+    /// images.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "level")]
     down: Option<GravityDirection>,
     #[command(flatten)]

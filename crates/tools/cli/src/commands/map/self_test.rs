@@ -96,18 +96,27 @@ fn is_broken(model: &MapModel, warnings: &[MapWarning]) -> bool {
     let empty = has(|d| matches!(d, MapWarning::FewPoints { .. }));
     let test = model.self_test.as_ref();
     let failed = test.is_some_and(SelfTest::failed);
-    let found_none = test.is_some_and(|test| test.schemes.iter().all(|scheme| scheme.localized == 0));
+    let localizes_none = test.is_some_and(|test| {
+        let best = test.schemes.iter().map(|scheme| scheme.localized).max().unwrap_or(0);
+        localizes_none(best, test.images, model.mean_track_length())
+    });
     model.points.len() < MIN_POINTS
         || (explained && has(|d| matches!(d, MapWarning::SelfTest { .. })))
         || (empty && failed)
-        || (found_none && model.mean_track_length() >= MIN_TRACK_LENGTH)
+        || localizes_none
+}
+
+/// Whether none of enough images was localized, although their points are seen in enough images.
+fn localizes_none(localized: u32, images: u32, mean_track_length: f64) -> bool {
+    localized == 0 && images >= MIN_IMAGES && mean_track_length >= MIN_TRACK_LENGTH
 }
 
 /// Minimum number of points for localization: a pose needs ten inliers.
 const MIN_POINTS: usize = 10;
 
-/// Mean number of images that see a point, from which on enough points remain without an image and its two nearest
-/// neighbours, which the self-test leaves out.
+/// Number of images, and mean number of images that see a point, from which on enough points remain without an image
+/// and its two nearest neighbours, which the self-test leaves out.
+const MIN_IMAGES: u32 = 8;
 const MIN_TRACK_LENGTH: f64 = 4.0;
 
 /// A self-test as JSON.
@@ -306,4 +315,19 @@ fn percent(level: f64) -> String {
 
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A lens whose distortion folds the image (8 images, 4.4 images a point, none localized) is refused. A map of few
+    /// images, or of points that few images see, loses its points when images are left out, and may be good.
+    #[test]
+    fn maps_that_localize_none_of_enough_images_are_broken() {
+        assert!(localizes_none(0, 8, 4.4));
+        assert!(!localizes_none(1, 8, 4.4));
+        assert!(!localizes_none(0, 4, 4.0));
+        assert!(!localizes_none(0, 50, 2.6));
+    }
 }

@@ -18,6 +18,9 @@ const EXTENSIONS: [&str; 6] = ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG"];
 /// Depth of folders that are searched.
 const MAX_DEPTH: usize = 8;
 
+/// The name of an image, with its width and height in pixels.
+pub(super) type SizedName = (String, (u32, u32));
+
 /// Names of image files, relative to their folder.
 pub(super) struct ImageNames {
     folder: PathBuf,
@@ -45,11 +48,7 @@ impl ImageNames {
     ///
     /// # Errors
     /// The file is no image.
-    pub(super) fn with_size(
-        &self,
-        file: &Path,
-        written: &str,
-    ) -> Result<Option<(String, (u32, u32))>, MappingError> {
+    pub(super) fn with_size(&self, file: &Path, written: &str) -> Result<Option<SizedName>, MappingError> {
         let Some(name) = self.existing(file, &cleaned(written)) else { return Ok(None) };
         let path = image_file(&self.folder, &name);
         match image::image_dimensions(&path) {
@@ -164,7 +163,7 @@ mod tests {
             (r"D:\scan\images\cam0\b.jpg", "cam0/b.png"),
             ("b", "cam0/b.png"),
             ("a", "a.jpg"),
-            ("/home/else/a.jpeg", "a.jpg"),
+            ("/data/else/a.jpeg", "a.jpg"),
             // Two files of this name: as written, so that the message names it.
             ("c.jpg", "c.jpg"),
             ("./d.jpg", "d.jpg"),
