@@ -452,7 +452,7 @@ fn every_command_has_help() {
         ("", "Visual localization"),
         ("demo", "Render a scene, map it, localize hidden queries, attack them"),
         ("map", "Build, import, inspect and change maps"),
-        ("map build", "Build a map from images with known poses"),
+        ("map build", "Build a map from images, with or without known poses"),
         ("map import", "Build a map from a complete COLMAP model"),
         ("map info", "Print facts about a map"),
         ("map add", "Add images with known poses to a map"),
