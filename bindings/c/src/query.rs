@@ -3,9 +3,9 @@
 use std::ffi::c_char;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_ar::{SealedCameraFrame, rig_of, seal_to_send};
+use veiloc_ar::{SealedCameraFrame, rig_message, seal_to_send};
 use veiloc_obfuscation::{DeviceLimits, SealOptions, device_rng};
-use veiloc_protocol::{AngleBits, CoarseGravity, Profile, RigMessage, Scheme, SealedFrame, SizeClass};
+use veiloc_protocol::{AngleBits, CoarseGravity, Profile, Scheme, SizeClass};
 
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
@@ -259,30 +259,16 @@ pub unsafe extern "C" fn veiloc_rig_bytes(
         let queries = unsafe { pointers::slice(queries, count, "queries") }?;
         // SAFETY: as above.
         let poses = unsafe { pointers::slice(cameras_in_world, count, "cameras_in_world") }?;
-        let argument = |text: &str| Failure::new(VeilocStatus::Argument, text);
-        if !(1..=RigMessage::MAX_FRAMES).contains(&count) {
-            return Err(argument("count must be 1 to 32"));
-        }
-        let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-        let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
-        if !(is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd)) {
-            return Err(argument("metres_per_unit must be above 0, and deviations 0 or more"));
-        }
         let axes = axes(pose_axes)?;
         let cameras: Vec<_> = poses.iter().map(|pose| pose.cam_from_ar(axes)).collect::<Result<_, _>>()?;
-        let mut frames = Vec::with_capacity(count);
-        for (query, cam_from_rig) in queries.iter().zip(rig_of(&cameras, metres_per_unit)) {
+        let mut sealed = Vec::new();
+        for query in queries {
             // SAFETY: as above.
-            let query = unsafe { pointers::reference(*query, "a query") }?.sealed.query.clone();
-            // The first camera is the rig itself.
-            let sds = [rotation_sd_deg, translation_sd / metres_per_unit];
-            let [rotation_sd_deg, translation_sd] = if frames.is_empty() { [0.0; 2] } else { sds };
-            frames.push(SealedFrame { query, cam_from_rig, rotation_sd_deg, translation_sd });
+            sealed.push(unsafe { pointers::reference(*query, "a query") }?.sealed.query.clone());
         }
-        if out.is_null() {
-            return Err(argument("out is null"));
-        }
+        let message = rig_message(sealed, &cameras, metres_per_unit, rotation_sd_deg, translation_sd)
+            .map_err(|error| Failure::new(VeilocStatus::Argument, error))?;
         // SAFETY: as above.
-        unsafe { pointers::give(out, RigMessage { frames }.encode().into(), "out") }
+        unsafe { pointers::give(out, message.encode().into(), "out") }
     })
 }

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_of, seal_to_send};
+use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_message, seal_to_send};
 use veiloc_obfuscation::{DeviceLimits, device_rng};
-use veiloc_protocol::{AngleBits, CoarseGravity, RigMessage, Scheme, SealedFrame, SizeClass};
+use veiloc_protocol::{AngleBits, CoarseGravity, Scheme, SizeClass};
 
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::error::VeilocException;
@@ -188,23 +188,9 @@ pub fn rig_bytes(
     rotation_sd_deg: f64,
     translation_sd: f64,
 ) -> Result<Vec<u8>, VeilocException> {
-    if !(1..=RigMessage::MAX_FRAMES).contains(&queries.len()) || queries.len() != cameras_in_world.len() {
-        return Err(VeilocException::argument("1 to 32 queries, and a pose for each"));
-    }
-    let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-    let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
-    if !(is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd)) {
-        return Err(VeilocException::argument("metres_per_unit must be above 0, and deviations 0 or more"));
-    }
     let cameras: Vec<_> =
         cameras_in_world.into_iter().map(CameraPose::cam_from_ar).collect::<Result<_, _>>()?;
-    let mut frames = Vec::with_capacity(queries.len());
-    for (query, cam_from_rig) in queries.iter().zip(rig_of(&cameras, metres_per_unit)) {
-        // The first camera is the rig itself.
-        let sds = [rotation_sd_deg, translation_sd / metres_per_unit];
-        let [rotation_sd_deg, translation_sd] = if frames.is_empty() { [0.0; 2] } else { sds };
-        let query = query.sealed.query.clone();
-        frames.push(SealedFrame { query, cam_from_rig, rotation_sd_deg, translation_sd });
-    }
-    Ok(RigMessage { frames }.encode())
+    let queries = queries.iter().map(|query| query.sealed.query.clone()).collect();
+    let message = rig_message(queries, &cameras, metres_per_unit, rotation_sd_deg, translation_sd);
+    message.map(|message| message.encode()).map_err(VeilocException::argument)
 }

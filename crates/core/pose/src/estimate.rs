@@ -11,7 +11,7 @@ use crate::error::PoseError;
 use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
     Correspondences, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale, Symmetric6,
-    free_along, with_shift,
+    free_along, sum, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
@@ -255,9 +255,7 @@ pub(crate) fn conclude<'a>(
         independent = uncertainty(&nothing, free, 1.0).1;
     }
     let margin = search.margin(&polished, &independent, options.estimate_noise);
-    let with_camera = |of: &Symmetric6| -> Symmetric6 {
-        std::array::from_fn(|i| std::array::from_fn(|j| of[i][j] + camera_covariance[i][j]))
-    };
+    let with_camera = |of: &Symmetric6| sum(of, &camera_covariance);
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &independent, margin);
     let known = search.priors();
     let mut by_matches = uncertainty(&nothing, free, design_effect).1;

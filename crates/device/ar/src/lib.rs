@@ -46,8 +46,8 @@ pub use alignment::{Aligned, Alignment, AlignmentOptions, AlignmentState, Update
 pub use axes::{ArWorld, Axes, AxesError, CameraFromAr, FrameworkPose};
 pub use distances::{DistanceRatio, DistanceVerdict};
 pub use seal::{
-    FrameError, SealedCameraFrame, down_in_camera, orientation_in_world, rig_of, seal_frame, seal_frame_in,
-    seal_to_send,
+    FrameError, RigError, SealedCameraFrame, down_in_camera, orientation_in_world, rig_message, rig_of,
+    seal_frame, seal_frame_in, seal_to_send,
 };
 pub use veiloc_features::{CameraFrame, PixelFormat};
 pub use veiloc_geometry::QuarterTurns;

@@ -24,7 +24,7 @@ use veiloc_geometry::nalgebra::{Matrix6, SMatrix, SVector, Vector2};
 
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::design_effect::ScoreCells;
-use crate::likelihood::fisher::Symmetric6;
+use crate::likelihood::fisher::{Symmetric6, propagated};
 use crate::likelihood::focal::{FocalVerdict, PoseWithFocal};
 use crate::likelihood::map_cameras::{BestCamera, CameraEvidence, LOG_PRIOR_ODDS, MapCameras, OPEN_SD};
 use crate::likelihood::matches::{LikelihoodTerm, Matches};
@@ -507,12 +507,7 @@ impl CameraObjective<'_> {
 impl CameraInfluence {
     /// The covariance of the pose for this one of the camera.
     fn of_pose(&self, camera: &MatrixC) -> Option<Symmetric6> {
-        let covariance = self.pose_by_camera * camera * self.pose_by_camera.transpose();
-        let symmetric = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
-        covariance
-            .iter()
-            .all(|c| c.is_finite())
-            .then(|| std::array::from_fn(|i| std::array::from_fn(|j| symmetric(i, j))))
+        propagated(&self.pose_by_camera, camera)
     }
 }
 

@@ -13,6 +13,18 @@ fn symmetric(m: &Matrix6<f64>) -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (m[(i, j)] + m[(j, i)])))
 }
 
+/// `J C Jᵀ`: the covariance `C` of parameters, propagated to a pose that moves by `J` with them; `None` when it is not
+/// finite.
+pub(crate) fn propagated(jacobian: &Matrix6<f64>, covariance: &Matrix6<f64>) -> Option<Symmetric6> {
+    let propagated = jacobian * covariance * jacobian.transpose();
+    propagated.iter().all(|c| c.is_finite()).then(|| symmetric(&propagated))
+}
+
+/// The covariance of a sum of independent errors.
+pub(crate) fn sum(a: &Symmetric6, b: &Symmetric6) -> Symmetric6 {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
+}
+
 /// Inverse of an information matrix; infinite on the diagonal when a direction is free.
 pub fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
     // Radians and map units differ in scale: compare directions only after giving each unit information.

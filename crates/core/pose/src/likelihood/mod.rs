@@ -37,6 +37,7 @@ pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};
 pub use design_effect::ScoreCells;
 pub use fisher::{MIN_LOG_LIKELIHOOD_RATIO, Symmetric6, inverse_or_infinite};
+pub(crate) use fisher::{propagated, sum};
 pub use focal::{FocalObjective, FocalSystem, FocalVerdict, PoseWithFocal, step_focal};
 pub use kernel::{Kernel, Scale, log_farthest, median_point, promising_first};
 pub use map_cameras::{BestCamera, CameraEvidence, MapCameras};

@@ -19,7 +19,8 @@ use super::focal::Lens;
 use super::polish::PolishedRig;
 use super::search::RigSearch;
 use crate::likelihood::{
-    CameraChange, CameraEvidence, CameraInfluence, CameraObjective, CameraVerdict, PoseWithCamera, Symmetric6,
+    CameraChange, CameraEvidence, CameraInfluence, CameraObjective, CameraVerdict, PoseWithCamera,
+    Symmetric6, propagated, sum,
 };
 use crate::options::PoseOptions;
 
@@ -49,25 +50,16 @@ impl RigCameras {
                 constraint.information_over_rig(&w.information_with_shared_errors(), &w.deviation)
             })
             .sum();
-        let mut covariance = Matrix6::zeros();
-        if let Some(factor) = held.cholesky() {
-            for lens in lenses {
-                let Some((spread, force)) = frames.of_lens(lens, contributions) else { continue };
-                let moved = factor.solve(&force);
-                covariance += moved * spread * moved.transpose();
-            }
-        }
-        if !covariance.iter().all(|c| c.is_finite()) {
-            covariance = Matrix6::zeros();
-        }
-        let symmetric = |i: usize, j: usize| f64::midpoint(covariance[(i, j)], covariance[(j, i)]);
+        let held = held.cholesky();
+        let of_lens = |lens: &Lens| {
+            let (spread, force) = frames.of_lens(lens, contributions)?;
+            propagated(&held.as_ref()?.solve(&force), &spread)
+        };
+        let covariance = lenses.iter().filter_map(of_lens).fold([[0.0; 6]; 6], |all, one| sum(&all, &one));
         let is_contradicted = lenses.iter().any(|lens| {
             lens.frames.iter().any(|&f| frames.contradict(f, lens, contributions[f].inliers.len(), options))
         });
-        Self {
-            covariance: std::array::from_fn(|i| std::array::from_fn(|j| symmetric(i, j))),
-            is_contradicted,
-        }
+        Self { covariance, is_contradicted }
     }
 }
 

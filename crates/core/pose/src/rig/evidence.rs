@@ -28,7 +28,7 @@ use crate::confidence::{
     Confidence, MIN_MARGIN, free_direction, gains, log_det, log_poses, min_log_evidence,
 };
 use crate::likelihood::{
-    Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite, with_shift,
+    Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite, sum, with_shift,
 };
 use crate::ransac::search::Search;
 
@@ -286,11 +286,8 @@ impl FrameEvidence {
 
     /// Adds the effect of errors of the cameras.
     pub(super) fn add(&mut self, of_cameras: &Symmetric6) {
-        for covariance in [&mut self.covariance, &mut self.by_matches] {
-            for (row, added) in covariance.iter_mut().zip(of_cameras) {
-                row.iter_mut().zip(added).for_each(|(c, added)| *c += added);
-            }
-        }
+        self.covariance = sum(&self.covariance, of_cameras);
+        self.by_matches = sum(&self.by_matches, of_cameras);
     }
 
     /// Required margin over the best other pose, before repeated gains are discounted.
