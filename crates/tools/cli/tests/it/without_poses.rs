@@ -2,15 +2,15 @@
 //! needs no pycolmap.
 #![cfg(unix)]
 
-use std::fs;
-use std::os::unix::fs::PermissionsExt;
+use std::io::Write;
+use std::process::{Command, Stdio};
 
 use super::common;
 
 use common::{EXTRACTION, TestScene, scene};
 
 /// Writes a program that behaves as a Python with pycolmap: it says its version, or reads the task and copies a model. It
-/// appends a line to `calls` each time it computes.
+/// appends a line to `NAME-calls` each time it computes: the tests of this file share a folder.
 fn python(scene: &TestScene, name: &str, models: &[&str], says: &str) {
     let copies: Vec<String> = (0..)
         .zip(models)
@@ -24,11 +24,19 @@ echo call >> '{calls}'
 {copies}
 {says}
 "#,
-        calls = scene.path("calls").display(),
+        calls = scene.path(format!("{name}-calls")).display(),
         copies = copies.join("\n"),
     );
-    scene.write(name, script);
-    fs::set_permissions(scene.path(name), fs::Permissions::from_mode(0o755)).expect("executable");
+    // Another process writes it: a file that a parallel test holds open for writing, in a process it is about to start, cannot be
+    // executed ("text file busy").
+    let mut writer = Command::new("sh")
+        .args(["-c", r#"cat > "$0" && chmod 755 "$0""#])
+        .arg(scene.path(name))
+        .stdin(Stdio::piped())
+        .spawn()
+        .expect("a shell");
+    writer.stdin.take().expect("piped").write_all(script.as_bytes()).expect("written");
+    assert!(writer.wait().expect("ended").success(), "{name} is written");
 }
 
 fn build(scene: &TestScene, arguments: &str) -> common::Run {
@@ -54,7 +62,7 @@ echo '{"unregistered": "map-00.png", "keypoints": 12, "verified_pairs": 0}'"#;
     assert!(run.stderr.contains("2 models that are not connected"), "{run}");
     // It is in the other model, which says more than its keypoints.
     assert!(run.stderr.contains("map-00.png: in another model"), "{run}");
-    let calls = || scene.read("calls").len();
+    let calls = || scene.read("python-calls").len();
     let once = calls();
     let again = build(scene, "--python ./python -o alone.vmap --no-self-test").succeeded();
     assert!(calls() == once && again.stderr.contains("from an earlier run"), "{again}");
