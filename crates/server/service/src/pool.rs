@@ -16,7 +16,7 @@ use tokio::sync::oneshot;
 use crate::auth::TokenKey;
 use crate::clock::Clock;
 use crate::panics;
-use crate::queue::FairQueue;
+use crate::queue::{Charge, FairQueue};
 
 /// A job, independent of the type of its result.
 trait Work: Send {
@@ -52,20 +52,20 @@ struct Job {
     accepted: Instant,
 }
 
-/// Client, cost and time limit of a job.
+/// Client, size and time limit of a job.
 #[derive(Clone, Copy)]
 pub struct JobSpec {
     /// The token of the client; `None` where clients are not distinguished.
     pub client: Option<TokenKey>,
-    /// Cost, in descriptor rows.
+    /// Number of descriptor rows.
     pub rows: usize,
     /// Time limit of the result.
     pub limit: Duration,
 }
 
 impl JobSpec {
-    /// Retrieval and the search for the pose have a fixed cost, here 256 rows.
-    const fn cost(&self) -> u64 {
+    /// Its size in rows; retrieval and the search for the pose count as 256.
+    const fn size(&self) -> u64 {
         self.rows as u64 + 256
     }
 }
@@ -76,10 +76,8 @@ struct Shared {
     /// Notified when a job was queued or the pool was closed.
     changed: Condvar,
     busy: AtomicUsize,
-    /// Total cost of the running jobs.
-    active_cost: AtomicU64,
-    /// Nanoseconds per unit of cost, a running mean over jobs that ran; 0 before the first.
-    mean_ns: AtomicU64,
+    /// Estimated time of the running jobs, nanoseconds.
+    active_ns: AtomicU64,
     clock: Clock,
 }
 
@@ -93,16 +91,8 @@ impl Shared {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn record_duration(&self, time: Duration, cost: u64) {
-        let took = (u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / cost.max(1)).max(1);
-        let next =
-            |mean: u64| if mean == 0 { took } else { (mean.saturating_mul(7).saturating_add(took)) / 8 };
-        // Cannot fail: the closure always returns a value.
-        let _ = self.mean_ns.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |mean| Some(next(mean)));
-    }
-
     /// Waits for the next job; `None` when the pool is closed and empty.
-    fn next(&self) -> Option<(u64, Job)> {
+    fn next(&self) -> Option<(Charge<TokenKey>, Job)> {
         let mut state = self.queue_state();
         loop {
             if let Some(next) = state.jobs.pop() {
@@ -150,8 +140,7 @@ impl Pool {
             queue: Mutex::new(QueueState { jobs: FairQueue::new(queue), closed: false }),
             changed: Condvar::new(),
             busy: AtomicUsize::new(0),
-            active_cost: AtomicU64::new(0),
-            mean_ns: AtomicU64::new(0),
+            active_ns: AtomicU64::new(0),
             clock,
         });
         let mut threads = Vec::new();
@@ -192,7 +181,7 @@ impl Pool {
             }
             self.check_room(&state, spec)?;
         }
-        state.jobs.push(spec.client, spec.cost(), Job { work, accepted: self.shared.clock.now() });
+        state.jobs.push(spec.client, spec.size(), Job { work, accepted: self.shared.clock.now() });
         drop(state);
         self.shared.changed.notify_one();
         Ok(result)
@@ -200,7 +189,9 @@ impl Pool {
 
     /// Checks that the queue has room and that the job would finish in time.
     fn check_room(&self, state: &QueueState, spec: JobSpec) -> Result<(), Rejected> {
-        let ahead = self.estimated_time(state.jobs.ahead(spec.client, spec.cost()));
+        // By all threads, including half of the running jobs.
+        let active = Duration::from_nanos(self.shared.active_ns.load(Ordering::Relaxed) / 2);
+        let ahead = (state.jobs.ahead(spec.client, spec.size()) + active) / self.workers.get() as u32;
         if !state.jobs.has_room(spec.client) {
             return Err(Rejected::Full { retry_after: seconds(ahead) });
         }
@@ -208,15 +199,6 @@ impl Pool {
             Some(late) => Err(Rejected::Late { retry_after: seconds(late) }),
             None => Ok(()),
         }
-    }
-
-    /// Estimated time until work of this cost is done by all threads, including half of the running jobs; zero before
-    /// the first measurement.
-    fn estimated_time(&self, cost: u64) -> Duration {
-        let active_cost = self.shared.active_cost.load(Ordering::Relaxed) / 2;
-        let all =
-            self.shared.mean_ns.load(Ordering::Relaxed).saturating_mul(cost.saturating_add(active_cost));
-        Duration::from_nanos(all / self.workers.get() as u64)
     }
 
     /// Number of queued jobs.
@@ -254,18 +236,18 @@ fn seconds(wait: Duration) -> NonZeroU64 {
 
 fn run_worker(shared: &Shared) {
     panics::mark_service_thread();
-    while let Some((cost, Job { work, accepted })) = shared.next() {
+    while let Some((charge, Job { work, accepted })) = shared.next() {
+        let estimate = u64::try_from(charge.estimate().as_nanos()).unwrap_or(u64::MAX);
         shared.busy.fetch_add(1, Ordering::Relaxed);
-        shared.active_cost.fetch_add(cost, Ordering::Relaxed);
+        shared.active_ns.fetch_add(estimate, Ordering::Relaxed);
         let started = shared.clock.now();
         // On a panic the reply sender is dropped, which notifies the submitter. The hook has logged the location; the
         // message is discarded here, because it may contain parts of a query.
         let begun = catch_unwind(AssertUnwindSafe(|| work.run(started.duration_since(accepted))));
-        shared.active_cost.fetch_sub(cost, Ordering::Relaxed);
-        // Skipped jobs took no time and must not enter the mean.
-        if begun.unwrap_or(true) {
-            shared.record_duration(shared.clock.now().saturating_duration_since(started), cost);
-        }
+        shared.active_ns.fetch_sub(estimate, Ordering::Relaxed);
+        // A skipped job took no time.
+        let took = begun.unwrap_or(true).then(|| shared.clock.now().saturating_duration_since(started));
+        shared.queue_state().jobs.record(&charge, took);
         // Last, so that a thread seen as free has already recorded its duration.
         shared.busy.fetch_sub(1, Ordering::Release);
     }
@@ -287,7 +269,7 @@ mod tests {
         Pool::start(number(workers), number(queue), clock.clone()).expect("threads")
     }
 
-    /// A job without a client that costs as much as 1000 rows.
+    /// A job without a client, of size 1000.
     const SPEC: JobSpec = JobSpec { client: None, rows: 744, limit: Duration::from_secs(3600) };
 
     /// Occupies a thread until the returned barrier is released.
@@ -381,7 +363,7 @@ mod tests {
         first.blocking_recv().expect("finished");
         // This job is popped after the abandoned ones.
         work(&pool, &clock, Duration::from_secs(2));
-        assert_eq!(pool.shared.mean_ns.load(Ordering::Relaxed), 2_000_000, "2 s for 1000 rows");
+        assert_eq!(pool.shared.queue_state().jobs.estimate(None, 1000), Duration::from_secs(2));
         pool.finish();
     }
 
@@ -391,7 +373,8 @@ mod tests {
         let pool = pool_by(&clock.clock(), 1, 30);
         for (took, mean_ns) in [(400, 400_000), (400, 400_000), (0, 350_000), (0, 306_250)] {
             work(&pool, &clock, Duration::from_millis(took));
-            assert!(pool.shared.mean_ns.load(Ordering::Relaxed).abs_diff(mean_ns) <= 1, "after {took} ms");
+            let estimate = pool.shared.queue_state().jobs.estimate(None, 1);
+            assert!(estimate.abs_diff(Duration::from_nanos(mean_ns)).as_nanos() <= 1, "after {took} ms");
         }
         pool.finish();
     }

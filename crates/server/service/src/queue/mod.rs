@@ -4,7 +4,7 @@
 //! - [`FairQueue`]: schedules work so that a client that sends much delays only itself.
 //! - [`LogThrottle`]: limits log lines per kind and counts the suppressed ones.
 //!
-//! Nothing here reads a clock, so the tests need none.
+//! Nothing here reads a clock, so the tests need none: the pool says how long work took.
 //!
 //! ```
 //! use std::num::NonZeroUsize;
@@ -23,5 +23,5 @@ mod fair_queue;
 mod throttle;
 
 pub use connections::{Admission, Connection, ConnectionLimits, Connections, Slot};
-pub use fair_queue::FairQueue;
+pub use fair_queue::{Charge, FairQueue};
 pub use throttle::{LogKind, LogThrottle};
