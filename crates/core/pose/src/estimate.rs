@@ -66,7 +66,7 @@ fn estimate_checked<R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Result<PoseEstimate, PoseError> {
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let best = over_focal_lengths(problem.focal, |factor| {
+    let best = over_focal_lengths(problem.focal, options, |factor, options| {
         let observations = &problem.observations;
         search_at(&matches, problem, options, factor, rng)
             .map(|estimate| ImageEstimate { estimate, observations })

@@ -11,6 +11,7 @@ use crate::likelihood::{
     CameraObjective, Correspondences, FocalObjective, FocalPrior, FocalTest, FocalVerdict, Matches,
     PoseWithFocal,
 };
+use crate::options::PoseOptions;
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::Estimator;
 use crate::ransac::search::{Polished, Search};
@@ -61,15 +62,20 @@ impl WithConfidence for ImageEstimate<'_> {
 }
 
 /// The best of a search with the given focal length and, if that leaves a doubt, of searches with others. `search_at`
-/// gets the factor on the given focal length.
+/// gets the factor on the given focal length, and the options of the search: all others together draw at most as many
+/// samples as the first, so that an image of another place does not cost a multiple of one that is found.
 pub(crate) fn over_focal_lengths<T: WithConfidence>(
     focal: FocalPrior,
-    mut search_at: impl FnMut(f64) -> Result<T, PoseError>,
+    options: &PoseOptions,
+    mut search_at: impl FnMut(f64, &PoseOptions) -> Result<T, PoseError>,
 ) -> Result<T, PoseError> {
-    let mut best = search_at(1.0);
+    let mut best = search_at(1.0, options);
     let surplus = min_surplus(focal, &best);
-    for &factor in other_focal_lengths(focal, &best) {
-        let other = search_at(factor);
+    let others = other_focal_lengths(focal, &best);
+    let max_hypotheses = (options.max_hypotheses / others.len().max(1)).max(1);
+    let options = PoseOptions { max_hypotheses, ..options.clone() };
+    for &factor in others {
+        let other = search_at(factor, &options);
         if log_evidence_of(&other) > log_evidence_of(&best) + surplus {
             best = other;
         }

@@ -136,6 +136,10 @@ pub struct PoseOptions {
     pub stop: Stop,
 }
 
+/// Frames of a rig up to which its search may draw more samples. More frames make the search easier, not harder, and the
+/// work of a session must have a bound.
+const MAX_FRAMES: usize = 4;
+
 impl Default for PoseOptions {
     fn default() -> Self {
         Self {
@@ -157,13 +161,14 @@ impl Default for PoseOptions {
 }
 
 impl PoseOptions {
-    /// The sample budget for a search over several frames: the maximum is that of a single frame, multiplied.
+    /// The sample budget for a search over several frames: the maximum is that of a single frame, multiplied up to
+    /// [`MAX_FRAMES`] times.
     pub(crate) fn budget(&self, frames: usize) -> Budget {
         match self.fixed_hypotheses {
             Some(samples) => Budget::fixed(samples),
             None => Budget {
                 min: self.min_hypotheses.min(self.max_hypotheses),
-                max: self.max_hypotheses.saturating_mul(frames),
+                max: self.max_hypotheses.saturating_mul(frames.min(MAX_FRAMES)),
                 confidence: self.confidence,
             },
         }

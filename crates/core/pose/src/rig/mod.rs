@@ -177,7 +177,7 @@ fn estimate_without_copies<R: Rng + ?Sized>(
         shown.iter().map(|&i| Matches::new(&frames[i].problem, options.expected_inlier_ratio)).collect();
     let checked = CheckedFrames { frames, alone, shown, given };
     let focal = worst_known(checked.shown.iter().map(|&i| frames[i].problem.focal));
-    let best = over_focal_lengths(focal, |factor| {
+    let best = over_focal_lengths(focal, options, |factor, options| {
         let search = |times, rng: &mut R| {
             let found = checked.search_at(factor, focal, options, times, rng);
             found.map(|estimate| RigResult { estimate, frames })
