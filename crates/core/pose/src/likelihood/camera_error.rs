@@ -250,6 +250,18 @@ pub struct FocalTest {
     pub pose_of_given: CameraFromWorld,
 }
 
+/// What another focal length gains over the given one.
+struct FocalGain {
+    /// In log likelihood, over the design effect.
+    gain: f64,
+    /// Matches that agree with the given one.
+    agreeing: usize,
+    /// The best pose with any focal length.
+    other: PoseWithFocal,
+    /// The best pose with about the given one.
+    pose_of_given: CameraFromWorld,
+}
+
 /// Whether the matches contradict the camera of a query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CameraVerdict {
@@ -399,19 +411,33 @@ impl CameraObjective<'_> {
     /// resembles another focal length where the matches are few. Compares the best camera with any focal length with
     /// the best one with the given focal length, when the other parameters differ as those of the map's cameras.
     pub fn test_focal(&self, at: &PoseWithFocal) -> FocalTest {
-        let given = self.beyond_map(&CALIBRATED_SD);
-        let mut open = given;
+        let FocalGain { gain, agreeing, other, pose_of_given } =
+            self.focal_gain(at, &self.beyond_map(&CALIBRATED_SD));
+        let min_gain = FocalVerdict::min_gain(self.matches.observations, agreeing);
+        FocalTest { verdict: FocalVerdict::of(gain, &other, min_gain), pose_of_given }
+    }
+
+    /// The gains of an estimated focal length over the given one when the other parameters differ as those of the map's
+    /// cameras, and when they are nearly exact.
+    pub fn focal_gains(&self, at: &PoseWithFocal) -> [f64; 2] {
+        [self.beyond_map(&CALIBRATED_SD), CALIBRATED_SD].map(|given| self.focal_gain(at, &given).gain)
+    }
+
+    fn focal_gain(&self, at: &PoseWithFocal, given: &[f64; CAMERA]) -> FocalGain {
+        let mut open = *given;
         open[0] = OPEN_SD[0];
         let at = PoseWithCamera { pose: at.pose, change: CameraChange::of_focal(at.factor) };
-        let [at_given, at_open] = [&given, &open].map(|sd| self.descend(&at, sd));
-        let [loss, open_loss] = [(&at_given, &given), (&at_open, &open)].map(|(at, sd)| {
+        let [at_given, at_open] = [given, &open].map(|sd| self.descend(&at, sd));
+        let [loss, open_loss] = [(&at_given, given), (&at_open, &open)].map(|(at, sd)| {
             let here = self.linearize(at);
             (penalized(&here, &at.change, sd), here)
         });
-        let gain = (loss.0 - open_loss.0) / open_loss.1.cells.design_effect();
-        let min_gain = FocalVerdict::min_gain(self.matches.observations, loss.1.agreeing);
-        let other = PoseWithFocal { pose: at_open.pose, factor: at_open.change.factor() };
-        FocalTest { verdict: FocalVerdict::of(gain, &other, min_gain), pose_of_given: at_given.pose }
+        FocalGain {
+            gain: (loss.0 - open_loss.0) / open_loss.1.cells.design_effect(),
+            agreeing: loss.1.agreeing,
+            other: PoseWithFocal { pose: at_open.pose, factor: at_open.change.factor() },
+            pose_of_given: at_given.pose,
+        }
     }
 
     /// What the matches say about the given camera, with the best camera estimated; `at` is an optimum for the given

@@ -13,12 +13,13 @@
 //! enough. The estimated focal length applies to all frames of a camera.
 
 use crate::likelihood::{
-    Convergence, FocalObjective, FocalPrior, FocalSystem, FocalVerdict, PoseWithFocal, levenberg_marquardt,
-    step_focal,
+    CameraObjective, Convergence, FocalObjective, FocalPrior, FocalSystem, FocalVerdict, PoseWithFocal,
+    levenberg_marquardt, step_focal,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
 
+use super::RigFrame;
 use super::frame::Frame;
 use super::joint::{Poses, Step};
 use super::odometry::{Deviation, OdometryConstraint};
@@ -87,10 +88,13 @@ pub(super) struct RefinedRig {
 }
 
 /// Refines the result of the search, which multiplied the focal length by `factor`; see [`Lens::all`].
+///
+/// `given` are the frames as the caller gave them.
 pub(super) fn refine_focal_lengths(
     search: &mut RigSearch<'_>,
     start: &Poses,
     factor: f64,
+    given: &[RigFrame],
     options: &PoseOptions,
 ) -> RefinedRig {
     let lenses = Lens::all(&search.frames, factor);
@@ -105,6 +109,10 @@ pub(super) fn refine_focal_lengths(
     while !remaining.is_empty() {
         let lens = remaining.remove(refined.largest_gain_index(search, &remaining));
         refined.estimate_focal(search, lens, options);
+        let Lens { focal, verdict, .. } = refined.lenses[lens];
+        if focal == FocalPrior::Calibrated && verdict == FocalVerdict::Wrong {
+            refined.test_again(search, lens, given, options);
+        }
     }
     refined
 }
@@ -168,6 +176,54 @@ impl RefinedRig {
                 }
             }
             self.move_to(search, lens, &poses, factor, options);
+        }
+    }
+
+    /// Returns to the given focal length if the errors of the map's own cameras explain the matches about as well as the
+    /// other one. They are tried in each frame by itself; the share of the gain that is left there is left of the gain
+    /// of all frames together.
+    fn test_again(
+        &mut self,
+        search: &mut RigSearch<'_>,
+        lens: usize,
+        given: &[RigFrame],
+        options: &PoseOptions,
+    ) {
+        let factor = self.lenses[lens].factor;
+        let mut gains = [0.0; 2];
+        for &f in &self.lenses[lens].frames {
+            let (frame, cam, noise) =
+                (&search.frames[f], self.polished.poses.cams[f], self.polished.noise[f]);
+            let objective = CameraObjective {
+                matches: &frame.seen,
+                priors: frame.search.priors(),
+                active: frame.search.possible(&cam, noise),
+                noise,
+                map: given[frame.index].problem.map_cameras,
+                known: FocalPrior::Calibrated,
+            };
+            let of_frame = objective.focal_gains(&PoseWithFocal { pose: cam, factor });
+            gains = [0, 1].map(|k| gains[k] + of_frame[k].max(0.0));
+        }
+        let [left, all] = gains;
+        // The frames say nothing by themselves, or the map's cameras are nearly exact.
+        if left >= all {
+            return;
+        }
+        let open = self.polished.poses.clone();
+        let found = {
+            let objective = self.objective(search, lens);
+            objective.linearize(&open, factor)
+        };
+        self.move_to(search, lens, &open, 1.0, options);
+        let (gain, min_gain) = {
+            let objective = self.objective(search, lens);
+            let here = objective.linearize(&self.polished.poses, 1.0);
+            ((here.loss - found.loss) / objective.design_effect(&found), self.min_gain(search, lens))
+        };
+        match FocalVerdict::of(gain * left / all, &of_rig(&open, factor), min_gain) {
+            FocalVerdict::Wrong => self.move_to(search, lens, &open, factor, options),
+            verdict => self.lenses[lens].verdict = verdict,
         }
     }
 

@@ -320,7 +320,8 @@ impl CheckedFrames<'_> {
             hypotheses: found.samples,
         };
         let Some(best) = found.model else { return Err(no_consensus(0)) };
-        let RefinedRig { polished, lenses } = refine_focal_lengths(&mut search, &best, factor, options);
+        let RefinedRig { polished, lenses } =
+            refine_focal_lengths(&mut search, &best, factor, frames, options);
         let poses = &polished.poses;
         let lens_of = |f: usize| lenses.iter().find(|lens| lens.frames.contains(&f));
         let mut contributions: Vec<FrameContribution<'_>> = search

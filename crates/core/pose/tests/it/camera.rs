@@ -4,9 +4,9 @@ use super::support;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use support::{Scheme, Setup, problem};
+use support::{Scheme, Setup, bend, problem};
+use veiloc_geometry::{CameraFromWorld, Point3};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
 use veiloc_pose::likelihood::MapCameras;
 use veiloc_pose::{
     Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
@@ -326,15 +326,6 @@ fn missing_distortion_is_in_the_covariance() {
 /// A problem whose keypoints have a radial distortion that its camera lacks.
 fn bent(scheme: Scheme, radial: f64, rng: &mut ChaCha8Rng) -> (PoseProblem, CameraFromWorld) {
     let (mut problem, truth) = problem(&Setup { scheme, right: 300, wrong: 200, noise: 0.7 }, rng);
-    let camera = problem.camera;
-    for point in &mut problem.points {
-        // The point moves to where the distorted ray goes.
-        let seen = truth.transform(point);
-        let plane = camera.project(PlanePoint::from_camera_point(&seen).expect("in front"));
-        let bent = camera.unproject(plane);
-        let squared = bent.x * bent.x + bent.y * bent.y;
-        let ray = PlanePoint::new(bent.x * (1.0 + radial * squared), bent.y * (1.0 + radial * squared));
-        *point = truth.inverse().transform(&Point3::from_vector(ray.homogeneous() * seen.coords.z));
-    }
+    bend(&mut problem, &truth, radial);
     (problem, truth)
 }

@@ -6,8 +6,9 @@ use super::support::rigs;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rigs::{ODOMETRY, session};
-use support::{Scheme, Setup, problem};
+use support::{Scheme, Setup, bend, problem};
 use veiloc_geometry::{CameraFromRig, RigFromWorld};
+use veiloc_pose::likelihood::MapCameras;
 use veiloc_pose::{FocalPrior, PoseOptions, RigEstimate, RigFrame, State, estimate_pose, estimate_rig_pose};
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -123,6 +124,33 @@ fn wrong_principal_point_is_covered_or_doubted() {
             }
         }
         assert!(trusted == 5 && doubted > 3, "{scheme:?}: {trusted} {doubted}");
+    }
+}
+
+/// Distortion that the images of the map lack, too, resembles another focal length; it is not estimated then.
+#[test]
+fn distortion_of_the_map_is_no_other_focal_length() {
+    for scheme in SCHEMES {
+        let setup = Setup { scheme, right: 40, wrong: 40, noise: 0.7 };
+        let estimated = |map_cameras, frames| {
+            let of_seed = |seed: &u64| {
+                let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+                let (mut frames, truth) = session(&setup, frames, ODOMETRY, &mut rng);
+                for frame in &mut frames {
+                    bend(&mut frame.problem, &frame.cam_from_rig.compose(&truth), -0.15);
+                    frame.problem.map_cameras = map_cameras;
+                }
+                estimate(&frames, *seed).frames.iter().any(|frame| frame.focal_scale != 1.0)
+            };
+            (0..10).filter(of_seed).count()
+        };
+        let mut distorted = MapCameras::UNMEASURED;
+        distorted.sd[5] = 0.15;
+        for frames in [1, 3] {
+            let counts = (estimated(MapCameras::UNMEASURED, frames), estimated(distorted, frames));
+            println!("{scheme:?} {frames} {counts:?}");
+            assert!(counts.0 >= 3 && counts.1 == 0, "{scheme:?}, {frames} frames: {counts:?}");
+        }
     }
 }
 

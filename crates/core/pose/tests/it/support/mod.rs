@@ -6,7 +6,7 @@ pub(crate) mod rigs;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, PlanePoint, Point3, Rigid3};
 use veiloc_pose::{Correspondences, PoseProblem};
 
 pub(crate) const CAMERA: Pinhole =
@@ -41,6 +41,20 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
     );
     let truth: CameraFromWorld = Rigid3::new(turn, Vector3::from_fn(|_, _| rng.random_range(-5.0..5.0)));
     (seen_from(&truth, setup, rng), truth)
+}
+
+/// Gives the keypoints of a problem a radial distortion that its camera lacks.
+pub(crate) fn bend(problem: &mut PoseProblem, truth: &CameraFromWorld, radial: f64) {
+    let camera = problem.camera;
+    for point in &mut problem.points {
+        // The point moves to where the distorted ray goes.
+        let seen = truth.transform(point);
+        let plane = camera.project(PlanePoint::from_camera_point(&seen).expect("in front"));
+        let bent = camera.unproject(plane);
+        let squared = bent.x * bent.x + bent.y * bent.y;
+        let ray = PlanePoint::new(bent.x * (1.0 + radial * squared), bent.y * (1.0 + radial * squared));
+        *point = truth.inverse().transform(&Point3::from_vector(ray.homogeneous() * seen.coords.z));
+    }
 }
 
 /// The problem of a camera with this pose; right matches come first.
