@@ -8,6 +8,8 @@ obfuscated keypoints of each scheme. A query's time is the fastest of all rounds
     python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
     cargo build --release
     .venv/bin/python scripts/bench_pose_stage.py $VEILOC_DATA/problems/*_{nn,r08}.jsonl.gz [--rounds 5]
+
+`--veiloc OLD,NEW` compares two builds: both run in every round, and their rows are numbered.
 """
 
 import argparse
@@ -73,8 +75,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--veiloc", default="target/release/veiloc")
+    parser.add_argument("--veiloc", default="target/release/veiloc", help="the program, or several with commas")
     arguments = parser.parse_args()
+    programs = arguments.veiloc.split(",")
+    number = {program: f" {i + 1}" if len(programs) > 1 else "" for i, program in enumerate(programs)}
+    names = [scheme + number[program] for scheme in SCHEMES for program in programs]
     print(f"{'file':<24}{'':<14}{'matches':>8}{'median ms':>11}{'x PoseLib':>11}{'median error':>14}{'recall':>9}")
     for file in arguments.files:
         with gzip.open(file, "rt") as lines:
@@ -82,9 +87,12 @@ def main():
         bounds = (0.05, 5.0) if file.name.startswith("redkitchen") else (0.1, 1.0)
         rounds = []
         for seed in range(arguments.rounds):
-            rounds.append({**ours(arguments.veiloc, file, seed), "PoseLib": theirs(problems)})
+            found = {"PoseLib": theirs(problems)}
+            for program in programs:
+                found |= {scheme + number[program]: rows for scheme, rows in ours(program, file, seed).items()}
+            rounds.append(found)
         baseline = None
-        for name in ["PoseLib", *SCHEMES]:
+        for name in ["PoseLib", *names]:
             all_rounds = np.stack([r[name] for r in rounds])
             ms = float(np.median(all_rounds[:, :, 0].min(axis=0)))
             baseline = baseline or ms

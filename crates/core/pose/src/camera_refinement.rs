@@ -66,20 +66,20 @@ impl<'a> CameraRefinement<'a> {
             };
         }
         let objective = Self::objective(&search, seen, &polished, test);
-        let evidence = if test.with_evidence { objective.evidence(&at) } else { None };
-        let verdict = objective.test(&at);
-        if let CameraVerdict::Other(other) = &verdict {
-            at.change = other.change.without_bending();
-            search.fix_visible(seen.with_camera(at.change.pinhole(&seen.camera)));
-            polished = search.polish(&other.pose, test.estimate_noise);
-            at.pose = polished.pose;
-            // The focal length was refined with the rest of the camera.
-            focal = FocalVerdict::Fine;
-        }
-        let objective = Self::objective(&search, seen, &polished, test);
-        let covariance = match verdict {
-            CameraVerdict::Other(_) => objective.covariance_of_estimated(&at),
-            CameraVerdict::Fine | CameraVerdict::Contradicted => objective.covariance(&at),
+        let look = objective.look(&at);
+        let evidence = if test.with_evidence { objective.evidence(&look) } else { None };
+        let verdict = objective.test(&look);
+        let covariance = match &verdict {
+            CameraVerdict::Other(other) => {
+                at.change = other.change.without_bending();
+                search.fix_visible(seen.with_camera(at.change.pinhole(&seen.camera)));
+                polished = search.polish(&other.pose, test.estimate_noise);
+                at.pose = polished.pose;
+                // The focal length was refined with the rest of the camera.
+                focal = FocalVerdict::Fine;
+                Self::objective(&search, seen, &polished, test).covariance_of_estimated(&at)
+            }
+            CameraVerdict::Fine | CameraVerdict::Contradicted => objective.covariance(&look),
         };
         let is_contradicted = verdict == CameraVerdict::Contradicted;
         Self { search, polished, change: at.change, covariance, focal, is_contradicted, evidence }

@@ -51,6 +51,7 @@ impl WithoutCopies {
             [x, y, z, kind, a, b, c]
         };
         let mut kept = at_most(1, order, pair);
+        let distinct = kept.len();
         kept = at_most(MAX_COPIES, kept, point);
         if let Some(spots) = Spots::of(problem) {
             // A spot on the border of a grid's cells lies inside the cells of a grid shifted by half of them.
@@ -62,8 +63,14 @@ impl WithoutCopies {
             return None;
         }
         kept.sort_unstable();
-        let places: HashMap<Group, usize> = kept.iter().enumerate().map(|(k, &i)| (pair(i), k)).collect();
-        let stands_for = (0..n).map(|i| places.get(&pair(i)).copied()).collect();
+        let mut stands_for = vec![None; n];
+        kept.iter().enumerate().for_each(|(k, &i)| stands_for[i] = Some(k));
+        if distinct < n {
+            let places: HashMap<Group, usize> = kept.iter().enumerate().map(|(k, &i)| (pair(i), k)).collect();
+            for (i, place) in stands_for.iter_mut().enumerate() {
+                *place = place.or_else(|| places.get(&pair(i)).copied());
+            }
+        }
         Some(Self { problem: problem.subset(&kept), stands_for })
     }
 

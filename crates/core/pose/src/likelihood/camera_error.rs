@@ -27,7 +27,7 @@ use crate::likelihood::design_effect::ScoreCells;
 use crate::likelihood::fisher::{Symmetric6, propagated};
 use crate::likelihood::focal::{FocalVerdict, PoseWithFocal};
 use crate::likelihood::map_cameras::{BestCamera, CameraEvidence, LOG_PRIOR_ODDS, MapCameras, OPEN_SD};
-use crate::likelihood::matches::{LikelihoodTerm, Matches};
+use crate::likelihood::matches::{LikelihoodTerm, Matches, Residual};
 use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::problem::FocalPrior;
 use crate::likelihood::refine::System;
@@ -241,6 +241,14 @@ pub struct CameraInfluence {
     pub evidence: CameraEvidence,
 }
 
+/// The matches linearized at a pose with its camera ([`CameraObjective::look`]).
+pub struct CameraLook {
+    at: PoseWithCamera,
+    system: CameraSystem,
+    /// How the pose follows the camera, and what the matches say about it; `None` when they do not determine the pose.
+    pub influence: Option<CameraInfluence>,
+}
+
 /// Result of [`CameraObjective::test_focal`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FocalTest {
@@ -274,21 +282,19 @@ pub enum CameraVerdict {
 }
 
 impl CameraObjective<'_> {
-    /// The covariance that the camera model adds to a pose estimated with this camera, `C_camera`; 0 when the matches
-    /// do not determine the pose.
-    pub fn covariance(&self, at: &PoseWithCamera) -> Symmetric6 {
-        let here = self.linearize(at);
-        let shared_variance = self.shared_variance(&here, at);
-        let covariance =
-            |found: CameraInfluence| found.of_pose(&self.assumed_spread(&found.evidence, &at.change)?);
-        here.without_pose(shared_variance).and_then(covariance).unwrap_or([[0.0; 6]; 6])
+    /// The matches linearized at a pose with its camera, which is an optimum.
+    pub fn look(&self, at: &PoseWithCamera) -> CameraLook {
+        let system = self.linearize(at);
+        let influence = system.without_pose(self.shared_variance(&system, at));
+        CameraLook { at: *at, system, influence }
     }
 
-    /// What the matches say about the given camera, and how the pose follows it; `at` is an optimum. `None` when they do
-    /// not determine the pose.
-    pub fn influence(&self, at: &PoseWithCamera) -> Option<CameraInfluence> {
-        let here = self.linearize(at);
-        here.without_pose(self.shared_variance(&here, at))
+    /// The covariance that the camera model adds to a pose estimated with this camera, `C_camera`; 0 when the matches
+    /// do not determine the pose.
+    pub fn covariance(&self, here: &CameraLook) -> Symmetric6 {
+        let covariance =
+            |found: &CameraInfluence| found.of_pose(&self.assumed_spread(&found.evidence, &here.at.change)?);
+        here.influence.as_ref().and_then(covariance).unwrap_or([[0.0; 6]; 6])
     }
 
     /// Second moment of the camera's errors that the ± of a pose with this camera assumes. That of an estimated focal
@@ -357,17 +363,17 @@ impl CameraObjective<'_> {
         let free = solved(here, &OPEN_SD, &at.change, 0.0).and_then(|step| moved(at, &step));
         let of_given = here.cells.design_effect();
         // A long step may lose matches.
-        free.map_or(of_given, |free| self.linearize(&free).cells.design_effect().min(of_given))
+        free.map_or(of_given, |free| self.cells(&free).design_effect().min(of_given))
     }
 
-    /// Tests the given camera; `at` is an optimum for it.
+    /// Tests the given camera, seen at an optimum for it.
     ///
     /// One linearized step decides whether to estimate the camera. The estimation is necessary because matches that the
     /// wrong camera lost return only during it.
-    pub fn test(&self, at: &PoseWithCamera) -> CameraVerdict {
-        let here = self.linearize(at);
-        let Some(linear) = self.evidence_here(&here, at) else { return CameraVerdict::Fine };
-        let Some(step) = solved(&here, &OPEN_SD, &at.change, 0.0) else { return CameraVerdict::Fine };
+    pub fn test(&self, look: &CameraLook) -> CameraVerdict {
+        let CameraLook { at, system: here, influence } = look;
+        let Some(CameraInfluence { evidence: linear, .. }) = influence else { return CameraVerdict::Fine };
+        let Some(step) = solved(here, &OPEN_SD, &at.change, 0.0) else { return CameraVerdict::Fine };
         let min_wrong: [f64; CAMERA] =
             std::array::from_fn(|k| MIN_WRONG[k].max(MIN_WRONG_SDS * self.map.sd[k]));
         // Half of the thresholds: the linear step is shorter than the refined one while matches are lost.
@@ -376,12 +382,12 @@ impl CameraObjective<'_> {
         let log_odds_of = |of: &CameraEvidence| {
             of.log_odds(&calibrated).map(|odds| odds - LOG_PRIOR_ODDS + self.log_prior_odds(&at.change))
         };
-        if is_near || !(log_odds_of(&linear) >= Some(MIN_LINEAR_LOG_ODDS)) {
+        if is_near || !(log_odds_of(linear) >= Some(MIN_LINEAR_LOG_ODDS)) {
             return CameraVerdict::Fine;
         }
         let open = self.descend(at, &OPEN_SD);
-        let best = self.best(&here, at, &open);
-        let log_odds = log_odds_of(&CameraEvidence { best: Some(best), ..linear });
+        let best = self.best(here, at, &open);
+        let log_odds = log_odds_of(&CameraEvidence { best: Some(best), ..*linear });
         // A camera that is not calibrated need not be contradicted beyond doubt.
         let (min_gain, min_estimated) = if self.is_focal_estimated(&at.change) {
             (0.0, 0.0)
@@ -395,7 +401,7 @@ impl CameraObjective<'_> {
         let other = self.descend(&straight, &STRAIGHT_SD);
         let is_large = (0..CAMERA).any(|k| (other.change.0[k] - at.change.0[k]).abs() > min_wrong[k]);
         // Where distortion explains much of it, other parameters would only stand for the distortion.
-        let gain_of_other = self.gain(&here, at, &other, &STRAIGHT_SD);
+        let gain_of_other = self.gain(here, at, &other, &STRAIGHT_SD);
         let left = best.gain - gain_of_other;
         let is_straight =
             left < (1.0 - MIN_STRAIGHT_GAIN) * best.gain || left < CHANCE_GAIN * best.shared_variance;
@@ -440,23 +446,18 @@ impl CameraObjective<'_> {
         }
     }
 
-    /// What the matches say about the given camera, with the best camera estimated; `at` is an optimum for the given
-    /// one. `None` when they do not determine the pose.
-    pub fn evidence(&self, at: &PoseWithCamera) -> Option<CameraEvidence> {
-        let here = self.linearize(at);
-        let linear = self.evidence_here(&here, at)?;
-        let best = self.best(&here, at, &self.descend(at, &OPEN_SD));
+    /// What the matches say about the given camera, with the best camera estimated; seen at an optimum for the given one.
+    /// `None` when they do not determine the pose.
+    pub fn evidence(&self, look: &CameraLook) -> Option<CameraEvidence> {
+        let linear = look.influence.as_ref()?.evidence;
+        let best = self.best(&look.system, &look.at, &self.descend(&look.at, &OPEN_SD));
         Some(CameraEvidence { best: Some(best), ..linear })
-    }
-
-    fn evidence_here(&self, here: &CameraSystem, at: &PoseWithCamera) -> Option<CameraEvidence> {
-        Some(here.without_pose(self.shared_variance(here, at))?.evidence)
     }
 
     fn best(&self, here: &CameraSystem, at: &PoseWithCamera, open: &PoseWithCamera) -> BestCamera {
         BestCamera {
             gain: self.gain(here, at, open, &OPEN_SD),
-            shared_variance: self.linearize(open).cells.design_effect(),
+            shared_variance: self.cells(open).design_effect(),
         }
     }
 
@@ -493,32 +494,32 @@ impl CameraObjective<'_> {
 
     /// The same; when not `gated`, also of matches whose points project outside of the image or of their sector.
     fn system(&self, at: &PoseWithCamera, gated: bool) -> CameraSystem {
-        let matches = self.matches;
-        let camera = BentCamera::changed(&matches.camera, &at.change);
-        let mut system = CameraSystem {
-            cells: ScoreCells::new(&matches.camera),
-            agreeing: 0,
-            loss: 0.0,
-            gradient: VectorAll::zeros(),
-            hessian: MatrixAll::zeros(),
-        };
-        let column = |pose: &[f64; 6], camera: &[f64; CAMERA]| {
-            VectorAll::from_fn(|k, _| if k < 6 { pose[k] } else { camera[k - 6] })
-        };
-        for &i in &self.active {
-            let Some(residual) = matches.residual_of(&camera, i, &at.pose, gated) else { continue };
-            let term = matches.likelihood_term(i, &residual, self.noise);
-            let LikelihoodTerm { log_ratio, right, weight, loss } = term;
-            system.cells.add(&residual.pixel, &residual.score(&term));
-            system.agreeing += usize::from(log_ratio > 0.0);
-            system.loss += loss;
-            for row in 0..matches.residuals() {
+        let rows = self.matches.residuals();
+        let mut cells = ScoreCells::new(&self.matches.camera);
+        let (mut agreeing, mut loss) = (0, 0.0);
+        let mut gradient = [0.0; ALL];
+        let mut hessian = [[0.0; ALL]; ALL];
+        self.each(at, gated, |residual, term| {
+            cells.add(&residual.pixel, &residual.score(term));
+            agreeing += usize::from(term.log_ratio > 0.0);
+            loss += term.loss;
+            for row in 0..rows {
                 let j = column(&residual.jacobian[row], &residual.by_camera[row]);
-                system.gradient += j * (weight * residual.error[row]);
-                system.hessian += j * j.transpose() * weight;
+                let weighted = j.map(|j| term.weight * j);
+                for k in 0..ALL {
+                    gradient[k] += weighted[k] * residual.error[row];
+                    for l in 0..ALL {
+                        hessian[k][l] += weighted[k] * j[l];
+                    }
+                }
             }
-            system.gradient -= column(&residual.radius_jacobian, &residual.radius_by_camera) * right;
-        }
+            let radius = column(&residual.radius_jacobian, &residual.radius_by_camera);
+            for k in 0..ALL {
+                gradient[k] -= radius[k] * term.right;
+            }
+        });
+        let (gradient, hessian) = (VectorAll::from(gradient), MatrixAll::from(hessian));
+        let mut system = CameraSystem { cells, agreeing, loss, gradient, hessian };
         let mut six = System::empty();
         self.priors.add_to(&at.pose, &mut six);
         system.loss += six.loss;
@@ -528,6 +529,27 @@ impl CameraObjective<'_> {
         block += six.hessian;
         system
     }
+
+    /// The scores of the matches at a pose and camera.
+    fn cells(&self, at: &PoseWithCamera) -> ScoreCells {
+        let mut cells = ScoreCells::new(&self.matches.camera);
+        self.each(at, true, |residual, term| cells.add(&residual.pixel, &residual.score(term)));
+        cells
+    }
+
+    /// Visits the matches that may be right.
+    fn each(&self, at: &PoseWithCamera, gated: bool, mut visit: impl FnMut(&Residual, &LikelihoodTerm)) {
+        let camera = BentCamera::changed(&self.matches.camera, &at.change);
+        for &i in &self.active {
+            let Some(residual) = self.matches.residual_of(&camera, i, &at.pose, gated) else { continue };
+            visit(&residual, &self.matches.likelihood_term(i, &residual, self.noise));
+        }
+    }
+}
+
+/// Derivatives by the pose and by the camera.
+fn column(pose: &[f64; 6], camera: &[f64; CAMERA]) -> [f64; ALL] {
+    std::array::from_fn(|k| if k < 6 { pose[k] } else { camera[k - 6] })
 }
 
 impl CameraInfluence {

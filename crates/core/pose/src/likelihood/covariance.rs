@@ -98,9 +98,15 @@ impl CovarianceInputs<'_> {
             let factor = share.clamp(MIN_VARIANCE_SHARE, max_share);
             for row in 0..rows {
                 let j = self.row(&item.residual, row);
-                let square = j * j.transpose() * (item.right / variance);
-                hessian += square;
-                score_covariance += square * factor;
+                let weighted = j * (item.right / variance);
+                // A loop over numbers is faster here than products of matrices.
+                for k in 0..7 {
+                    for l in 0..7 {
+                        let square = weighted[l] * j[k];
+                        hessian[(l, k)] += square;
+                        score_covariance[(l, k)] += square * factor;
+                    }
+                }
             }
         }
         let mut known = Matrix7::zeros();
@@ -118,17 +124,17 @@ impl CovarianceInputs<'_> {
             |llr: f64| if llr > MIN_LOG_LIKELIHOOD_RATIO { 1.0 / (1.0 + (-llr).exp()) } else { 0.0 };
         let right: Vec<f64> = self.likelihoods.iter().map(|llr| probability(*llr)).collect();
         let shares = self.matches.shares(&right);
-        let turn = self.pose.rotation().matrix();
+        let world_from_cam = self.pose.rotation().matrix().transpose();
         (0..right.len())
             .filter(|&i| right[i] > 0.0)
             .filter_map(|i| {
                 let residual = self.matches.residual(i, self.pose, true)?;
                 let map_variance = self.matches.point_covariance(i).map_or(0.0, |c| {
-                    let c = turn * Matrix3::from_fn(|a, b| c[a][b]) * turn.transpose();
+                    let c = Matrix3::from_fn(|a, b| c[a][b]);
                     let rows = self.matches.residuals();
                     let across = |row: usize| {
                         let j = residual.jacobian[row];
-                        let j = Vector3::new(j[3], j[4], j[5]);
+                        let j = world_from_cam * Vector3::new(j[3], j[4], j[5]);
                         j.dot(&(c * j))
                     };
                     (0..rows).map(across).sum::<f64>() / rows as f64

@@ -53,7 +53,8 @@ impl ScoreCells {
 
     /// Variance of the pose relative to that with independent errors; 1 without scores.
     pub fn design_effect(&self) -> f64 {
-        let total: Matrix6<f64> = self.scores.iter().map(|(_, s)| s * s.transpose()).sum();
+        let mut total = Matrix6::zeros();
+        self.scores.iter().for_each(|(_, score)| add_square(&mut total, score));
         // Radians and map units differ in scale.
         let unit = total.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
         let unit = Matrix6::from_diagonal(&unit);
@@ -66,11 +67,16 @@ impl ScoreCells {
         let mut cells = [[Cell::default(); GRID]; GRID];
         let mut of_matches = 0.0;
         for ([column, row], score) in &self.scores {
-            let score = whiten * score;
-            of_matches += score.norm_squared().powi(2);
+            let mut white = Vector6::<f64>::zeros();
+            for k in 0..6 {
+                for (l, s) in score.iter().enumerate() {
+                    white[k] += whiten[(k, l)] * s;
+                }
+            }
+            of_matches += white.norm_squared().powi(2);
             let cell = &mut cells[*row][*column];
-            cell.sum += score;
-            cell.square += score * score.transpose();
+            cell.sum += white;
+            add_square(&mut cell.square, &white);
         }
         let (mut found, mut expected) = (PRIOR_FREEDOM, PRIOR_FREEDOM);
         for width in [1, 2] {
@@ -86,6 +92,15 @@ impl ScoreCells {
         }
         let effect = found / expected;
         if effect.is_finite() { effect.max(MIN_EFFECT) } else { 1.0 }
+    }
+}
+
+/// Adds `score · scoreᵀ`; a loop over numbers is faster here than products of matrices.
+fn add_square(sum: &mut Matrix6<f64>, score: &Vector6<f64>) {
+    for k in 0..6 {
+        for l in 0..6 {
+            sum[(l, k)] += score[l] * score[k];
+        }
     }
 }
 

@@ -31,7 +31,7 @@ mod test_data;
 mod visibility;
 
 pub use camera_error::{
-    CameraChange, CameraInfluence, CameraObjective, CameraVerdict, FocalTest, PoseWithCamera,
+    CameraChange, CameraInfluence, CameraLook, CameraObjective, CameraVerdict, FocalTest, PoseWithCamera,
 };
 pub use covariance::{CovarianceInputs, free_along, with_shift};
 pub use descent::{Convergence, DescentResult, levenberg_marquardt};

@@ -81,7 +81,7 @@ impl Frames<'_, '_> {
         let mut evidence = Vec::with_capacity(lens.frames.len());
         for &f in &lens.frames {
             let at = PoseWithCamera { pose: self.polished.poses.cams[f], change };
-            let influence = self.objective(f, lens, &at, self.polished.noise[f]).influence(&at);
+            let influence = self.objective(f, lens, &at, self.polished.noise[f]).look(&at).influence;
             let Some(CameraInfluence { pose_by_camera, evidence: mut of_frame }) = influence else {
                 continue;
             };
@@ -104,7 +104,10 @@ impl Frames<'_, '_> {
         let alone = search.polish(&self.polished.poses.cams[f], options.estimate_noise);
         let of_alone = search.agreeing(&alone.pose, &search.likelihoods(&alone)).len();
         let at = PoseWithCamera { pose: alone.pose, change: CameraChange::of_focal(lens.factor) };
-        2 * agreeing >= of_alone && self.objective(f, lens, &at, alone.noise).test(&at) != CameraVerdict::Fine
+        2 * agreeing >= of_alone && {
+            let objective = self.objective(f, lens, &at, alone.noise);
+            objective.test(&objective.look(&at)) != CameraVerdict::Fine
+        }
     }
 
     fn objective(&self, f: usize, lens: &Lens, at: &PoseWithCamera, noise: f64) -> CameraObjective<'_> {

@@ -5,8 +5,8 @@ use super::support;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Scheme, Setup, bend, problem};
-use veiloc_geometry::{CameraFromWorld, Point3};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Point3};
 use veiloc_pose::likelihood::MapCameras;
 use veiloc_pose::{
     Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
