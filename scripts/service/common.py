@@ -70,15 +70,15 @@ class Program:
 
 
 class RedKitchen(Program):
-    """Maps of RedKitchen, and sealed queries of an image that is not in them."""
+    """Maps of RedKitchen, and sealed queries of an image that is not in them, and of another place."""
 
     def __init__(self, veiloc=None):
         super().__init__(veiloc)
         cache = self.target / "service-place"
-        self.map, self.smaller, self.large_query = cache / "place.vmap", cache / "smaller.vmap", cache / "large.vquery"
-        if not self.large_query.exists():
+        self.map, self.smaller, away = cache / "place.vmap", cache / "smaller.vmap", cache / "away.vquery"
+        if not away.exists():
             self.make(cache)
-        self.query, self.large = (cache / "query.vquery").read_bytes(), self.large_query.read_bytes()
+        self.query, self.large, self.away = ((cache / f"{name}.vquery").read_bytes() for name in ("query", "large", "away"))
 
     def make(self, cache):
         data = os.environ.get("VEILOC_DATA")
@@ -98,6 +98,10 @@ class RedKitchen(Program):
         for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
             self.run("seal", photo, "--camera", camera, "--profile", cache / "profile", "--scheme", "dcl",
                      "--max-keypoints", str(keypoints), "-o", cache / name)
+        # An image of another place.
+        away = pathlib.Path(data).resolve() / "herzjesu"
+        self.run("seal", away / "images" / first_words(away / "query.txt")[0], "--camera", "unknown", "--profile",
+                 cache / "profile", "--scheme", "dcl", "--max-keypoints", "512", "-o", cache / "away.vquery")
 
 
 class RenderedScene(Program):

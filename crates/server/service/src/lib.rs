@@ -37,16 +37,15 @@
 //! # How a request goes
 //! The service checks first the token, then the rate limit, then the size and form of the request, and only then
 //! computes: a refused request costs almost nothing. Localization is bound by the processor, so a fixed number of
-//! threads does it behind a fair queue of bounded length (`pool.rs`, `queue`). A request that does not fit into the
-//! queue, or would not finish in time, is refused at once with `Retry-After`.
+//! threads does it, each job on one thread, behind a fair queue of bounded length (`pool.rs`, `queue`). A request that
+//! does not fit into the queue, or would not finish in time, is refused at once with `Retry-After`.
 //!
 //! # What is never logged
 //! **Invariant, tested in `tests/it/privacy.rs`:** no log line, metric or error contains any content of a query (rule
 //! L8 of `docs/reference/privacy-rules.md`). `routes/record.rs` writes the log lines of requests from names that the operator chose,
 //! the request id of the server, status and durations. For a panic only the location is logged (`panics.rs`); for
-//! threads of the service, the panic message is discarded. In a program that embeds the service, a panic in a thread
-//! of rayon, which localization uses for a part of its work, also reaches the panic hook of that program. This crate
-//! depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
+//! threads of the service, the panic message is discarded. This crate depends neither on `veiloc-features` nor on
+//! `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
 mod admin;

@@ -236,6 +236,9 @@ fn seconds(wait: Duration) -> NonZeroU64 {
 
 fn run_worker(shared: &Shared) {
     panics::mark_service_thread();
+    // Parallel parts of a localization run on this thread: in a common pool the small jobs of one client would wait for the
+    // large ones of another, and be charged for it. If the pool cannot be made, the common one is used.
+    let _own = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
     while let Some((charge, Job { work, accepted })) = shared.next() {
         let estimate = u64::try_from(charge.estimate().as_nanos()).unwrap_or(u64::MAX);
         shared.busy.fetch_add(1, Ordering::Relaxed);
