@@ -2,10 +2,10 @@
 """Counts trusted poses under stress, and of out-of-map images, on several places with the same command.
 
     scripts/trust_places.py --veiloc target/release/veiloc --data $VEILOC_DATA --work maps \
-        --stress-csv docs/results/trust/places-stress.csv --negatives-csv docs/results/trust/places-negatives.csv
+        --stress-csv docs/results/trust/places-stress.csv --negatives-csv docs/results/trust/places-negatives.csv --every 8
 
 Builds a map of each place with its self-test in `--work` (kept for the next run). The out-of-map images are those of
-`training-photos` in the half that chose no constant. A pose is wrong beyond 25 cm (map units) or 2°.
+`training-photos` in the half that chose no constant; `--every N` takes each Nth of all. A pose is wrong beyond 25 cm (map units) or 2°.
 """
 
 import argparse
@@ -73,9 +73,13 @@ def main():
     parser.add_argument("--negatives-csv", type=Path)
     parser.add_argument("--places", default=",".join(PLACES))
     parser.add_argument("--schemes", default="points,dcl")
+    parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--stress", default="dark,motion,half-hidden,low-resolution,sparse-map,few-keypoints")
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
+    photos = sorted((args.data / "training-photos").rglob("*.jpg"))
+    names = [str(photo.relative_to(args.data / "training-photos")) for photo in photos[:: args.every]]
+    (args.work / "negatives.txt").write_text("\n".join(names))
     stressed, negatives = [], []
     for place in args.places.split(","):
         folder, built = args.data / place, args.work / f"{place}.vmap"
@@ -93,7 +97,7 @@ def main():
                                 built], check=True, stdout=subprocess.DEVNULL)  # fmt: skip
             found = document(
                 args.veiloc, "eval", "negatives", "-q", "--map", built, "--images", args.data / "training-photos",
-                "--split", "final", "--schemes", args.schemes,
+                "--list", args.work / "negatives.txt", "--split", "final", "--schemes", args.schemes,
             )  # fmt: skip
             negatives += negative_rows(place, found)
             write_csv(args.negatives_csv, NEGATIVES_COLUMNS, negatives)
