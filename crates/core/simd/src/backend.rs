@@ -22,10 +22,17 @@ impl Backend {
     pub const PORTABLE: Self = Self(Kind::Portable);
 
     /// The fastest available one. The CPU detection is cached, so a call costs a load and a branch.
+    ///
+    /// A build with `VEILOC_BACKEND=portable` or `avx2` in its environment takes nothing faster than that, for comparisons
+    /// (`scripts/phones/measure.py`).
     pub fn best() -> Self {
+        let built_for = option_env!("VEILOC_BACKEND");
+        if matches!(built_for, Some("portable")) {
+            return Self::PORTABLE;
+        }
         #[cfg(target_arch = "x86_64")]
         {
-            if has_avx512_vnni() {
+            if has_avx512_vnni() && !matches!(built_for, Some("avx2")) {
                 return Self(Kind::Avx512Vnni);
             }
             if has_avx2() {

@@ -1,6 +1,6 @@
 //! Rows of a separable blur.
 
-use super::lanes::{LANES, Lanes};
+use super::lanes::{LANES, Lanes, store_pairs};
 use crate::{Backend, dispatch};
 
 /// Maximum radius of a kernel, in samples.
@@ -239,11 +239,8 @@ fn doubling_blur(taps: usize, task: Double<'_>) {
             left = left + Lanes::all(even[k]) * near;
             right = right + Lanes::all(odd[k]) * near;
         }
-        let pairs = &mut out[2 * at..][..2 * LANES];
-        for i in 0..LANES {
-            pairs[2 * i] = left.0[i];
-            pairs[2 * i + 1] = right.0[i];
-        }
+        // SAFETY: `out` has twice `half` samples.
+        unsafe { store_pairs(left, right, out, 2 * at) };
     }
 }
 

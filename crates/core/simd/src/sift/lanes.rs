@@ -64,6 +64,35 @@ impl<const N: usize> Side<N> {
     }
 }
 
+/// Writes `even` and `odd` by turns into `row` from `at` on.
+///
+/// # Safety
+/// `at + 2 LANES` is at most the length of `row`.
+#[inline(always)]
+pub(super) unsafe fn store_pairs(even: Lanes, odd: Lanes, row: &mut [f32], at: usize) {
+    debug_assert!(at + 2 * LANES <= row.len());
+    // From a plain loop the compiler makes sums of pairs instead, with each sample loaded twice.
+    #[cfg(target_arch = "aarch64")]
+    {
+        use std::arch::aarch64::{float32x4x2_t, vld1q_f32, vst2q_f32};
+        for k in (0..LANES).step_by(4) {
+            // SAFETY: the caller guarantees the length; NEON belongs to every such machine.
+            unsafe {
+                let pair = float32x4x2_t(vld1q_f32(even.0.as_ptr().add(k)), vld1q_f32(odd.0.as_ptr().add(k)));
+                vst2q_f32(row.as_mut_ptr().add(at + 2 * k), pair);
+            }
+        }
+    }
+    #[cfg(not(target_arch = "aarch64"))]
+    for i in 0..LANES {
+        // SAFETY: as above.
+        unsafe {
+            *row.get_unchecked_mut(at + 2 * i) = even.0[i];
+            *row.get_unchecked_mut(at + 2 * i + 1) = odd.0[i];
+        }
+    }
+}
+
 macro_rules! lane_by_lane {
     ($($operator:ident $name:ident $sign:tt),*) => {$(
         impl<const N: usize> $operator for Side<N> {
@@ -82,3 +111,22 @@ macro_rules! lane_by_lane {
 }
 
 lane_by_lane!(Add add +, Sub sub -, Mul mul *);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_stored_by_turns() {
+        let number = |k: usize| (k as f32 - 20.0) / 7.0;
+        let (even, odd) =
+            (Side(std::array::from_fn(|k| number(2 * k))), Side(std::array::from_fn(|k| number(2 * k + 1))));
+        let mut row = vec![-1.0; 2 * LANES + 8];
+        // SAFETY: the row is 8 longer than the pairs.
+        unsafe { store_pairs(even, odd, &mut row, 5) };
+        for (at, found) in row.into_iter().enumerate() {
+            let expected = if (5..5 + 2 * LANES).contains(&at) { number(at - 5) } else { -1.0 };
+            assert_eq!(found.to_bits(), expected.to_bits(), "{at}");
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The surroundings of a keypoint: the directions of its gradients, and the histogram that describes it.
 
 use super::grid::{BlurredImage, Placement, ROUND, Samples};
-use super::lanes::{LANES, Side};
+use super::lanes::{LANES, Lanes, Side};
 use crate::approx::{cos_sin, exp_of_negative};
 use crate::{Backend, dispatch};
 
@@ -225,14 +225,15 @@ impl dispatch::Kernel for Descriptor<'_> {
         let whole = memory.square.take(view, at, &patches.steps);
         for start in (0..COUNTED).step_by(LANES) {
             let [length, angle] = memory.square.gradients(start + FIRST, PITCH, whole);
+            let mut turns = [0; LANES];
             for i in 0..LANES {
-                let k = start + i;
-                let vote = length.0[i] * patches.weights[k];
                 // Opposite to the rotation from the first to the second axis.
                 let turn = TURN_STEPS as f32 - angle.0[i] * (TURN_STEPS as f32 / std::f32::consts::TAU);
-                memory.turns[k] = (turn + ROUND).to_bits() & (TURN_STEPS as u32 - 1);
-                memory.votes[k] = vote;
+                turns[i] = (turn + ROUND).to_bits() & (TURN_STEPS as u32 - 1);
             }
+            // SAFETY: both have `COUNTED` numbers, a multiple of `LANES`.
+            unsafe { (length * Lanes::load(&patches.weights[..], start)).store(&mut memory.votes, start) };
+            memory.turns[start..][..LANES].copy_from_slice(&turns);
         }
         root_sift(&cells(&patches.shares, &memory.turns, &memory.votes))
     }

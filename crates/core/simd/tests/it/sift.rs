@@ -275,6 +275,65 @@ fn patches_agree_with_naive_sums() {
     assert!(at_border > 20, "{at_border}");
 }
 
+/// Hash of the results of each kernel: the vector code of one architecture gives the bits of the others. The numbers
+/// were the same on x86-64 (portable, AVX2, AVX-512) and on aarch64 (NEON, under emulation).
+#[test]
+fn bits_are_those_of_other_machines() {
+    let fnv = |bits: Vec<u32>| {
+        let bytes = bits.into_iter().flat_map(u32::to_le_bytes);
+        bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let rows = noise(&mut rng, 19, 80);
+    let views = slices(&rows);
+    let weights: Vec<f32> = (0..7).map(|_| rng.random_range(0.0..0.2)).collect();
+    let kernel = HalfKernel::new(&weights[..6]);
+    let image = Waves::new(90, 70);
+    let hashes = on_every_backend(|backend| {
+        let (mut down, mut along, mut doubled) = (Vec::new(), vec![0.0; 80], vec![0.0; 160]);
+        blur_down(backend, &kernel, &views, 80, 77, &mut down);
+        blur_along(backend, &kernel, &down[..90], &mut along);
+        let kernels = Doubling { down: &weights, even: &weights, odd: &weights };
+        double_row(backend, kernels, &views[..7], 77, &mut Vec::new(), &mut doubled);
+        let mut subtracted = vec![0.0; 3 * 80];
+        differences(backend, &[views[0], views[1], views[2], views[3]], &mut subtracted);
+        let (mut columns, near) =
+            (Vec::new(), [0, 3, 6].map(|level| [0, 1, 2].map(|row| views[level + row])));
+        peaks(backend, &near, 77, 0.5, &mut columns);
+        let (patches, mut memory) = (Patches::new(backend), PatchMemory::new());
+        let mut directions = Vec::new();
+        let mut descriptors = Vec::new();
+        for middle in [[40.3, 30.8], [12.5, 60.0], [85.1, 4.4]] {
+            directions.extend(patches.directions(image.view(), middle, 2.1, &mut memory));
+            descriptors.extend(patches.describe(image.view(), middle, 2.1, 0.7, &mut memory).map(u32::from));
+        }
+        [
+            bits(&down),
+            bits(&along),
+            bits(&doubled),
+            bits(&subtracted),
+            columns,
+            bits(&directions),
+            descriptors,
+        ]
+        .map(fnv)
+    });
+    assert_eq!(
+        hashes,
+        [
+            0x9b71_b6d8_bf89_6820,
+            0x9ab2_2548_a88a_86ba,
+            0xf3a7_c4fc_db83_7fe9,
+            0x4158_2865_d30e_4c48,
+            0xd3d9_a682_4497_31bb,
+            0x4576_fe17_acc6_ad51,
+            0x4be3_d96b_91b5_2a12,
+        ]
+    );
+}
+
 #[test]
 fn flat_images_have_zero_histograms() {
     let (patches, mut memory) = (Patches::new(Backend::best()), PatchMemory::new());
