@@ -8,7 +8,7 @@ import { test } from "node:test";
 
 import { Client } from "./js/client.js";
 import { Core, VeilocError } from "./js/core.js";
-import { orientationOf } from "./js/orientation.js";
+import { orientationOf, orientationOfPose } from "./js/orientation.js";
 
 const wasm = new WebAssembly.Module(readFileSync(new URL("./js/veiloc.wasm", import.meta.url)));
 
@@ -33,11 +33,31 @@ test("errors have a kind, and the library stays usable", async () => {
   assert.equal(bytes.byteLength, 0);
 });
 
+const turn = ([w, x, y, z], v) => {
+  const t = [2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])];
+  return [v[0] + w * t[0] + y * t[2] - z * t[1], v[1] + w * t[1] + z * t[0] - x * t[2], v[2] + w * t[2] + x * t[1] - y * t[0]];
+};
+
+test("orientation of a WebXR pose: forward, right and down", () => {
+  const half = Math.SQRT1_2;
+  // World: x right at the start, y up, z back. Columns: quaternion x y z w, viewing direction, direction to the right.
+  for (const [[x, y, z, w], ahead, right] of [
+    [[0, 0, 0, 1], [0, 0, -1], [1, 0, 0]],
+    [[0, half, 0, half], [-1, 0, 0], [0, 0, -1]], // to the left
+    [[-half, 0, 0, half], [0, -1, 0], [1, 0, 0]], // down
+    [[0, 0, 2 * half * 0.6, 2 * half * 0.6], [0, 0, -1], [0, 1, 0]], // on its side; not of unit length
+  ]) {
+    const { orientation, down } = orientationOfPose({ orientation: { x, y, z, w } });
+    const close = (a, b, what) => a.forEach((x, i) => assert.ok(Math.abs(x - b[i]) < 1e-9, `${what} ${ahead}: ${a}`));
+    close(turn(orientation, ahead), [0, 0, 1], "ahead");
+    close(turn(orientation, right), [1, 0, 0], "right");
+    close(turn(orientation, [0, -1, 0]), down, "down");
+  }
+  assert.equal(orientationOfPose({ orientation: { x: 0, y: NaN, z: 0, w: 1 } }), null);
+  assert.equal(orientationOfPose({ orientation: { x: 0, y: 0, z: 0, w: 0 } }), null);
+});
+
 test("orientation of a device in known positions: forward, right and down", () => {
-  const turn = ([w, x, y, z], v) => {
-    const t = [2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])];
-    return [v[0] + w * t[0] + y * t[2] - z * t[1], v[1] + w * t[1] + z * t[0] - x * t[2], v[2] + w * t[2] + x * t[1] - y * t[0]];
-  };
   // World: x east, y north, z up. Columns: sensor angles, screen angle, viewing direction, direction to the right.
   for (const [alpha, beta, gamma, screen, ahead, right] of [
     [0, 0, 0, 0, [0, 0, -1], [1, 0, 0]], // flat on a table

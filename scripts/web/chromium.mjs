@@ -126,6 +126,20 @@ async function main() {
   }).map((e) => e.id));
   check("all controls and images have an accessible name", names.length === 0, names.join(" "));
 
+  console.log("== the first click after typing a camera");
+  await page.locator("#file").setInputFiles(path.join(place, "images", views[1].file));
+  await page.waitForFunction(() => document.getElementById("stays-text").textContent.includes("focal length is unknown"), undefined, { timeout: 30_000 });
+  await page.locator("#settings summary").click();
+  await page.locator("#intrinsics").fill(views[1].camera);
+  const asked = () => seen.filter((request) => request.method === "POST").length;
+  const postsBefore = asked();
+  // The field loses the focus when the button is pressed, and the image is sealed anew.
+  await page.locator("#find").click();
+  await page.waitForFunction(() => ["trusted", "doubtful", "failed"].includes(document.getElementById("answer").dataset.state) && !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
+  check("the click counts, with the typed camera", asked() > postsBefore && !(await page.locator("#stays-text").textContent()).includes("unknown"), await page.locator("#answer").textContent());
+  await page.locator("#intrinsics").fill("");
+  await page.locator("#settings summary").click();
+
   console.log("== an out-of-map image");
   const noise = await page.evaluate(async () => {
     const canvas = new OffscreenCanvas(640, 480);
@@ -137,8 +151,9 @@ async function main() {
     const bytes = new Uint8Array(await (await canvas.convertToBlob()).arrayBuffer());
     return btoa(bytes.reduce((text, byte) => text + String.fromCharCode(byte), ""));
   });
+  const stays = await page.locator("#stays-text").textContent();
   await page.locator("#file").setInputFiles({ name: "noise.png", mimeType: "image/png", buffer: Buffer.from(noise, "base64") });
-  await page.waitForFunction(() => !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
+  await page.waitForFunction((stays) => document.getElementById("stays-text").textContent !== stays, stays, { timeout: 30_000 });
   await page.locator("#find").click();
   await page.waitForFunction(() => ["failed", "doubtful"].includes(document.getElementById("answer").dataset.state), undefined, { timeout: 30_000 });
   console.log(`     ${await page.locator("#answer").textContent()}`);

@@ -241,5 +241,13 @@ export function orientationOf(
   screenAngle?: number,
 ): Required<Attitude> | null;
 
+/**
+ * Orientation of the camera from its pose in WebXR: `view.transform` of the view whose `view.camera` gave the image. More exact than the
+ * motion sensors; use one kind of orientation in a session.
+ */
+export function orientationOfPose(transform: {
+  readonly orientation: { readonly x: number; readonly y: number; readonly z: number; readonly w: number };
+}): Required<Attitude> | null;
+
 /** Starts to read the motion sensors. Call it from a click handler: some browsers ask the user for permission. */
 export function watchOrientation(): Promise<{ now(): Required<Attitude> | null; stop(): void }>;

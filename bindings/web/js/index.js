@@ -9,7 +9,7 @@
 import { VeilocError } from "./core.js";
 
 export { Client } from "./client.js";
-export { orientationOf, watchOrientation } from "./orientation.js";
+export { orientationOf, orientationOfPose, watchOrientation } from "./orientation.js";
 export { VeilocError };
 
 /** A worker and its pending calls. `device.close()` ends it. */

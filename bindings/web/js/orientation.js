@@ -32,6 +32,20 @@ export function orientationOf({ alpha, beta, gamma }, screenAngle = 0) {
 }
 
 /**
+ * Orientation of the camera from its pose in WebXR, an `XRRigidTransform` (`view.transform` of the view whose `view.camera` gave the
+ * image): as `orientationOf`, with the world of the reference space, whose y is up. `null` when a number is missing.
+ */
+export function orientationOfPose({ orientation: { x, y, z, w } }) {
+  const length = Math.hypot(x, y, z, w);
+  if (!(length > 0.5 && length < 2)) return null;
+  // A view looks along its -z with y up: 180° about x from the camera's axes.
+  const [a, b, c, d] = times([w, x, y, z].map((q) => q / length), [0, 1, 0, 0]);
+  const orientation = [a, -b, -c, -d];
+  const down = times(times(orientation, [0, 0, -1, 0]), [a, b, c, d]).slice(1);
+  return { orientation, down };
+}
+
+/**
  * Starts to read the sensors. Call it from a click handler: some browsers (Safari) ask the user for permission. `now()` is `null`
  * before the first event, and on devices without sensors.
  */

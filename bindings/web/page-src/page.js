@@ -14,7 +14,7 @@ const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
 /** The state of the page. */
-const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, following: false };
+const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, finding: false, refreshed: Promise.resolve(), following: false };
 /** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
 /** `AbortController` of the running attack, or null. */
@@ -94,7 +94,8 @@ function record(what, rows, size, result) {
 
 function updateButtons() {
   const ready = Boolean(now.source && now.device);
-  el("find").disabled = !ready || now.busy || now.following;
+  // Sealing for display does not disable it: that would take the click that ends the typing of a setting.
+  el("find").disabled = !ready || now.finding || now.following;
   el("follow").disabled = !ready || now.source.kind !== "camera" || !sessions();
   el("follow").setAttribute("aria-pressed", String(now.following));
   el("follow").textContent = now.following ? "Stop following" : "Follow me";
@@ -252,8 +253,12 @@ function showAttack(result, isShown) {
 }
 
 /** Shows what would be sent after a new image or a changed setting. */
-async function refresh() {
-  if (!now.device || !now.source || now.busy) return;
+function refresh() {
+  if (now.device && now.source && !now.busy && !now.finding) now.refreshed = sealForDisplay();
+  return now.refreshed;
+}
+
+async function sealForDisplay() {
   now.busy = true;
   updateButtons();
   try {
@@ -370,10 +375,13 @@ function showAnswer(answer, milliseconds) {
 }
 
 async function find() {
-  if (now.busy || !now.source) return;
-  now.busy = true;
+  if (now.finding || !now.source) return;
+  now.finding = true;
   updateButtons();
   if (!now.following) showStatus("Finding your position…");
+  // The image may be sealed for display with a setting that was just changed.
+  await now.refreshed;
+  now.busy = true;
   try {
     const prepared = await prepare(true);
     await draw(prepared);
@@ -382,6 +390,7 @@ async function find() {
     showError(error);
   } finally {
     now.busy = false;
+    now.finding = false;
     updateButtons();
   }
 }
