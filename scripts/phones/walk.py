@@ -1,12 +1,14 @@
 """The transform from the map to the AR world over a walk, with wrong answers among the right ones.
 
-The frames of a scene's `query.txt` are sealed by libveiloc_c, answered by `veiloc serve`, and given to an alignment with the poses of the
-device's own tracking: those of `posed-given`, or the true ones with a drift of 1 % of the path. Every tenth answer is that of another
-frame: trusted, and wrong. The place of the camera in the map by the alignment is compared with the true one.
+The frames of a scene's `query.txt`, or of `--list`, are sealed by libveiloc_c, answered by `veiloc serve`, and given to an alignment with
+the poses of the device's own tracking: those of `posed-given`, or the true ones with a drift of 1 % of the path. Every tenth answer is
+that of another frame: trusted, and wrong. The place of the camera in the map by the alignment is compared with the true one.
 
     scripts/phones/walk.py --veiloc VEILOC --libraries target/debug --map kitchen.vmap --scene ../shared/data/redkitchen [--csv F]
 
-The map is built beforehand from the scene's `map.txt` with the poses in `posed`. Standard library only; the C library by ctypes.
+`--split N MAP QUERIES` instead writes two lists of the scene's images: N for a map, evenly spaced, and the others for `--list`. The map
+is built beforehand from the scene's `map.txt`, or the list MAP, with the poses in `posed`. Standard library only; the C library by
+ctypes.
 """
 
 import argparse
@@ -75,13 +77,32 @@ def drifted(poses, names, drift=0.01, seed=1):
     return tracking
 
 
+def names_of(path):
+    return [line.split()[0] for line in path.read_text().splitlines() if line.strip()]
+
+
+def split(scene, count, map_list, query_list):
+    """Lists of `count` images for a map, evenly spaced in the walk, and of the others."""
+    names = sorted(names_of(scene / "map.txt") + names_of(scene / "query.txt"))
+    chosen = {round(i * (len(names) - 1) / (int(count) - 1)) for i in range(int(count))}
+    for path, is_map in ((map_list, True), (query_list, False)):
+        pathlib.Path(path).write_text("".join(f"{name}\n" for i, name in enumerate(names) if (i in chosen) == is_map))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name in ("veiloc", "libraries", "map", "scene"):
-        parser.add_argument(f"--{name}", type=pathlib.Path, required=True)
+    for name in ("veiloc", "libraries", "map", "list"):
+        parser.add_argument(f"--{name}", type=pathlib.Path)
+    parser.add_argument("--scene", type=pathlib.Path, required=True)
+    parser.add_argument("--split", nargs=3, metavar=("N", "MAP", "QUERIES"))
     parser.add_argument("--csv", type=pathlib.Path)
     parser.add_argument("--wrong-every", type=int, default=10)
     given = parser.parse_args()
+    if given.split:
+        split(given.scene, *given.split)
+        return
+    if None in (given.veiloc, given.libraries, given.map):
+        parser.error("--veiloc, --libraries and --map are needed")
     library = ctypes.CDLL(str(given.libraries.resolve() / "libveiloc_c.so"))
     library.veiloc_alignment_info.restype = Info
     library.veiloc_alignment_new.argtypes = [ctypes.c_double, ctypes.c_void_p]
@@ -95,7 +116,7 @@ def main():
             raise RuntimeError(f"{name}: {library.veiloc_last_error().decode()}")
 
     work = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-walk-"))
-    names = [line.split()[0] for line in (given.scene / "query.txt").read_text().splitlines() if line.strip()]
+    names = names_of(given.list or given.scene / "query.txt")
     truth, own = run.poses_of(given.scene / "posed/images.txt"), given.scene / "posed-given/images.txt"
     tracking = run.poses_of(own) if own.exists() else drifted(truth, names)
     words = (given.scene / "posed/cameras.txt").read_text().splitlines()[-1].split()[1:]
