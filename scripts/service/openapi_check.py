@@ -14,6 +14,7 @@ The script provokes each status that a client can provoke. The others need a bug
 them it only validates the description. The two packages come from PyPI, into a virtual environment in a temporary folder.
 """
 
+import base64
 import http.client
 import json
 import pathlib
@@ -30,8 +31,11 @@ from common import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in
 NEEDED = ["openapi-spec-validator", "jsonschema"]
 RIG = "/v1/maps/place/localize-rig"
 PROFILE = "/v1/maps/place/profile"
+GEOPOSE = "/geopose"
+REFERENCE = ["--geo-reference", "place=47.3769,8.5417,455"]
+JSON = "application/json"
 # Only a bug gives these.
-NOT_PROVOKED = {("/v1/maps", "500"), ("/v1/maps/{name}/localize", "500"), ("/v1/maps/{name}/localize-rig", "500")}
+NOT_PROVOKED = {("/v1/maps", "500"), ("/v1/maps/{name}/localize", "500"), ("/v1/maps/{name}/localize-rig", "500"), ("/geopose", "500")}
 
 
 def packages():
@@ -119,11 +123,11 @@ def request(checker, port, method, path, body=None, user=None, **headers):
     return response.status, dict(response.getheaders())
 
 
-def announced(checker, port, path, length, begun=b"", more=""):
+def announced(checker, port, path, length, begun=b"", more="", kind=PROTOBUF):
     """Announces a body, and sends nothing or only a part of it."""
     stream = socket.create_connection(("127.0.0.1", port), timeout=60)
     head = f"POST {path} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\n"
-    stream.sendall(f"{head}content-type: {PROTOBUF}\r\ncontent-length: {length}\r\n{more}\r\n".encode() + begun)
+    stream.sendall(f"{head}content-type: {kind}\r\ncontent-length: {length}\r\n{more}\r\n".encode() + begun)
     response = http.client.HTTPResponse(stream)
     response.begin()
     checker.answer("POST", path, response.status, dict(response.getheaders()), response.read())
@@ -141,19 +145,20 @@ def provoke(checker, scene, server):
     other_profile = bytearray(query)
     other_profile[8] ^= 1  # in the profile's id
     blank = blanked(query)
-    for path, good in ((LOCALIZE, query), (RIG, rig)):
-        post = lambda body=good, user="phone", path=path, **headers: request(
-            checker, port, "POST", path, body, user, **{"content_type": PROTOBUF, **headers})
+    for path, good, kind, made_of in ((LOCALIZE, query, PROTOBUF, bytes), (RIG, rig, PROTOBUF, rig_of),
+                                      (GEOPOSE, geopose_of(query), JSON, geopose_of)):
+        post = lambda body=good, user="phone", path=path, kind=kind, **headers: request(
+            checker, port, "POST", path, body, user, **{"content_type": kind, **headers})
         post(good[: len(good) // 2])
         post(veiloc_near="nowhere")
         post(user="unknown")
         post(path=path.replace("place", "other"))
-        post(bytes(other_profile) if path == LOCALIZE else rig_of(bytes(other_profile)))
-        announced(checker, port, path, 1 << 40, more="expect: 100-continue\r\n")
-        announced(checker, port, path, len(good), begun=good[:100])
+        post(made_of(bytes(other_profile)))
+        announced(checker, port, path, 1 << 40, more="expect: 100-continue\r\n", kind=kind)
+        announced(checker, port, path, len(good), begun=good[:100], kind=kind)
         post(content_type="text/plain")
         post(content_encoding="gzip")
-        post(blank if path == LOCALIZE else rig_of(blank))
+        post(made_of(blank))
         request(checker, port, "GET", path, None, "phone")
     request(checker, port, "GET", "/v1/maps", None, "phone")
     request(checker, port, "GET", "/v1/maps")
@@ -186,20 +191,24 @@ def provoke_load(checker, scene):
     tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
     # More hypotheses than any machine can test within the timeout.
     slow = ["--workers", "1", "--queue", "1", "--hypotheses", "10000000"]
-    busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1")
-    for path, body in ((LOCALIZE, scene.query), (RIG, rig_of(scene.query))):
-        ask_busy = lambda i, path=path, body=body: request(
-            checker, busy.port, "POST", path, body, "phone", content_type=PROTOBUF)
+    busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1", *REFERENCE)
+    posts = ((LOCALIZE, scene.query, PROTOBUF), (RIG, rig_of(scene.query), PROTOBUF), (GEOPOSE, geopose_of(scene.query), JSON))
+    for path, body, kind in posts:
+        ask_busy = lambda i, path=path, body=body, kind=kind: request(
+            checker, busy.port, "POST", path, body, "phone", content_type=kind)
         for thread in in_threads(8, ask_busy):
             thread.join()
     busy.stop()
-    limited = Server(scene, "--tokens", tokens, rate=1)
+    limited = Server(scene, "--tokens", tokens, *REFERENCE, rate=1)
     request(checker, limited.port, "GET", "/v1/maps", None, "phone")
-    for method, path, body in (("GET", "/v1/maps", None), ("GET", PROFILE, None), ("POST", LOCALIZE, scene.query),
-                               ("POST", RIG, rig_of(scene.query))):
-        request(checker, limited.port, method, path, body, "phone", content_type=PROTOBUF)
+    for path in ("/v1/maps", PROFILE):
+        request(checker, limited.port, "GET", path, None, "phone")
+    for path, body, kind in posts:
+        request(checker, limited.port, "POST", path, body, "phone", content_type=kind)
     limited.stop()
     shut = Server(scene, "--tokens", tokens, "--tokens-max-stale", "0", "--watch", "0.2")
+    # Without a geographic reference.
+    request(checker, shut.port, "POST", GEOPOSE, geopose_of(scene.query), "phone", content_type=JSON)
     tokens.write_text("")
     time.sleep(1.0)
     for path in ("/v1/maps", "/metrics", "/readyz"):
@@ -212,6 +221,15 @@ def rig_of(query):
     return b"vqrig1\n\x01" + struct.pack("<9d", 1, *[0] * 8) + struct.pack("<I", len(query)) + query
 
 
+def geopose_of(query):
+    """A GeoPose request with a query."""
+    privacy = {"dataRetention": [], "dataAcceptableUse": [], "dataSanitizationApplied": ["dcl"], "dataSanitizationRequested": []}
+    reading = {"timestamp": 1700000000000, "sensorId": "0", "privacy": privacy, "sequenceNumber": 0, "imageFormat": "VEILOC_SEALED_QUERY",
+               "size": [640, 480], "imageBytes": base64.b64encode(query).decode()}
+    return json.dumps({"id": "query", "timestamp": 1700000000000, "type": "geopose", "sensors": [{"id": "0", "type": "camera"}],
+                       "sensorReadings": {"cameraReadings": [reading]}}).encode()
+
+
 def main():
     scene = RenderedScene(arguments(__doc__).parse_args().veiloc)
     packages()
@@ -219,7 +237,7 @@ def main():
     broken = scene.work / "broken.vmap"
     broken.write_bytes(b"no map")
     maps = ["--map", f"place={scene.map}", "--map", f"broken={broken}"]
-    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]), "--body-timeout", "2", maps=maps)
+    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]), "--body-timeout", "2", *REFERENCE, maps=maps)
     document = json.loads(ask(server.port, "/v1/openapi.json")[1])
     validate(document)
     print(f"openapi-spec-validator: valid, {len(document['paths'])} paths")

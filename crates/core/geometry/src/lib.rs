@@ -13,6 +13,7 @@ mod camera_model;
 pub mod deviations;
 mod distortion;
 pub mod frames;
+mod geodetic;
 mod intrinsics;
 mod line;
 pub mod pencils;
@@ -22,6 +23,7 @@ pub mod statistics;
 
 pub use camera_model::{CameraModel, IntrinsicsError};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
+pub use geodetic::Geodetic;
 pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPosition, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};

@@ -24,6 +24,12 @@ pub enum ServerError {
         /// The name.
         name: String,
     },
+    /// A geographic reference of a map that is not served.
+    #[error("the geographic reference of {name:?} is of no map that is served; give it the name of one")]
+    GeoReference {
+        /// The name.
+        name: String,
+    },
     /// Plain HTTP on an address that other machines can reach.
     #[error(
         "plain HTTP on {listen} could be read and changed on the way; give a certificate and its key, or, when a \

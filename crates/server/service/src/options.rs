@@ -14,6 +14,7 @@ use veiloc_map::is_map_name;
 
 use crate::clock::Clock;
 use crate::error::ServerError;
+use crate::geo_reference::GeoReference;
 use crate::origin::CorsOrigin;
 use crate::remote::RemoteMap;
 use crate::telemetry::{GatewayCounts, LogQueue};
@@ -99,6 +100,8 @@ pub struct ServerOptions {
     pub remote_maps: Vec<RemoteMap>,
     /// A folder whose files `NAME.vmap` are also served, each as `NAME`. Added and removed files are followed.
     pub maps_folder: Option<PathBuf>,
+    /// Where maps are on earth, for `POST /geopose`. A map without one answers no GeoPose request.
+    pub geo_references: Vec<GeoReference>,
     /// How map files are loaded. By default they are copied into memory, so that later changes of the files have no
     /// effect on them.
     pub map_memory: MapMemory,
@@ -166,6 +169,7 @@ impl ServerOptions {
             maps,
             remote_maps: Vec::new(),
             maps_folder: None,
+            geo_references: Vec::new(),
             map_memory: MapMemory::default(),
             tls: None,
             insecure_http: false,
@@ -208,6 +212,11 @@ impl ServerOptions {
             if names[..i].contains(name) {
                 return Err(ServerError::TwoMaps { name: (*name).clone() });
             }
+        }
+        // A maps folder may get the map later.
+        let of_no_map = self.geo_references.iter().find(|reference| !names.contains(&&reference.map));
+        if let Some(GeoReference { map, .. }) = of_no_map.filter(|_| self.maps_folder.is_none()) {
+            return Err(ServerError::GeoReference { name: map.clone() });
         }
         if let Some(reserved) = self.reserved_connections.filter(|n| *n >= self.connections.get()) {
             return Err(ServerError::Reserved { reserved, connections: self.connections.get() });

@@ -34,6 +34,8 @@ pub(crate) enum Problem {
     WrongMethod,
     #[error("no map of this name is served; /v1/maps lists them")]
     UnknownMap,
+    #[error("no map that this token may use has a geographic reference; its operator can give it one")]
+    NoGeoReference,
     #[error(
         "this map cannot be opened at the moment; send the same bytes again later (the log of the service says why)"
     )]
@@ -44,7 +46,10 @@ pub(crate) enum Problem {
     Unreached { retry_after: NonZeroU64 },
     #[error("the service has no valid file of tokens and refuses all queries; its log says why")]
     NoTokens,
-    #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
+    #[error(
+        "send a sealed query as application/x-protobuf or application/octet-stream, a GeoPose request as \
+         application/json, not compressed"
+    )]
     MediaType,
     #[error("a sealed query for this map has at most {limit} bytes")]
     TooLarge { limit: usize },
@@ -127,6 +132,7 @@ impl Problem {
             Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
+            Self::NoGeoReference => (S::NOT_FOUND, "no-geo-reference", "No geographic reference"),
             Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
             Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Workers unreachable"),
             Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "No valid tokens"),
@@ -206,13 +212,14 @@ pub(crate) fn set_instance(response: &mut Response, id: RequestId) {
 }
 
 /// Refusals of queries: status and name, as in the table of docs/reference/http.md.
-const QUERY_PROBLEMS: [(u16, &str); 23] = [
+const QUERY_PROBLEMS: [(u16, &str); 24] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),
     (400, "bad-option"),
     (400, "interrupted"),
     (401, "unauthenticated"),
     (404, "unknown-map"),
+    (404, "no-geo-reference"),
     (405, "wrong-method"),
     (408, "too-slow"),
     (409, "wrong-profile"),
@@ -232,12 +239,12 @@ const QUERY_PROBLEMS: [(u16, &str); 23] = [
     (504, "timed-out"),
 ];
 
-/// All outcomes of queries, for both addresses that accept queries.
+/// All outcomes of queries, for all addresses that accept queries.
 pub(crate) fn query_outcomes() -> Vec<RequestKind<'static>> {
     let answers = || {
         std::iter::once((200, None)).chain(QUERY_PROBLEMS.map(|(status, problem)| (status, Some(problem))))
     };
-    ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"]
+    ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig", "/geopose"]
         .into_iter()
         .flat_map(|route| answers().map(move |(status, problem)| RequestKind { route, status, problem }))
         .collect()

@@ -17,7 +17,7 @@ use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
 use veiloc_localization::{LocalizeOptions, StageTimes};
 use veiloc_pose::{PositionPrior, Stop};
-use veiloc_protocol::{AnswerDocument, AnswerState, AnswerTimes};
+use veiloc_protocol::{Answer, AnswerDocument, AnswerState, AnswerTimes};
 
 use super::accept::AnswerFormat;
 use super::authorize::{authenticate, resolve_map};
@@ -82,14 +82,17 @@ pub(super) async fn serve(
     };
     match result {
         Ok(response) => response,
-        Err(problem) => {
-            // If the body was read completely, nothing is left; a body that was too slow is not waited for again.
-            if !matches!(problem, Problem::TooSlow { .. }) {
-                body::drain(body, &headers, app.options.timeouts.head).await;
-            }
-            problem.into_response()
-        }
+        Err(problem) => refuse(problem, body, &headers, app.options.timeouts.head).await,
     }
+}
+
+/// The response of a refused request, after the rest of its body.
+pub(super) async fn refuse(problem: Problem, body: Body, headers: &HeaderMap, time: Duration) -> Response {
+    // If the body was read completely, nothing is left; a body that was too slow is not waited for again.
+    if !matches!(problem, Problem::TooSlow { .. }) {
+        body::drain(body, headers, time).await;
+    }
+    problem.into_response()
 }
 
 /// Properties of a request before its body is read.
@@ -110,17 +113,35 @@ fn check_head(
 ) -> Result<CheckedRequest, Problem> {
     let caller = authenticate(app, connection, context, headers)?;
     let loaded = resolve_map(app, &caller, name)?;
-    let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    let media = media.split(';').next().unwrap_or_default().trim();
-    let known = ["application/x-protobuf", "application/octet-stream"];
-    let plain = headers.get_all(CONTENT_ENCODING).into_iter().all(|value| value == "identity");
-    if !plain || !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
-        return Err(Problem::MediaType);
-    }
+    check_media(headers, &["application/x-protobuf", "application/octet-stream"])?;
     let request_options = RequestOptions::read(headers)?;
     let format = AnswerFormat::negotiate(headers);
     context.set_map(loaded.name.as_str().into());
     Ok(CheckedRequest { caller, loaded, format, request_options })
+}
+
+/// Checks that the body is one of these media types, and not compressed.
+pub(super) fn check_media(headers: &HeaderMap, known: &[&str]) -> Result<(), Problem> {
+    let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let media = media.split(';').next().unwrap_or_default().trim();
+    let plain = headers.get_all(CONTENT_ENCODING).into_iter().all(|value| value == "identity");
+    let is_known = plain && known.iter().any(|known| media.eq_ignore_ascii_case(known));
+    is_known.then_some(()).ok_or(Problem::MediaType)
+}
+
+/// Reads the whole body, and records the time.
+pub(super) async fn read(
+    app: &App,
+    context: &RequestContext,
+    body: &mut Body,
+    limit: usize,
+) -> Result<Vec<u8>, Problem> {
+    let (started, begun) = (Instant::now(), context.elapsed());
+    let bytes = body::read(body, limit, app.options.timeouts.body).await?;
+    let read = RequestStage { name: "read", within: None, begun, took: started.elapsed() };
+    app.metrics.stage(read.name, read.took);
+    context.stage(read);
+    Ok(bytes)
 }
 
 async fn answer(
@@ -131,20 +152,36 @@ async fn answer(
     body: &mut Body,
 ) -> Result<Response, Problem> {
     let CheckedRequest { caller, loaded, format, request_options } = request;
-    let (started, begun) = (Instant::now(), context.elapsed());
-    let bytes = body::read(body, loaded.longest(kind), app.options.timeouts.body).await?;
-    let read = RequestStage { name: "read", within: None, begun, took: started.elapsed() };
-    app.metrics.stage(read.name, read.took);
-    context.stage(read);
+    let bytes = read(app, context, body, loaded.longest(kind)).await?;
     let request = DecodedRequest::decode(kind, &bytes).map_err(|e| Problem::of_query(&e))?;
+    let read = ReadBody { request, bytes };
+    let answer = localize_read(app, context, &caller, &loaded, read, request_options).await?;
+    let body = match format {
+        AnswerFormat::Protobuf => answer.encode(),
+        AnswerFormat::Json => json(&AnswerDocument::new(&loaded.name, &answer))?,
+    };
+    let mut response = ([(CONTENT_TYPE, format.content_type())], body).into_response();
+    response.extensions_mut().insert(PadLength);
+    Ok(response)
+}
+
+/// Localizes decoded queries, and waits until an answer may leave.
+pub(super) async fn localize_read(
+    app: &Arc<App>,
+    context: &Arc<RequestContext>,
+    caller: &Caller,
+    loaded: &Arc<LoadedMap>,
+    ReadBody { request, bytes }: ReadBody,
+    request_options: RequestOptions,
+) -> Result<Answer, Problem> {
     tracing::debug!(request = %context.id(), map = loaded.name, frames = request.frames(), "sealed queries read");
     caller.spend_session(request.frames())?;
 
     // A local map needs only the decoded queries.
     let bytes = if loaded.map().is_some() { Vec::new() } else { bytes };
     let (received, begun) = (tokio::time::Instant::now(), context.elapsed());
-    let result =
-        compute(app, context, &caller, loaded.clone(), ReadBody { request, bytes }, request_options).await?;
+    let read = ReadBody { request, bytes };
+    let result = compute(app, context, caller, loaded.clone(), read, request_options).await?;
     hold(app, context, received, begun).await;
     let result = result.unwrap_or(Err(LocalizeFailure::TimedOut));
     let LocalizeOutput { answer, times } = result.map_err(|why| {
@@ -162,14 +199,7 @@ async fn answer(
         app.metrics.stage(stage, ms);
     }
 
-    let answer = if request_options.trusted_only { answer.trusted_only() } else { answer };
-    let body = match format {
-        AnswerFormat::Protobuf => answer.encode(),
-        AnswerFormat::Json => json(&AnswerDocument::new(&loaded.name, &answer))?,
-    };
-    let mut response = ([(CONTENT_TYPE, format.content_type())], body).into_response();
-    response.extensions_mut().insert(PadLength);
-    Ok(response)
+    Ok(if request_options.trusted_only { answer.trusted_only() } else { answer })
 }
 
 /// Waits until a whole number of quanta has passed since the body was received, so that the time of the answer does not
@@ -195,7 +225,7 @@ fn remaining(worked: Duration, quantum: Duration) -> Duration {
     (quantum * quanta).saturating_sub(worked)
 }
 
-fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
+pub(super) fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
     serde_json::to_vec(document).map(padding::json).map_err(|_| Problem::Broken)
 }
 
@@ -239,9 +269,9 @@ impl Drop for StopWhenDropped {
 }
 
 /// A body and its decoded form.
-struct ReadBody {
-    request: DecodedRequest,
-    bytes: Vec<u8>,
+pub(super) struct ReadBody {
+    pub(super) request: DecodedRequest,
+    pub(super) bytes: Vec<u8>,
 }
 
 /// Input of a job.

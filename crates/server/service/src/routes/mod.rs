@@ -3,6 +3,7 @@
 mod accept;
 mod authorize;
 mod body;
+mod geopose;
 mod localize;
 mod maps;
 mod openapi;
@@ -40,6 +41,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/v1/maps/{name}/profile", get(maps::profile))
         .route("/v1/maps/{name}/localize", post(localize::localize))
         .route("/v1/maps/{name}/localize-rig", post(rig::localize_rig))
+        .route("/geopose", post(geopose::geopose))
         .route("/v1/openapi.json", get(openapi::openapi))
         .route("/healthz", get(status::health))
         .route("/readyz", get(status::ready))

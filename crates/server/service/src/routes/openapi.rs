@@ -10,7 +10,7 @@ use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
 
 use self::answers::Answers;
-use super::{localize, maps, rig, status};
+use super::{geopose, localize, maps, rig, status};
 use crate::problem::ProblemDocument;
 
 /// This document.
@@ -36,6 +36,7 @@ pub fn openapi_json() -> String {
     paths(
         localize::localize,
         rig::localize_rig,
+        geopose::geopose,
         maps::list,
         maps::profile,
         openapi,

@@ -1,6 +1,6 @@
 //! Successful requests.
 
-use super::common;
+use super::{common, geopose};
 
 use common::http::Request;
 use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
@@ -250,11 +250,11 @@ fn session_of_one(files: &Files) -> Vec<u8> {
 #[test]
 fn openapi_document_matches_the_service() {
     let files = Files::new();
-    let server = Running::start(files.options());
+    let server = geopose::start(&files);
     let document = server.get("/v1/openapi.json", "").json();
     assert!(document["openapi"].as_str().is_some_and(|v| v.starts_with("3.1")), "{}", document["openapi"]);
     let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 8);
+    assert_eq!(paths.len(), 9);
     for (path, methods) in paths {
         for method in methods.as_object().expect("methods").keys() {
             let path = path.replace("{name}", "place");
@@ -262,6 +262,10 @@ fn openapi_document_matches_the_service() {
                 "get" => Request::get(&path),
                 "post" if path.ends_with("-rig") => Request::post(&path, &session_of_one(&files))
                     .header("content-type", "application/octet-stream"),
+                "post" if path == "/geopose" => {
+                    let request = geopose::request(&files.scene.sealed(&truth())).to_string();
+                    Request::post(&path, request.as_bytes()).header("content-type", "application/json")
+                }
                 "post" => Request::localize(&files.scene.sealed(&truth())),
                 other => panic!("{other} is not used here"),
             };

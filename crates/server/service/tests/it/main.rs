@@ -7,6 +7,7 @@ mod cors;
 mod echo;
 mod fairness;
 mod faults;
+mod geopose;
 mod lengths;
 mod listeners;
 mod monitoring;

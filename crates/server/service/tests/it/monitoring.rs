@@ -178,7 +178,7 @@ fn documented_refusals_have_counters_from_the_start() {
     for other in [("403", "forbidden"), ("404", "not-found")] {
         assert!(named.remove(&(other.0.to_owned(), other.1.to_owned())), "{other:?}");
     }
-    for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"] {
+    for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig", "/geopose"] {
         let start = format!("veiloc_requests_total{{route=\"{route}\",status=\"");
         let counted: BTreeSet<_> = text
             .lines()

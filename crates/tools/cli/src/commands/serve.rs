@@ -14,7 +14,8 @@ use veiloc_service::RemoteMap;
 #[cfg(feature = "cluster")]
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
-    CorsOrigin, ListenAddress, MapSource, RateLimit, ServerOptions, ShutdownSummary, TlsFiles, run_prepared,
+    CorsOrigin, GeoReference, ListenAddress, MapSource, RateLimit, ServerOptions, ShutdownSummary, TlsFiles,
+    run_prepared,
 };
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
@@ -51,6 +52,11 @@ pub(crate) struct Args {
     /// Folder whose files NAME.vmap are served as NAME; added and removed files are noticed.
     #[arg(long = "maps", value_name = "DIR")]
     folder: Option<PathBuf>,
+    /// Where a map is on earth, for `POST /geopose`: latitude and longitude of its origin (degrees, WGS 84), metres above the
+    /// ellipsoid and, if its x axis is not east, `,DEGREES` from there, counter-clockwise. Its z is up and its unit the
+    /// metre, as after `map align --gps`; may be given several times. Default: none
+    #[arg(long, value_name = "NAME=LAT,LON,H")]
+    geo_reference: Vec<GeoReference>,
     /// Storage of the map bytes: copied into memory (safe against changes of the file), or memory-mapped; a mapped file
     /// must not be written or truncated while it is served.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
@@ -318,6 +324,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.socket_mode = args.socket_mode.0;
     options.cors.clone_from(&args.cors_origin);
     options.maps_folder.clone_from(&args.folder);
+    options.geo_references.clone_from(&args.geo_reference);
     options.map_memory = args.map_memory.into();
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
         options.tls =

@@ -1,67 +1,14 @@
 //! Positions of images from GPS in their EXIF: WGS 84 to a local frame, east, north, up, metres.
 
-use std::fmt;
 use std::path::Path;
 
 use exif::{Exif, In, Reader, Tag, Value};
-use veiloc_geometry::nalgebra::{Matrix3, Vector3};
+use veiloc_geometry::Geodetic;
 use veiloc_map::MapModel;
 
 use super::KnownPosition;
 use crate::error::MappingError;
 use crate::image_names::image_file;
-
-/// Semi-major axis of the ellipsoid of WGS 84, metres.
-const SEMI_MAJOR: f64 = 6_378_137.0;
-/// Its flattening.
-const FLATTENING: f64 = 1.0 / 298.257_223_563;
-
-/// A position on earth, WGS 84.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Geodetic {
-    /// Degrees north.
-    pub latitude: f64,
-    /// Degrees east.
-    pub longitude: f64,
-    /// Metres above the ellipsoid, as far as known. (Phones often store metres above the sea instead.)
-    pub altitude: f64,
-}
-
-impl fmt::Display for Geodetic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.7}, {:.7}, {:.2} m", self.latitude, self.longitude, self.altitude)
-    }
-}
-
-impl Geodetic {
-    /// Earth-centred, earth-fixed coordinates, metres.
-    pub fn ecef(&self) -> Vector3<f64> {
-        let (sin_lat, cos_lat) = self.latitude.to_radians().sin_cos();
-        let (sin_lon, cos_lon) = self.longitude.to_radians().sin_cos();
-        let squared = FLATTENING * (2.0 - FLATTENING);
-        let normal = SEMI_MAJOR / (1.0 - squared * sin_lat * sin_lat).sqrt();
-        let across = (normal + self.altitude) * cos_lat;
-        Vector3::new(across * cos_lon, across * sin_lon, (normal * (1.0 - squared) + self.altitude) * sin_lat)
-    }
-
-    /// East, north and up of a position from this one, metres.
-    pub fn east_north_up(&self, other: &Self) -> Vector3<f64> {
-        let (sin_lat, cos_lat) = self.latitude.to_radians().sin_cos();
-        let (sin_lon, cos_lon) = self.longitude.to_radians().sin_cos();
-        let rotation = Matrix3::new(
-            -sin_lon,
-            cos_lon,
-            0.0,
-            -sin_lat * cos_lon,
-            -sin_lat * sin_lon,
-            cos_lat,
-            cos_lat * cos_lon,
-            cos_lat * sin_lon,
-            sin_lat,
-        );
-        rotation * (other.ecef() - self.ecef())
-    }
-}
 
 /// Known positions of a map's images from GPS in the EXIF of their files. The frame is east, north, up about the first of
 /// them, which is returned, too. Images without a file or without GPS are left out.
@@ -132,28 +79,6 @@ fn rationals(exif: &Exif, tag: Tag) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ellipsoid_is_that_of_wgs_84() {
-        let at = |latitude, longitude, altitude| Geodetic { latitude, longitude, altitude }.ecef();
-        assert!((at(0.0, 0.0, 0.0) - Vector3::new(6_378_137.0, 0.0, 0.0)).norm() < 1e-6);
-        assert!((at(90.0, 0.0, 0.0) - Vector3::new(0.0, 0.0, 6_356_752.314_245)).norm() < 1e-5);
-        assert!((at(0.0, 90.0, 10.0) - Vector3::new(0.0, 6_378_147.0, 0.0)).norm() < 1e-6);
-    }
-
-    #[test]
-    fn local_frame_is_east_north_up() {
-        let here = Geodetic { latitude: 47.0, longitude: 8.0, altitude: 400.0 };
-        let to = |latitude: f64, longitude: f64, altitude: f64| {
-            here.east_north_up(&Geodetic { latitude, longitude, altitude })
-        };
-        assert!((to(47.0, 8.0, 402.5) - Vector3::new(0.0, 0.0, 2.5)).norm() < 1e-6);
-        // An arc second: 30.88 m north at this latitude (radius of the meridian 6 369 700 m), 21.13 m east.
-        let north = to(47.0 + 1.0 / 3600.0, 8.0, 400.0);
-        assert!((north - Vector3::new(0.0, 30.88, 0.0)).norm() < 0.02, "{north}");
-        let east = to(47.0, 8.0 + 1.0 / 3600.0, 400.0);
-        assert!((east - Vector3::new(21.13, 0.0, 0.0)).norm() < 0.02, "{east}");
-    }
 
     /// TIFF with a directory of GPS: degrees, minutes and seconds in thousandths, altitude in centimetres below sea level.
     fn tiff(latitude: [u32; 3], longitude: [u32; 3], altitude: u32) -> Vec<u8> {

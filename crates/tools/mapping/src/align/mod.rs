@@ -12,7 +12,7 @@ mod positions;
 use veiloc_geometry::nalgebra::{DMatrix, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use veiloc_map::{GravityDirection, MapModel};
 
-pub use self::gps::{Geodetic, gps_positions};
+pub use self::gps::gps_positions;
 pub use self::positions::read_positions;
 use crate::compress::refuse_compressed;
 use crate::error::MappingError;

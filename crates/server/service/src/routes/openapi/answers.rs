@@ -12,7 +12,7 @@ const REFUSALS: [(u16, &str); 14] = [
     (400, "Not a sealed query of a known version, an option that is none, or a body that broke off"),
     (401, "No valid token"),
     (403, "The token is not an operator's"),
-    (404, "Unknown map"),
+    (404, "Unknown map, or no map with a geographic reference"),
     (405, "Another method is needed; see Allow"),
     (408, "The body was too slow; send the same bytes again"),
     (409, "Sealed for another map or with an older profile, or the map is empty"),
@@ -28,7 +28,7 @@ const REFUSALS: [(u16, &str); 14] = [
 /// Refusals of an address.
 fn refusals_of(path: &str) -> &'static [u16] {
     match path {
-        "/v1/maps/{name}/localize" | "/v1/maps/{name}/localize-rig" => {
+        "/v1/maps/{name}/localize" | "/v1/maps/{name}/localize-rig" | "/geopose" => {
             &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504]
         }
         "/v1/maps/{name}/profile" => &[401, 404, 405, 429, 503],
@@ -110,7 +110,7 @@ mod tests {
     /// Every counted status is described.
     #[test]
     fn every_status_of_a_query_is_described() {
-        for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"] {
+        for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig", "/geopose"] {
             let kinds = query_outcomes();
             let counted =
                 kinds.iter().filter(|kind| kind.route == route && kind.status >= 400).map(|kind| kind.status);

@@ -17,6 +17,7 @@ fn serve_command() -> clap::Command {
 const VALUES: &[(&str, &str, &str)] = &[
     ("map", "[\"a=/a.vmap\", \"b=/b.vmap\"]", "a=/a.vmap;b=/b.vmap"),
     ("maps", "\"/maps\"", "/maps"),
+    ("geo-reference", "[\"a=47.3,8.5,455\", \"b=-1,-2,3,90\"]", "a=47.3,8.5,455;b=-1,-2,3,90"),
     ("map-memory", "\"mapped\"", "mapped"),
     #[cfg(feature = "cluster")]
     ("cluster", "\"nats://a:4222,nats://b:4222\"", "nats://a:4222,nats://b:4222"),
