@@ -6,7 +6,7 @@
 //! whose line crosses the first line in the keypoint. Therefore the device stores each sent row with its direction and
 //! descriptor, as a landmark.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_descriptor::{Descriptors, MatchOptions, match_descriptors};
 use veiloc_geometry::Anchor;
@@ -17,8 +17,11 @@ use super::overlap::is_one_scene;
 use crate::rule::RowHistory;
 use crate::schemes::dcl::AnchorAngle;
 
-/// Maximum number of landmarks; the oldest are dropped. About 1.5 MB.
-pub(super) const MAX_LANDMARKS: usize = 8192;
+/// Maximum number of landmarks, about 2 MB. Of more, those of the starts with the most are dropped: images of other
+/// scenes must not displace a scene, which would then get more starts than it may.
+pub(super) const MAX_LANDMARKS: usize = 16384;
+/// With fewer landmarks a start would no longer be recognized: the oldest starts are dropped as a whole then.
+const MIN_OF_START: usize = 256;
 /// A keypoint this near to its landmark's direction has not moved, degrees: two pixels of a camera with a focal length
 /// of 500, five times the detector's error.
 const SAME_DEG: f64 = 0.25;
@@ -206,11 +209,113 @@ impl Memory {
         }
         let mut keep: Vec<usize> = (0..self.landmarks.len()).filter(|i| !moved.contains(i)).collect();
         if keep.len() > MAX_LANDMARKS {
-            keep.sort_by_key(|i| std::cmp::Reverse(self.landmarks[*i].seen));
-            keep.truncate(MAX_LANDMARKS);
-            keep.sort_unstable();
+            keep = self.spread_over_starts(keep);
         }
         self.descriptors = Some(all.select(keep.iter().copied()));
         self.landmarks = keep.iter().map(|i| self.landmarks[*i].clone()).collect();
+    }
+
+    /// At most [`MAX_LANDMARKS`] of these landmarks, in order: as many of each start, and all of starts with fewer. Of a
+    /// start those that were seen last, the strongest of a frame first.
+    fn spread_over_starts(&self, landmarks: Vec<usize>) -> Vec<usize> {
+        let mut by_start: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for landmark in landmarks {
+            by_start.entry(self.landmarks[landmark].start).or_default().push(landmark);
+        }
+        while by_start.len() > MAX_LANDMARKS / MIN_OF_START {
+            by_start.pop_first();
+        }
+        let mut sizes: Vec<usize> = by_start.values().map(Vec::len).collect();
+        sizes.sort_unstable();
+        let (mut left, mut most) = (MAX_LANDMARKS, usize::MAX);
+        for (i, size) in sizes.iter().enumerate() {
+            let equal = left / (sizes.len() - i);
+            if *size > equal {
+                most = equal;
+                break;
+            }
+            left -= size;
+        }
+        let mut keep = Vec::new();
+        for mut of_start in by_start.into_values() {
+            of_start.sort_by_key(|landmark| std::cmp::Reverse(self.landmarks[*landmark].seen));
+            of_start.truncate(most);
+            keep.extend(of_start);
+        }
+        keep.sort_unstable();
+        keep
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_descriptor::DescriptorKind;
+
+    use super::*;
+
+    const ROWS: usize = 1024;
+
+    /// An image of this scene: descriptors, and directions in the camera.
+    fn image(scene: u64) -> (Descriptors, Vec<Vector3<f64>>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(scene);
+        let bytes = (0..ROWS * 128).map(|_| rng.random_range(0..=90)).collect();
+        let mut any = |most: f64| most * rng.random_range(-1.0..=1.0);
+        let directions = (0..ROWS).map(|_| Vector3::new(any(0.6), any(0.45), 1.0).normalize()).collect();
+        (Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows"), directions)
+    }
+
+    fn remember(memory: &mut Memory, scene: u64, start: u32) {
+        let (descriptors, directions) = image(scene);
+        let sent = AnchorAngle { anchor: Anchor::FIRST, angle: 1.0 };
+        let rows = directions.into_iter().enumerate().map(|(row, direction)| (row, None, direction, sent));
+        memory.remember(rows, &descriptors, (start, start));
+    }
+
+    /// A scene that was sealed first is recognized after images of many others.
+    #[test]
+    fn other_scenes_displace_no_scene() {
+        let mut memory = Memory::default();
+        for start in 1..=40 {
+            remember(&mut memory, u64::from(start), start);
+            assert!(memory.landmarks.len() <= MAX_LANDMARKS);
+        }
+        assert_eq!(memory.starts().len(), 40);
+        for scene in [1, 2, 39, 40] {
+            let (descriptors, directions) = image(scene);
+            let seen: Vec<_> = directions.into_iter().map(Some).collect();
+            assert_eq!(memory.overlapping(&descriptors, &seen), 1, "scene {scene}");
+        }
+        let (descriptors, directions) = image(77);
+        let seen: Vec<_> = directions.into_iter().map(Some).collect();
+        assert_eq!(memory.overlapping(&descriptors, &seen), 0, "never sealed");
+    }
+
+    #[test]
+    fn landmarks_are_shared_by_starts_and_the_strongest_stay() {
+        let mut memory = Memory::default();
+        // Two starts with few landmarks keep them all.
+        let sizes = [100, 20_000, 9_000, 1];
+        let sent = AnchorAngle { anchor: Anchor::FIRST, angle: 1.0 };
+        let landmark =
+            |start: usize| Landmark { direction: Vector3::z(), sent, start: start as u32, seen: 1 };
+        for (start, size) in sizes.iter().enumerate() {
+            memory.landmarks.extend((0..*size).map(|_| landmark(start)));
+        }
+        let kept = memory.spread_over_starts((0..memory.landmarks.len()).collect());
+        assert!(kept.windows(2).all(|pair| pair[0] < pair[1]), "in order");
+        let of = |start: u32| -> Vec<usize> {
+            kept.iter().copied().filter(|i| memory.landmarks[*i].start == start).collect()
+        };
+        let equal = (MAX_LANDMARKS - 101) / 2;
+        assert_eq!([0, 1, 2, 3].map(|start| of(start).len()), [100, equal, equal, 1]);
+        assert_eq!(of(1), (100..100 + equal).collect::<Vec<_>>(), "the first, strongest ones");
+        // Too many starts: the oldest are forgotten.
+        let most = MAX_LANDMARKS / MIN_OF_START;
+        memory.landmarks = (0..(most + 3) * 300).map(|i| landmark(i / 300)).collect();
+        let kept = memory.spread_over_starts((0..memory.landmarks.len()).collect());
+        assert_eq!(kept.len(), MAX_LANDMARKS);
+        assert!(kept.iter().all(|i| memory.landmarks[*i].start >= 3));
     }
 }
