@@ -3,6 +3,8 @@
 
     scripts/private_rows.py hole --veiloc target/release/veiloc --data $VEILOC_DATA --work work --csv docs/results/privacy/hole.csv
     scripts/private_rows.py defences … --csv docs/results/privacy/hole-defences.csv
+    scripts/private_rows.py persons … --people people --csv docs/results/privacy/persons.csv
+    scripts/private_rows.py person-defences … --people people --csv docs/results/privacy/person-defences.csv
     scripts/private_rows.py layouts … --csv docs/results/privacy/layout-private.csv
     scripts/private_rows.py places … --photos photos.jsonl.gz --csv docs/results/privacy/places.csv
 
@@ -10,6 +12,9 @@ Each place is a folder with `posed`, `images`, `map.txt` and `query.txt`. A tent
 ellipse, loses its matches with the map, as if a person stood there; errors are measured on these keypoints.
 
 - hole: each scheme, on every place.
+- persons: the same with regions of 0.3 to 0.6 of the image's height (`person_regions.py`, which also makes --people):
+  ellipses, silhouettes, masks of real people, and real people pasted into the images, whose own keypoints are attacked then.
+- person-defences: dcl, the defences on these regions; what they cost is in the table of `defences`.
 - defences: dcl, averaged over places: what a device can do about it, and what that costs in poses.
 - layouts: layouts of dcl, on every place; the average has a 90 % interval from places drawn with replacement.
 - places: every realistic adversary under dcl, on the static scene itself. `photos.jsonl.gz` has keypoints of other places, as
@@ -20,6 +25,7 @@ Keypoints and matches of a place are kept in --work.
 
 import argparse
 import base64
+import copy
 import gzip
 import json
 import math
@@ -29,6 +35,9 @@ import subprocess
 import zlib
 from pathlib import Path
 
+from PIL import Image
+
+from person_regions import ellipse, pasted, silhouette
 from places import LAYOUTS, PLACES, write_csv
 
 ATTACKS = "hole,server-side-points,iterative"
@@ -86,18 +95,68 @@ class Place:
                 file.write(json.dumps(problem) + "\n")
         return path
 
-    def attack(self, schemes, keypoints=2048, turned=0, attacks=ATTACKS):
-        """Rows of `veiloc attack` by scheme and attack, with `hiding_auc` at the hole."""
+    def region(self, kind):
+        """A view of this place whose attacked queries have private regions of this kind, and the options that name them."""
+        if kind == "tenth":
+            return self, ["--private", SHARE]
+        folder, shown = self.work / kind.replace(" ", "-"), self
+        people = sorted(self.args.people.glob("*.png")) if "people" in kind else []
+        # Keypoints are those of the window that is sent, in the middle of the image.
+        sizes = {query["name"]: (query["width"], query["height"]) for query in self.chosen(2048)}
+        names, made = list(sizes), folder / "images"
+        for name, size in sizes.items():
+            draw = random.Random(f"{kind} {name}")
+            mask_file = folder / "masks" / f"{name}.png"
+            mask_file.parent.mkdir(parents=True, exist_ok=True)
+            with Image.open(self.folder / "images" / name) as image:
+                if people:
+                    with_person, mask = pasted(image, people, draw)
+                    corner = [(whole - part) // 2 for whole, part in zip(image.size, size)]
+                    mask = mask.crop((*corner, corner[0] + size[0], corner[1] + size[1]))
+                else:
+                    mask = {"ellipses": ellipse, "silhouettes": silhouette}[kind](size, draw)
+                if kind == "people, pasted":
+                    (made / name).parent.mkdir(parents=True, exist_ok=True)
+                    with_person.save(made / name, quality=95)
+            mask.save(mask_file)
+        if kind == "people, pasted":
+            shown = self.with_queries(names, made)
+        return shown, ["--private-masks", folder / "masks"]
+
+    def with_queries(self, names, made):
+        """This place with these images as its queries, from another folder."""
+        for name in self.names("map.txt"):
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            if not (made / name).exists():
+                (made / name).symlink_to((self.folder / "images" / name).resolve())
+        shown = copy.copy(self)
+        shown.work = made.parent
+        shown.problems, keypoints, listed = made.parent / "problems.jsonl", made.parent / "queries.jsonl.gz", made.parent / "list.txt"
+        if not keypoints.exists():
+            listed.write_text("".join(f"{name}\n" for name in names))
+            self.run("eval", "problems", "--quiet", "--posed", self.folder / "posed", "--images", made, "--map-list",
+                     self.folder / "map.txt", "--query-list", listed, "-o", shown.problems, "--keypoints", keypoints)  # fmt: skip
+            # What the map's own images see is as before.
+            with self.problems.open() as whole, shown.problems.open("a") as problems:
+                problems.writelines(list(whole)[len(self.queries) :])
+        with gzip.open(keypoints, "rt") as lines:
+            shown.queries = [json.loads(line) for line in lines]
+        return shown
+
+    def attack(self, schemes, keypoints=2048, turned=0, attacks=ATTACKS, private=("--private", SHARE)):
+        """Rows of `veiloc attack` by scheme and attack, with `hiding_auc` at the hole, and the summaries of the server."""
         attacked, found = self.work / "attacked.jsonl.gz", self.work / "found.json"
         chosen = self.chosen(keypoints)
         write_lines(attacked, chosen)
         problems = self.sent_problems(keypoints)
-        self.run("attack", attacked, "--quiet", "--server-matches", problems, "--private", SHARE, "--turned-regions",
+        self.run("attack", attacked, "--quiet", "--server-matches", problems, *private, "--turned-regions",
                  str(turned), "--neighbours", "predicted", "--train", self.map_keypoints, "--attacks", attacks,
                  "--schemes", ",".join(schemes), "--json", found)  # fmt: skip
-        rows = {}
-        for row in json.loads(found.read_text())["attacks"]:
+        document, rows = json.loads(found.read_text()), {}
+        for row in document["attacks"]:
             rows.setdefault(row["scheme"], {})[row["attack"]] = row
+        for server in document["server"]:
+            rows[server["scheme"]]["server"] = server
         return rows
 
     def attack_scene(self, schemes, attacks, neighbours, server, with_map, seals):
@@ -175,7 +234,7 @@ def hole(places, args):
     for place in places:
         for scheme, of_scheme in place.attack(["random-lines", "dcl"]).items():
             prior, found = of_scheme["prior"], of_scheme["hole"]
-            other = max(row["bits_over_prior"] for name, row in of_scheme.items() if name not in ("prior", "hole"))
+            other = max(row["bits_over_prior"] for name, row in of_scheme.items() if name not in ("prior", "hole", "server"))
             rows.append([
                 place.name, scheme, found["images"], f"{prior['median_px']:.0f}", f"{found['median_px']:.0f}",
                 f"{100 * prior['under_30px']:.0f}", f"{100 * found['under_30px']:.0f}",
@@ -210,6 +269,48 @@ def defences(places, args):
                "recall lost at 5 cm and 5° (points)", "recall lost at 25 cm and 2° (points)", "worst place (points)",
                "median error over none"]  # fmt: skip
     write_csv(args.csv, columns, rows)
+
+
+REGIONS = ["ellipses", "silhouettes", "people", "people, pasted"]
+
+
+def persons(places, args):
+    rows, all_bits = [], {}
+    for place in places:
+        for kind in REGIONS:
+            shown, private = place.region(kind)
+            for scheme, found in shown.attack(["random-lines", "dcl"], private=private).items():
+                prior, of_hole = found["prior"], found["hole"]
+                all_bits.setdefault((kind, scheme), []).append((of_hole["bits_over_prior"], of_hole["hiding_auc"]))
+                rows.append([
+                    place.name, kind, scheme, of_hole["images"], f"{100 * found['server']['measured']:.1f}",
+                    f"{prior['median_px']:.0f}", f"{of_hole['median_px']:.0f}", f"{of_hole['bits_over_prior']:.2f}",
+                    f"{of_hole['hiding_auc']:.2f}",
+                ])  # fmt: skip
+                print(*rows[-1], sep="  ", flush=True)
+    for (kind, scheme), found in all_bits.items():
+        bits, auc = zip(*found)
+        rows.append(["mean of places", kind, scheme, "", "", "", "", f"{statistics.mean(bits):.2f}", f"{statistics.mean(auc):.2f}"])
+        print(*rows[-1], sep="  ", flush=True)
+    columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "hole (px)", "bits, hole",
+               "AUC of private rows among unexplained ones"]  # fmt: skip
+    write_csv(args.csv, columns, rows)
+
+
+def person_defences(places, args):
+    rows = []
+    for kind in REGIONS:
+        regions = [place.region(kind) for place in places]
+        for name, (keypoints, turned) in DEFENCES.items():
+            found = []
+            for shown, private in regions:
+                row = next(iter(shown.attack(["dcl:paper"], keypoints, turned, "hole", private).values()))["hole"]
+                found.append((row["bits_over_prior"], row["hiding_auc"]))
+            bits, auc = zip(*found)
+            rows.append([kind, name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}",
+                         f"{statistics.mean(auc):.2f}"])  # fmt: skip
+            print(*rows[-1], sep="  ", flush=True)
+    write_csv(args.csv, ["regions", "defence", "bits, mean of places", "bits, range", "AUC, mean of places"], rows)
 
 
 def layouts(places, args):
@@ -275,17 +376,20 @@ def label(layout):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["hole", "defences", "layouts", "places"])
+    parser.add_argument("what", choices=["hole", "persons", "defences", "person-defences", "layouts", "places"])
     parser.add_argument("--veiloc", default="veiloc")
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--places", default=",".join(PLACES))
     parser.add_argument("--photos", type=Path, help="keypoints of other places, for `places`")
+    parser.add_argument("--people", type=Path, help="folder of people, for `persons`")
     parser.add_argument("--queries", type=int, default=10, help="attacked queries of each place, evenly spaced")
     args = parser.parse_args()
     places = [Place(args, name) for name in args.places.split(",")]
-    {"hole": hole, "defences": defences, "layouts": layouts, "places": every_place}[args.what](places, args)
+    commands = {"hole": hole, "persons": persons, "defences": defences, "person-defences": person_defences,
+                "layouts": layouts, "places": every_place}  # fmt: skip
+    commands[args.what](places, args)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ pub use multi_view::FrameChoice;
 pub(crate) use neighbours::descriptors;
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackProgress, AttackTrial, ImageGroup};
-pub use options::{AttackEvaluation, MeasuredKeypoints, ServerKnowledge};
+pub use options::{AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
 pub use private_region::person;
 pub use run::{attack_groups, evaluate_attacks};
 pub use strongest::{StrongestAttacks, strongest_table};

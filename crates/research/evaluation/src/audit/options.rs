@@ -83,6 +83,15 @@ pub enum MeasuredKeypoints {
     Matched,
 }
 
+/// A region of each image that its map does not show.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PrivateRegion {
+    /// An upright ellipse about a random keypoint that holds this share of the keypoints, 0 to 1.
+    Share(f64),
+    /// Folder of masks, one per attacked image ([`veiloc_mapping::mask_file`]): what is black is private.
+    Masks(PathBuf),
+}
+
 /// The server's knowledge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServerKnowledge {
@@ -91,9 +100,8 @@ pub struct ServerKnowledge {
     /// Matches of the map's own images, from which a server knows what should be seen from where; empty to take those
     /// of the other attacked images.
     pub map_problems: Vec<PathBuf>,
-    /// Share of the keypoints, 0 to 1, in a compact region that is missing from the map, such as a person; errors are
-    /// then measured on that region.
-    pub private: Option<f64>,
+    /// A region that is missing from the map, such as a person; errors are then measured on its keypoints.
+    pub private: Option<PrivateRegion>,
     /// Share of the image, 0 to 1, in random regions whose descriptors the device sends turned, so that they match
     /// nothing; errors are not measured there.
     pub turned: f64,

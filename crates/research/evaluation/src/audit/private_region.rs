@@ -4,6 +4,7 @@
 //! every known position. Errors on keypoints that remained unmatched by chance do not represent it.
 
 use rand::Rng;
+use veiloc_features::{FeatureError, Mask};
 use veiloc_geometry::Pixel;
 
 /// Height over width of the region: that of a person from head to hip.
@@ -27,6 +28,19 @@ pub fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> 
         inside[i] = true;
     }
     inside
+}
+
+/// Keypoints at hidden pixels of a mask, `[N]`.
+///
+/// # Errors
+/// [`FeatureError::MaskSize`] when the mask's size is not `size`, the image's.
+pub(super) fn masked(keypoints: &[Pixel], size: [u32; 2], mask: &Mask) -> Result<Vec<bool>, FeatureError> {
+    let (mask_size, image) = ((mask.width(), mask.height()), size.into());
+    if mask_size != image {
+        return Err(FeatureError::MaskSize { file: None, mask: mask_size, image });
+    }
+    let hides = |p: &Pixel| p.u >= 0.0 && p.v >= 0.0 && mask.hides(p.u as u32, p.v as u32);
+    Ok(keypoints.iter().map(hides).collect())
 }
 
 /// Half heights of the regions of [`turned`], relative to the image's height.
@@ -87,6 +101,17 @@ mod tests {
             assert!(extent(|p| p.v) > 1.0 * extent(|p| p.u), "upright");
         }
         assert!(person(&[], 0.5, &mut rng).is_empty());
+    }
+
+    #[test]
+    fn keypoints_at_hidden_pixels_are_private() {
+        let mask = Mask::new(8, 6, |column, row| column == 3 && row >= 2).expect("some are hidden");
+        let at = [[3.0, 2.0], [3.99, 5.99], [4.0, 2.0], [3.5, 1.99], [-0.5, 3.0], [9.0, 3.0]];
+        let keypoints = at.map(|[u, v]| Pixel::new(u, v));
+        let inside = masked(&keypoints, [8, 6], &mask).expect("of one size");
+        assert_eq!(inside, [true, true, false, false, false, false]);
+        let refused = masked(&keypoints, [8, 7], &mask).expect_err("another size");
+        assert!(matches!(refused, FeatureError::MaskSize { image: (8, 7), .. }), "{refused}");
     }
 
     #[test]

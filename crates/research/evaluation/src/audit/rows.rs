@@ -6,7 +6,7 @@ use veiloc_protocol::Scheme;
 use super::attacks::Attack;
 use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
-use super::options::AttackEvaluation;
+use super::options::{AttackEvaluation, PrivateRegion};
 use crate::EvalError;
 use crate::audit::learned_attacks::TrainedPositions;
 use crate::results::metrics::median;
@@ -58,8 +58,10 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
             ))
         });
     };
-    if let Some(share) = server.private {
-        if !(share > 0.0 && share < 1.0) {
+    if let Some(private) = &server.private {
+        if let PrivateRegion::Share(share) = private
+            && !(*share > 0.0 && *share < 1.0)
+        {
             return refuse(format!(
                 "a private region cannot hold {share} of the keypoints; give a share between 0 and 1"
             ));

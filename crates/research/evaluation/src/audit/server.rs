@@ -9,17 +9,19 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
+use veiloc_features::load_mask;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint, Point3};
+use veiloc_mapping::mask_file;
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_protocol::{Observations, Scheme};
 use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
-use super::options::{AttackEvaluation, MeasuredKeypoints, ServerKnowledge};
-use super::private_region::{person, turned};
+use super::options::{AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
+use super::private_region::{masked, person, turned};
 use super::server_view::{PosedView, ServerView};
 use crate::EvalError;
 use crate::pose::pose_problem;
@@ -111,10 +113,17 @@ impl<'a> Server<'a> {
             return Err(EvalError::OtherSize { image: name.clone(), size, expected });
         }
         let rows = rows_of(problem, image)?;
-        let private = self.knowledge.private.map(|share| {
-            let seed = seed_for(evaluation.seed, &[name, "private region"]);
-            person(&image.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
-        });
+        let private = match &self.knowledge.private {
+            None => None,
+            Some(PrivateRegion::Share(share)) => {
+                let seed = seed_for(evaluation.seed, &[name, "private region"]);
+                Some(person(&image.keypoints, *share, &mut ChaCha8Rng::seed_from_u64(seed)))
+            }
+            Some(PrivateRegion::Masks(folder)) => {
+                let mask = load_mask(&mask_file(folder, name))?;
+                Some(masked(&image.keypoints, [image.width, image.height], &mask)?)
+            }
+        };
         let turned = {
             let seed = seed_for(evaluation.seed, &[name, "turned regions"]);
             turned(

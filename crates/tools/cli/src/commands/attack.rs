@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::audit::{
-    Attack, AttackEvaluation, FrameChoice, MeasuredKeypoints, NeighbourSource, ServerKnowledge,
-    attacks_table, evaluate_attacks,
+    Attack, AttackEvaluation, FrameChoice, MeasuredKeypoints, NeighbourSource, PrivateRegion,
+    ServerKnowledge, attacks_table, evaluate_attacks,
 };
 use veiloc_protocol::{AngleBits, Scheme};
 
@@ -85,6 +85,10 @@ pub(super) struct AdversaryArgs {
     /// for example a person in the image. Errors are measured on that region. Default: no such region.
     #[arg(long, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
     private: Option<f64>,
+    /// With --server-matches: as --private, with the region that is black in a mask of each attacked image:
+    /// `door/3.jpg.png` for `door/3.jpg`. Default: no such region.
+    #[arg(long, value_name = "DIR", requires = "server_matches", conflicts_with = "private")]
+    private_masks: Option<PathBuf>,
     /// With --server-matches: this percentage of the image lies in random regions the shape of persons whose descriptors
     /// the device sends turned, so that they match nothing. Errors are not measured there.
     #[arg(long, default_value_t = 0.0, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
@@ -95,7 +99,7 @@ pub(super) struct AdversaryArgs {
         value_enum,
         default_value = "hidden",
         requires = "server_matches",
-        conflicts_with = "private"
+        conflicts_with_all = ["private", "private_masks"]
     )]
     measure: MeasureArg,
     /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
@@ -180,7 +184,10 @@ impl AdversaryArgs {
             server: (!self.server_matches.is_empty()).then(|| ServerKnowledge {
                 problems: self.server_matches.clone(),
                 map_problems: Vec::new(),
-                private: self.private.map(|percent| percent / 100.0),
+                private: match (&self.private_masks, self.private) {
+                    (Some(folder), _) => Some(PrivateRegion::Masks(folder.clone())),
+                    (None, percent) => percent.map(|percent| PrivateRegion::Share(percent / 100.0)),
+                },
                 turned: self.turned_regions / 100.0,
                 measured: match self.measure {
                     MeasureArg::Hidden => MeasuredKeypoints::Hidden,

@@ -79,6 +79,12 @@ fn contradictory_arguments_are_refused() {
         ("attack --synthetic 9 --private 10", 2, "--server-matches"),
         ("attack --synthetic 9 --server-matches missing.jsonl --private 101", 2, "from 0 to 100"),
         ("attack --synthetic 9 --server-matches missing.jsonl --private 10 --measure all", 2, "--measure"),
+        ("attack --synthetic 9 --private-masks masks", 2, "--server-matches"),
+        (
+            "attack --synthetic 9 --server-matches missing.jsonl --private 10 --private-masks masks",
+            2,
+            "--private-masks",
+        ),
         ("attack --synthetic 9 --server-matches missing.jsonl", 1, "missing.jsonl"),
         ("attack --synthetic 9 --neighbours transferred", 1, "no descriptors"),
         ("attack --synthetic 9 --attacks transfer", 1, "no descriptors"),

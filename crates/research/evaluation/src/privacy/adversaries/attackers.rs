@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::EvalError;
 use crate::audit::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackSummary, ImageGroup,
-    MeasuredKeypoints, NeighbourSource, ServerKnowledge, attack_groups,
+    MeasuredKeypoints, NeighbourSource, PrivateRegion, ServerKnowledge, attack_groups,
 };
 use serde::Serialize;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
@@ -149,7 +149,8 @@ impl Attackers<'_> {
             scene.map(|scene| ServerKnowledge {
                 problems: vec![scene.problems.clone()],
                 map_problems: vec![scene.map_problems.clone()],
-                private: (adversary == Adversary::PoseServerPrivate).then_some(PRIVATE_SHARE),
+                private: (adversary == Adversary::PoseServerPrivate)
+                    .then_some(PrivateRegion::Share(PRIVATE_SHARE)),
                 turned: 0.0,
                 measured: MeasuredKeypoints::Hidden,
             })

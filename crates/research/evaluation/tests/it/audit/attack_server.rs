@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::audit::{
     Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, MeasuredKeypoints, NeighbourSource,
-    ServerKnowledge, evaluate_attacks,
+    PrivateRegion, ServerKnowledge, evaluate_attacks,
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
@@ -227,7 +227,7 @@ fn private_region_has_no_matches() {
     let mut options = evaluation(&keypoints, &problems, &[named("iterative")]);
     options.images = None;
     let hidden = run(&options).expect("attacked");
-    options.server.as_mut().expect("set").private = Some(0.1);
+    options.server.as_mut().expect("set").private = Some(PrivateRegion::Share(0.1));
     let private = run(&options).expect("attacked");
     assert!((private.server[0].measured - 0.1).abs() < 1e-9, "{:?}", private.server);
     let known = |d: &AttackDocument| d.server[0].known;
@@ -241,6 +241,35 @@ fn private_region_has_no_matches() {
     );
 }
 
+/// The private region is what is black in the mask, and nothing else.
+#[test]
+fn masked_region_has_no_matches() {
+    let (folder, [keypoints, problems]) = files(2, Matches::Right);
+    let mut options = evaluation(&keypoints, &problems, &[named("hole")]);
+    options.images = None;
+    let whole = run(&options).expect("attacked");
+    let masks = folder.path().join("masks");
+    std::fs::create_dir(&masks).expect("created");
+    options.server.as_mut().expect("set").private = Some(PrivateRegion::Masks(masks.clone()));
+    run(&options).expect_err("no masks");
+    // The left quarter of the image holds a quarter of the keypoints and of the matches.
+    let mask =
+        |width: u32| image::GrayImage::from_fn(width, 480, |u, _| image::Luma([255 * u8::from(u >= 160)]));
+    let save = |width| {
+        for name in ["p0", "p1"] {
+            mask(width).save(masks.join(format!("{name}.png"))).expect("saved");
+        }
+    };
+    save(640);
+    let private = run(&options).expect("attacked");
+    let (server, whole) = (&private.server[0], &whole.server[0]);
+    assert!((0.2..0.3).contains(&server.measured), "{server:?}");
+    assert!((0.68..0.82).contains(&(server.known / whole.known)), "{server:?} {whole:?}");
+    save(641);
+    let refused = run(&options).expect_err("another size");
+    assert!(refused.to_string().contains("641"), "{refused}");
+}
+
 /// Turned descriptors match nothing, and errors are not measured on them.
 #[test]
 fn turned_regions_have_no_matches() {
@@ -248,7 +277,7 @@ fn turned_regions_have_no_matches() {
     let mut options = evaluation(&keypoints, &problems, &[named("hole")]);
     options.images = None;
     let server = options.server.as_mut().expect("set");
-    server.private = Some(0.1);
+    server.private = Some(PrivateRegion::Share(0.1));
     let whole = run(&options).expect("attacked");
     options.server.as_mut().expect("set").turned = 0.4;
     let turned = run(&options).expect("attacked");
@@ -284,15 +313,18 @@ fn contradictory_options_are_refused() {
         let error = run(&options).expect_err(expected).to_string();
         assert!(error.contains(expected), "{error}");
     };
-    let private =
-        |share| move |e: &mut AttackEvaluation| e.server.as_mut().expect("set").private = Some(share);
+    let private = |share| {
+        move |e: &mut AttackEvaluation| {
+            e.server.as_mut().expect("set").private = Some(PrivateRegion::Share(share))
+        }
+    };
     check(named("iterative"), "give its matches", |e| e.server = None);
     check(named("iterative"), "one neighbour", |e| e.k = 0);
     check(named("several-frames"), "at least two", |e| e.frames = vec![1]);
     check(named("resting-camera"), "at least two", |e| e.frames = vec![1]);
     check(named("several-frames"), "has 2 images", |e| e.frames = vec![3]);
     check(named("guided-transfer"), "nothing can be transferred", |e| {
-        e.server.as_mut().expect("set").private = Some(0.1);
+        e.server.as_mut().expect("set").private = Some(PrivateRegion::Share(0.1));
     });
     for share in [0.0, 1.0, f64::NAN] {
         let mut options = evaluation(&keypoints, &problems, &[named("iterative")]);
