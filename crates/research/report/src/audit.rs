@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
-    Attack, Audit, AuditOptions, AuditPart, ShownAttack, ShownImage, ShownImages, ShownScheme,
+    Attack, Audit, AuditOptions, AuditPart, PROTECTION, ShownAttack, ShownImage, ShownImages, ShownScheme,
 };
 use veiloc_protocol::Scheme;
 
@@ -24,7 +24,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     let attacks = &main.attacks;
     let images = attacks.attacks.iter().map(|row| row.images).max().unwrap_or(0);
     let lead = format!(
-        "{} with {}{} obfuscated as on a device under {}, attacked, and compared with the truth.",
+        "{PROTECTION} Here: {} with {}{} obfuscated as on a device under {}, attacked, and compared with the truth.",
         count(images, "image"),
         count(main.keypoints, "keypoint"),
         if !scene_is_main && synthetic.is_some() { ", and the paper's synthetic scene," } else { "" },

@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, synthetic_image};
 use veiloc_evaluation::audit::{
-    Attack, AttackEvaluation, AttackSummary, Audit, AuditOptions, ImageGroup, run_audit,
+    Attack, AttackEvaluation, AttackSummary, Audit, AuditOptions, ImageGroup, PROTECTION, run_audit,
 };
 use veiloc_evaluation::results::SchemeSummary;
 use veiloc_geometry::{CameraFromWorld, Pixel, PixelLine};
@@ -279,6 +279,7 @@ fn audit_tables_equal_document() {
     medians.sort_by(f64::total_cmp);
     shown.sort_by(f64::total_cmp);
     assert!(medians.iter().zip(&shown).all(|(a, b)| (a - b).abs() <= 0.5), "{medians:?} {shown:?}");
+    assert!(page.contains(&format!("<p class=\"lead\">{PROTECTION} ")), "the first sentences");
     let at = |id: &str| page.find(&format!("section id=\"{id}\"")).unwrap_or(usize::MAX);
     assert!(at("images") < at("strongest"), "the pictures are first");
     // The table at the top has the strongest attack on each scheme.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use veiloc_evaluation::audit::{
-    Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit, strongest_table,
+    Attack, AttackEvaluation, Audit, AuditOptions, PROTECTION, attacks_table, run_audit, strongest_table,
 };
 use veiloc_protocol::ExtractionLimits;
 use veiloc_report::audit_page;
@@ -111,7 +111,7 @@ fn print_result(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
     let part = document.inputs.as_ref().or(document.synthetic.as_ref());
     let text = part.map_or_else(String::new, |part| {
         format!(
-            "{}\nThe strongest attack on each scheme\n{}",
+            "{PROTECTION}\n\n{}\nThe strongest attack on each scheme\n{}",
             attacks_table(&part.attacks),
             strongest_table(&part.attacks)
         )

@@ -35,6 +35,7 @@ fn report_shows_photographs() {
     let page = String::from_utf8(scene.read("out/deep/audit.html")).expect("text");
     assert!(run.stderr.contains("out/deep/audit.html"), "{run}");
     assert!(run.stdout.contains("The strongest attack on each scheme"), "{run}");
+    assert!(run.stdout.starts_with("Under dcl, private things that no map shows stay hidden"), "{run}");
     assert!(page.contains("data:image/jpeg") && page.contains("This file contains the photographs"));
     assert!(page.contains("audit a.png place --attacks closed-form"), "the command");
     let document: serde_json::Value = serde_json::from_slice(&scene.read("audit.json")).expect("a document");
