@@ -65,6 +65,8 @@ typedef enum VeilocStatus {
   VEILOC_STATUS_NOT_ALIGNED = 11,
   // An error of the library: please report it.
   VEILOC_STATUS_INTERNAL = 12,
+  // The call was cancelled; nothing changed.
+  VEILOC_STATUS_CANCELLED = 13,
 } VeilocStatus;
 
 // What an answer did.
@@ -138,6 +140,9 @@ typedef struct VeilocAlignment VeilocAlignment;
 
 // An answer: where a frame was taken.
 typedef struct VeilocAnswer VeilocAnswer;
+
+// A request to stop. Unlike other handles, any thread may use it while another seals with it.
+typedef struct VeilocCancellation VeilocCancellation;
 
 // What a device needs to seal for a map.
 typedef struct VeilocProfile VeilocProfile;
@@ -267,6 +272,8 @@ typedef struct VeilocOptions {
   // Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera, in axes
   // whose vertical is gravity, as in ARKit and ARCore.
   bool send_gravity;
+  // A request that another thread may make to stop the call; null for none.
+  const struct VeilocCancellation *cancellation;
 } VeilocOptions;
 
 // Counts of a session.
@@ -375,6 +382,16 @@ struct VeilocCamera veiloc_camera_pinhole(uint32_t width,
                                           double fy,
                                           double cx,
                                           double cy);
+
+// Makes a request that was not made yet. Free it after the calls that it was given to.
+enum VeilocStatus veiloc_cancellation_new(struct VeilocCancellation **out);
+
+// Makes the request: calls that were given it, running and later ones, fail with `Cancelled`. It cannot be revoked. Does
+// nothing for null.
+void veiloc_cancel(const struct VeilocCancellation *cancellation);
+
+// Frees a request.
+void veiloc_cancellation_free(struct VeilocCancellation *cancellation);
 
 // A pose from the columns of a 4 x 4 matrix: `simd_float4x4` of ARKit, `Pose.toMatrix` of ARCore, WebXR's `matrix`.
 enum VeilocStatus veiloc_pose_from_matrix(const double *columns,

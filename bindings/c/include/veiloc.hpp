@@ -31,6 +31,7 @@ struct Free {
   void operator()(VeilocQuery *handle) const { veiloc_query_free(handle); }
   void operator()(VeilocAnswer *handle) const { veiloc_answer_free(handle); }
   void operator()(VeilocAlignment *handle) const { veiloc_alignment_free(handle); }
+  void operator()(VeilocCancellation *handle) const { veiloc_cancellation_free(handle); }
 };
 
 using Profile = std::unique_ptr<VeilocProfile, Free>;
@@ -38,6 +39,8 @@ using Session = std::unique_ptr<VeilocSession, Free>;
 using Query = std::unique_ptr<VeilocQuery, Free>;
 using Answer = std::unique_ptr<VeilocAnswer, Free>;
 using Alignment = std::unique_ptr<VeilocAlignment, Free>;
+/// For `VeilocOptions::cancellation`; `veiloc_cancel` from any thread.
+using Cancellation = std::unique_ptr<VeilocCancellation, Free>;
 using Bytes = std::vector<uint8_t>;
 
 inline Bytes taken(VeilocBytes bytes) {
@@ -96,6 +99,12 @@ inline Alignment alignment(double metres_per_unit = 1.0) {
   VeilocAlignment *handle = nullptr;
   check(veiloc_alignment_new(metres_per_unit, &handle));
   return Alignment(handle);
+}
+
+inline Cancellation cancellation() {
+  VeilocCancellation *handle = nullptr;
+  check(veiloc_cancellation_new(&handle));
+  return Cancellation(handle);
 }
 
 inline VeilocUpdate add(const Alignment &alignment, const Answer &answer, VeilocAxes axes, const VeilocPose &camera) {

@@ -29,6 +29,7 @@ pub mod alignment;
 pub mod answer;
 pub mod bytes;
 pub mod camera;
+pub mod cancellation;
 mod pointers;
 pub mod pose;
 pub mod profile;

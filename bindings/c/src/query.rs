@@ -9,6 +9,7 @@ use veiloc_protocol::{AngleBits, CoarseGravity, Profile, Scheme, SizeClass};
 
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
+use crate::cancellation::VeilocCancellation;
 use crate::pointers;
 use crate::pose::{VeilocPose, axes};
 use crate::profile::VeilocProfile;
@@ -30,6 +31,8 @@ pub struct VeilocOptions {
     /// Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera, in axes
     /// whose vertical is gravity, as in ARKit and ARCore.
     pub send_gravity: bool,
+    /// A request that another thread may make to stop the call; null for none.
+    pub cancellation: *const VeilocCancellation,
 }
 
 /// A sealed query.
@@ -153,7 +156,7 @@ impl Arguments {
 }
 
 /// # Safety
-/// `given` is null or valid, and so is its scheme.
+/// `given` is null or valid, and so are its scheme and its cancellation.
 unsafe fn options(
     given: *const VeilocOptions,
     pose: Option<&veiloc_ar::CameraFromAr>,
@@ -183,6 +186,10 @@ unsafe fn options(
         let down = veiloc_ar::down_in_camera(pose);
         let gravity = CoarseGravity::new(down, CoarseGravity::PHONE_SD_DEG).map_err(|e| argument(&e))?;
         options = options.with_gravity(Some(gravity));
+    }
+    // SAFETY: as above.
+    if let Some(cancellation) = unsafe { pointers::optional(given.cancellation) } {
+        options = options.with_stop(&cancellation.stop);
     }
     Ok(options)
 }

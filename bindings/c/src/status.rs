@@ -38,6 +38,8 @@ pub enum VeilocStatus {
     NotAligned = 11,
     /// An error of the library: please report it.
     Internal = 12,
+    /// The call was cancelled; nothing changed.
+    Cancelled = 13,
 }
 
 /// An error before it becomes a status.
@@ -60,6 +62,7 @@ impl From<SealError> for Failure {
             SealErrorKind::Session => VeilocStatus::Session,
             SealErrorKind::TooManyStarts => VeilocStatus::TooManyStarts,
             SealErrorKind::TurnedAway => VeilocStatus::TurnedAway,
+            SealErrorKind::Stopped => VeilocStatus::Cancelled,
             _ => VeilocStatus::Seal,
         };
         Self::new(status, error)

@@ -39,6 +39,9 @@ pub enum VeilocException {
     /// The bytes are not an answer of this version.
     #[error("{0}")]
     Answer(String),
+    /// The call was cancelled; nothing changed.
+    #[error("{0}")]
+    Cancelled(String),
 }
 
 impl VeilocException {
@@ -56,6 +59,7 @@ impl From<SealError> for VeilocException {
             SealErrorKind::Session => Self::SessionBytes(text),
             SealErrorKind::TooManyStarts => Self::TooManyStarts(text),
             SealErrorKind::TurnedAway => Self::TurnedAway(text),
+            SealErrorKind::Stopped => Self::Cancelled(text),
             _ => Self::Seal(text),
         }
     }

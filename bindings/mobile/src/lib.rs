@@ -20,6 +20,7 @@ pub mod advice;
 pub mod alignment;
 pub mod answer;
 pub mod camera;
+pub mod cancellation;
 pub mod error;
 pub mod pose;
 pub mod profile;

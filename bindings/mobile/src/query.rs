@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_message, seal_to_send};
+use veiloc_geometry::Stop;
 use veiloc_obfuscation::{DeviceLimits, device_rng};
 use veiloc_protocol::{AngleBits, CoarseGravity, Scheme, SizeClass};
 
 use crate::camera::{Camera, FrameLayout, known_camera};
+use crate::cancellation::Cancellation;
 use crate::error::VeilocException;
 use crate::pose::CameraPose;
 use crate::profile::Profile;
@@ -46,10 +48,18 @@ pub struct Query {
 /// - `camera`: without one, a guessed focal length.
 /// - `session`: without one, a frame of its own. Frames of one place belong to one session.
 /// - `camera_in_world`: the pose of the camera when it took the frame. It stays on the device.
+/// - `cancellation`: a request that another thread may make to stop the call.
 ///
 /// # Errors
 /// [`VeilocException`]; the session has not changed then, and another frame costs nothing.
-#[uniffi::export(default(camera = None, session = None, options = None, camera_in_world = None))]
+#[uniffi::export(default(
+    camera = None,
+    session = None,
+    options = None,
+    camera_in_world = None,
+    cancellation = None
+))]
+#[expect(clippy::too_many_arguments, reason = "named in Kotlin and Swift, and all but three have defaults")]
 pub fn seal(
     profile: Arc<Profile>,
     bytes: &[u8],
@@ -58,9 +68,11 @@ pub fn seal(
     session: Option<Arc<Session>>,
     options: Option<SealOptions>,
     camera_in_world: Option<CameraPose>,
+    cancellation: Option<Arc<Cancellation>>,
 ) -> Result<Arc<Query>, VeilocException> {
     let mut rng = device_rng()?;
-    seal_with(profile, bytes, layout, camera, session, options, camera_in_world, &mut rng)
+    let stop = cancellation.map(|cancellation| cancellation.stop.clone()).unwrap_or_default();
+    seal_with(profile, bytes, layout, camera, session, options, camera_in_world, &stop, &mut rng)
 }
 
 /// As `seal`, with 32 bytes of randomness: for tests that compare queries. A query whose seed is known hides nothing.
@@ -78,7 +90,7 @@ pub fn seal_seeded(
 ) -> Result<Arc<Query>, VeilocException> {
     let seed = seed.try_into().map_err(|_| VeilocException::argument("a seed has 32 bytes"))?;
     let mut rng = rand_chacha::rand_core::SeedableRng::from_seed(seed);
-    seal_with(profile, bytes, layout, camera, None, None, None, &mut rng)
+    seal_with(profile, bytes, layout, camera, None, None, None, &Stop::default(), &mut rng)
 }
 
 #[expect(clippy::too_many_arguments, reason = "those of `seal`")]
@@ -90,12 +102,13 @@ fn seal_with(
     session: Option<Arc<Session>>,
     options: Option<SealOptions>,
     camera_in_world: Option<CameraPose>,
+    stop: &Stop,
     rng: &mut ChaCha20Rng,
 ) -> Result<Arc<Query>, VeilocException> {
     let frame = layout.frame(bytes)?;
     let camera = known_camera(camera, layout)?;
     let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
-    let options = options.unwrap_or_default().lowered(pose.as_ref())?;
+    let options = options.unwrap_or_default().lowered(pose.as_ref())?.with_stop(stop);
     let mut stored = session.as_ref().map(|session| session.locked());
     let sealed =
         seal_to_send(stored.as_deref_mut(), &frame, &camera, &profile.profile, &options, pose.as_ref(), rng)?;

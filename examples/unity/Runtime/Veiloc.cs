@@ -9,7 +9,7 @@ using System.Text;
 namespace Veiloc
 {
     /// <summary>What an app does about an error: see veiloc.h.</summary>
-    public enum Status { Ok, Argument, Profile, Image, Texture, Unbalanced, Session, TooManyStarts, TurnedAway, Seal, Answer, NotAligned, Internal }
+    public enum Status { Ok, Argument, Profile, Image, Texture, Unbalanced, Session, TooManyStarts, TurnedAway, Seal, Answer, NotAligned, Internal, Cancelled }
 
     /// <summary>Axes and units of a framework.</summary>
     public enum Axes : uint { OpenGl, Unity, Unreal, Colmap }

@@ -9,6 +9,7 @@ import org.veiloc.Answer
 import org.veiloc.Axes
 import org.veiloc.Camera
 import org.veiloc.CameraPose
+import org.veiloc.Cancellation
 import org.veiloc.Focal
 import org.veiloc.FrameFormat
 import org.veiloc.FrameLayout
@@ -75,6 +76,18 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
     val dark = direct(ByteArray((layout.width * layout.height).toInt()))
     expect<VeilocException.Texture>("a black frame") { seal(profile, dark, layout.copy(format = FrameFormat.GRAY), camera) }
     expect<VeilocException.Argument>("a unit") { Alignment(0.0) }
+    // Cancelled before it begins, and by another thread while it runs or before the next one.
+    val cancellation = Cancellation()
+    val untouched = Session()
+    seal(profile, pixels, layout, camera, untouched, cancellation = cancellation).close()
+    Thread { cancellation.cancel() }.start()
+    expect<VeilocException.Cancelled>("a cancelled call") {
+        while (true) seal(profile, pixels, layout, camera, cancellation = cancellation).close()
+    }
+    expect<VeilocException.Cancelled>("a call after it") {
+        seal(profile, pixels, layout, camera, untouched, cancellation = cancellation)
+    }
+    check(cancellation.isCancelled() && untouched.frames() == 1u)
     val upright = CameraPose(Axes.OPEN_GL, Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
     val session = Session("gravity")
     val first = seal(profile, pixels, layout, camera, session, SealOptions(sendGravity = true), upright)

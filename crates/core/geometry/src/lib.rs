@@ -20,6 +20,7 @@ pub mod pencils;
 mod pixel;
 mod quarter_turns;
 pub mod statistics;
+mod stop;
 
 pub use camera_model::{CameraModel, IntrinsicsError};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
@@ -29,6 +30,7 @@ pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPosition, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
 pub use quarter_turns::QuarterTurns;
+pub use stop::Stop;
 
 /// The linear algebra library of the types of this crate, so that callers use the same version.
 pub use nalgebra;

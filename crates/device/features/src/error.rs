@@ -25,6 +25,9 @@ pub enum FeatureError {
         /// What is wrong, and the remedy.
         reason: String,
     },
+    /// The caller stopped the extraction ([`Image::with_stop`](crate::Image::with_stop)).
+    #[error("stopped on request")]
+    Stopped,
     /// The image has more pixels than the limit.
     #[error(
         "{} has {width}x{height} pixels, more than {max_pixels}; scale it down first",

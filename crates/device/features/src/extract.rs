@@ -54,7 +54,7 @@ pub fn extract_image(
 /// window touches them are dropped.
 ///
 /// # Errors
-/// [`FeatureError`]: not of the camera's size, or an error of the extractor; stored features ([`Extractor::stored`])
+/// [`FeatureError`]: not of the camera's size, stopped, or an error of the extractor; stored features ([`Extractor::stored`])
 /// for an image with a mask.
 pub fn extract_loaded(
     image: Image,
@@ -90,6 +90,10 @@ pub fn extract_loaded(
             name: kind.name().to_owned(),
             reason: "it did not make one descriptor of its kind for each keypoint".to_owned(),
         });
+    }
+    // Not every extractor checks it.
+    if image.stop().is_set() {
+        return Err(FeatureError::Stopped);
     }
     if let Some(hidden) = image.hidden() {
         let size = (image.width(), image.height());

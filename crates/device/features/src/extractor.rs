@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use veiloc_descriptor::DescriptorKind;
 
-use crate::{Border, FeatureError, Features, Image, SiftOptions, extract_sift};
+use crate::sift::extract_until;
+use crate::{Border, FeatureError, Features, Image, SiftOptions};
 
 /// Extracts features of one kind.
 ///
@@ -21,7 +22,7 @@ pub trait Extractor: Send + Sync {
     /// Equal images must give equal features, with any number of threads. An image without structure gives none.
     ///
     /// # Errors
-    /// [`FeatureError::Extractor`] when it cannot run.
+    /// [`FeatureError::Extractor`] when it cannot run; [`FeatureError::Stopped`].
     fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError>;
 
     /// Radius of a descriptor's window, as a multiple of the keypoint's scale.
@@ -82,7 +83,7 @@ impl<T: Extractor + ?Sized> Extractor for Arc<T> {
     }
 }
 
-/// [`extract_sift`] as an [`Extractor`].
+/// [`extract_sift`](crate::extract_sift) as an [`Extractor`].
 #[derive(Debug, Clone, Default)]
 pub struct Sift {
     /// How keypoints are found; the caller gives their number, not these options.
@@ -97,7 +98,7 @@ impl Extractor for Sift {
     fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError> {
         let mut options = self.options.clone();
         options.max_keypoints = max_keypoints;
-        Ok(extract_sift(image.gray(), &options))
+        extract_until(image.gray(), &options, image.stop()).ok_or(FeatureError::Stopped)
     }
 
     fn reach(&self) -> f64 {

@@ -1,5 +1,7 @@
 //! The input of an extractor: one image in memory.
 
+use veiloc_geometry::Stop;
+
 use crate::{FeatureError, GrayImage, Mask};
 
 /// An image for extractors: samples, and no metadata.
@@ -8,6 +10,7 @@ pub struct Image {
     gray: GrayImage,
     /// The mask of its hidden pixels, at the size of the image before scaling.
     hidden: Option<Mask>,
+    stop: Stop,
 }
 
 impl Image {
@@ -37,12 +40,23 @@ impl Image {
             Some(hidden) => hidden.and(mask)?,
             None => mask.clone(),
         };
-        Ok(Self { gray: self.gray.without(&hidden)?, hidden: Some(hidden) })
+        Ok(Self { gray: self.gray.without(&hidden)?, hidden: Some(hidden), ..self })
     }
 
     /// The mask of its hidden pixels.
     pub(crate) const fn hidden(&self) -> Option<&Mask> {
         self.hidden.as_ref()
+    }
+
+    /// The image with a flag that stops its extraction.
+    #[must_use]
+    pub fn with_stop(self, stop: &Stop) -> Self {
+        Self { stop: stop.clone(), ..self }
+    }
+
+    /// The flag. An extractor that takes long checks it, and gives [`FeatureError::Stopped`] once it is set.
+    pub const fn stop(&self) -> &Stop {
+        &self.stop
     }
 
     /// The image scaled down to at most `max_side` pixels wide and high, see [`GrayImage::limited`].
@@ -54,6 +68,6 @@ impl Image {
 
 impl From<GrayImage> for Image {
     fn from(gray: GrayImage) -> Self {
-        Self { gray, hidden: None }
+        Self { gray, hidden: None, stop: Stop::default() }
     }
 }

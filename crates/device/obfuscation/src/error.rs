@@ -179,6 +179,8 @@ pub enum SealErrorKind {
     TooManyStarts,
     /// The camera turned away from the session's anchors: turn on or back.
     TurnedAway,
+    /// The caller stopped it.
+    Stopped,
     /// Anything else: the profile, the options, or features that do not fit.
     Seal,
 }
@@ -192,6 +194,7 @@ impl SealErrorKind {
             Self::Session => "session",
             Self::TooManyStarts => "too-many-starts",
             Self::TurnedAway => "turned-away",
+            Self::Stopped => "stopped",
             Self::Seal => "seal",
         }
     }
@@ -201,6 +204,7 @@ impl SealError {
     /// What an app does about it.
     pub const fn kind(&self) -> SealErrorKind {
         match self {
+            Self::Image(FeatureError::Stopped) => SealErrorKind::Stopped,
             Self::Image(_) => SealErrorKind::Image,
             Self::NoKeypoints { .. } | Self::OneSided { .. } | Self::NoDecoys { .. } => {
                 SealErrorKind::Texture

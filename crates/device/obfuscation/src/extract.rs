@@ -83,6 +83,7 @@ fn extract_by(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), SealError> {
+    let image = image.with_stop(options.stop());
     let size = Some((camera.width, camera.height));
     // Computed on the image after masking (rules L13 and L14).
     let global = options.image_global(profile)?.map(|own| own.describe(&image)).transpose()?;

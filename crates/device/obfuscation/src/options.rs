@@ -2,6 +2,7 @@
 
 use veiloc_descriptor::{GlobalModel, Vocabulary};
 use veiloc_features::{Extractors, SharedGlobal};
+use veiloc_geometry::Stop;
 use veiloc_protocol::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
 
 use crate::SealError;
@@ -30,6 +31,7 @@ pub struct SealOptions {
     hints: Hints,
     extractors: Extractors,
     image_global: Option<SharedGlobal>,
+    stop: Stop,
 }
 
 /// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile requests within
@@ -45,6 +47,7 @@ impl Default for SealOptions {
             hints: Hints::default(),
             extractors: Extractors::for_sealing(),
             image_global: None,
+            stop: Stop::default(),
         }
     }
 }
@@ -129,6 +132,21 @@ impl SealOptions {
     pub fn with_image_global(mut self, extractor: SharedGlobal) -> Self {
         self.image_global = Some(extractor);
         self
+    }
+
+    /// These options with a flag that stops the extraction from another thread; [`SealErrorKind::Stopped`] then, and a
+    /// session has not changed.
+    ///
+    /// [`SealErrorKind::Stopped`]: crate::SealErrorKind::Stopped
+    #[must_use]
+    pub fn with_stop(mut self, stop: &Stop) -> Self {
+        self.stop = stop.clone();
+        self
+    }
+
+    /// The flag that stops the extraction.
+    pub const fn stop(&self) -> &Stop {
+        &self.stop
     }
 
     /// The extractor of the global descriptor that this profile requests; `None` where the server computes it from the

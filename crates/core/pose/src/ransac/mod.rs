@@ -12,9 +12,8 @@ pub(crate) mod minimal;
 mod radial;
 pub(crate) mod sampler;
 pub(crate) mod search;
-mod stop;
 
-pub use stop::Stop;
+pub use veiloc_geometry::Stop;
 
 use rand::Rng;
 

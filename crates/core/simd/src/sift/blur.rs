@@ -39,6 +39,8 @@ impl HalfKernel {
 ///
 /// # Panics
 /// When lengths do not match.
+// Not inlined, so that profiles and counters show it.
+#[inline(never)]
 pub fn blur_down(
     backend: Backend,
     kernel: &HalfKernel,
@@ -117,6 +119,8 @@ impl Down<'_> {
 ///
 /// # Panics
 /// When lengths do not match.
+// Not inlined, so that profiles and counters show it.
+#[inline(never)]
 pub fn blur_along(backend: Backend, kernel: &HalfKernel, padded: &[f32], out: &mut [f32]) {
     assert!(out.len().is_multiple_of(LANES) && padded.len() == out.len() + 2 * kernel.radius);
     dispatch::run(backend, Along { kernel, padded, out });
@@ -177,6 +181,8 @@ pub struct Doubling<'a> {
 ///
 /// # Panics
 /// When lengths do not match.
+// Not inlined, so that profiles and counters show it.
+#[inline(never)]
 pub fn double_row(
     backend: Backend,
     kernels: Doubling<'_>,

@@ -124,6 +124,8 @@ impl Patches {
     /// Directions of the gradients around a keypoint, `[BINS]` from -π on, weighted and smoothed.
     ///
     /// `middle` and `sigma` in samples of `view`. All zero where there is no gradient.
+    // Not inlined, so that profiles and counters show it.
+    #[inline(never)]
     pub fn directions(
         &self,
         view: BlurredImage<'_>,
@@ -139,6 +141,8 @@ impl Patches {
     /// of each bin's share of the sum, times 512, rounded, clipped at 255.
     ///
     /// `middle` and `sigma` in samples of `view`, `orientation` in radians. All zero where there is no gradient.
+    // Not inlined, so that profiles and counters show it.
+    #[inline(never)]
     pub fn describe(
         &self,
         view: BlurredImage<'_>,

@@ -9,6 +9,8 @@ use crate::{Backend, dispatch};
 ///
 /// # Panics
 /// When lengths do not match.
+// Not inlined, so that profiles and counters show it.
+#[inline(never)]
 pub fn differences<const ROWS: usize>(backend: Backend, rows: &[&[f32]; ROWS], out: &mut [f32]) {
     let length = rows[0].len();
     assert!(length.is_multiple_of(LANES) && rows.iter().all(|row| row.len() == length));
@@ -50,6 +52,8 @@ impl<const ROWS: usize> dispatch::Kernel for Differences<'_, ROWS> {
 ///
 /// # Panics
 /// When lengths do not match.
+// Not inlined, so that profiles and counters show it.
+#[inline(never)]
 pub fn peaks(
     backend: Backend,
     rows: &[[&[f32]; 3]; 3],

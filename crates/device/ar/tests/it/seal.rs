@@ -10,10 +10,11 @@ use veiloc_ar::{
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
-use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Intrinsics, Stop};
 use veiloc_obfuscation::{
-    KnownCamera, SealError, SealOptions, Session, SessionAnchors, SessionOptions, extract_loaded, seal,
+    KnownCamera, SealError, SealErrorKind, SealOptions, Session, SessionAnchors, SessionOptions,
+    extract_loaded, seal,
 };
 use veiloc_protocol::Profile;
 
@@ -54,6 +55,25 @@ fn a_frame_gives_the_query_of_its_image() {
         assert_eq!(sealed.query.encode(), expected);
         assert!((0.3..0.7).contains(&sealed.brightness) && sealed.keypoints > 256);
     }
+}
+
+#[test]
+fn a_stopped_frame_gives_no_query_and_leaves_its_session() {
+    let (profile, pixels) = (profile(), pixels());
+    let frame = CameraFrame::new(PixelFormat::Gray, SIZE, &pixels, 0).expect("a frame");
+    let known = KnownCamera::calibrated(camera());
+    let stop = Stop::default();
+    let options = SealOptions::default().with_stop(&stop);
+    let mut session = Session::new(SessionOptions::default(), &mut rng());
+    let mut seal = || seal_to_send(Some(&mut session), &frame, &known, &profile, &options, None, &mut rng());
+    assert!(seal().is_ok());
+    stop.set();
+    let stopped = seal().map(|_| ());
+    assert!(
+        matches!(&stopped, Err(FrameError::Seal(e)) if e.kind() == SealErrorKind::Stopped),
+        "{stopped:?}"
+    );
+    assert_eq!(session.frames(), 1);
 }
 
 #[test]

@@ -58,21 +58,22 @@ impl Differences {
 }
 
 /// Appends the samples of row `y` that no neighbour in level, row and column exceeds; of equal neighbours the first.
+/// `columns` is memory that calls may share.
 pub(super) fn candidates(
     differences: &Differences,
     y: usize,
     width: usize,
     options: &SiftOptions,
     backend: Backend,
+    columns: &mut Vec<u32>,
     cells: &mut Vec<[usize; 3]>,
 ) {
     let threshold = CANDIDATE_SHARE * options.peak_threshold;
-    let mut columns = Vec::new();
     for level in 1..=SCALES {
         let near =
             [level - 1, level, level + 1].map(|level| [y - 1, y, y + 1].map(|y| differences.row(level, y)));
         columns.clear();
-        peaks(backend, &near, width, threshold, &mut columns);
+        peaks(backend, &near, width, threshold, columns);
         let columns = columns.iter().map(|&x| x as usize).filter(|&x| first_of_equals(&near, x));
         cells.extend(columns.map(|x| [level, x, y]));
     }

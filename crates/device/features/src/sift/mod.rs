@@ -26,7 +26,7 @@ mod strip;
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
-use veiloc_geometry::Pixel;
+use veiloc_geometry::{Pixel, Stop};
 use veiloc_simd::Backend;
 use veiloc_simd::sift::{BlurredImage, DESCRIPTOR, PatchMemory, Patches};
 
@@ -36,6 +36,7 @@ use crate::{Features, GrayImage, Keypoint};
 use blur::{SCALES, sigma_of_level};
 use extrema::Extremum;
 use octave::Octave;
+use plane::Plane;
 
 /// Radius of a descriptor's window, as a multiple of the keypoint's scale.
 pub(crate) const PATCH_RADIUS: f64 = veiloc_simd::sift::PATCH_RADIUS as f64;
@@ -45,39 +46,76 @@ pub(crate) const PATCH_RADIUS: f64 = veiloc_simd::sift::PATCH_RADIUS as f64;
 /// An image without structure, or one that is too small, gives none. Memory: about 25 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
-    extract_on(Backend::best(), image, options)
+    extract_on(Backend::best(), image, options, &Stop::default())
 }
 
-fn extract_on(backend: Backend, image: &GrayImage, options: &SiftOptions) -> Features {
-    let (octaves, extrema) = scale_space(image, options, backend);
+/// As [`extract_sift`]; `None` once `stop` is set, after at most a block of rows or of keypoints on each thread.
+pub(crate) fn extract_until(image: &GrayImage, options: &SiftOptions, stop: &Stop) -> Option<Features> {
+    let features = extract_on(Backend::best(), image, options, stop);
+    (!stop.is_set()).then_some(features)
+}
+
+/// Once `stop` is set, the features are not all.
+fn extract_on(backend: Backend, image: &GrayImage, options: &SiftOptions, stop: &Stop) -> Features {
+    let (octaves, extrema) = scale_space(image, options, backend, stop);
     let strongest = strongest(&extrema, &octaves, options.max_keypoints);
 
     let patches = Patches::new(backend);
-    let described: Vec<(Keypoint, [u8; DESCRIPTOR])> = strongest
-        .par_iter()
-        .map_init(PatchMemory::new, |memory, ranked| {
-            describe(&octaves[ranked.1.octave], ranked, options, &patches, memory)
+    let described: Vec<Vec<(Keypoint, [u8; DESCRIPTOR])>> = strongest
+        .par_chunks(CHUNK)
+        .map_init(Memory::new, |memory, chunk| {
+            let mut described = Vec::with_capacity(2 * CHUNK);
+            for ranked in chunk.iter().take_while(|_| !stop.is_set()) {
+                describe(&octaves[ranked.1.octave], ranked, options, &patches, memory, &mut described);
+            }
+            described
         })
-        .flatten_iter()
         .collect();
-    let kept = &described[..described.len().min(options.max_keypoints)];
-    let rows = kept.iter().flat_map(|(_, row)| *row).collect();
+    let kept = || described.iter().flatten().take(options.max_keypoints);
+    let count = kept().count();
+    let mut rows = Vec::with_capacity(count * DESCRIPTOR);
+    kept().for_each(|(_, row)| rows.extend_from_slice(row));
     Features {
-        keypoints: kept.iter().map(|(keypoint, _)| *keypoint).collect(),
+        keypoints: kept().map(|(keypoint, _)| *keypoint).collect(),
         descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows of 128 bytes"),
         global: None,
     }
 }
 
+/// Keypoints that a thread describes before it asks for more.
+const CHUNK: usize = 32;
+
+/// Memory for the description of keypoints, one after another.
+struct Memory {
+    patch: Box<PatchMemory>,
+    /// The surroundings of a keypoint at the border.
+    mirrored: Plane,
+    columns: Vec<usize>,
+    /// Peaks of the directions.
+    peaks: Vec<(f32, f32)>,
+}
+
+impl Memory {
+    fn new() -> Self {
+        Self { patch: PatchMemory::new(), mirrored: Plane::default(), columns: Vec::new(), peaks: Vec::new() }
+    }
+}
+
 /// All octaves, each with the levels at which keypoints are described, and their extrema.
-fn scale_space(image: &GrayImage, options: &SiftOptions, backend: Backend) -> (Vec<Octave>, Vec<Extremum>) {
+fn scale_space(
+    image: &GrayImage,
+    options: &SiftOptions,
+    backend: Backend,
+    stop: &Stop,
+) -> (Vec<Octave>, Vec<Extremum>) {
     let mut octaves = Vec::new();
     let mut extrema = Vec::new();
-    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options, backend));
+    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options, backend, stop));
     while let Some((octave, found)) = next {
         extrema.extend(found);
         let index = octaves.len() + 1;
-        next = if index < options.max_octaves { octave.next(index, options, backend) } else { None };
+        let is_last = index >= options.max_octaves || stop.is_set();
+        next = if is_last { None } else { octave.next(index, options, backend, stop) };
         octaves.push(octave);
     }
     (octaves, extrema)
@@ -106,45 +144,42 @@ fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
     over(extremum.x, octave.width()) || over(extremum.y, octave.height())
 }
 
-/// One keypoint per dominant direction of an extremum.
+/// Appends one keypoint per dominant direction of an extremum.
 fn describe(
     octave: &Octave,
     (strength, extremum): &(f32, Extremum),
     options: &SiftOptions,
     patches: &Patches,
-    memory: &mut PatchMemory,
-) -> Vec<(Keypoint, [u8; DESCRIPTOR])> {
+    memory: &mut Memory,
+    described: &mut Vec<(Keypoint, [u8; DESCRIPTOR])>,
+) {
+    let Memory { patch, mirrored, columns, peaks } = memory;
     let level = (extremum.level.round() as usize).clamp(1, SCALES);
     let mut plane = octave.level(level);
     let sigma = sigma_of_level(f64::from(extremum.level));
     let mut centre = [extremum.x, extremum.y];
-    let continued;
     if options.border == Border::Mirrored && over_border(extremum, octave) {
         // The patch plus one sample around it, for gradients at its border.
         let reach = (veiloc_simd::sift::PATCH_RADIUS * sigma as f32).ceil() as usize + 2;
         let corner = centre.map(|c| c.floor() as isize - reach as isize);
-        continued = plane.mirrored(corner, [2 * reach + 2; 2]);
-        plane = &continued;
+        plane.mirrored(corner, [2 * reach + 2; 2], mirrored, columns);
+        plane = mirrored;
         centre = [centre[0] - corner[0] as f32, centre[1] - corner[1] as f32];
     }
     let Some(view) = BlurredImage::new(&plane.data, plane.stride, plane.width, plane.height) else {
-        return Vec::new();
+        return;
     };
-    let bins = patches.directions(view, centre, sigma as f32, memory);
-    let directions = orientation::dominant(&bins, options.max_orientations);
+    let bins = patches.directions(view, centre, sigma as f32, patch);
     let to_image = |sample: f32| f64::from(sample) * octave.step + octave.offset;
-    directions
-        .into_iter()
-        .map(|orientation| {
-            let keypoint = Keypoint {
-                pixel: Pixel::new(to_image(extremum.x), to_image(extremum.y)),
-                scale: (sigma * octave.step) as f32,
-                orientation,
-                response: *strength,
-            };
-            (keypoint, patches.describe(view, centre, sigma as f32, orientation, memory))
-        })
-        .collect()
+    for orientation in orientation::dominant(&bins, options.max_orientations, peaks) {
+        let keypoint = Keypoint {
+            pixel: Pixel::new(to_image(extremum.x), to_image(extremum.y)),
+            scale: (sigma * octave.step) as f32,
+            orientation,
+            response: *strength,
+        };
+        described.push((keypoint, patches.describe(view, centre, sigma as f32, orientation, patch)));
+    }
 }
 
 #[cfg(test)]
@@ -163,10 +198,11 @@ mod tests {
         let image = GrayImage::new(width, height, samples).expect("finite");
         for border in [Border::Cut, Border::Mirrored] {
             let options = SiftOptions { border, ..SiftOptions::default() };
-            let expected = extract_on(Backend::PORTABLE, &image, &options);
+            let stop = Stop::default();
+            let expected = extract_on(Backend::PORTABLE, &image, &options, &stop);
             assert!(expected.keypoints.len() > 100, "{}", expected.keypoints.len());
             for backend in Backend::available() {
-                assert!(extract_on(backend, &image, &options) == expected, "{}", backend.name());
+                assert!(extract_on(backend, &image, &options, &stop) == expected, "{}", backend.name());
             }
         }
     }

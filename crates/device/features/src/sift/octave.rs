@@ -1,6 +1,7 @@
 //! The Gaussian scale space, one octave at a time.
 
 use rayon::prelude::*;
+use veiloc_geometry::Stop;
 use veiloc_simd::Backend;
 
 use super::SiftOptions;
@@ -28,7 +29,12 @@ pub(super) struct Octave {
 
 impl Octave {
     /// The first octave, of the image itself or of the doubled image, and its extrema.
-    pub(super) fn first(image: &GrayImage, options: &SiftOptions, backend: Backend) -> (Self, Vec<Extremum>) {
+    pub(super) fn first(
+        image: &GrayImage,
+        options: &SiftOptions,
+        backend: Backend,
+        stop: &Stop,
+    ) -> (Self, Vec<Extremum>) {
         let mut source = Plane::new(image.width() as usize, image.height() as usize);
         let (width, stride) = (source.width, source.stride);
         for (padded, row) in source.data.chunks_exact_mut(stride).zip(image.data().chunks_exact(width)) {
@@ -38,10 +44,10 @@ impl Octave {
         // against 79 % of keypoints, 448 against 426 correct matches per pair: docs/results/features.md).
         if options.upsample {
             let source = Source::Doubled(&source, quarter_kernels(0.5 * FIRST_SIGMA));
-            Self::of(&source, [0.5, 0.25], 0, options, backend)
+            Self::of(&source, [0.5, 0.25], 0, options, backend, stop)
         } else {
             let source = Source::Blurred(&source, half_kernel(FIRST_SIGMA));
-            Self::of(&source, [1.0, 0.5], 0, options, backend)
+            Self::of(&source, [1.0, 0.5], 0, options, backend, stop)
         }
     }
 
@@ -51,11 +57,12 @@ impl Octave {
         index: usize,
         options: &SiftOptions,
         backend: Backend,
+        stop: &Stop,
     ) -> Option<(Self, Vec<Extremum>)> {
         let twice_first = self.level(SCALES);
         let big_enough = twice_first.width.min(twice_first.height).div_ceil(2) >= MIN_SIDE;
         let source = Source::Halved(twice_first);
-        big_enough.then(|| Self::of(&source, [2.0 * self.step, self.offset], index, options, backend))
+        big_enough.then(|| Self::of(&source, [2.0 * self.step, self.offset], index, options, backend, stop))
     }
 
     fn of(
@@ -64,6 +71,7 @@ impl Octave {
         index: usize,
         options: &SiftOptions,
         backend: Backend,
+        stop: &Stop,
     ) -> (Self, Vec<Extremum>) {
         let (width, height) = source.size();
         let blurs = Blurs::new((1..LEVELS).map(|level| {
@@ -80,7 +88,16 @@ impl Octave {
         let found: Vec<Vec<Extremum>> = (0..height.div_ceil(rows))
             .map(|k| {
                 let own = parts.iter_mut().filter_map(Iterator::next).collect();
-                Strip { source, blurs: &blurs, size: [width, height], stride, first: k * rows, own, backend }
+                Strip {
+                    source,
+                    blurs: &blurs,
+                    size: [width, height],
+                    stride,
+                    first: k * rows,
+                    own,
+                    backend,
+                    stop,
+                }
             })
             .collect::<Vec<_>>()
             .into_par_iter()

@@ -9,10 +9,14 @@ const PEAK_SHARE: f32 = 0.8;
 
 /// Dominant directions, strongest first, at most `max`; from the column axis towards the row axis, in (-π, π].
 ///
-/// `bins` are a full turn from -π on. Empty when there is no gradient.
-pub(super) fn dominant(bins: &[f32; BINS], max: usize) -> Vec<f32> {
+/// `bins` are a full turn from -π on. None when there is no gradient. `peaks` is memory that calls may share.
+pub(super) fn dominant<'a>(
+    bins: &[f32; BINS],
+    max: usize,
+    peaks: &'a mut Vec<(f32, f32)>,
+) -> impl Iterator<Item = f32> + use<'a> {
     let highest = bins.iter().copied().fold(0.0f32, f32::max);
-    let mut peaks: Vec<(f32, f32)> = Vec::new();
+    peaks.clear();
     for i in 0..BINS {
         let (before, here, after) = (bins[(i + BINS - 1) % BINS], bins[i], bins[(i + 1) % BINS]);
         // Samples far outside of [0, 1] overflow: then there is no direction.
@@ -22,7 +26,7 @@ pub(super) fn dominant(bins: &[f32; BINS], max: usize) -> Vec<f32> {
             peaks.push((here, if angle <= -PI { angle + TAU } else { angle }));
         }
     }
+    // At most half of the bins are peaks: sorted in place, without a buffer.
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.truncate(max);
-    peaks.into_iter().map(|(_, angle)| angle).collect()
+    peaks.iter().take(max).map(|&(_, angle)| angle)
 }

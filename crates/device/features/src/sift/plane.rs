@@ -1,6 +1,6 @@
 //! Sample grids whose rows are padded to whole vectors.
 
-use veiloc_simd::sift::LANES;
+use veiloc_simd::sift::{LANES, MAX_RADIUS};
 
 /// A grid of samples, `[height, stride]`; samples right of `width` are finite padding.
 #[derive(Debug, Clone, Default)]
@@ -24,28 +24,41 @@ impl Plane {
         &self.data[y * self.stride..][..self.stride]
     }
 
-    /// The row at `y`, the first or last one when `y` is outside.
+    /// The rows from `reach` above `y` to `reach` below, and empty ones after them; outside, the first or last row.
     #[inline]
-    pub(super) fn row_clamped(&self, y: isize) -> &[f32] {
-        self.row(y.clamp(0, self.height as isize - 1) as usize)
+    pub(super) fn rows_around(&self, y: isize, reach: usize) -> [&[f32]; 2 * MAX_RADIUS + 1] {
+        let mut rows: [&[f32]; 2 * MAX_RADIUS + 1] = [&[]; 2 * MAX_RADIUS + 1];
+        for (k, row) in rows[..=2 * reach].iter_mut().enumerate() {
+            let at = y + k as isize - reach as isize;
+            *row = self.row(at.clamp(0, self.height as isize - 1) as usize);
+        }
+        rows
     }
 
     /// The part of `width` columns and `height` rows from column `left` and row `top` on, with the grid continued by
-    /// its mirror image without end. Not for an empty plane.
-    pub(super) fn mirrored(&self, [left, top]: [isize; 2], [width, height]: [usize; 2]) -> Self {
+    /// its mirror image without end. Not for an empty plane. It is written to `part`, whose memory and that of `columns`
+    /// calls may share.
+    pub(super) fn mirrored(
+        &self,
+        [left, top]: [isize; 2],
+        [width, height]: [usize; 2],
+        part: &mut Self,
+        columns: &mut Vec<usize>,
+    ) {
         let inside = |at: isize, size: usize| {
             let at = at.rem_euclid(2 * size as isize) as usize;
             at.min(2 * size - 1 - at)
         };
-        let mut part = Self::new(width, height);
-        let columns: Vec<usize> = (0..width).map(|x| inside(left + x as isize, self.width)).collect();
+        (part.width, part.height, part.stride) = (width, height, stride_of(width));
+        part.data.resize(part.stride * height, 0.0);
+        columns.clear();
+        columns.extend((0..width).map(|x| inside(left + x as isize, self.width)));
         for (y, row) in part.data.chunks_exact_mut(part.stride).enumerate() {
             let source = self.row(inside(top + y as isize, self.height));
-            for (sample, &column) in row.iter_mut().zip(&columns) {
+            for (sample, &column) in row.iter_mut().zip(&*columns) {
                 *sample = source[column];
             }
         }
-        part
     }
 }
 

@@ -4,6 +4,7 @@
 //! read shortly after they are written, from the cache, and only the last rows are stored for levels that are not
 //! needed later.
 
+use veiloc_geometry::Stop;
 use veiloc_simd::Backend;
 use veiloc_simd::sift::{
     Doubling, HalfKernel, LANES, MAX_RADIUS, blur_along, blur_down, differences, double_row,
@@ -48,6 +49,8 @@ pub(super) struct Strip<'a> {
     /// Memory for the rows of the levels `1..=SCALES`.
     pub(super) own: Vec<&'a mut [f32]>,
     pub(super) backend: Backend,
+    /// Checked at each block of rows.
+    pub(super) stop: &'a Stop,
 }
 
 impl Source<'_> {
@@ -64,17 +67,17 @@ impl Source<'_> {
     fn row(&self, y: usize, scratch: &mut Vec<f32>, out: &mut [f32], backend: Backend) {
         match self {
             Self::Doubled(plane, [even, odd]) => {
-                let reach = (even.len() / 2) as isize;
-                let near: Vec<&[f32]> =
-                    (-reach..=reach).map(|k| plane.row_clamped((y / 2) as isize + k)).collect();
+                let reach = even.len() / 2;
+                let near = plane.rows_around((y / 2) as isize, reach);
                 let down = if y.is_multiple_of(2) { even } else { odd };
                 let out = &mut out[..2 * (plane.width.next_multiple_of(LANES))];
-                double_row(backend, Doubling { down, even, odd }, &near, plane.width, scratch, out);
+                let near = &near[..even.len()];
+                double_row(backend, Doubling { down, even, odd }, near, plane.width, scratch, out);
             }
             Self::Blurred(plane, kernel) => {
-                let reach = kernel.radius() as isize;
-                let near: Vec<&[f32]> = (-reach..=reach).map(|k| plane.row_clamped(y as isize + k)).collect();
-                blur_down(backend, kernel, &near, out.len(), plane.width, scratch);
+                let near = plane.rows_around(y as isize, kernel.radius());
+                let near = &near[..2 * kernel.radius() + 1];
+                blur_down(backend, kernel, near, out.len(), plane.width, scratch);
                 blur_along(backend, kernel, scratch, out);
             }
             Self::Halved(plane) => {
@@ -108,7 +111,7 @@ impl<'a> Strip<'a> {
         let mut levels = self.levels(searched.start, end);
         let mut scratch = Vec::new();
         let mut differences = Differences::new(self.stride);
-        let mut cells = Vec::new();
+        let (mut columns, mut cells) = (Vec::new(), Vec::new());
         let mut found = Vec::new();
         if width < 3 {
             return found;
@@ -118,7 +121,7 @@ impl<'a> Strip<'a> {
         for behind in (1..=above).rev() {
             self.advance_all(&mut levels, searched.start - behind * BLOCK, &mut scratch);
         }
-        for first in searched.clone().step_by(BLOCK) {
+        for first in searched.clone().step_by(BLOCK).take_while(|_| !self.stop.is_set()) {
             let block = first..(first + BLOCK).min(searched.end);
             self.advance_all(&mut levels, block.end, &mut scratch);
             for y in block {
@@ -127,7 +130,7 @@ impl<'a> Strip<'a> {
                     self.subtract(&levels, y, &mut differences);
                 }
                 self.subtract(&levels, y + 1, &mut differences);
-                candidates(&differences, y, width, options, self.backend, &mut cells);
+                candidates(&differences, y, width, options, self.backend, &mut columns, &mut cells);
                 for cell in cells.drain(..) {
                     found.extend(refine(&levels, [width, height], index, cell, options));
                 }

@@ -1,12 +1,13 @@
-//! Stopping an estimation whose result is no longer needed.
+//! Stopping a computation whose result is no longer needed.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A stop flag, shared between the estimation and the caller; clones share it.
+/// A stop flag, shared between the computation and the caller; clones share it.
 ///
-/// A search checks it before every sample. A stopped search gives no pose, never a worse one: timing decides only
-/// whether there is an answer, not which. All flags compare equal, because none changes a result.
+/// A search for a pose checks it before every sample, an extraction at every block of rows. What was stopped gives no
+/// result, never a worse one: timing decides only whether there is a result, not which. All flags compare equal, because
+/// none changes a result.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 

@@ -1,0 +1,60 @@
+// Seals raw frames with given seeds through veiloc.hpp and compares the queries with those that the library made of the
+// image files, as seals.c.
+//
+//     seals_cpp PROFILE FRAMES_FOLDER REPEAT
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <sstream>
+
+#define VEILOC_SEEDED
+#include "veiloc.hpp"
+
+static veiloc::Bytes read(const std::string &path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw std::runtime_error(path + ": cannot be read");
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+static int run(const std::string &profile_path, const std::string &folder, int repeat) {
+  const auto profile = veiloc::profile(read(profile_path));
+  std::ifstream list(folder + "/frames.txt");
+  int count = 0;
+  for (std::string line; std::getline(list, line); count++) {
+    std::istringstream words(line);
+    std::string number, model;
+    VeilocCamera camera{};
+    words >> number >> camera.width >> camera.height >> model;
+    camera.model = model.c_str();
+    while (camera.param_count < 16 && words >> camera.params[camera.param_count]) camera.param_count++;
+    const auto pixels = read(folder + "/" + number + ".rgba"), expected = read(folder + "/" + number + ".query");
+    VeilocFrame frame{};
+    frame.bytes = pixels.data();
+    frame.length = pixels.size();
+    frame.format = VEILOC_PIXEL_FORMAT_RGBA;
+    frame.width = camera.width;
+    frame.height = camera.height;
+    uint8_t seed[32];
+    std::fill(std::begin(seed), std::end(seed), uint8_t(std::stoi(number)));
+    for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++) {
+      VeilocQuery *handle = nullptr;
+      veiloc::check(
+          veiloc_seal_seeded(profile.get(), nullptr, &frame, &camera, nullptr, VEILOC_AXES_OPEN_GL, nullptr, seed, &handle));
+      const veiloc::Query query(handle);
+      if (veiloc::bytes(query) != expected) throw std::runtime_error("frame " + number + " differs");
+    }
+  }
+  std::cout << count << " queries equal, " << repeat << " repeated\n";
+  return count > 0 ? 0 : 1;
+}
+
+int main(int argc, char **argv) {
+  if (argc != 4) return 2;
+  try {
+    return run(argv[1], argv[2], std::stoi(argv[3]));
+  } catch (const std::exception &error) {
+    std::cerr << error.what() << "\n";
+    return 1;
+  }
+}
