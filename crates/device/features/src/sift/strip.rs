@@ -76,7 +76,7 @@ impl Source<'_> {
             }
             Self::Blurred(plane, kernel) => {
                 let near = plane.rows_around(y as isize, kernel.radius());
-                let near = &near[..2 * kernel.radius() + 1];
+                let near = &near[..=2 * kernel.radius()];
                 blur_down(backend, kernel, near, out.len(), plane.width, scratch);
                 blur_along(backend, kernel, scratch, out);
             }

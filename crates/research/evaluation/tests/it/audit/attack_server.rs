@@ -315,7 +315,7 @@ fn contradictory_options_are_refused() {
     };
     let private = |share| {
         move |e: &mut AttackEvaluation| {
-            e.server.as_mut().expect("set").private = Some(PrivateRegion::Share(share))
+            e.server.as_mut().expect("set").private = Some(PrivateRegion::Share(share));
         }
     };
     check(named("iterative"), "give its matches", |e| e.server = None);
