@@ -80,10 +80,12 @@ pub fn evaluate_stress(
     };
     let sparse_names =
         stresses.contains(&StressCondition::SparseMap).then(|| sparse::subsampled(&evaluation.map_list));
-    let maps = Maps {
-        all: build(&evaluation.map_list)?,
-        sparse: sparse_names.map(|names| build(&names)).transpose()?,
-    };
+    // First, because a small place may have too few images for it.
+    let sparse = sparse_names.map(|names| {
+        let hint = |error| EvalError::DataSet(format!("sparse-map: {error}; leave it out with --stress"));
+        build(&names).map_err(hint)
+    });
+    let maps = Maps { sparse: sparse.transpose()?, all: build(&evaluation.map_list)? };
 
     progress.start("Localizing queries", queries.len());
     let one = |query: &PosedQuery| {
