@@ -116,6 +116,7 @@ impl ImageFeatureArgs {
     ///
     /// # Errors
     /// The model is unknown, has no file, or cannot be used.
+    #[cfg(feature = "hloc")]
     pub(crate) fn extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
         self.extractor_among(&Extractors::default())
     }
@@ -123,7 +124,7 @@ impl ImageFeatureArgs {
     /// Returns the extractor as a device uses it for sealing (rule L11).
     ///
     /// # Errors
-    /// As [`Self::extractor`].
+    /// The model is unknown, has no file, or cannot be used.
     pub(crate) fn device_extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
         self.extractor_among(&Extractors::for_sealing())
     }
