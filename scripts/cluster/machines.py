@@ -217,7 +217,7 @@ class ClusterScene(Program):
         super().__init__(veiloc)
         cache = self.target / cache
         self.map, self.smaller = cache / "place.vmap", cache / "smaller.vmap"
-        if not (cache / "done").exists():
+        if not self.can_use(cache / "done", self.map):
             cache.mkdir(parents=True, exist_ok=True)
             self.make(cache, count)
             (cache / "done").touch()

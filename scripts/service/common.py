@@ -5,7 +5,8 @@ versions:
 
     VEILOC_DATA=../shared/data scripts/service/stuck_log.py [--veiloc PROGRAM]
 
-Loopback only, standard library only. The maps are built once and cached in `service-place` of the target folder.
+Loopback only, standard library only. The maps are cached in the target folder, and built again when the
+program cannot open them.
 """
 
 import argparse
@@ -52,6 +53,12 @@ class Program:
     def run(self, *arguments):
         subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
 
+    def can_use(self, made, cached_map):
+        """Whether a cache is complete, `made` being its last file, and the program opens its map."""
+        if not made.exists():
+            return False
+        return subprocess.run([self.veiloc, "map", "info", cached_map], capture_output=True).returncode == 0
+
     def tokens(self, names, path=None):
         """Writes a token file; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
         path = path or self.work / "tokens"
@@ -76,7 +83,7 @@ class RedKitchen(Program):
         super().__init__(veiloc)
         cache = self.target / "service-place"
         self.map, self.smaller, away = cache / "place.vmap", cache / "smaller.vmap", cache / "away.vquery"
-        if not away.exists():
+        if not self.can_use(away, self.map):
             self.make(cache)
         self.query, self.large, self.away = ((cache / f"{name}.vquery").read_bytes() for name in ("query", "large", "away"))
 
@@ -111,7 +118,7 @@ class RenderedScene(Program):
         super().__init__(veiloc)
         cache = self.target / "service-rendered"
         self.map, query = cache / "place.vmap", cache / "query.vquery"
-        if not query.exists():
+        if not self.can_use(query, self.map):
             cache.mkdir(parents=True, exist_ok=True)
             self.run("demo", "--out", cache)
             camera_lines = (cache / "posed" / "cameras.txt").read_text().splitlines()

@@ -138,7 +138,7 @@ pub struct PoseOptions {
 
 /// Frames of a rig up to which its search may draw more samples. More frames make the search easier, not harder, and the
 /// work of a session must have a bound.
-const MAX_FRAMES: usize = 4;
+const MAX_BUDGET_FRAMES: usize = 4;
 
 impl Default for PoseOptions {
     fn default() -> Self {
@@ -162,13 +162,13 @@ impl Default for PoseOptions {
 
 impl PoseOptions {
     /// The sample budget for a search over several frames: the maximum is that of a single frame, multiplied up to
-    /// [`MAX_FRAMES`] times.
+    /// [`MAX_BUDGET_FRAMES`] times.
     pub(crate) fn budget(&self, frames: usize) -> Budget {
         match self.fixed_hypotheses {
             Some(samples) => Budget::fixed(samples),
             None => Budget {
                 min: self.min_hypotheses.min(self.max_hypotheses),
-                max: self.max_hypotheses.saturating_mul(frames.min(MAX_FRAMES)),
+                max: self.max_hypotheses.saturating_mul(frames.min(MAX_BUDGET_FRAMES)),
                 confidence: self.confidence,
             },
         }

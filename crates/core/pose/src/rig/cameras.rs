@@ -81,7 +81,7 @@ impl Frames<'_, '_> {
         let mut evidence = Vec::with_capacity(lens.frames.len());
         for &f in &lens.frames {
             let at = PoseWithCamera { pose: self.polished.poses.cams[f], change };
-            let influence = self.objective(f, lens, &at, self.polished.noise[f]).look(&at).influence;
+            let influence = self.objective(f, &at, self.polished.noise[f]).look(&at).influence;
             let Some(CameraInfluence { pose_by_camera, evidence: mut of_frame }) = influence else {
                 continue;
             };
@@ -93,7 +93,7 @@ impl Frames<'_, '_> {
         }
         let first = *lens.frames.first()?;
         let at = PoseWithCamera { pose: self.polished.poses.cams[first], change };
-        let objective = self.objective(first, lens, &at, self.polished.noise[first]);
+        let objective = self.objective(first, &at, self.polished.noise[first]);
         Some((objective.assumed_spread(&CameraEvidence::of_all(&evidence), &change)?, force))
     }
 
@@ -105,20 +105,12 @@ impl Frames<'_, '_> {
         let of_alone = search.agreeing(&alone.pose, &search.likelihoods(&alone)).len();
         let at = PoseWithCamera { pose: alone.pose, change: CameraChange::of_focal(lens.factor) };
         2 * agreeing >= of_alone && {
-            let objective = self.objective(f, lens, &at, alone.noise);
+            let objective = self.objective(f, &at, alone.noise);
             objective.test(&objective.look(&at)) != CameraVerdict::Fine
         }
     }
 
-    fn objective(&self, f: usize, lens: &Lens, at: &PoseWithCamera, noise: f64) -> CameraObjective<'_> {
-        let frame = &self.search.frames[f];
-        CameraObjective {
-            matches: &frame.seen,
-            priors: frame.search.priors(),
-            active: frame.search.possible(&at.pose, noise),
-            noise,
-            map: self.given[frame.index].problem.map_cameras,
-            known: lens.focal,
-        }
+    fn objective(&self, f: usize, at: &PoseWithCamera, noise: f64) -> CameraObjective<'_> {
+        self.search.frames[f].camera_objective(self.given, &at.pose, noise)
     }
 }

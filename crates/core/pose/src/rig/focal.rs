@@ -13,8 +13,8 @@
 //! enough. The estimated focal length applies to all frames of a camera.
 
 use crate::likelihood::{
-    CameraObjective, Convergence, FocalObjective, FocalPrior, FocalSystem, FocalVerdict, PoseWithFocal,
-    levenberg_marquardt, step_focal,
+    Convergence, FocalObjective, FocalPrior, FocalSystem, FocalVerdict, PoseWithFocal, levenberg_marquardt,
+    step_focal,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
@@ -194,14 +194,7 @@ impl RefinedRig {
         for &f in &self.lenses[lens].frames {
             let (frame, cam, noise) =
                 (&search.frames[f], self.polished.poses.cams[f], self.polished.noise[f]);
-            let objective = CameraObjective {
-                matches: &frame.seen,
-                priors: frame.search.priors(),
-                active: frame.search.possible(&cam, noise),
-                noise,
-                map: given[frame.index].problem.map_cameras,
-                known: FocalPrior::Calibrated,
-            };
+            let objective = frame.camera_objective(given, &cam, noise);
             let of_frame = objective.focal_gains(&PoseWithFocal { pose: cam, factor });
             gains = [0, 1].map(|k| gains[k] + of_frame[k].max(0.0));
         }

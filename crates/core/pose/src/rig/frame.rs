@@ -6,7 +6,8 @@ use veiloc_geometry::statistics::upper_median;
 use super::RigFrame;
 use crate::error::PoseError;
 use crate::likelihood::{
-    Correspondences, FocalPrior, Matches, PosePriors, Scale, System, log_farthest, median_point,
+    CameraObjective, Correspondences, FocalPrior, Matches, PosePriors, Scale, System, log_farthest,
+    median_point,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::ransac::minimal::Minimal;
@@ -53,6 +54,24 @@ pub(super) fn scene_size(matches: &Matches<'_>, frame: &RigFrame) -> f64 {
 }
 
 impl<'a> Frame<'a> {
+    /// The objective with the camera as parameters, near a pose with this noise. `given` are the frames as the caller gave
+    /// them.
+    pub(super) fn camera_objective(
+        &self,
+        given: &[RigFrame],
+        pose: &CameraFromWorld,
+        noise: f64,
+    ) -> CameraObjective<'_> {
+        CameraObjective {
+            matches: &self.seen,
+            priors: self.search.priors(),
+            active: self.search.possible(pose, noise),
+            noise,
+            map: given[self.index].problem.map_cameras,
+            known: self.focal,
+        }
+    }
+
     /// `zoomed` are the correspondences with the focal length of the search, `given` those with the given one.
     pub(super) fn new(
         index: usize,
