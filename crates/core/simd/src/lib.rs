@@ -53,6 +53,6 @@ pub use dot::{dot_i8, dot_u8};
 pub use hadamard::hadamard;
 pub use hamming::{hamming, hamming_of_three_bits};
 #[cfg(not(target_family = "wasm"))]
-pub use mapped::MappedFile;
+pub use mapped::{MappedFile, open_regular_file};
 pub use packed::{MAX_DIM, PackedRows};
 pub use scan::{BestTwo, ColumnBest, best_two, best_two_with_columns};

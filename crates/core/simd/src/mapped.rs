@@ -9,6 +9,26 @@ use std::{
 
 use memmap2::{Mmap, MmapMut};
 
+/// Opens a regular file for reading. Opening a FIFO would wait for a writer for ever, and a device may have no end.
+///
+/// # Errors
+/// Errors of the operating system; [`io::ErrorKind::IsADirectory`]; [`io::ErrorKind::InvalidInput`]: neither a file nor
+/// a folder.
+pub fn open_regular_file(path: &Path) -> io::Result<File> {
+    // Before it is opened: opening is what waits.
+    let metadata = std::fs::metadata(path)?;
+    if metadata.is_dir() {
+        return Err(io::Error::from(io::ErrorKind::IsADirectory));
+    }
+    if !metadata.is_file() {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "not a regular file, but a pipe, a socket or a device",
+        ));
+    }
+    File::open(path)
+}
+
 /// The bytes of a file, mapped read-only into memory; the operating system loads pages when they are first read.
 ///
 /// # The hazard
@@ -29,15 +49,11 @@ impl MappedFile {
     /// Maps the file at `path`; an empty file gives an empty slice.
     ///
     /// # Errors
-    /// Errors of the operating system, when the file cannot be opened or mapped; `path` is not part of the message. A
-    /// directory is rejected.
+    /// As [`open_regular_file`], and errors of the operating system when the file cannot be mapped; `path` is not part
+    /// of the message.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let file = File::open(path)?;
-        let metadata = file.metadata()?;
-        if metadata.is_dir() {
-            return Err(io::Error::from(io::ErrorKind::IsADirectory));
-        }
-        if metadata.len() == 0 {
+        let file = open_regular_file(path)?;
+        if file.metadata()?.len() == 0 {
             return Ok(Self { map: None });
         }
         // SAFETY: the mapping is read-only and private to this value, which owns it until it is dropped. No other
@@ -54,12 +70,8 @@ impl MappedFile {
     /// # Errors
     /// As [`Self::open`]; [`io::ErrorKind::UnexpectedEof`] when the file became shorter while it was read.
     pub fn copied(path: &Path) -> io::Result<Self> {
-        let mut file = File::open(path)?;
-        let metadata = file.metadata()?;
-        if metadata.is_dir() {
-            return Err(io::Error::from(io::ErrorKind::IsADirectory));
-        }
-        let length = usize::try_from(metadata.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
+        let mut file = open_regular_file(path)?;
+        let length = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
         Self::in_memory(length, |bytes| file.read_exact(bytes))
     }
 
@@ -97,6 +109,20 @@ mod tests {
         let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();
         std::fs::write(&path, &bytes).unwrap();
         assert_eq!(&*MappedFile::open(&path).unwrap(), bytes);
+    }
+
+    /// Nothing writes into this pipe, so opening it would wait for ever.
+    #[cfg(unix)]
+    #[test]
+    fn pipes_and_folders_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let pipe = dir.path().join("some.vmap");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        for open in [MappedFile::open, MappedFile::copied] {
+            assert_eq!(open(&pipe).unwrap_err().kind(), io::ErrorKind::InvalidInput);
+            assert_eq!(open(dir.path()).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+            assert_eq!(open(Path::new("/dev/null")).unwrap_err().kind(), io::ErrorKind::InvalidInput);
+        }
     }
 
     #[test]

@@ -79,3 +79,4 @@ pub use self_test::{
     ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest, SelfTest,
 };
 pub use settings::BuildSettings;
+pub use veiloc_simd::open_regular_file;

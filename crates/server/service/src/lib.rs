@@ -71,6 +71,7 @@ mod remote;
 mod routes;
 mod serve;
 mod signals;
+mod small_file;
 mod state;
 pub mod telemetry;
 mod tokens;

@@ -30,6 +30,8 @@ pub(crate) enum Problem {
     RateLimited { retry_after: NonZeroU64 },
     #[error("no such address; see /v1/openapi.json")]
     NotFound,
+    #[error("an HTTP/1.1 request has exactly one Host header")]
+    Host,
     #[error("another method is needed here; see /v1/openapi.json")]
     WrongMethod,
     #[error("no map of this name is served; /v1/maps lists them")]
@@ -130,6 +132,7 @@ impl Problem {
             Self::Forbidden => (S::FORBIDDEN, "forbidden", "Not allowed"),
             Self::RateLimited { .. } => (S::TOO_MANY_REQUESTS, "rate-limited", "Too many requests"),
             Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
+            Self::Host => (S::BAD_REQUEST, "bad-host", "Not one Host header"),
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
             Self::NoGeoReference => (S::NOT_FOUND, "no-geo-reference", "No geographic reference"),
@@ -212,7 +215,8 @@ pub(crate) fn set_instance(response: &mut Response, id: RequestId) {
 }
 
 /// Refusals of queries: status and name, as in the table of docs/reference/http.md.
-const QUERY_PROBLEMS: [(u16, &str); 24] = [
+const QUERY_PROBLEMS: [(u16, &str); 25] = [
+    (400, "bad-host"),
     (400, "malformed-query"),
     (400, "unsupported-version"),
     (400, "bad-option"),

@@ -19,6 +19,9 @@ impl App {
             match file.check(now) {
                 TokensCheck::Unchanged => {}
                 TokensCheck::Replaced(callers) => {
+                    for (token, change) in callers.changes_since(&self.callers()) {
+                        tracing::info!(token, change = change.name(), "token changed");
+                    }
                     self.set_callers(callers);
                     self.metrics.reload("tokens", "", true);
                     tracing::info!("tokens replaced");

@@ -1,6 +1,6 @@
 //! Authentication by bearer tokens from the token file (`veiloc_service::auth`), with one rate limit per token.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
@@ -102,6 +102,25 @@ pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
     NonZeroU64::new(wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).unwrap_or(NonZeroU64::MIN)
 }
 
+/// How a token of the file changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum TokenChange {
+    Added,
+    Removed,
+    /// Another token, or other maps, permissions or another expiry under the same name.
+    Replaced,
+}
+
+impl TokenChange {
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Added => "added",
+            Self::Removed => "removed",
+            Self::Replaced => "replaced",
+        }
+    }
+}
+
 /// The clients that may query.
 pub(crate) enum Callers {
     /// Any client, with one common rate limit.
@@ -138,6 +157,29 @@ impl Callers {
             (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), rate_limit }))
         };
         Self::Tokens(list.entries().iter().map(caller).collect())
+    }
+
+    /// The tokens that differ from those before, by name, and how: for the log.
+    pub(crate) fn changes_since(&self, before: &Self) -> Vec<(String, TokenChange)> {
+        let (before, now) = (before.entries_by_name(), self.entries_by_name());
+        let names: BTreeSet<&str> = before.keys().chain(now.keys()).copied().collect();
+        let change = |name: &str| match (before.get(name), now.get(name)) {
+            (None, _) => Some(TokenChange::Added),
+            (_, None) => Some(TokenChange::Removed),
+            (Some(before), Some(now)) => (before != now).then_some(TokenChange::Replaced),
+        };
+        names.into_iter().filter_map(|name| Some((name.to_owned(), change(name)?))).collect()
+    }
+
+    /// The lines of each name in an order of their own; older files may have several.
+    fn entries_by_name(&self) -> BTreeMap<&str, BTreeSet<String>> {
+        let mut all: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+        if let Self::Tokens(callers) = self {
+            for entry in callers.values().filter_map(|caller| caller.entry.as_ref()) {
+                all.entry(entry.name()).or_default().insert(entry.to_string());
+            }
+        }
+        all
     }
 
     /// Whether tokens are required.
@@ -238,6 +280,21 @@ mod tests {
         let unrestricted =
             Callers::unrestricted(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("any client");
         assert!(unrestricted.allows_map("garage") && unrestricted.is_operator());
+    }
+
+    #[test]
+    fn changed_tokens_are_named() {
+        let before = read(&format!("phone {SECRET}\nold {OTHER}"), None);
+        let now = read(&format!("phone {SECRET} maps=lobby\nnew {OTHER}"), None);
+        let (phone, added, old) = (
+            ("phone".to_owned(), TokenChange::Replaced),
+            ("new".to_owned(), TokenChange::Added),
+            ("old".to_owned(), TokenChange::Removed),
+        );
+        assert_eq!(now.changes_since(&before), [added.clone(), old, phone]);
+        assert_eq!(now.changes_since(&now), []);
+        let again = now.changes_since(&Callers::Closed);
+        assert_eq!(again, [added, ("phone".to_owned(), TokenChange::Added)]);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::error::ServerError;
 use crate::options::RateLimit;
+use crate::small_file::read_small_file;
 use crate::tokens::Callers;
 
 /// The token file: its last valid content, and since when it has been invalid.
@@ -107,7 +108,7 @@ impl TokensFile {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, ServerError> {
-    std::fs::read(path).map_err(|source| ServerError::Io { path: path.to_owned(), source })
+    read_small_file(path).map_err(|source| ServerError::Io { path: path.to_owned(), source })
 }
 
 fn parse(bytes: &[u8], path: &Path) -> Result<TokenList, ServerError> {

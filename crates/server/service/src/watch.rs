@@ -22,14 +22,32 @@ impl Watchers {
     /// Starts the threads.
     pub(crate) fn start(app: &Arc<App>, every: Duration) -> io::Result<Self> {
         let credentials =
-            start("watch-credentials", app, every, |app| app.reload_credentials(false, Instant::now()))?;
-        let maps = start("watch-maps", app, every, |app| app.reload_maps(false, Instant::now()))?;
+            start(Watched::Credentials, app, every, |app| app.reload_credentials(false, Instant::now()))?;
+        let maps = start(Watched::Maps, app, every, |app| app.reload_maps(false, Instant::now()))?;
         Ok(Self { _until_dropped: vec![credentials, maps] })
     }
 }
 
-fn start(name: &str, app: &Arc<App>, every: Duration, check: fn(&App)) -> io::Result<Sender<()>> {
+/// What a thread checks.
+#[derive(Debug, Clone, Copy)]
+enum Watched {
+    Credentials,
+    Maps,
+}
+
+impl Watched {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Credentials => "credentials",
+            Self::Maps => "maps",
+        }
+    }
+}
+
+fn start(watched: Watched, app: &Arc<App>, every: Duration, check: fn(&App)) -> io::Result<Sender<()>> {
     let (alive, dropped) = channel();
+    // From the start, so that a first check that does not end is seen too.
+    app.metrics.files_checked(watched.name());
     let app = Arc::downgrade(app);
     let run = move || {
         panics::mark_service_thread();
@@ -38,8 +56,9 @@ fn start(name: &str, app: &Arc<App>, every: Duration, check: fn(&App)) -> io::Re
             if catch_unwind(AssertUnwindSafe(|| check(&app))).is_err() {
                 tracing::error!("reloading files failed with a panic; the previous versions stay in force");
             }
+            app.metrics.files_checked(watched.name());
         }
     };
-    std::thread::Builder::new().name(name.to_owned()).spawn(run)?;
+    std::thread::Builder::new().name(format!("watch-{}", watched.name())).spawn(run)?;
     Ok(alive)
 }

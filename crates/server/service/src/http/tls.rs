@@ -15,6 +15,7 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::http::attempts::ReloadAttempts;
 use crate::http::expiry::not_after;
+use crate::small_file::read_small_file;
 
 /// Certificate chain, private key and client authorities, in PEM form.
 #[derive(Debug, Clone)]
@@ -139,7 +140,7 @@ struct Contents {
 impl Contents {
     fn read(files: &TlsFiles) -> Result<Self, TlsError> {
         let read = |path: &Path| {
-            std::fs::read(path).map_err(|e| TlsError { path: path.to_owned(), reason: e.to_string() })
+            read_small_file(path).map_err(|e| TlsError { path: path.to_owned(), reason: e.to_string() })
         };
         let client_ca = files.client_ca.as_deref().map(read).transpose()?;
         Ok(Self { cert: read(&files.cert)?, key: read(&files.key)?, client_ca })

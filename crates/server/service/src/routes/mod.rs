@@ -4,6 +4,7 @@ mod accept;
 mod authorize;
 mod body;
 mod geopose;
+mod host;
 mod localize;
 mod maps;
 mod openapi;
@@ -17,7 +18,7 @@ mod versions;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{get, post};
 
 pub use openapi::openapi_json;
@@ -48,6 +49,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/metrics", get(status::metrics))
         .method_not_allowed_fallback(async || Problem::WrongMethod)
         .fallback(async || Problem::NotFound)
+        .layer(from_fn(host::require_host))
         .layer(from_fn_with_state(app.clone(), cors))
         .layer(from_fn_with_state(app.clone(), record::record))
         .with_state(app)
@@ -62,5 +64,6 @@ pub(crate) fn admin_router(app: Arc<App>) -> Router {
         .route("/metrics", get(status::metrics_for_operator))
         .method_not_allowed_fallback(async || Problem::WrongMethod)
         .fallback(async || Problem::NotFound)
+        .layer(from_fn(host::require_host))
         .with_state(app)
 }

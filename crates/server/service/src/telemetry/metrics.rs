@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -152,6 +152,7 @@ pub struct Metrics {
     late_answers: Counter,
     reloads: Family<Labels, Counter>,
     failing: Family<Labels, Gauge>,
+    checked: Family<Labels, Gauge>,
     queued: Gauge,
     busy: Gauge,
     connections: Gauge,
@@ -216,6 +217,12 @@ impl Metrics {
             "1 while the newest version of a file cannot be used and an older one, or none, is in use",
             failing.clone(),
         );
+        let checked: Family<Labels, Gauge> = Family::default();
+        registry.register(
+            "files_checked_timestamp_seconds",
+            "When the files were last checked for changes, seconds since 1970",
+            checked.clone(),
+        );
         gauge(registry, "workers", "Threads that localize", options.workers);
         gauge(registry, "queue_capacity", "Queries that may wait for a worker", options.queue);
         gauge(registry, "connections_limit", "Connections that may be open", options.connections);
@@ -260,6 +267,7 @@ impl Metrics {
             late_answers,
             reloads,
             failing,
+            checked,
             queued,
             busy,
             connections,
@@ -380,6 +388,13 @@ impl Metrics {
     /// Removes the failure gauge of a map that is no longer served.
     pub fn remove_map_gauge(&self, name: &str) {
         self.failing.remove(&failing_labels("map", name));
+    }
+
+    /// Notes that the `credentials` or the `maps` were just checked for changes. A check that never ends, for example on
+    /// a network drive that is away, leaves the gauge behind.
+    pub fn files_checked(&self, what: &'static str) {
+        let unix = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        self.checked.get_or_create(&vec![("files", Cow::Borrowed(what))]).set(unix.as_secs().cast_signed());
     }
 
     /// Sets the end of the certificate, seconds since 1970.

@@ -94,6 +94,7 @@ fn dashboard_and_alerts_use_existing_metrics() {
     let files = Files::new();
     let mut options = files.options();
     options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
+    options.watch = Some(std::time::Duration::from_secs(3600));
     let server = Running::start(options);
     assert_eq!(server.localize(&files.scene.sealed(&truth()), PHONE).status, 200);
     let exported = exported(&server.get("/metrics", OPERATOR).text());

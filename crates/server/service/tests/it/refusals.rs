@@ -92,6 +92,22 @@ fn empty_map_is_reported() {
     assert_eq!((response.status, response.problem().as_str()), (409, "empty-map"));
 }
 
+#[test]
+fn exactly_one_host_is_needed() {
+    let files = Files::new();
+    let server = Running::start(files.open_options());
+    let answer = |head: &str| {
+        let request = Request { head: head.to_owned(), body: Vec::new() };
+        let response = request.send(server.address);
+        (response.status, if response.status == 200 { String::new() } else { response.problem() })
+    };
+    for head in ["GET /healthz HTTP/1.1\r\n", "GET /healthz HTTP/1.1\r\nhost: a\r\nhost: a\r\n"] {
+        assert_eq!(answer(head), (400, "bad-host".to_owned()), "{head:?}");
+    }
+    assert_eq!(answer("GET /healthz HTTP/1.1\r\nhost: a\r\n").0, 200);
+    assert_eq!(answer("GET /healthz HTTP/1.0\r\n").0, 200, "no such header then");
+}
+
 /// Heads that are not HTTP, too long, or never end: an HTTP error or a closed connection, but never a hanging one.
 #[test]
 fn bad_heads_are_rejected() {

@@ -91,6 +91,39 @@ fn broken_map_is_refused_and_the_old_one_stays() {
     assert_eq!(server.localize(&query, PHONE).status, 200);
 }
 
+/// A pipe under the name of a map or of the tokens is refused at once: opening it would wait for a writer for ever, and
+/// no file would be exchanged any more.
+#[cfg(unix)]
+#[test]
+fn pipes_do_not_stop_the_watchers() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    let failing = |file: &str| {
+        server.get("/metrics", OPERATOR).text().contains(&format!("veiloc_reload_failing{{{file}}} 1"))
+    };
+    let tokens = fs::read(files.path("tokens")).expect("the tokens");
+    for (name, labels) in [("place.vmap", r#"file="map",map="place""#), ("tokens", r#"file="tokens",map="""#)]
+    {
+        let made = std::process::Command::new("mkfifo").arg(files.path("pipe")).status().expect("mkfifo");
+        assert!(made.success());
+        fs::rename(files.path("pipe"), files.path(name)).expect("renamed");
+        eventually("a refusal", || failing(labels));
+        assert_eq!(images(&server), 6, "the old map stays");
+    }
+    fs::remove_file(files.path("tokens")).expect("removed");
+    fs::write(files.path("tokens"), tokens).expect("written");
+    veiloc_map::write(&files.scene.map(4), &files.path("new")).expect("written");
+    fs::rename(files.path("new"), files.path("place.vmap")).expect("renamed");
+    eventually("the new map", || images(&server) == 4);
+    for files in ["maps", "credentials"] {
+        let checked = server.metric(&format!("veiloc_files_checked_timestamp_seconds{{files=\"{files}\"}}"));
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("a time").as_secs_f64();
+        assert!(checked.is_some_and(|at| at > 0.0 && at <= now), "{files}: {checked:?}");
+    }
+}
+
 /// A map with another vocabulary: old queries are refused with `wrong-profile`, new ones get their pose.
 #[test]
 fn clients_learn_of_a_new_profile() {
