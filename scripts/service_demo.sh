@@ -31,7 +31,7 @@ show() {
 show veiloc --quiet map build --posed redkitchen/posed --images redkitchen/images --list redkitchen/map.txt -o redkitchen.vmap
 show "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout key.pem -out cert.pem -days 30 \
 -subj /CN=localhost -addext subjectAltName=DNS:localhost,IP:127.0.0.1 -addext basicConstraints=critical,CA:FALSE 2>openssl.log"
-show "veiloc token new phone --tokens tokens --days 30 > phone.token"
+show "veiloc token new phone --tokens tokens --days 30 --out phone.token"
 show "veiloc --quiet token new operator --operator --tokens tokens > operator.token"
 show "veiloc token list --tokens tokens"
 show "cut -c1-24 tokens"

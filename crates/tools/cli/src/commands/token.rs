@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde::Serialize;
+use veiloc_map::atomic_file::{Permissions, TargetLock, replace_file};
 use veiloc_map::is_map_name;
 use veiloc_service::ServerError;
 use veiloc_service::auth::{Secret, Timestamp, TokenEntry, TokenFile, TokenList, added, revoked};
 
 use crate::exit::{Exit, Failure, Outcome};
+use crate::targets::OutFile;
 use crate::ui::Ui;
 
 /// Create, list and revoke tokens of a service.
@@ -43,6 +45,9 @@ pub(crate) struct NewArgs {
     /// The token may also read the metrics, which cover every map.
     #[arg(long)]
     operator: bool,
+    /// File to write the token to, readable by its owner only. Default: stdout.
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<OutFile>,
 }
 
 #[derive(clap::Args)]
@@ -106,16 +111,34 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     }
     let mut file = TokenFile::open(&args.tokens).map_err(|e| read_error(&e))?;
     let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
+    // The token first: one that nobody has is worse than one that is not in force yet.
+    if let Some(out) = &args.out {
+        write_secret(out, &secret).map_err(|error| Failure::output(out.display(), &error))?;
+    }
     file.replace(&text).map_err(write_error)?;
-    ui.print(format_args!("{}\n", secret.reveal()));
-    ui.info(format_args!(
-        "{} may send requests{}. The line above is the token: it is not stored anywhere, so save it \
-         now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc query send \
-         --token-file`.",
-        args.name,
-        describe_permissions(&entry)
-    ));
+    let permissions = describe_permissions(&entry);
+    if let Some(out) = &args.out {
+        ui.info(format_args!(
+            "{} may send requests{permissions}. The token is in {}; send it by `veiloc query send --token-file`.",
+            args.name,
+            out.display()
+        ));
+    } else {
+        ui.print(format_args!("{}\n", secret.reveal()));
+        ui.info(format_args!(
+            "{} may send requests{permissions}. The line above is the token: it is not stored anywhere, so save it \
+             now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc query send \
+             --token-file`; --out writes a file that only its owner can read.",
+            args.name
+        ));
+    }
     Ok(Exit::Success)
+}
+
+/// Writes a token as `--token-file` reads it; a new file is readable by its owner only.
+fn write_secret(path: &Path, secret: &Secret) -> std::io::Result<()> {
+    let lock = TargetLock::acquire(path)?;
+    replace_file(&lock, Permissions::OwnerAndGroup, |out| writeln!(out, "{}", secret.reveal()))
 }
 
 fn expiry_too_far(days: u32) -> Failure {

@@ -233,6 +233,17 @@ fn tls_and_tokens() {
         assert!(!run.stderr.contains("phone-token"), "{run}");
     }
     assert!(!service.log().contains("phone-token"));
+    // The certificate that `openssl req -x509` makes without further options; the remedy is the operator's.
+    let service = Service::start(
+        scene,
+        &format!(
+            "--map place=place.vmap --tokens tokens --cert {data}/authority-cert.pem --key {data}/key.pem"
+        ),
+    );
+    let url = format!("https://localhost:{}", service.address.port());
+    let given = format!("--retries 0 --ca {data}/authority-cert.pem --token-file token");
+    let run = scene.run(&format!("{} {given}", send("query-0.png", &url)));
+    assert!(run.code == Some(1) && run.stderr.contains("CA:FALSE"), "{run}");
 }
 
 #[test]

@@ -46,6 +46,24 @@ fn token_is_printed_once_and_stored_as_hash() {
     assert_eq!(list(&folder).entries().len(), 1);
 }
 
+#[cfg(unix)]
+#[test]
+fn token_file_is_readable_by_its_owner_only() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = folder();
+    let made = folder.run("token new phone --tokens tokens --out phone.token").succeeded();
+    assert_eq!(made.stdout, "", "the token is in the file only");
+    let token = String::from_utf8(folder.read("phone.token")).expect("text");
+    assert!(list(&folder).find(&TokenKey::of_token(token.trim_end().as_bytes())).is_some());
+    assert!(!made.stderr.contains(token.trim_end()));
+    let mode = std::fs::metadata(folder.path("phone.token")).expect("a file").permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+    // Nothing is written for a token that is refused.
+    let again = folder.run("token new phone --tokens tokens --out other.token");
+    assert_eq!(again.code, Some(1), "{again}");
+    assert!(!folder.path("other.token").exists());
+}
+
 #[test]
 fn invalid_changes_are_refused_and_file_stays() {
     let folder = folder();

@@ -102,6 +102,10 @@ pub(super) fn failure(error: ClientError) -> Failure {
         ClientError::Address { .. } => "give an address of the form https://HOST:PORT/PATH",
         ClientError::Token => "give the token as created by the operator: one line of letters and digits",
         ClientError::Certificates => "give a PEM file with --ca",
+        ClientError::Network { reason, .. } if reason.contains("CaUsedAsEndEntity") => {
+            "the service shows a certificate of an authority, as `openssl req -x509` makes it by default; its operator \
+             makes one of a host with `-addext basicConstraints=critical,CA:FALSE` (docs/guide/service.md)"
+        }
         ClientError::Network { .. } => {
             "check the address and that the service runs; for a self-signed certificate give --ca"
         }
