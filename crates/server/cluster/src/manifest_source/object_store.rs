@@ -30,9 +30,10 @@ impl ObjectStoreSource {
     /// Opens this storage, with a cache in this folder of at most `max_bytes`.
     ///
     /// # Errors
-    /// [`ClusterError`]: no such storage, or the folder cannot be created.
+    /// [`ClusterError`]: the URL names no storage, or the folder of the cache cannot be created.
     pub fn open(url: &str, cache: &Path, max_bytes: u64) -> Result<Self, ClusterError> {
-        Self::of(Storage::open(url)?, cache, max_bytes)
+        // A folder that is not mounted yet is no reason to stop: the cache may hold everything.
+        Self::of(Storage::open_lazily(url)?, cache, max_bytes)
     }
 
     /// As [`Self::open`], for a given storage.
@@ -61,6 +62,11 @@ impl Inner {
         let id = match self.storage.current(map).await {
             Ok(id) => id,
             Err(error) if error.is_transient() => self.last(map).ok_or(error)?,
+            // A drive that is not mounted looks like a folder without anything. A map that was withdrawn leaves its
+            // manifests, and must not be used any more.
+            Err(error @ ClusterError::NotThere { .. }) if self.storage.is_empty().await => {
+                self.last(map).ok_or(error)?
+            }
             Err(error) => return Err(error),
         };
         let known = self.latest().get(map).filter(|published| published.id == id).cloned();
@@ -77,11 +83,11 @@ impl Inner {
         Ok(published)
     }
 
-    /// For a machine that starts while storage is unreachable: the manifest that was current before. A running
+    /// For a machine that starts while storage is unreachable or empty: the manifest that was current before. A running
     /// machine already has one.
     fn last(&self, map: &str) -> Option<ObjectId> {
         let id = self.cache.recorded_manifest(map).filter(|_| !self.latest().contains_key(map))?;
-        tracing::warn!(map, manifest = %id, "the storage cannot be reached; the last manifest is taken from the cache");
+        tracing::warn!(map, manifest = %id, "the storage cannot be reached or does not have the map; the last manifest is taken from the cache");
         Some(id)
     }
 

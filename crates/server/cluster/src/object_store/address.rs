@@ -5,18 +5,30 @@ use std::sync::Arc;
 
 use object_store::ObjectStore;
 use object_store::local::LocalFileSystem;
+use object_store::path::Path as Location;
 use url::Url;
 
 use crate::ClusterError;
 
 /// Storage, and the prefix in it.
-pub(crate) type StorageLocation = (Arc<dyn ObjectStore>, object_store::path::Path);
+pub(crate) type StorageLocation = (Arc<dyn ObjectStore>, Location);
 
-/// Resolves a URL; a path is a folder. With `make`, a missing folder is created.
-pub(crate) fn resolve(url: &str, make: bool) -> Result<StorageLocation, ClusterError> {
+/// What to do about a folder that does not exist.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum MissingFolder {
+    /// An error.
+    Refuse,
+    /// Create it.
+    Create,
+    /// Nothing: it may come later.
+    Wait,
+}
+
+/// Resolves a URL; a path is a folder.
+pub(crate) fn resolve(url: &str, missing: MissingFolder) -> Result<StorageLocation, ClusterError> {
     let wrong = |reason: String| ClusterError::StorageAddress { url: without_login(url), reason };
     if !url.contains("://") {
-        return folder(Path::new(url), make);
+        return folder(Path::new(url), missing);
     }
     let parsed =
         Url::parse(url).map_err(|error| wrong(format!("not a URL ({error}); give {SUPPORTED_URLS}")))?;
@@ -31,7 +43,7 @@ pub(crate) fn resolve(url: &str, make: bool) -> Result<StorageLocation, ClusterE
             let path = parsed.to_file_path();
             folder(
                 &path.map_err(|()| wrong("a folder on another machine; give file:///PATH".to_owned()))?,
-                make,
+                missing,
             )
         }
         "s3" | "gs" | "az" => cloud(&parsed).map_err(|error| match error {
@@ -55,19 +67,29 @@ fn without_login(url: &str) -> String {
 const SUPPORTED_URLS: &str =
     "a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH";
 
-fn folder(path: &Path, make: bool) -> Result<StorageLocation, ClusterError> {
-    if make {
+fn folder(path: &Path, missing: MissingFolder) -> Result<StorageLocation, ClusterError> {
+    if missing == MissingFolder::Create {
         std::fs::create_dir_all(path).map_err(ClusterError::io(path))?;
     }
-    let metadata = std::fs::metadata(path).map_err(ClusterError::io(path))?;
-    if !metadata.is_dir() {
-        return Err(ClusterError::io(path)(std::io::Error::from(std::io::ErrorKind::NotADirectory)));
-    }
-    let store = LocalFileSystem::new_with_prefix(path).map_err(|source| ClusterError::Storage {
+    let wrong = |source: object_store::Error| ClusterError::Storage {
         address: path.display().to_string(),
         source: Box::new(source),
-    })?;
-    Ok((Arc::new(store.with_fsync(true)), object_store::path::Path::default()))
+    };
+    match std::fs::metadata(path) {
+        Ok(metadata) if !metadata.is_dir() => {
+            Err(ClusterError::io(path)(std::io::Error::from(std::io::ErrorKind::NotADirectory)))
+        }
+        Ok(_) => {
+            let store = LocalFileSystem::new_with_prefix(path).map_err(wrong)?;
+            Ok((Arc::new(store.with_fsync(true)), Location::default()))
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound && missing == MissingFolder::Wait => {
+            let whole = std::path::absolute(path).map_err(ClusterError::io(path))?;
+            let root = Location::from_absolute_path(whole).map_err(|error| wrong(error.into()))?;
+            Ok((Arc::new(LocalFileSystem::new().with_fsync(true)), root))
+        }
+        Err(error) => Err(ClusterError::io(path)(error)),
+    }
 }
 
 /// Settings and credentials come from the environment, from the same variables as for the tools of the clouds.
@@ -140,7 +162,7 @@ mod tests {
             ("://", "not a URL"),
             ("s3://key:secret@bu^cket:x/maps", "not a URL"),
         ] {
-            let error = resolve(url, false).expect_err(url);
+            let error = resolve(url, MissingFolder::Refuse).expect_err(url);
             assert!(
                 matches!(error, ClusterError::StorageAddress { .. }) && error.to_string().contains(expected),
                 "{error}"
@@ -149,7 +171,9 @@ mod tests {
         }
         #[cfg(not(feature = "clouds"))]
         for url in ["s3://bucket/maps", "gs://bucket", "az://container/maps"] {
-            assert!(resolve(url, false).expect_err(url).to_string().contains("--features clouds"));
+            assert!(
+                resolve(url, MissingFolder::Refuse).expect_err(url).to_string().contains("--features clouds")
+            );
         }
     }
 
@@ -158,12 +182,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a b/maps");
         let text = path.to_str().unwrap();
-        assert!(matches!(resolve(text, false), Err(ClusterError::Io { .. })));
-        resolve(text, true).unwrap();
-        resolve(text, false).unwrap();
-        resolve(Url::from_file_path(&path).unwrap().as_str(), false).unwrap();
+        assert!(matches!(resolve(text, MissingFolder::Refuse), Err(ClusterError::Io { .. })));
+        resolve(text, MissingFolder::Create).unwrap();
+        resolve(text, MissingFolder::Refuse).unwrap();
+        resolve(Url::from_file_path(&path).unwrap().as_str(), MissingFolder::Refuse).unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();
-        assert!(matches!(resolve(file.to_str().unwrap(), false), Err(ClusterError::Io { .. })));
+        for missing in [MissingFolder::Refuse, MissingFolder::Create, MissingFolder::Wait] {
+            assert!(matches!(resolve(file.to_str().unwrap(), missing), Err(ClusterError::Io { .. })));
+        }
     }
 }

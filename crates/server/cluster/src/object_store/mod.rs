@@ -7,7 +7,8 @@
 //! cache folder      ◀── fetch ──  pointer, manifest, objects; each verified before it gets its name
 //! ```
 //! - [`Storage`]: storage by its URL (`file://…` or a path; `s3://…`, `gs://…` and `az://…` with the cargo feature
-//!   `clouds`), and [`Storage::publish`].
+//!   `clouds`), [`Storage::publish`], and the published [`Storage::versions`] of
+//!   a map, with [`Storage::restore`] and [`Storage::remove_older`].
 //! - [`ObjectCache`]: verified objects on the local disk with a size limit; the least recently used are evicted.
 //! - [`fetch_folder`]: fetches all regions of a map into a folder.
 //! - [`ManifestPointer`]: names the current manifest of a map.
@@ -40,9 +41,11 @@ mod publish;
 pub(crate) mod refusal;
 mod retry;
 mod storage;
+mod versions;
 
 pub use cache::{ObjectCache, TrimSummary};
 pub use fetch::{FetchSummary, fetch_folder};
 pub use pointer::ManifestPointer;
 pub use publish::{ProgressCallback, PublishSummary};
 pub use storage::Storage;
+pub use versions::{PublishedVersion, RemovalSummary};

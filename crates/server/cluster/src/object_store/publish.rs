@@ -112,7 +112,7 @@ impl Storage {
         Ok(true)
     }
 
-    async fn put(&self, entry: &StorageEntry, bytes: Vec<u8>) -> Result<(), ClusterError> {
+    pub(crate) async fn put(&self, entry: &StorageEntry, bytes: Vec<u8>) -> Result<(), ClusterError> {
         let put = async || {
             let payload = PutPayload::from(bytes.clone());
             let answer = self

@@ -10,7 +10,7 @@ use veiloc_map::regions::{MAX_MANIFEST_BYTES, Manifest, ObjectId};
 use veiloc_map::{ManifestError, MapError};
 
 use crate::ClusterError;
-use crate::object_store::address::resolve;
+use crate::object_store::address::{MissingFolder, resolve};
 use crate::object_store::pointer::ManifestPointer;
 use crate::object_store::refusal::{Refusal, refusal_of};
 use crate::object_store::retry::RetryPolicy;
@@ -32,7 +32,17 @@ impl Storage {
     /// [`ClusterError::StorageAddress`]: the URL names no supported storage; [`ClusterError::Io`]: the folder does
     /// not exist; [`ClusterError::Storage`]: settings of a cloud are missing or wrong.
     pub fn open(url: &str) -> Result<Self, ClusterError> {
-        let (store, root) = resolve(url, false)?;
+        let (store, root) = resolve(url, MissingFolder::Refuse)?;
+        Ok(Self::of(store, root, url))
+    }
+
+    /// As [`Self::open`], but a folder need not exist yet: until it does, everything in it is
+    /// [`ClusterError::NotThere`]. For services, which start from their cache while a drive is not mounted.
+    ///
+    /// # Errors
+    /// As [`Self::open`], except [`ClusterError::Io`] for a missing folder.
+    pub fn open_lazily(url: &str) -> Result<Self, ClusterError> {
+        let (store, root) = resolve(url, MissingFolder::Wait)?;
         Ok(Self::of(store, root, url))
     }
 
@@ -41,7 +51,7 @@ impl Storage {
     /// # Errors
     /// As [`Self::open`].
     pub fn create(url: &str) -> Result<Self, ClusterError> {
-        let (store, root) = resolve(url, true)?;
+        let (store, root) = resolve(url, MissingFolder::Create)?;
         Ok(Self::of(store, root, url))
     }
 
@@ -115,13 +125,13 @@ impl Storage {
         self.entry(&["objects", &id.to_string()])
     }
 
-    fn entry(&self, parts: &[&str]) -> StorageEntry {
+    pub(crate) fn entry(&self, parts: &[&str]) -> StorageEntry {
         let location = parts.iter().fold(self.root.clone(), |location, part| location.join(*part));
         StorageEntry { location, address: format!("{}/{}", self.address, parts.join("/")) }
     }
 
     /// Reads a small object completely; fails when it is longer than `most`.
-    async fn read_small(
+    pub(crate) async fn read_small(
         &self,
         entry: &StorageEntry,
         most: u64,

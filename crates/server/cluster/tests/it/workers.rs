@@ -278,6 +278,15 @@ async fn machines_start_from_the_cache_without_storage() {
     let gateway = Gateway::start(bus.clone(), source(&cache), GatewayOptions::new(MAP), counts).await;
     assert_eq!(gateway.expect("a gateway").manifest(), Some(published.folder().manifest().id()));
     assert!(worker(&folder.path().join("another cache")).await.is_err(), "a machine without a cache");
+    // A drive that is not mounted: a folder that is empty, or not there at all.
+    std::fs::remove_dir_all(&store).expect("a folder");
+    std::fs::create_dir(&store).expect("a folder");
+    assert_eq!(worker(&cache).await.expect("a worker").held_count(), held);
+    std::fs::remove_dir(&store).expect("an empty folder");
+    let lazily = ObjectStoreSource::open(url, &cache, 1 << 30).expect("a cache");
+    let counts = veiloc_service::telemetry::WorkerCounts::new("test", 2, 32);
+    let away = Worker::start(bus.clone(), Arc::new(lazily), WorkerOptions::new(MAP), counts).await;
+    assert_eq!(away.expect("a worker").held_count(), held);
 }
 
 /// Abandoned jobs are skipped or stopped; others are answered.

@@ -74,6 +74,12 @@ pub(crate) enum Command {
     /// Fetch the regions of a published map (needs the cargo feature `cluster`).
     #[cfg(not(feature = "cluster"))]
     Fetch(crate::commands::missing_feature::Args),
+    /// List the published versions of a map, return to an older one, or remove old ones.
+    #[cfg(feature = "cluster")]
+    Versions(publish::VersionsArgs),
+    /// List the published versions of a map (needs the cargo feature `cluster`).
+    #[cfg(not(feature = "cluster"))]
+    Versions(crate::commands::missing_feature::Args),
     /// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
     Export(export::ExportArgs),
 }
@@ -299,10 +305,14 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Publish(args) => publish::publish(args, ui),
         #[cfg(feature = "cluster")]
         Command::Fetch(args) => publish::fetch(args, ui),
+        #[cfg(feature = "cluster")]
+        Command::Versions(args) => publish::versions(args, ui),
         #[cfg(not(feature = "cluster"))]
         Command::Publish(args) => crate::commands::missing_feature::run(args, "map publish", "cluster"),
         #[cfg(not(feature = "cluster"))]
         Command::Fetch(args) => crate::commands::missing_feature::run(args, "map fetch", "cluster"),
+        #[cfg(not(feature = "cluster"))]
+        Command::Versions(args) => crate::commands::missing_feature::run(args, "map versions", "cluster"),
         Command::Export(args) => export::run(args, ui),
     }
 }

@@ -30,6 +30,7 @@ pub fn json_reference() -> Result<String, String> {
     page.section("map split", &schema::<commands::map::split::SplitDocument<'_>>());
     page.section("map publish", &schema::<commands::map::publish::PublishedDocument<'_>>());
     page.section("map fetch", &schema::<commands::map::publish::FetchedDocument<'_>>());
+    page.section("map versions", &schema::<commands::map::publish::VersionsDocument<'_>>());
     page.section("token list", &schema::<commands::token::ListDocument>());
     page.section("query send", &schema::<commands::query::send::Document>());
     page.section("eval scene", &schema::<results::EvaluationDocument>());

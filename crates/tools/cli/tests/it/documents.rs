@@ -21,6 +21,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("map info", "map remove place.vmap map-00.png -o less.vmap --json"),
     ("map split", "map split place.vmap --images 6 --out documents-regions --json"),
     ("map publish", "map publish published-regions storage --json"),
+    ("map versions", "map versions storage place --remove-older-than 1 --json"),
     ("map fetch", "map fetch storage place --out fetched-regions --json"),
     (
         "eval scene",

@@ -4,9 +4,12 @@ use super::common;
 
 use std::fs;
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 use common::{StorageFault, no_progress, regions, run, storage};
+use futures_util::TryStreamExt as _;
 use object_store::memory::InMemory;
+use object_store::{ObjectStore as _, ObjectStoreExt as _};
 use veiloc_cluster::ClusterError;
 use veiloc_cluster::object_store::{Storage, fetch_folder};
 use veiloc_map::regions::{MANIFEST_FILE, ObjectId, RegionFolder};
@@ -57,6 +60,82 @@ fn published_folder_is_fetched_unchanged() {
     fs::write(&region, bytes).expect("damaged");
     let mended = run(fetch_folder(&reader, "rooms", id, to.path(), &no_progress)).expect("fetched");
     assert_eq!((mended.fetched, mended.there), (1, count - 1));
+}
+
+/// An older version is made current again, and old ones go with what only they need.
+#[test]
+fn versions_are_restored_and_removed() {
+    let [old, new] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+    let (old_regions, new_regions) = (regions(8, old.path()), regions(9, new.path()));
+    let memory = Arc::new(InMemory::new());
+    let storage = storage(&memory, StorageFault::None);
+    let ids = [&old_regions, &new_regions].map(|folder| folder.manifest().id());
+    for folder in [&old_regions, &new_regions] {
+        run(storage.publish(folder, &no_progress)).expect("published");
+    }
+    let currents = || {
+        let versions = run(storage.versions("rooms")).expect("versions");
+        let mut found: Vec<_> =
+            versions.iter().map(|version| (version.manifest, version.is_current)).collect();
+        found.sort_unstable();
+        found
+    };
+    let expected = |current: &[ObjectId], all: &[ObjectId]| {
+        let mut found: Vec<_> = all.iter().map(|id| (*id, current.contains(id))).collect();
+        found.sort_unstable();
+        found
+    };
+    assert_eq!(currents(), expected(&ids[1..], &ids));
+    run(storage.restore("rooms", ids[0])).expect("restored");
+    assert_eq!(currents(), expected(&ids[..1], &ids));
+    let other = ObjectId::of(b"another manifest");
+    assert!(matches!(run(storage.restore("rooms", other)), Err(ClusterError::NotThere { .. })));
+    assert!(matches!(run(storage.restore("hall", ids[0])), Err(ClusterError::NotThere { .. })));
+
+    // A map of another name needs the objects of the new version too.
+    let mut manifest = new_regions.manifest().clone();
+    "hall".clone_into(&mut manifest.map);
+    let hall = RegionFolder::of(manifest, new.path());
+    run(storage.publish(&hall, &no_progress)).expect("published");
+    assert!(matches!(
+        run(storage.restore("rooms", hall.manifest().id())),
+        Err(ClusterError::Manifest { .. })
+    ));
+    let (hour, now) = (Duration::from_secs(3600), SystemTime::now());
+    let remove = |map: &str, later: u32| run(storage.remove_older(map, hour, now + later * hour));
+    let removed = remove("rooms", 0).expect("nothing is old");
+    assert_eq!((removed.versions, removed.objects), (0, 0));
+    let removed = remove("rooms", 2).expect("removed");
+    assert_eq!((removed.versions, removed.objects), (1, 0), "the hall needs them");
+    assert_eq!(currents(), expected(&ids[..1], &ids[..1]));
+    let to = tempfile::tempdir().expect("a folder");
+    run(fetch_folder(&storage, "hall", hall.manifest().id(), to.path(), &no_progress)).expect("complete");
+
+    // The hall gets the old version, and its former one goes with all that only it needs.
+    let mut manifest = old_regions.manifest().clone();
+    "hall".clone_into(&mut manifest.map);
+    run(storage.publish(&RegionFolder::of(manifest, old.path()), &no_progress)).expect("published");
+    let kept: Vec<ObjectId> = old_regions.manifest().objects().map(|object| object.sha256).collect();
+    let only_new = new_regions.manifest().objects().filter(|object| !kept.contains(&object.sha256));
+    let only_new: Vec<_> = only_new.collect();
+    let removed = remove("hall", 2).expect("removed");
+    let bytes = only_new.iter().map(|object| object.bytes).sum();
+    assert_eq!((removed.versions, removed.objects, removed.bytes), (1, only_new.len(), bytes));
+    let to = tempfile::tempdir().expect("a folder");
+    run(fetch_folder(&storage, "rooms", ids[0], to.path(), &no_progress)).expect("complete");
+
+    // Nothing is removed while it is not known what a version needs.
+    let damaged = object_store::path::Path::from(format!("manifests/{}.json", ids[0]));
+    let listed = run(memory.list(None).try_collect::<Vec<_>>()).expect("a list");
+    let location = listed.iter().map(|meta| &meta.location).find(|at| at.filename() == damaged.filename());
+    run(memory.put(location.expect("the manifest"), "{}".into())).expect("written");
+    assert!(matches!(remove("hall", 9), Err(ClusterError::Manifest { .. })));
+    // An object that is gone makes a version unfit.
+    run(storage.publish(&old_regions, &no_progress)).expect("published");
+    let name = kept[0].to_string();
+    let object = listed.iter().map(|meta| &meta.location).find(|at| at.filename() == Some(&name));
+    run(memory.delete(object.expect("an object"))).expect("deleted");
+    assert!(matches!(run(storage.restore("rooms", ids[0])), Err(ClusterError::NotThere { .. })));
 }
 
 /// Wherever publishing fails, a reader gets the old or the new regions completely.

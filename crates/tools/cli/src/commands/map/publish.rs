@@ -1,10 +1,13 @@
-//! `veiloc map publish` and `veiloc map fetch`: transfer of regions to and from object storage.
+//! `veiloc map publish`, `fetch` and `versions`: regions in object storage.
 
 use std::path::PathBuf;
+use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
-use veiloc_cluster::object_store::{FetchSummary, PublishSummary, Storage, fetch_folder};
+use veiloc_cluster::ClusterError;
+use veiloc_cluster::object_store::{FetchSummary, PublishSummary, RemovalSummary, Storage, fetch_folder};
 use veiloc_map::regions::{ObjectId, RegionFolder};
+use veiloc_service::auth::Timestamp;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::output::progress::Stage;
@@ -46,6 +49,63 @@ pub(crate) struct FetchArgs {
     /// Print one JSON document to stdout.
     #[arg(long)]
     json: bool,
+}
+
+/// List the published versions of a map, return to an older one, or remove old ones.
+///
+/// Every `veiloc map publish` of another content makes a version. Services take the current one within seconds.
+#[derive(clap::Args)]
+pub(crate) struct VersionsArgs {
+    /// Storage, as in `veiloc map publish`.
+    url: String,
+    /// Name of the map.
+    map: String,
+    /// Make this version the current one again, after looking for all its objects.
+    #[arg(long, value_name = "SHA256")]
+    restore: Option<ObjectId>,
+    /// Remove the versions that were published longer ago, except the current one, and all objects that no version of
+    /// any map needs any more. Do not publish at the same time.
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    remove_older_than: Option<u32>,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The published versions of a map.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct VersionsDocument<'a> {
+    /// 1.
+    version: u32,
+    /// Storage, as given.
+    url: &'a str,
+    /// Name of the map.
+    map: &'a str,
+    /// Number of versions that were removed by this call.
+    versions_removed: usize,
+    /// Number of objects that were removed by this call.
+    objects_removed: usize,
+    /// Their bytes.
+    bytes_removed: u64,
+    /// The versions, newest first.
+    versions: Vec<VersionDocument>,
+}
+
+/// A published version of a map.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(crate) struct VersionDocument {
+    /// Id of its manifest.
+    manifest: String,
+    /// When it was published first, UTC.
+    published: String,
+    /// Number of its regions.
+    regions: usize,
+    /// Bytes of all its objects; versions share equal ones.
+    bytes: u64,
+    /// Whether it is the current one.
+    current: bool,
 }
 
 /// The published objects.
@@ -155,6 +215,64 @@ pub(super) fn fetch(args: &FetchArgs, ui: &Ui) -> Outcome {
             args.map,
             fetched_bytes as f64 / 1e6,
             there_bytes as f64 / 1e6,
+        ));
+    }
+    Ok(Exit::Success)
+}
+
+pub(super) fn versions(args: &VersionsArgs, ui: &Ui) -> Outcome {
+    let storage = Storage::open(&args.url)?;
+    let (removed, versions) = awaited(async {
+        if let Some(id) = args.restore {
+            storage.restore(&args.map, id).await?;
+        }
+        let removed = match args.remove_older_than {
+            Some(days) => {
+                let age = Duration::from_secs(u64::from(days) * 86_400);
+                storage.remove_older(&args.map, age, SystemTime::now()).await?
+            }
+            None => RemovalSummary::default(),
+        };
+        Ok::<_, ClusterError>((removed, storage.versions(&args.map).await?))
+    })?;
+    let versions: Vec<VersionDocument> = versions
+        .into_iter()
+        .map(|version| VersionDocument {
+            manifest: version.manifest.to_string(),
+            published: Timestamp::of(version.published).to_string(),
+            regions: version.regions,
+            bytes: version.bytes,
+            current: version.is_current,
+        })
+        .collect();
+    if args.json {
+        ui.json(&VersionsDocument {
+            version: 1,
+            url: &args.url,
+            map: &args.map,
+            versions_removed: removed.versions,
+            objects_removed: removed.objects,
+            bytes_removed: removed.bytes,
+            versions,
+        })?;
+        return Ok(Exit::Success);
+    }
+    for version in versions {
+        ui.print(format!(
+            "{} {}  {}  {} regions, {:.1} MB\n",
+            if version.current { "*" } else { " " },
+            version.published,
+            version.manifest,
+            version.regions,
+            version.bytes as f64 / 1e6,
+        ));
+    }
+    if args.remove_older_than.is_some() {
+        ui.info(format!(
+            "Removed {} versions and {} objects, {:.1} MB.",
+            removed.versions,
+            removed.objects,
+            removed.bytes as f64 / 1e6
         ));
     }
     Ok(Exit::Success)
