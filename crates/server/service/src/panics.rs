@@ -79,7 +79,8 @@ mod tests {
     fn panic_in_a_job() {
         tracing_subscriber::fmt().with_writer(std::io::stderr).init();
         let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN, Clock::default()).expect("threads");
-        let spec = JobSpec { client: None, rows: 1, limit: std::time::Duration::from_secs(60) };
+        let spec =
+            JobSpec { client: None, rows: 1, is_session: false, limit: std::time::Duration::from_secs(60) };
         let secret = String::from("SECRET") + "WORDS";
         let id = RequestIds::start().expect("random").next();
         let broken = pool

@@ -50,6 +50,8 @@ impl<T: Send, F: FnOnce(Duration) -> T + Send> Work for Task<T, F> {
 struct Job {
     work: Box<dyn Work>,
     accepted: Instant,
+    /// Whether it localizes several images together.
+    is_session: bool,
 }
 
 /// Client, size and time limit of a job.
@@ -59,6 +61,8 @@ pub struct JobSpec {
     pub client: Option<TokenKey>,
     /// Number of descriptor rows.
     pub rows: usize,
+    /// Whether it localizes several images together.
+    pub is_session: bool,
     /// Time limit of the result.
     pub limit: Duration,
 }
@@ -83,7 +87,21 @@ struct Shared {
 
 struct QueueState {
     jobs: FairQueue<TokenKey, Job>,
+    /// Number of sessions that run.
+    sessions: usize,
+    /// Maximum of [`Self::sessions`]: one thread is kept free of them if there are several, because a session takes
+    /// seconds and a query tens of milliseconds.
+    max_sessions: usize,
     closed: bool,
+}
+
+impl QueueState {
+    fn pop(&mut self) -> Option<(Charge<TokenKey>, Job)> {
+        let may_begin = self.sessions < self.max_sessions;
+        let popped = self.jobs.pop_if(|job| may_begin || !job.is_session)?;
+        self.sessions += usize::from(popped.1.is_session);
+        Some(popped)
+    }
 }
 
 impl Shared {
@@ -95,10 +113,11 @@ impl Shared {
     fn next(&self) -> Option<(Charge<TokenKey>, Job)> {
         let mut state = self.queue_state();
         loop {
-            if let Some(next) = state.jobs.pop() {
+            if let Some(next) = state.pop() {
                 return Some(next);
             }
-            if state.closed {
+            // A session that must wait for another one is notified when that ends.
+            if state.closed && state.jobs.is_empty() {
                 return None;
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -137,7 +156,12 @@ impl Pool {
     /// The system refused a thread.
     pub fn start(workers: NonZeroUsize, queue: NonZeroUsize, clock: Clock) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
-            queue: Mutex::new(QueueState { jobs: FairQueue::new(queue), closed: false }),
+            queue: Mutex::new(QueueState {
+                jobs: FairQueue::new(queue),
+                sessions: 0,
+                max_sessions: (workers.get() - 1).max(1),
+                closed: false,
+            }),
             changed: Condvar::new(),
             busy: AtomicUsize::new(0),
             active_ns: AtomicU64::new(0),
@@ -181,9 +205,14 @@ impl Pool {
             }
             self.check_room(&state, spec)?;
         }
-        state.jobs.push(spec.client, spec.size(), Job { work, accepted: self.shared.clock.now() });
+        state.jobs.push(
+            spec.client,
+            spec.size(),
+            Job { work, accepted: self.shared.clock.now(), is_session: spec.is_session },
+        );
         drop(state);
-        self.shared.changed.notify_one();
+        // All: the one that is woken may not begin a session.
+        self.shared.changed.notify_all();
         Ok(result)
     }
 
@@ -239,7 +268,7 @@ fn run_worker(shared: &Shared) {
     // Parallel parts of a localization run on this thread: in a common pool the small jobs of one client would wait for the
     // large ones of another, and be charged for it. If the pool cannot be made, the common one is used.
     let _own = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
-    while let Some((charge, Job { work, accepted })) = shared.next() {
+    while let Some((charge, Job { work, accepted, is_session })) = shared.next() {
         let estimate = u64::try_from(charge.estimate().as_nanos()).unwrap_or(u64::MAX);
         shared.busy.fetch_add(1, Ordering::Relaxed);
         shared.active_ns.fetch_add(estimate, Ordering::Relaxed);
@@ -250,7 +279,13 @@ fn run_worker(shared: &Shared) {
         shared.active_ns.fetch_sub(estimate, Ordering::Relaxed);
         // A skipped job took no time.
         let took = begun.unwrap_or(true).then(|| shared.clock.now().saturating_duration_since(started));
-        shared.queue_state().jobs.record(&charge, took);
+        let mut state = shared.queue_state();
+        state.jobs.record(&charge, took);
+        state.sessions -= usize::from(is_session);
+        drop(state);
+        if is_session {
+            shared.changed.notify_all();
+        }
         // Last, so that a thread seen as free has already recorded its duration.
         shared.busy.fetch_sub(1, Ordering::Release);
     }
@@ -273,13 +308,18 @@ mod tests {
     }
 
     /// A job without a client, of size 1000.
-    const SPEC: JobSpec = JobSpec { client: None, rows: 744, limit: Duration::from_secs(3600) };
+    const SPEC: JobSpec =
+        JobSpec { client: None, rows: 744, is_session: false, limit: Duration::from_secs(3600) };
 
     /// Occupies a thread until the returned barrier is released.
     fn occupy(pool: &Pool) -> (Arc<Barrier>, oneshot::Receiver<()>) {
+        occupy_by(pool, SPEC)
+    }
+
+    fn occupy_by(pool: &Pool, spec: JobSpec) -> (Arc<Barrier>, oneshot::Receiver<()>) {
         let (started, go) = (Arc::new(Barrier::new(2)), Arc::new(Barrier::new(2)));
         let inside = (started.clone(), go.clone());
-        let result = pool.submit(SPEC, move |_| {
+        let result = pool.submit(spec, move |_| {
             inside.0.wait();
             inside.1.wait();
         });
@@ -305,6 +345,26 @@ mod tests {
         assert_eq!(third.blocking_recv(), Ok(3));
         assert_eq!((pool.queued(), pool.busy()), (0, 0));
         assert_eq!(pool.submit(SPEC, |_| 5).err(), Some(Rejected::Closed));
+    }
+
+    /// Of several threads one is kept free of sessions; all accepted sessions are done in the end.
+    #[test]
+    fn sessions_leave_a_thread_to_queries() {
+        let pool = pool(2, 8);
+        let session = JobSpec { is_session: true, ..SPEC };
+        let (go, first) = occupy_by(&pool, session);
+        let begun = Arc::new(AtomicUsize::new(0));
+        let count = begun.clone();
+        let second = pool.submit(session, move |_| count.fetch_add(1, Ordering::SeqCst)).expect("room");
+        // It came later, and its thread would have to wait for a session if both threads had one.
+        let count = begun.clone();
+        let query = pool.submit(SPEC, move |_| count.load(Ordering::SeqCst)).expect("room");
+        assert_eq!(query.blocking_recv(), Ok(0), "the second session waits for the first");
+        pool.close();
+        go.wait();
+        pool.finish();
+        first.blocking_recv().expect("finished");
+        assert_eq!(second.blocking_recv(), Ok(0));
     }
 
     #[test]

@@ -100,7 +100,7 @@ impl Executor {
                 self.counts.request("search");
                 let content = content.clone();
                 let retrieve = self.localize.retrieve;
-                let spec = JobSpec { client: None, rows: 0, limit: within };
+                let spec = JobSpec { client: None, rows: 0, is_session: false, limit: within };
                 self.run_queued(&self.searches, name, spec, Stop::default(), move || {
                     let Content::Index(index) = &*content else {
                         return ReplyOutcome::Rejected(RejectReason::NotHeld);
@@ -114,7 +114,12 @@ impl Executor {
                 let Some(_here) = InProgress::begin(self, name, object) else {
                     return Done::at_once(ReplyOutcome::Rejected(RejectReason::InProgress));
                 };
-                let spec = JobSpec { client: None, rows: body.len() / ROW_BYTES, limit: within };
+                let spec = JobSpec {
+                    client: None,
+                    rows: body.len() / ROW_BYTES,
+                    is_session: kind == BodyKind::Rig,
+                    limit: within,
+                };
                 let mut options = self.localize.clone();
                 options.pose.stop = Stop::default();
                 let stop = options.pose.stop.clone();

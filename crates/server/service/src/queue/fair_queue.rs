@@ -58,10 +58,20 @@ impl<T> Lane<T> {
         self.small.len() + self.large.len()
     }
 
-    fn pop(&mut self) -> Option<(u64, T)> {
-        let small = !self.small.is_empty() && (self.large.is_empty() || self.streak < STREAK);
-        self.streak = if small { self.streak + 1 } else { 0 };
-        let popped = if small { self.small.pop_front() } else { self.large.pop_front() };
+    /// Pops its next item that is allowed.
+    fn pop_if(&mut self, is_allowed: impl Fn(&T) -> bool) -> Option<(u64, T)> {
+        let first = |items: &VecDeque<(u64, T)>| items.iter().position(|(_, work)| is_allowed(work));
+        let popped = match (first(&self.small), first(&self.large)) {
+            (Some(at), large) if large.is_none() || self.streak < STREAK => {
+                self.streak += 1;
+                self.small.remove(at)
+            }
+            (_, Some(at)) => {
+                self.streak = 0;
+                self.large.remove(at)
+            }
+            _ => None,
+        };
         self.size -= popped.as_ref().map_or(0, |(size, _)| *size);
         popped
     }
@@ -165,10 +175,22 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
 
     /// Pops the next item, with what to [`record`](Self::record) when it is done.
     pub fn pop(&mut self) -> Option<(Charge<K>, T)> {
-        let (start, arrival, key) = self.turns.pop_first()?;
-        self.now = start;
+        self.pop_if(|_| true)
+    }
+
+    /// As [`Self::pop`], the next item that is allowed. Items that are not keep their lane's turn.
+    pub fn pop_if(&mut self, is_allowed: impl Fn(&T) -> bool) -> Option<(Charge<K>, T)> {
+        let lanes = &mut self.lanes;
+        let taken = self.turns.iter().find_map(|turn| {
+            let (size, work) = lanes.get_mut(&turn.2)?.pop_if(&is_allowed)?;
+            Some((*turn, size, work))
+        });
+        let (turn, size, work) = taken?;
+        self.turns.remove(&turn);
+        let (start, arrival, key) = turn;
+        // A lane whose items were not allowed may start in the past.
+        self.now = self.now.max(start);
         let lane = self.lanes.get_mut(&key)?;
-        let (size, work) = lane.pop()?;
         self.len -= 1;
         let charged = lane.pace.unwrap_or(FIRST_PACE).saturating_mul(size);
         lane.finish = start.saturating_add(charged);
@@ -315,6 +337,25 @@ mod tests {
         assert_eq!(queue.estimate(Some(1), 1), Duration::ZERO, "nothing was measured");
         let order: Vec<u64> = std::iter::from_fn(|| work(&mut queue, |_, size| ns(size))).collect();
         assert_eq!(order[1], 100, "{order:?}");
+    }
+
+    /// What is not allowed keeps its turn and delays nothing else, in its own lane neither.
+    #[test]
+    fn items_that_are_not_allowed_are_passed_over() {
+        let mut queue = queue(100);
+        for (key, size, work) in [(1, 5000, 100), (1, 500, 1), (2, 5000, 101), (3, 500, 2), (3, 500, 3)] {
+            queue.push(Some(key), size, work);
+        }
+        let short = |work: &u64| *work < 100;
+        let mut order = Vec::new();
+        while let Some((charge, work)) = queue.pop_if(short) {
+            queue.record(&charge, Some(ns(charge.size)));
+            order.push(work);
+        }
+        assert_eq!((order, queue.len()), (vec![1, 2, 3], 2));
+        queue.push(Some(3), 500, 4);
+        let rest: Vec<u64> = std::iter::from_fn(|| work(&mut queue, |_, size| ns(size))).collect();
+        assert_eq!(rest, [101, 100, 4], "they waited longest");
     }
 
     #[test]

@@ -334,8 +334,12 @@ async fn compute(
     let map_name = loaded.name.clone();
     let limit = app.options.timeouts.localize;
     // Without tokens, clients are not distinguished.
-    let spec =
-        JobSpec { client: app.tokens.is_some().then(|| caller.key()), rows: read.request.rows(), limit };
+    let spec = JobSpec {
+        client: app.tokens.is_some().then(|| caller.key()),
+        rows: read.request.rows(),
+        is_session: read.request.frames() > 1,
+        limit,
+    };
     let (id, begun) = (context.id(), context.elapsed());
     let (deadline, runtime) = (Instant::now() + limit, Handle::current());
     let job = Job { loaded, read, request_options, options, deadline, cancelled, runtime, id };
