@@ -4,7 +4,8 @@
     scripts/places.py --veiloc target/release/veiloc --data $VEILOC_DATA --csv docs/results/places/places.csv
 
 Each place is a folder with `posed`, `images`, `map.txt` and `query.txt`; `veiloc eval scene` builds a map with its
-self-test and localizes the queries under each scheme. A pose is right within 25 cm (map units) and 2°.
+self-test and localizes the queries under each scheme. A pose is right within 25 cm (map units) and 2°. Other options are those of
+`veiloc eval scene`, for example `--features`.
 """
 
 import argparse
@@ -67,7 +68,9 @@ def main():
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--lost", type=Path, help="CSV of lost queries by stage")
     parser.add_argument("--places", default=",".join(PLACES))
+    parser.add_argument("--schemes", default=",".join(SCHEMES), help="names of the table")
     args, options = parser.parse_known_args()
+    schemes = {name: SCHEMES[name] for name in args.schemes.split(",")}
     rows, lost = [], []
     with tempfile.TemporaryDirectory() as work:
         found = Path(work) / "scene.json"
@@ -76,10 +79,10 @@ def main():
             subprocess.run(
                 [args.veiloc, "eval", "scene", "--quiet", "--posed", folder / "posed", "--images", folder / "images",
                  "--map-list", folder / "map.txt", "--query-list", folder / "query.txt",
-                 "--schemes", ",".join(SCHEMES.values()), "--thresholds", "0.05/5,0.25/2", *options, "--json", found],
+                 "--schemes", ",".join(schemes.values()), "--thresholds", "0.05/5,0.25/2", *options, "--json", found],
                 check=True, stdout=subprocess.DEVNULL)  # fmt: skip
             document = json.loads(found.read_text())
-            for (name, text), scheme in zip(SCHEMES.items(), document["schemes"]):
+            for (name, text), scheme in zip(schemes.items(), document["schemes"]):
                 rows.append(row(place, name, scheme, [q for q in document["queries"] if q["scheme"] == text]))
                 print(*rows[-1], sep="  ", flush=True)
                 stages = scheme.get("lost", {})
