@@ -147,6 +147,15 @@ namespace Veiloc
             internal uint ParamCount, Focal;
         }
 
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct Options
+        {
+            internal IntPtr Scheme;
+            internal uint MaxKeypoints, MaxImageSide, AngleBits;
+            [MarshalAs(UnmanagedType.U1)] internal bool SendGravity;
+            internal IntPtr Cancellation;
+        }
+
         [DllImport(Library)] internal static extern IntPtr veiloc_last_error();
         [DllImport(Library)] internal static extern IntPtr veiloc_version();
         [DllImport(Library)] internal static extern void veiloc_bytes_free(Bytes bytes);
@@ -162,6 +171,9 @@ namespace Veiloc
 #if VEILOC_SEEDED
         [DllImport(Library)] internal static extern Status veiloc_seal_seeded(IntPtr profile, IntPtr session, ref Frame frame, IntPtr camera, IntPtr options, uint axes, IntPtr pose, byte[] seed, out IntPtr handle);
 #endif
+        [DllImport(Library)] internal static extern Status veiloc_cancellation_new(out IntPtr handle);
+        [DllImport(Library)] internal static extern void veiloc_cancel(IntPtr cancellation);
+        [DllImport(Library)] internal static extern void veiloc_cancellation_free(IntPtr cancellation);
         [DllImport(Library)] internal static extern QueryInfo veiloc_query_info(IntPtr query);
         [DllImport(Library)] internal static extern Status veiloc_query_bytes(IntPtr query, uint rows, out Bytes bytes);
         [DllImport(Library)] internal static extern void veiloc_query_free(IntPtr query);
@@ -286,6 +298,29 @@ namespace Veiloc
         internal override void Free(IntPtr handle) { Native.veiloc_session_free(handle); }
     }
 
+    /// <summary>A request to stop a call to Seal. From a CancellationToken: token.Register(cancellation.Cancel).</summary>
+    public class Cancellation : Handle
+    {
+        Cancellation(IntPtr handle) : base(handle) { }
+
+        public static Cancellation Begin()
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_cancellation_new(out handle));
+            return new Cancellation(handle);
+        }
+
+        /// <summary>From any thread. Calls that were given the request, running and later ones, throw Cancelled, and sessions have not
+        /// changed. It cannot be revoked.</summary>
+        public void Cancel()
+        {
+            Native.veiloc_cancel(Value);
+            GC.KeepAlive(this);
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_cancellation_free(handle); }
+    }
+
     /// <summary>A sealed query.</summary>
     public class Query : Handle
     {
@@ -296,16 +331,17 @@ namespace Veiloc
         /// <param name="camera">Null for a guessed focal length.</param>
         /// <param name="session">Null for a frame of its own.</param>
         /// <param name="pose">The pose of the camera when it took the frame. It stays on the device.</param>
-        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null)
+        /// <param name="cancellation">Null for a call that is not stopped.</param>
+        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
         {
-            return Seal(profile, pixels, length, layout, camera, session, axes, pose, null);
+            return Seal(profile, pixels, length, layout, camera, session, axes, pose, cancellation, null);
         }
 
         /// <summary>As above, for bytes of C#.</summary>
-        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null)
+        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
         {
             var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, null); }
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, cancellation, null); }
             finally { pinned.Free(); }
         }
 
@@ -314,19 +350,19 @@ namespace Veiloc
         public static Query SealSeeded(Profile profile, byte[] pixels, FrameLayout layout, Camera camera, byte[] seed)
         {
             var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, seed); }
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, null, seed); }
             finally { pinned.Free(); }
         }
 #endif
 
-        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, byte[] seed)
+        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, Cancellation cancellation, byte[] seed)
         {
             var frame = new Native.Frame
             {
                 Bytes = pixels, Length = (UIntPtr)(ulong)length, Format = (uint)layout.Format, Width = layout.Width, Height = layout.Height,
                 RowStride = (UIntPtr)layout.RowStride, TurnDegrees = layout.TurnDegrees,
             };
-            IntPtr handle, cameraAt = IntPtr.Zero, poseAt = IntPtr.Zero;
+            IntPtr handle, cameraAt = IntPtr.Zero, poseAt = IntPtr.Zero, optionsAt = IntPtr.Zero;
             var model = default(GCHandle);
             try
             {
@@ -347,24 +383,31 @@ namespace Veiloc
                     poseAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Pose)));
                     Marshal.StructureToPtr(pose.Value, poseAt, false);
                 }
+                if (cancellation != null)
+                {
+                    optionsAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Options)));
+                    Marshal.StructureToPtr(new Native.Options { Cancellation = cancellation.Value }, optionsAt, false);
+                }
                 var sessionAt = session == null ? IntPtr.Zero : session.Value;
 #if VEILOC_SEEDED
                 if (seed != null)
                 {
-                    Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref frame, cameraAt, IntPtr.Zero, (uint)axes, poseAt, seed, out handle));
+                    Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref frame, cameraAt, optionsAt, (uint)axes, poseAt, seed, out handle));
                     return new Query(handle);
                 }
 #endif
-                Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref frame, cameraAt, IntPtr.Zero, (uint)axes, poseAt, out handle));
+                Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref frame, cameraAt, optionsAt, (uint)axes, poseAt, out handle));
                 return new Query(handle);
             }
             finally
             {
                 Marshal.FreeHGlobal(cameraAt);
                 Marshal.FreeHGlobal(poseAt);
+                Marshal.FreeHGlobal(optionsAt);
                 if (model.IsAllocated) model.Free();
                 GC.KeepAlive(profile);
                 GC.KeepAlive(session);
+                GC.KeepAlive(cancellation);
             }
         }
 

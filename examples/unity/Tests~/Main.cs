@@ -7,6 +7,7 @@ using System.Globalization;
 using System.IO;
 using System.Linq;
 using System.Net;
+using System.Threading;
 using Veiloc;
 
 static class Program
@@ -46,7 +47,11 @@ static class Program
                         Expect(query.Bytes().SequenceEqual(expected), "frame " + words[0] + " equals the reference");
                         Expect(query.Info.Steps.Last() == query.Info.Rows && query.Info.Brightness > 0, "the numbers of a query");
                     }
-                if (count == 0) Border(profile, pixels, layout, camera);
+                if (count == 0)
+                {
+                    Border(profile, pixels, layout, camera);
+                    Cancelled(profile, pixels, layout, camera);
+                }
                 count++;
             }
         }
@@ -74,6 +79,25 @@ static class Program
         }
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
         profile.Id.ToString();
+    }
+
+    // Another thread cancels while frames are sealed.
+    static void Cancelled(Profile profile, byte[] pixels, FrameLayout layout, Camera camera)
+    {
+        using (var session = Session.Begin())
+        using (var cancellation = Cancellation.Begin())
+        {
+            Query.Seal(profile, pixels, layout, camera, session, cancellation: cancellation).Dispose();
+            var thread = new Thread(cancellation.Cancel);
+            thread.Start();
+            Throws(Status.Cancelled, "a cancelled call", () =>
+            {
+                for (int i = 0; i < 1000; i++) Query.Seal(profile, pixels, layout, camera, cancellation: cancellation).Dispose();
+            });
+            thread.Join();
+            Throws(Status.Cancelled, "later ones", () => Query.Seal(profile, pixels, layout, camera, session, cancellation: cancellation));
+            Expect(session.Info.Frames == 1, "the session has not changed");
+        }
     }
 
     static byte[] Request(string url, byte[] body)
