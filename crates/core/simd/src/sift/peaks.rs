@@ -45,7 +45,8 @@ impl<const ROWS: usize> dispatch::Kernel for Differences<'_, ROWS> {
 }
 
 /// Columns of the middle row of `rows[1]` whose sample is farther than `threshold` from 0 and not exceeded by any of
-/// its 26 neighbours: above `threshold` none is larger, below `-threshold` none smaller. Equal ones are all found.
+/// its 26 neighbours: above `threshold` none is larger, below `-threshold` none smaller. Equal ones are all found, and
+/// NaN exceeds nothing.
 ///
 /// `rows` are `[3 levels, 3 rows]` of one length, a multiple of [`LANES`]; only the first `width` samples are used, and
 /// the first and last of those have no neighbours and are not found. Columns are appended in their order.
@@ -69,6 +70,12 @@ pub fn peaks(
     }
 }
 
+/// Columns that are searched at once: each is compared once, and not once for each of its neighbours.
+const CHUNK: usize = 4 * LANES;
+
+/// One number for each column of a chunk, between one vector that is not used on each side.
+type OfColumns = [f32; CHUNK + 2 * LANES];
+
 struct Peaks<'a> {
     rows: &'a [[&'a [f32]; 3]; 3],
     width: usize,
@@ -83,75 +90,108 @@ impl dispatch::Kernel for Peaks<'_> {
     fn run(self) {
         let Peaks { rows, width, threshold, columns } = self;
         let length = rows[1][1].len();
-        // The last block starts where it still has a neighbour on its right; the previous one may overlap it.
+        let chunk = CHUNK.min(length);
+        let (mut most, mut least) = ([0.0; CHUNK + 2 * LANES], [0.0; CHUNK + 2 * LANES]);
         let mut next = 1;
         while next < width - 1 {
-            if length < LANES + 2 {
-                break;
-            }
-            let at = next.min(length - LANES - 1);
-            // SAFETY: `at >= 1` and `at + 1 + LANES <= length`, the length of every row.
-            let hits = unsafe { hits(rows, at, threshold) };
-            if let Some(hits) = hits {
-                for (i, &hit) in hits.iter().enumerate() {
-                    if hit != 0 && (next..width - 1).contains(&(at + i)) {
-                        columns.push((at + i) as u32);
+            // The first and last columns of a chunk are only neighbours; the last chunk may overlap the previous one.
+            let first = (next - 1).min(length - chunk);
+            let end = (first + chunk - 1).min(width - 1);
+            // SAFETY: `first + chunk` is at most the length of every row, and both are multiples of `LANES`.
+            unsafe {
+                if any_far(rows[1][1], first, chunk, threshold) {
+                    extrema_of_columns(rows, first, chunk, &mut most, &mut least);
+                    for block in (0..chunk).step_by(LANES) {
+                        let here = Lanes::load(rows[1][1], first + block);
+                        let Some(hits) = hits(here, &most, &least, block, threshold) else { continue };
+                        for (i, &hit) in hits.iter().enumerate() {
+                            let column = first + block + i;
+                            if hit != 0 && (next..end).contains(&column) {
+                                columns.push(column as u32);
+                            }
+                        }
                     }
                 }
             }
-            next = at + LANES;
-        }
-        for at in next..width - 1 {
-            if is_peak(rows, at, threshold) {
-                columns.push(at as u32);
-            }
+            next = end;
         }
     }
 }
 
-/// The samples from `at` on that are peaks; `None` when none is.
+/// Whether one of the `chunk` samples from `first` on is farther than `threshold` from 0.
 ///
 /// # Safety
-/// `at >= 1` and `at + 1 + LANES` is at most the length of every row.
+/// `chunk` is a multiple of `LANES`, and `first + chunk` at most the length of the row.
 #[inline(always)]
-unsafe fn hits(rows: &[[&[f32]; 3]; 3], at: usize, threshold: f32) -> Option<[u32; LANES]> {
-    // SAFETY: the caller guarantees the lengths.
-    unsafe {
-        let here = Lanes::load(rows[1][1], at);
-        let mut far = 0;
+unsafe fn any_far(row: &[f32], first: usize, chunk: usize, threshold: f32) -> bool {
+    let mut far = [0; LANES];
+    for block in (0..chunk).step_by(LANES) {
+        // SAFETY: the caller guarantees the lengths.
+        let here = unsafe { Lanes::load(row, first + block) };
         for i in 0..LANES {
-            far |= u32::from(here.0[i].abs() > threshold);
+            far[i] |= u32::from(here.0[i].abs() > threshold);
         }
-        if far == 0 {
-            return None;
-        }
-        let (mut most, mut least) = (here, here);
+    }
+    far.iter().fold(0, |any, far| any | far) != 0
+}
+
+/// Writes the largest and the smallest number of each column, over all rows.
+///
+/// # Safety
+/// `chunk` is a multiple of `LANES` and at most `CHUNK`, and `first + chunk` at most the length of every row.
+#[inline(always)]
+unsafe fn extrema_of_columns(
+    rows: &[[&[f32]; 3]; 3],
+    first: usize,
+    chunk: usize,
+    most: &mut OfColumns,
+    least: &mut OfColumns,
+) {
+    for block in (0..chunk).step_by(LANES) {
+        let (mut high, mut low) = (Lanes::all(f32::NEG_INFINITY), Lanes::all(f32::INFINITY));
         for level in rows {
             for row in level {
-                for start in [at - 1, at, at + 1] {
-                    let near = Lanes::load(row, start);
-                    most = most.max(near);
-                    least = least.min(near);
-                }
+                // SAFETY: the caller guarantees the lengths.
+                let near = unsafe { Lanes::load(row, first + block) };
+                high = high.max(near);
+                low = low.min(near);
             }
         }
-        let mut hits = [0; LANES];
-        let mut any = 0;
-        for i in 0..LANES {
-            let here = here.0[i];
-            let hit = u32::from(here > threshold) & u32::from(here >= most.0[i])
-                | u32::from(here < -threshold) & u32::from(here <= least.0[i]);
-            hits[i] = hit;
-            any |= hit;
+        // SAFETY: `block + 2 LANES` is at most the length of the arrays.
+        unsafe {
+            high.store(most, LANES + block);
+            low.store(least, LANES + block);
         }
-        (any != 0).then_some(hits)
     }
 }
 
-/// One sample, in rows too short for a vector.
-fn is_peak(rows: &[[&[f32]; 3]; 3], at: usize, threshold: f32) -> bool {
-    let here = rows[1][1][at];
-    let near = || rows.iter().flatten().flat_map(|row| &row[at - 1..=at + 1]);
-    (here > threshold && near().all(|&other| here >= other))
-        || (here < -threshold && near().all(|&other| here <= other))
+/// Which of the samples `here`, in the columns from `block` of the chunk on, are peaks; `None` when none is.
+///
+/// # Safety
+/// `block + LANES` is at most `CHUNK`.
+#[inline(always)]
+unsafe fn hits(
+    here: Lanes,
+    most: &OfColumns,
+    least: &OfColumns,
+    block: usize,
+    threshold: f32,
+) -> Option<[u32; LANES]> {
+    let own = LANES + block;
+    // SAFETY: `own + 1 + LANES` is at most the length of the arrays.
+    let (high, low) = unsafe {
+        let high = Lanes::load(most, own).max(Lanes::load(most, own - 1)).max(Lanes::load(most, own + 1));
+        let low = Lanes::load(least, own).min(Lanes::load(least, own - 1)).min(Lanes::load(least, own + 1));
+        (high, low)
+    };
+    let mut hits = [0; LANES];
+    let mut any = 0;
+    for i in 0..LANES {
+        let here = here.0[i];
+        let hit = u32::from(here > threshold) & u32::from(here >= high.0[i])
+            | u32::from(here < -threshold) & u32::from(here <= low.0[i]);
+        hits[i] = hit;
+        any |= hit;
+    }
+    (any != 0).then_some(hits)
 }
