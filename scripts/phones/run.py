@@ -13,6 +13,7 @@ Languages whose tools are missing fail; name those to run. Standard library only
 """
 
 import argparse
+import json
 import math
 import os
 import pathlib
@@ -21,6 +22,7 @@ import shutil
 import subprocess
 import sys
 import time
+import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 C = ROOT / "bindings/c"
@@ -192,7 +194,29 @@ def cpp(place, _):
     run("g++", "-std=c++14", *WARNINGS, *SANITIZE, "-I", C / "include", C / "tests/c/seals.cpp", *static, "-o", seals)
     run("cmake", "-S", ROOT / "examples/cpp", "-B", build, f"-Dveiloc_DIR={C / 'cmake'}", f"-Dveiloc_LIBRARY_DIR={place.libraries}")
     run("cmake", "--build", build)
+    guide(place)
     return [place.seals(seals), place.locate(locate), place.locate(build / "locate_cpp") + " (CMake)"]
+
+
+def guide(place):
+    """The two files of docs/guide/phone.md in an empty folder: the query of a frame is answered."""
+    text = (ROOT / "docs/guide/phone.md").read_text()
+    app = place.work / "app"
+    shutil.rmtree(app, ignore_errors=True)
+    app.mkdir()
+    for name, kind in (("CMakeLists.txt", "cmake"), ("main.cpp", "cpp")):
+        (app / name).write_text(re.search(rf"```{kind}\n((?:#|//) {re.escape(name)}.*?)```", text, re.S).group(1))
+    run("cmake", "-S", app, "-B", app / "build", f"-Dveiloc_DIR={C / 'cmake'}", f"-Dveiloc_LIBRARY_DIR={place.libraries}")
+    run("cmake", "--build", app / "build")
+    width, height, focal = place.size_and_params.split(",")[:3]
+    frame = place.frames[0].read_bytes()[-int(width) * int(height):]
+    query = subprocess.run([app / "build/app", place.profile, width, height, focal], input=frame, capture_output=True, check=True).stdout
+    request = urllib.request.Request(f"http://127.0.0.1:{place.port}/v1/maps/place/localize", query,
+                                     {"Content-Type": "application/x-protobuf"})
+    with urllib.request.urlopen(request) as reply:
+        answer = json.load(reply)
+    if math.dist(answer["center"], place.centres[0]) > 0.05:
+        sys.exit(f"the program of the guide is at {answer['center']}, not at {place.centres[0]}")
 
 
 def cs(place, repeat):
