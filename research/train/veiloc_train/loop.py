@@ -29,9 +29,10 @@ class Task:
     validate: Callable[[], dict[str, float]]
 
 
-def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate: float) -> None:
+def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate: float, of_keypoints: bool = True) -> None:
     """Adds the options of all trainings."""
-    parser.add_argument("keypoints", type=Path, nargs="+", help="files of `veiloc eval keypoints`")
+    if of_keypoints:
+        parser.add_argument("keypoints", type=Path, nargs="+", help="files of `veiloc eval keypoints`")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="STEM",
                         help="STEM.onnx and STEM.toml are the network, STEM.csv its curve, STEM.pt the checkpoint")  # fmt: skip
     parser.add_argument("--steps", type=int, default=steps, help="steps of the optimizer (%(default)s)")
