@@ -43,6 +43,8 @@ PHOTO_LONGEST = 320
 HELD_OUT, HELD_OUT_OBJECTS = 12, 64
 # Queries that are judged, as `veiloc eval inversion --limit` chooses them.
 PLACES = {"redkitchen": 10, "herzjesu": 3, "llff-room": 10}
+LABELS = {"photos": "held-out photographs", "objects": "held-out photographs of objects", "redkitchen": "RedKitchen",
+          "herzjesu": "Herz-Jesu", "llff-room": "llff-room"}  # fmt: skip
 SYNSETS = ROOT / "crates/research/attacks/src/image_metrics/synsets.txt"
 
 
@@ -304,12 +306,12 @@ def judge(args):
             similarity = judge.similarity(original, shown) if what != "photographs" else (np.nan,) * 3
             again = found_again(objects, judge.objects(shown))
             rows.setdefault((kind, what), []).append((*similarity, likeliest[0] == label, label in likeliest, len(objects), again))
-    columns = ["images", "shown", "number", "PSNR (dB)", "SSIM", "ST-LPIPS", "top 1", "top 5", "objects", "found"]
+    columns = ["images", "shown", "number", "PSNR (dB)", "SSIM", "ST-LPIPS", "top 1", "top 5", "objects", "objects found again"]
     table = []
     for (kind, what), own in rows.items():
         psnr, ssim, distance = np.mean([row[:3] for row in own], axis=0)
         metrics = ["", "", ""] if what == "photographs" else [f"{psnr:.2f}", f"{ssim:.3f}", f"{distance:.3f}"]
-        table.append([kind, what, len(own), *metrics, *(int(sum(row[i] for row in own)) for i in range(3, 7))])
+        table.append([LABELS[kind], what, len(own), *metrics, *(int(sum(row[i] for row in own)) for i in range(3, 7))])
         print(*table[-1], sep="  ")
     if args.csv:
         with args.csv.open("w", newline="") as file:
