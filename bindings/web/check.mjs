@@ -1,14 +1,18 @@
 // Tests of the package that need no browser: the module's exports, the orientation, and the client against a faulty service.
 //
 //     node --test bindings/web/check.mjs        after bindings/web/build.sh
+//
+// With VEILOC_NATIVE (the program `native` of this crate) and VEILOC_DATA, EXIF cameras of photographs are compared with the program's.
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { execFileSync } from "node:child_process";
+import { readFileSync, readdirSync } from "node:fs";
 import http from "node:http";
 import { test } from "node:test";
 
 import { Client } from "./js/client.js";
 import { Core, VeilocError } from "./js/core.js";
 import { orientationOf, orientationOfPose } from "./js/orientation.js";
+import { exifSegment } from "../../scripts/web/exif.mjs";
 
 const wasm = new WebAssembly.Module(readFileSync(new URL("./js/veiloc.wasm", import.meta.url)));
 
@@ -31,6 +35,39 @@ test("errors have a kind, and the library stays usable", async () => {
   const { head, bytes } = core.call({ op: "session" }, new Uint8Array(32).fill(5));
   assert.deepEqual(head, { session: 1, frames: 0, starts: 0 });
   assert.equal(bytes.byteLength, 0);
+});
+
+/** A JPEG file without an image. */
+const exifFile = (film) => Uint8Array.from([0xff, 0xd8, ...exifSegment(film), 0xff, 0xd9]);
+
+test("EXIF gives a camera for the decoded image", async () => {
+  const core = await Core.load(wasm);
+  const camera = (file, width, height) => core.call({ op: "exif", width, height }, file).head;
+  for (const [width, height] of [[640, 480], [480, 640], [4000, 3000]]) {
+    const { camera: text, exif } = camera(exifFile(28), width, height);
+    const [model, ...numbers] = text.split(",");
+    assert.equal(model, "SIMPLE_PINHOLE");
+    assert.ok(exif && Math.abs(numbers[2] - (28 * Math.hypot(width, height)) / Math.hypot(36, 24)) < 1e-6, text);
+    assert.deepEqual(numbers.map(Number).toSpliced(2, 1), [width, height, width / 2, height / 2]);
+  }
+  for (const file of [exifFile(0), exifFile(60000), exifFile(28).subarray(0, 30), new Uint8Array(), new Uint8Array(500).fill(255)]) {
+    assert.deepEqual(camera(file, 640, 480), { camera: null, exif: false });
+  }
+});
+
+const { VEILOC_NATIVE: native, VEILOC_DATA: data } = process.env;
+test("EXIF cameras of photographs are those of the program", { skip: !(native && data) && "VEILOC_NATIVE or VEILOC_DATA is not set" }, async () => {
+  const core = await Core.load(wasm);
+  const photos = readdirSync(`${data}/photos`).filter((name) => name.endsWith(".jpg")).map((name) => `${data}/photos/${name}`);
+  const cameras = execFileSync(native, ["exif", ...photos], { encoding: "utf8" }).trim().split("\n");
+  let found = 0;
+  for (const [i, photo] of photos.entries()) {
+    const [model, width, height] = cameras[i].split(",");
+    const { camera } = core.call({ op: "exif", width: Number(width), height: Number(height) }, readFileSync(photo)).head;
+    assert.equal(camera, model === "none" ? null : cameras[i], photo);
+    found += camera === null ? 0 : 1;
+  }
+  assert.ok(found >= 5 && found < photos.length, `${found} of ${photos.length}`);
 });
 
 const turn = ([w, x, y, z], v) => {

@@ -15,6 +15,7 @@
 import { readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
 
+import { exifSegment } from "./exif.mjs";
 import { checkRequests, recordingProxy, check, closing, demo, drawnWhileAttacking, given, serveWithToken, onlySeals, out, place, root, run, sealsAreEqual, tool } from "./common.mjs";
 
 const { chromium } = tool("playwright-core");
@@ -139,6 +140,17 @@ async function main() {
   check("the click counts, with the typed camera", asked() > postsBefore && !(await page.locator("#stays-text").textContent()).includes("unknown"), await page.locator("#answer").textContent());
   await page.locator("#intrinsics").fill("");
   await page.locator("#settings summary").click();
+
+  console.log("== a file with an EXIF focal length");
+  const [, width, height, focal] = views[1].camera.split(",").map(Number);
+  const film = Math.round((focal * Math.hypot(36, 24)) / Math.hypot(width, height));
+  const plain = Buffer.from(await jpeg(page, views[1].file), "base64");
+  const buffer = Buffer.concat([plain.subarray(0, 2), Buffer.from(exifSegment(film)), plain.subarray(2)]);
+  await page.locator("#file").setInputFiles({ name: "exif.jpg", mimeType: "image/jpeg", buffer });
+  await page.waitForFunction(() => document.getElementById("stays-text").textContent.includes("EXIF"), undefined, { timeout: 30_000 });
+  await page.locator("#find").click();
+  await page.waitForFunction(() => ["trusted", "doubtful", "failed"].includes(document.getElementById("answer").dataset.state) && !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
+  check("it is used", (await page.locator("#answer").getAttribute("data-state")) !== "failed", await page.locator("#answer").textContent());
 
   console.log("== an out-of-map image");
   const noise = await page.evaluate(async () => {

@@ -7,7 +7,10 @@
 /** Any image that the browser can draw, or pixels: `[height, width, 4]` bytes of red, green, blue and alpha. */
 export type ImageLike = ImageBitmapSource | { width: number; height: number; data: Uint8ClampedArray | Uint8Array };
 
-/** A COLMAP camera, `MODEL,WIDTH,HEIGHT,PARAMS…`; `null` guesses the focal length, and the query marks it as unknown. */
+/**
+ * A COLMAP camera, `MODEL,WIDTH,HEIGHT,PARAMS…`, of the image as it is displayed. With `null` the focal length is that of the EXIF data
+ * of `SealOptions.file`, with the rule of `veiloc seal`; without one it is guessed. The query says which.
+ */
 export type Camera = string | null;
 
 export interface LoadOptions {
@@ -39,6 +42,11 @@ export interface SealOptions {
   maxKeypoints?: number;
   /** Longest side to which the image is scaled down, pixels, whatever the profile requests; default 2048. */
   maxImageSide?: number;
+  /**
+   * The JPEG or PNG file of the image, for the focal length in its EXIF data when the camera is `null`. Nothing else of it is used.
+   * Default: the image, if it is a `Blob` or `File`.
+   */
+  file?: Blob;
   /** The session that the image belongs to. */
   session?: Session;
   /** Orientation of the camera; used only in a session. */

@@ -140,10 +140,13 @@ class Device {
   }
 
   /** Seals an image and returns the query with its steps and counts. */
-  async sealed(image, camera = null, { session, attitude, ...options } = {}) {
+  async sealed(image, camera = null, { session, attitude, file = image, ...options } = {}) {
     const head = { op: "seal", profile: this.#profile, camera, ...options };
     if (session) Object.assign(head, { session: session.handle }, attitude);
-    const { head: reply, bytes } = await this.#connection.request("seal", ...(await sealArguments(head, image)));
+    const [rest, transfer] = await sealArguments(head, image);
+    // For the focal length in its EXIF data; the bytes stay in the worker.
+    if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
+    const { head: reply, bytes } = await this.#connection.request("seal", rest, transfer);
     return new Sealed(this.#connection, this.#attacks, reply, bytes);
   }
 

@@ -24,10 +24,11 @@ const jobs = {
   },
   call: ({ head, bytes }) => core.call(head, ...(bytes ? [bytes] : [])),
   session: ({ head }) => core.call(head, random()),
-  seal: ({ head, image }) => {
+  seal: ({ head, image, file }) => {
     const { width, height, data } = pixels(image);
     const began = performance.now();
-    const reply = core.call({ ...head, width, height }, random(), data);
+    const known = file ? core.call({ op: "exif", width, height }, file).head : {};
+    const reply = core.call({ ...head, ...known, width, height }, random(), data);
     reply.head.milliseconds = performance.now() - began;
     return reply;
   },

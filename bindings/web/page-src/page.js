@@ -193,15 +193,19 @@ async function grab() {
 
 /** Seals the current image: in the session, to be sent; or without it, for display only. */
 async function prepare(inSession) {
+  const { file } = now.source;
   const image = await grab();
   const { width, height } = image;
   // The bitmap goes to the worker; a copy is drawn.
   const copy = await createImageBitmap(image);
   const attitude = inSession && el("oriented").checked ? now.sensors?.now() : null;
   const session = inSession && sessions() ? now.session : undefined;
-  const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, attitude });
+  const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, attitude, file });
   return { image, width, height, sealed };
 }
+
+/** What is known of the focal length. */
+const FOCAL = { calibrated: "", exif: "The focal length is that of the file's EXIF data.", unknown: "The focal length is unknown." };
 
 async function draw({ image, width, height, sealed }) {
   generation += 1;
@@ -213,7 +217,7 @@ async function draw({ image, width, height, sealed }) {
   if (own !== generation) return;
   drawStays(el("stays"), image, width, height, shown.keypoints);
   el("stays").setAttribute("aria-label", `Your image, ${width} by ${height} pixels, with ${sealed.keypoints} keypoints`);
-  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${sealed.focal === "unknown" ? "The focal length is unknown." : ""}`;
+  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${FOCAL[sealed.focal]}`;
   drawLeaves(el("leaves"), shown);
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
@@ -317,7 +321,7 @@ async function useImage(blob, view = null) {
     const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
     stop();
     el("camera").textContent = "Use the camera";
-    now.source = { kind: "image", bitmap, camera: view?.camera };
+    now.source = { kind: "image", bitmap, file: blob, camera: view?.camera };
     mark(view);
     await refresh();
   } catch (error) {

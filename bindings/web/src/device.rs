@@ -67,6 +67,7 @@ impl Device {
                 let stored = lookup(&self.sessions, "session", session)?;
                 Ok(message::write(&EmptyReply {}, &stored.to_bytes()))
             }
+            Request::Exif { width, height } => Ok(sealing::exif(bytes, (width, height))),
             Request::Seal(seal) => {
                 let (mut rng, pixels) = seeded_rng(bytes)?;
                 let profile = lookup(&self.profiles, "profile", seal.profile)?.clone();

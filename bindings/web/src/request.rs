@@ -21,6 +21,13 @@ pub enum Request {
         /// Handle of the session.
         session: u32,
     },
+    /// The camera of a JPEG or PNG file from its EXIF focal length, with the rule of `veiloc seal` [the file's bytes].
+    Exif {
+        /// Columns of the decoded image.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
     /// Seals an image [32 random bytes, then red, green, blue, alpha of each pixel].
     Seal(Box<Seal>),
     /// Returns the first rows of a query, as bytes to send.
@@ -68,6 +75,9 @@ pub struct Seal {
     /// COLMAP camera, `MODEL,W,H,PARAMS…`; `None` guesses the focal length and marks it as unknown in the query.
     #[serde(default)]
     pub camera: Option<String>,
+    /// Whether the camera is one that `Exif` returned.
+    #[serde(default)]
+    pub exif: bool,
     /// As `--scheme` of `veiloc seal`; `None` for `dcl`. `points` is refused.
     #[serde(default)]
     pub scheme: Option<String>,

@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use rand_chacha::ChaCha20Rng;
 use serde::Serialize;
-use veiloc_features::{Features, GrayImage, Image, guessed_camera_of};
+use veiloc_features::{Features, GrayImage, Image, exif_camera_of, guessed_camera_of};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{
     DeviceLimits, Orientation, SealOptions, Session, extract_loaded, seal as seal_features,
@@ -51,8 +51,22 @@ struct SealReply {
 }
 
 #[derive(Serialize)]
+struct ExifReply {
+    /// As a COLMAP camera; `None` when EXIF gives no focal length.
+    camera: Option<String>,
+    /// Whether there is one: head of a call to `Seal`.
+    exif: bool,
+}
+
+#[derive(Serialize)]
 struct StepReply {
     rows: usize,
+}
+
+/// The reply to `Exif`: the camera of an image file whose decoded image has this size.
+pub fn exif(file: &[u8], size: (u32, u32)) -> Vec<u8> {
+    let camera = exif_camera_of(Path::new(NAME), file, size).ok().map(|camera| camera.to_string());
+    message::write(&ExifReply { exif: camera.is_some(), camera }, &[])
 }
 
 /// Seals an image of red, green, blue and alpha bytes.
@@ -128,7 +142,8 @@ fn camera(request: &Seal) -> Result<(Intrinsics, FocalKnowledge), WebError> {
         return Ok((camera, FocalKnowledge::Unknown));
     };
     let wrong = |e: IntrinsicsError| WebError::Camera { text: text.clone(), reason: e.to_string() };
-    Ok((text.parse().map_err(wrong)?, FocalKnowledge::Calibrated))
+    let known = if request.exif { FocalKnowledge::Exif } else { FocalKnowledge::Calibrated };
+    Ok((text.parse().map_err(wrong)?, known))
 }
 
 fn options(request: &Seal) -> Result<SealOptions, WebError> {

@@ -3,6 +3,8 @@
 //!
 //! - `native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS`: seals as `veiloc seal` does, but with given randomness;
 //!   prints the milliseconds of the fastest round.
+//! - `native exif IMAGE…`: the camera of each image from its EXIF data, as `veiloc seal` uses it without `--camera`, or
+//!   `none,WIDTH,HEIGHT`.
 //! - `native check PROFILE FILE…`: checks that each file is one sealed query of the profile and holds no other byte.
 
 #![forbid(unsafe_code)]
@@ -14,6 +16,7 @@ use std::time::Instant;
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
+use veiloc_features::{exif_camera, guessed_camera};
 use veiloc_obfuscation::{SealOptions, extract, seal};
 use veiloc_protocol::{Profile, SealedQuery};
 
@@ -36,6 +39,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             writeln!(std::io::stdout(), "{best:.1}")?;
         }
+        ["exif", ref images @ ..] => {
+            for image in images {
+                let camera = exif_camera(Path::new(image)).map(|camera| camera.to_string());
+                let none = |_| {
+                    guessed_camera(Path::new(image)).map(|any| format!("none,{},{}", any.width, any.height))
+                };
+                writeln!(std::io::stdout(), "{}", camera.or_else(none)?)?;
+            }
+        }
         ["check", profile, ref files @ ..] => {
             let profile = Profile::decode(&std::fs::read(profile)?)?;
             for file in files {
@@ -51,7 +63,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         _ => {
             return Err(
-                "native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS | native check PROFILE FILE…".into()
+                "native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS | native exif IMAGE… | native check PROFILE FILE…"
+                    .into()
             );
         }
     }

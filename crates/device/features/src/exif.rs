@@ -13,9 +13,10 @@
 //!
 //! The camera is for the stored pixels: the orientation is not applied, and neither formula depends on it.
 
+use std::io::Cursor;
 use std::path::Path;
 
-use exif::{Exif, In, Reader, Tag, Value};
+use exif::{Error, Exif, In, Reader, Tag, Value};
 use veiloc_geometry::Intrinsics;
 
 use crate::FeatureError;
@@ -41,14 +42,34 @@ pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
     let metadata = metadata.ok_or_else(|| no_focal("it has no EXIF"))?;
     // Some writers leave the marker of the segment before the data.
     let data = metadata.strip_prefix(b"Exif\0\0").unwrap_or(&metadata).to_vec();
-    // Many writers spoil one field, or the link behind a directory, and other readers take the rest.
-    let exif = Reader::new()
-        .continue_on_error(true)
-        .read_raw(data)
-        .or_else(|error| error.distill_partial_result(|_| {}))
-        .map_err(|_| no_focal("its EXIF is damaged"))?;
+    let exif = whole_fields(Reader::new().continue_on_error(true).read_raw(data));
+    let exif = exif.map_err(|_| no_focal("its EXIF is damaged"))?;
     let focal = focal_px(&exif, size).map_err(no_focal)?;
     camera(path, size, focal)
+}
+
+/// As [`exif_camera`], for a file in memory whose pixels another program decodes, such as a browser; `path` is its name in
+/// messages.
+///
+/// `size` is that of the decoded image. It may be turned upright or scaled down: the focal length is that of its pixels.
+///
+/// # Errors
+/// [`FeatureError::NoFocal`] with the reason why EXIF gives no focal length.
+pub fn exif_camera_of(path: &Path, file: &[u8], size: (u32, u32)) -> Result<Intrinsics, FeatureError> {
+    let no_focal = |reason| FeatureError::NoFocal { path: path.into(), reason };
+    let exif =
+        whole_fields(Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(file)));
+    let exif = exif.map_err(|error| match error {
+        Error::NotFound(_) => no_focal("it has no EXIF"),
+        _ => no_focal("its EXIF is damaged"),
+    })?;
+    let focal = focal_px(&exif, size).map_err(no_focal)?;
+    camera(path, size, focal)
+}
+
+/// What can be read: many writers spoil one field, or the link behind a directory, and other readers take the rest.
+fn whole_fields(exif: Result<Exif, Error>) -> Result<Exif, Error> {
+    exif.or_else(|error| error.distill_partial_result(|_| {}))
 }
 
 /// A default camera for an image of unknown origin: focal length 1.2 times the longer side.

@@ -53,7 +53,7 @@ mod sift;
 pub use colour::{ColourImage, load_colour};
 pub use compact::{Compact, Projection, ProjectionError, compact};
 pub use error::FeatureError;
-pub use exif::{exif_camera, guessed_camera, guessed_camera_of};
+pub use exif::{exif_camera, exif_camera_of, guessed_camera, guessed_camera_of};
 pub use extract::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use extractor::{Extractor, FeatureStore, Sift};
 pub use extractors::Extractors;

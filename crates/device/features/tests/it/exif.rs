@@ -1,7 +1,7 @@
 //! Cameras from EXIF: data of real cameras, unusable data, and arbitrary bytes.
 
 use image::DynamicImage;
-use veiloc_features::{FeatureError, exif_camera, guessed_camera};
+use veiloc_features::{FeatureError, exif_camera, exif_camera_of, guessed_camera};
 use veiloc_geometry::Intrinsics;
 use veiloc_testing::exif as made;
 use veiloc_testing::exif::Field::{Long, Rational, Short};
@@ -14,7 +14,13 @@ fn camera_of(name: &str, size: (u32, u32), metadata: Option<Vec<u8>>) -> Result<
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join(name);
     made::save(&path, &DynamicImage::new_rgb8(size.0, size.1), metadata);
-    exif_camera(&path)
+    let camera = exif_camera(&path);
+    let file = std::fs::read(&path).expect("a file");
+    // In a browser, which may turn the image.
+    assert_eq!(exif_camera_of(&path, &file, size).ok(), camera.as_ref().ok().copied());
+    let turned = exif_camera_of(&path, &file, (size.1, size.0)).ok();
+    assert_eq!(turned.map(|c| c.pinhole().focal), camera.as_ref().ok().map(|c| c.pinhole().focal));
+    camera
 }
 
 fn focal(size: (u32, u32), exif: &[Field]) -> Result<f64, FeatureError> {
