@@ -14,6 +14,7 @@ ellipse, loses its matches with the map, as if a person stood there; errors are 
 - hole: each scheme, on every place.
 - persons: the same with regions of 0.3 to 0.6 of the image's height (`person_regions.py`, which also makes --people):
   ellipses, silhouettes, masks of real people, and real people pasted into the images, whose own keypoints are attacked then.
+  Rows of other places are kept in the table, and its means are of all.
 - person-defences: dcl, the defences on these regions; what they cost is in the table of `defences`.
 - defences: dcl, averaged over places: what a device can do about it, and what that costs in poses.
 - layouts: layouts of dcl, on every place; the average has a 90 % interval from places drawn with replacement.
@@ -26,7 +27,9 @@ Keypoints and matches of a place are kept in --work.
 import argparse
 import base64
 import copy
+import csv
 import gzip
+import itertools
 import json
 import math
 import random
@@ -55,6 +58,8 @@ class Place:
 
     def __init__(self, args, name):
         self.args, self.name, self.folder = args, name, args.data / name
+        # Files of problems that this run has written.
+        self.sent = set()
         self.work = args.work / name
         self.work.mkdir(parents=True, exist_ok=True)
         self.problems, keypoints = self.work / "problems.jsonl", self.work / "keypoints.jsonl.gz"
@@ -88,6 +93,9 @@ class Place:
     def sent_problems(self, keypoints):
         """File of the problems, without matches of weaker keypoints of queries."""
         path, of_queries = self.work / f"sent-{keypoints}.jsonl", {query["name"] for query in self.queries}
+        if path in self.sent:
+            return path
+        self.sent.add(path)
         with path.open("w") as file, self.problems.open() as lines:
             for problem, image in zip(map(json.loads, lines), self.queries + self.map):
                 if len(image["keypoints"]) > keypoints and image["name"] in of_queries:
@@ -149,9 +157,10 @@ class Place:
         chosen = self.chosen(keypoints)
         write_lines(attacked, chosen)
         problems = self.sent_problems(keypoints)
-        self.run("attack", attacked, "--quiet", "--server-matches", problems, *private, "--turned-regions",
-                 str(turned), "--neighbours", "predicted", "--train", self.map_keypoints, "--attacks", attacks,
-                 "--schemes", ",".join(schemes), "--json", found)  # fmt: skip
+        # The hole needs no neighbours.
+        neighbours = [] if attacks == "hole" else ["--neighbours", "predicted", "--train", self.map_keypoints]
+        self.run("attack", attacked, "--quiet", "--server-matches", problems, *private, "--turned-regions", str(turned), *neighbours,
+                 "--attacks", attacks, "--schemes", ",".join(schemes), "--json", found)  # fmt: skip
         document, rows = json.loads(found.read_text()), {}
         for row in document["attacks"]:
             rows.setdefault(row["scheme"], {})[row["attack"]] = row
@@ -274,22 +283,30 @@ def defences(places, args):
 REGIONS = ["ellipses", "silhouettes", "people", "people, pasted"]
 
 
+def kept_rows(path, measured):
+    """Rows of a table that are not measured again."""
+    if not path or not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [row for row in list(csv.reader(file))[1:] if row[0] not in measured]
+
+
 def persons(places, args):
-    rows, all_bits = [], {}
+    rows = kept_rows(args.csv, [place.name for place in places] + ["mean of places"])
     for place in places:
         for kind in REGIONS:
             shown, private = place.region(kind)
             for scheme, found in shown.attack(["random-lines", "dcl"], private=private).items():
                 prior, of_hole = found["prior"], found["hole"]
-                all_bits.setdefault((kind, scheme), []).append((of_hole["bits_over_prior"], of_hole["hiding_auc"]))
                 rows.append([
                     place.name, kind, scheme, of_hole["images"], f"{100 * found['server']['measured']:.1f}",
                     f"{prior['median_px']:.0f}", f"{of_hole['median_px']:.0f}", f"{of_hole['bits_over_prior']:.2f}",
                     f"{of_hole['hiding_auc']:.2f}",
                 ])  # fmt: skip
                 print(*rows[-1], sep="  ", flush=True)
-    for (kind, scheme), found in all_bits.items():
-        bits, auc = zip(*found)
+    rows.sort(key=lambda row: PLACES.index(row[0]))
+    for kind, scheme in itertools.product(REGIONS, ["random-lines", "dcl"]):
+        bits, auc = zip(*((float(row[7]), float(row[8])) for row in rows if row[1:3] == [kind, scheme]))
         rows.append(["mean of places", kind, scheme, "", "", "", "", f"{statistics.mean(bits):.2f}", f"{statistics.mean(auc):.2f}"])
         print(*rows[-1], sep="  ", flush=True)
     columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "hole (px)", "bits, hole",
