@@ -6,7 +6,8 @@
 
 Starts three nats-server, workers with one thread that serve every region, and a gateway. Clients send queries at a steady rate
 (--rate; default: half of the measured capacity) and retry the same bytes after a busy answer or a broken connection. Then, one after
-the other: a worker is killed (kill -9) and restarted; two thirds of the workers at once; a worker is stopped (SIGTERM); a NATS node
+the other: a worker is killed (kill -9) and restarted; two thirds of the workers at once; a worker is stopped (SIGTERM); a worker is
+suspended (SIGSTOP) for twice --seconds; a worker runs a tenth of the time; a NATS node
 is killed with its connections, then another one; the gateway is killed and restarted; a smaller map is published; the first map is
 published again while a worker is killed. Prints the p99 before, during and after each event, and checks that equal queries got equal
 poses while the map was the same. The last line is `accepted N lost N`: a lost query was sent completely and never answered. Fails
@@ -14,13 +15,14 @@ when a query is lost.
 """
 
 import pathlib
+import signal
 import sys
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "cluster"))
 
 from machines import Clients, Cluster, Part, ask, counter, header, percentile, load_scene, row, wait_for  # noqa: E402
-from machines import arguments  # noqa: E402
+from machines import arguments, run_in_turns  # noqa: E402
 
 CLIENTS = 6
 
@@ -85,6 +87,14 @@ def main():
     faults.inject("a worker is killed", lambda: restarted(workers[:1]))
     faults.inject(f"{len(several)} workers are killed at once", lambda: restarted(several))
     faults.inject("a worker is stopped (SIGTERM)", lambda: restarted(workers[1:2], Part.stop))
+
+    def suspended(part):
+        part.process.send_signal(signal.SIGSTOP)
+        time.sleep(2 * args.seconds)
+        part.process.send_signal(signal.SIGCONT)
+
+    faults.inject("a worker is suspended", lambda: suspended(workers[0]))
+    faults.inject("a worker is slow", lambda: run_in_turns(workers[0].process, args.seconds))
     faults.inject("a NATS node is killed", lambda: restarted(nats[:1]))
     faults.inject("another NATS node is killed", lambda: restarted(nats[1:2]))
     faults.inject("the gateway is killed", lambda: (cluster.gateway.kill(), cluster.gateway.start()))

@@ -206,6 +206,16 @@ class Clients:
             return sorted(1e3 * took for started, took in self.times if begin <= started < end)
 
 
+def run_in_turns(process, seconds, period=0.5, share=0.1):
+    """Lets a process run for a share of the time, as a strict limit of its processor does."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(period * (1 - share))
+        process.send_signal(signal.SIGCONT)
+        time.sleep(period * share)
+
+
 def percentile(times, share):
     return times[min(len(times) - 1, int(share * len(times)))] if times else float("nan")
 
@@ -283,4 +293,4 @@ def counter(text, name, labels=""):
     return sum(float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if line.startswith(start))
 
 
-__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "load_scene", "percentile", "row", "wait_for"]
+__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "load_scene", "percentile", "row", "run_in_turns", "wait_for"]

@@ -3,15 +3,15 @@
 
     scripts/service/check_monitoring.py [--veiloc PROGRAM]
 
-Starts `veiloc serve` with a rendered scene, and Prometheus. Fails when
+Starts `veiloc serve` with a rendered scene, a cluster with a gateway and two workers, and Prometheus. Fails when
 
 - `promtool check metrics`, `check rules` or `test rules` finds a fault;
-- the dashboard or an alert names a metric that the service does not export;
+- the dashboard or an alert names a metric that neither the service nor the gateway exports;
 - Prometheus cannot evaluate a query of the dashboard, or the result is empty where data is expected;
-- Prometheus cannot evaluate an alert, or an alert fires for a healthy service.
+- Prometheus cannot evaluate an alert, or an alert fires for a healthy service or cluster.
 
 Uses Prometheus from PATH, or downloads Debian's package `prometheus` (`apt-get download`) and unpacks it into a temporary folder.
-Loopback only; standard library only.
+Loopback only; standard library only; needs nats-server (Debian: nats-server) and the cargo feature `cluster`.
 """
 
 import json
@@ -27,7 +27,10 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
-from common import LOCALIZE, ROOT, RenderedScene, Server, arguments, ask, free_port, wait_for
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "cluster"))
+
+from common import LOCALIZE, ROOT, RenderedScene, Server, arguments, ask, free_port, wait_for  # noqa: E402
+from machines import Cluster  # noqa: E402
 
 DASHBOARD = ROOT / "deploy" / "grafana" / "veiloc.json"
 ALERTS = ROOT / "deploy" / "prometheus" / "alerts.yml"
@@ -84,15 +87,16 @@ def dashboard_queries(dashboard):
 
 
 class Prometheus:
-    """Prometheus, which scrapes the service and evaluates the alerts each second."""
+    """Prometheus, which scrapes service and gateway and evaluates the alerts each second."""
 
-    def __init__(self, program, folder, admin):
+    def __init__(self, program, folder, *admins):
         self.port = free_port()
         configuration = folder / "prometheus.yml"
         configuration.write_text(json.dumps({
             "global": {"scrape_interval": "1s", "evaluation_interval": "1s"},
             "rule_files": [str(ALERTS)],
-            "scrape_configs": [{"job_name": "veiloc", "static_configs": [{"targets": [f"127.0.0.1:{admin}"]}]}],
+            "scrape_configs": [{"job_name": "veiloc", "static_configs": [
+                {"targets": [f"127.0.0.1:{admin}" for admin in admins]}]}],
         }))
         self.process = subprocess.Popen(
             [program, f"--config.file={configuration}", f"--storage.tsdb.path={folder / 'tsdb'}",
@@ -113,7 +117,8 @@ class Prometheus:
             answer = self.get("query", query='up{job="veiloc"}')
         except OSError:
             return False
-        return any(series["value"][1] == "1" for series in answer.get("data", {}).get("result", []))
+        targets = answer.get("data", {}).get("result", [])
+        return bool(targets) and all(series["value"][1] == "1" for series in targets)
 
     def stop(self):
         self.process.terminate()
@@ -125,11 +130,12 @@ def static_checks(faults, promtool):
     check(faults, "promtool test rules", [promtool, "test", "rules", TESTS])
 
 
-def ask_for_a_while(server, scene):
+def ask_for_a_while(server, cluster, scene):
     """Sends requests of each kind over several scrapes, so that each panel has data."""
     for _ in range(6):
         for body in (scene.query, scene.query, scene.query[:100]):
             ask(server.port, LOCALIZE, body, user="phone")
+        ask(cluster.port, LOCALIZE, scene.query)
         ask(server.port, LOCALIZE, scene.query, user="unknown")
         with socket.create_connection(("127.0.0.1", server.port)) as noise:
             noise.sendall(b"this is no HTTP\r\n\r\n")
@@ -141,8 +147,8 @@ def check_names(faults, shown):
     for what, path in (("dashboard", DASHBOARD), ("alerts", ALERTS)):
         named = names_in(path.read_text())
         missing = sorted(named - shown)
-        print(f"metrics in the {what}: {len(named)}, of which the service does not export {len(missing)}")
-        faults += [f"the {what} names {name}, which the service does not export" for name in missing]
+        print(f"metrics in the {what}: {len(named)}, of which nothing exports {len(missing)}")
+        faults += [f"the {what} names {name}, which nothing exports" for name in missing]
 
 
 def check_dashboard(faults, prometheus):
@@ -176,19 +182,21 @@ def main():
     promtool, program = prometheus_programs(folder)
     static_checks(faults, promtool)
     server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]))
-    prometheus = None
+    cluster, prometheus = Cluster(scene, scene.map, workers=2, nats=1), None
     try:
-        text = ask(server.admin, "/metrics")[1].decode()
-        check(faults, "promtool check metrics", [promtool, "check", "metrics"], input=plain_text(text))
-        prometheus = Prometheus(program, folder, server.admin)
+        for admin in (server.admin, cluster.admin, cluster.workers[0].admin):
+            text = ask(admin, "/metrics")[1].decode()
+            check(faults, "promtool check metrics", [promtool, "check", "metrics"], input=plain_text(text))
+        prometheus = Prometheus(program, folder, server.admin, cluster.admin)
         wait_for(prometheus.up, "Prometheus")
-        ask_for_a_while(server, scene)
-        check_names(faults, names_in(ask(server.admin, "/metrics")[1].decode()))
+        ask_for_a_while(server, cluster, scene)
+        check_names(faults, names_in("".join(ask(admin, "/metrics")[1].decode() for admin in (server.admin, cluster.admin))))
         check_dashboard(faults, prometheus)
         check_alerts(faults, prometheus)
     finally:
         if prometheus:
             prometheus.stop()
+        cluster.stop()
         ended = server.stop()
         shutil.rmtree(folder, ignore_errors=True)
     if ended != 0:

@@ -1,23 +1,27 @@
 //! Messages between gateway and workers: small frames around bytes that a device or the service wrote.
 //!
 //! Both ends are machines of the operator. Lengths, names and numbers are checked nevertheless, and an invalid frame
-//! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/guide/cluster.md` lists the fields.
+//! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/reference/configuration.md` lists the fields.
 
 use crate::ClusterError;
 use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
 use veiloc_protocol::{Answer, PositionHint};
+use veiloc_service::auth::Lane;
 use veiloc_service::{BodyKind, LocalizeFailure, NoPose};
 
 use std::num::NonZeroU64;
 use std::time::Duration;
 
 /// The version of frames that this program writes and reads.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Maximum overhead of a frame, bytes.
 pub const FRAME_BYTES: usize = 1024;
+
+/// Maximum number of requests that a ping asks about.
+pub const MAX_PINGED: usize = 64;
 
 /// Every reply about a query has this length, whatever its content, unless the content is longer.
 pub const REPLY_BYTES: usize = 5120;
@@ -33,8 +37,13 @@ pub type RequestIdBytes = [u8; 16];
 pub struct Request {
     /// The name of the gateway's request that it is part of.
     pub name: RequestIdBytes,
-    /// The region or index to use; a worker that holds another one refuses ([`RejectReason::NotHeld`]).
+    /// The region or index to use; a worker that does not hold it refuses ([`RejectReason::NotHeld`]). Of a ping: any.
     pub object: ObjectId,
+    /// The client for which it is sent; `None` where clients are not distinguished. The worker's queue is fair between
+    /// clients.
+    pub lane: Option<Lane>,
+    /// Descriptor rows of the query, from which its time is estimated.
+    pub rows: u32,
     /// Time allowed for the answer, from the arrival of the request (machines' clocks are not compared).
     pub within: Duration,
     /// The task.
@@ -44,8 +53,11 @@ pub struct Request {
 /// The task of a request.
 #[derive(Clone, PartialEq)]
 pub enum Task {
-    /// A sign of life.
-    Ping,
+    /// Whether the worker runs, and which of these requests it does not know: it never received them.
+    Ping {
+        /// Name and object of each, at most [`MAX_PINGED`].
+        owed: Vec<(RequestIdBytes, ObjectId)>,
+    },
     /// Retrieval in an index: the regions to ask, for the global descriptors of the images.
     Search {
         /// Codes of each, at least one.
@@ -66,7 +78,7 @@ pub enum Task {
 impl std::fmt::Debug for Request {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let task = match self.task {
-            Task::Ping => "ping",
+            Task::Ping { .. } => "ping",
             Task::Search { .. } => "search",
             Task::Pose { .. } => "pose",
         };
@@ -85,20 +97,34 @@ pub struct Reply {
     pub worked: Duration,
     /// Time spent in the queue.
     pub waited: Duration,
+    /// The load of the worker when it replied.
+    pub load: Load,
+}
+
+/// How busy a worker is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Load {
+    /// Requests for poses that it works on, or that wait for a thread.
+    pub jobs: u32,
+    /// Further requests that may wait for a thread.
+    pub free: u32,
 }
 
 /// The result of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ReplyOutcome {
     /// The reply to [`Task::Ping`].
-    Here,
+    Here {
+        /// Numbers of the requests in the ping that the worker does not know, ascending.
+        unknown: Vec<u32>,
+    },
     /// The regions that hold most of the retrieved images, best first.
     Regions(Vec<Candidate>),
     /// The complete answer.
     Pose(Box<Answer>),
-    /// There is no pose, or there will be none; asking another worker of the group would give the same.
+    /// There is no pose, or there will be none; asking another worker that holds the object would give the same.
     Failed(LocalizeFailure),
-    /// This worker cannot answer; another worker of the group may.
+    /// This worker cannot answer; another worker that holds the object may.
     Rejected(RejectReason),
 }
 
@@ -111,7 +137,7 @@ pub struct Candidate {
     pub held: u32,
 }
 
-/// Why the gateway should try another worker of the group.
+/// Why the gateway should ask another worker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RejectReason {
     /// All threads are busy and the queue is full, or too long for the time there is.
@@ -148,6 +174,10 @@ struct RequestFrame {
     near: Vec<f64>,
     #[prost(bytes = "bytes", repeated, tag = "7")]
     body: Vec<Bytes>,
+    #[prost(bytes = "bytes", tag = "8")]
+    lane: Bytes,
+    #[prost(fixed32, tag = "9")]
+    rows: u32,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -172,6 +202,10 @@ struct ReplyFrame {
     held: Vec<u32>,
     #[prost(bytes = "bytes", tag = "10")]
     padding: Bytes,
+    #[prost(fixed32, tag = "11")]
+    jobs: u32,
+    #[prost(fixed32, tag = "12")]
+    free: u32,
 }
 
 /// Maximum number of regions that an index returns.
@@ -186,7 +220,7 @@ impl Request {
     /// As bytes.
     pub fn encode(&self) -> Bytes {
         let (wanted, near, body) = match &self.task {
-            Task::Ping => (PING, None, Vec::new()),
+            Task::Ping { owed } => (PING, None, owed.iter().map(owed_bytes).collect()),
             Task::Search { globals } => (SEARCH, None, globals.clone()),
             Task::Pose { kind: BodyKind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
             Task::Pose { kind: BodyKind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
@@ -203,6 +237,8 @@ impl Request {
             wanted,
             near,
             body,
+            lane: self.lane.map_or_else(Bytes::new, |lane| Bytes::copy_from_slice(lane.as_bytes())),
+            rows: self.rows,
         };
         frame.encode_to_vec().into()
     }
@@ -223,7 +259,10 @@ impl Request {
         };
         let mut body = frame.body;
         let task = match (frame.wanted, body.len()) {
-            (PING, 0) => Task::Ping,
+            (PING, 0..=MAX_PINGED) => {
+                let owed: Option<Vec<_>> = body.iter().map(read_owed).collect();
+                Task::Ping { owed: owed.ok_or(field("body"))? }
+            }
             (SEARCH, 1..=32) => Task::Search { globals: body },
             (QUERY | RIG, 1) => {
                 let kind = if frame.wanted == QUERY { BodyKind::Query } else { BodyKind::Rig };
@@ -232,7 +271,13 @@ impl Request {
             (PING | SEARCH | QUERY | RIG, _) => return Err(field("body")),
             _ => return Err(field("wanted")),
         };
+        let lane = match frame.lane.len() {
+            0 => None,
+            _ => Some(Lane::from_bytes(frame.lane.as_ref().try_into().map_err(|_| field("lane"))?)),
+        };
         Ok(Self {
+            lane,
+            rows: frame.rows,
             name: name(&frame.name)?,
             object: ObjectId::from_bytes(object),
             within: Duration::from_millis(frame.within_ms.into()),
@@ -252,6 +297,8 @@ impl Reply {
             outcome: code,
             worked_us: micros(self.worked),
             waited_us: micros(self.waited),
+            jobs: self.load.jobs,
+            free: self.load.free,
             ..ReplyFrame::default()
         };
         match &self.outcome {
@@ -266,9 +313,10 @@ impl Reply {
             | ReplyOutcome::Rejected(RejectReason::Busy { retry_after }) => {
                 frame.retry_after = u32::try_from(retry_after.get()).unwrap_or(MAX_WAIT).min(MAX_WAIT);
             }
-            ReplyOutcome::Here | ReplyOutcome::Failed(_) | ReplyOutcome::Rejected(_) => {}
+            ReplyOutcome::Here { unknown } => frame.regions.clone_from(unknown),
+            ReplyOutcome::Failed(_) | ReplyOutcome::Rejected(_) => {}
         }
-        if !matches!(self.outcome, ReplyOutcome::Here | ReplyOutcome::Regions(_)) {
+        if !matches!(self.outcome, ReplyOutcome::Here { .. } | ReplyOutcome::Regions(_)) {
             // Tag and length of the padding take three bytes if the frame has 128 to 16384 bytes.
             let left = REPLY_BYTES.saturating_sub(frame.encoded_len() + 3);
             frame.padding = vec![0; left].into();
@@ -289,12 +337,23 @@ impl Reply {
         }
         let (worked, waited) =
             (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
-        Ok(Self { name, outcome: outcome_of(frame)?, worked, waited })
+        let load = Load { jobs: frame.jobs, free: frame.free };
+        Ok(Self { name, outcome: outcome_of(frame)?, worked, waited, load })
     }
 }
 
 fn check_version(found: u32) -> Result<(), ClusterError> {
     if found == VERSION { Ok(()) } else { Err(ClusterError::FrameVersion { found }) }
+}
+
+/// Name and object of a request that a ping asks about.
+fn owed_bytes((name, object): &(RequestIdBytes, ObjectId)) -> Bytes {
+    [&name[..], object.as_bytes()].concat().into()
+}
+
+fn read_owed(bytes: &Bytes) -> Option<(RequestIdBytes, ObjectId)> {
+    let (name, object) = bytes.split_at_checked(16)?;
+    Some((name.try_into().ok()?, ObjectId::from_bytes(object.try_into().ok()?)))
 }
 
 fn name(bytes: &Bytes) -> Result<RequestIdBytes, ClusterError> {
@@ -308,7 +367,7 @@ const POSE: u32 = 2;
 /// Every outcome has one number, which never changes.
 const fn code_of(outcome: &ReplyOutcome) -> u32 {
     match outcome {
-        ReplyOutcome::Here => HERE,
+        ReplyOutcome::Here { .. } => HERE,
         ReplyOutcome::Regions(_) => REGIONS,
         ReplyOutcome::Pose(_) => POSE,
         ReplyOutcome::Failed(why) => match why {
@@ -341,7 +400,12 @@ fn outcome_of(frame: ReplyFrame) -> Result<ReplyOutcome, ClusterError> {
         seconds.ok_or(field("retry_after"))
     };
     Ok(match frame.outcome {
-        HERE => ReplyOutcome::Here,
+        HERE => {
+            if frame.regions.len() > MAX_PINGED {
+                return Err(field("regions"));
+            }
+            ReplyOutcome::Here { unknown: frame.regions }
+        }
         REGIONS => {
             if frame.regions.len() != frame.held.len() || frame.regions.len() > MAX_REGIONS {
                 return Err(field("regions"));

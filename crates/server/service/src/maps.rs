@@ -209,6 +209,14 @@ impl MapSlot {
         Some(loaded)
     }
 
+    /// Whether queries can be answered in every part of the map.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.current().is_some_and(|loaded| match &loaded.backend {
+            Backend::Local(_) => true,
+            Backend::Remote { backend, .. } => backend.is_complete(),
+        })
+    }
+
     /// Whether the newest version of the file could not be read.
     pub(crate) fn is_failing(&self) -> bool {
         self.attempts().is_failing()

@@ -10,6 +10,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::auth::TokenKey;
 use crate::telemetry::RequestId;
 use veiloc_protocol::{Answer, PositionHint, Profile};
 
@@ -30,6 +31,8 @@ pub struct MapDescription {
 pub struct RemoteRequest {
     /// Id of the request.
     pub id: RequestId,
+    /// The token of the client; `None` where clients are not distinguished.
+    pub client: Option<TokenKey>,
     /// The decoded body.
     pub decoded: DecodedRequest,
     /// The body as received. A retry sends the same bytes (rule L7).
@@ -55,9 +58,12 @@ pub type AnswerFuture<'a> = Pin<Box<dyn Future<Output = Result<Answer, LocalizeF
 
 /// A process or a cluster that holds a map.
 pub trait RemoteBackend: Send + Sync {
-    /// Describes the current map; returns the same `Arc` until the map changes. `None` while parts of the map are
-    /// unreachable.
+    /// Describes the current map; returns the same `Arc` until the map changes. `None` before the first one.
     fn describe(&self) -> Option<Arc<MapDescription>>;
+
+    /// Whether queries can be answered in every part of the map. If not, the map counts as not served in `/readyz`, but
+    /// queries are accepted.
+    fn is_complete(&self) -> bool;
 
     /// Maximum length of a body, bytes.
     fn longest(&self) -> usize;

@@ -141,8 +141,14 @@ impl App {
         }
         let slots = self.maps.slots();
         let broken: Vec<String> =
-            slots.iter().filter(|slot| slot.current().is_none()).map(|slot| slot.name().to_owned()).collect();
-        if broken.len() == slots.len() { Readiness::Not("no map") } else { Readiness::Ready { broken } }
+            slots.iter().filter(|slot| !slot.is_complete()).map(|slot| slot.name().to_owned()).collect();
+        if broken.len() < slots.len() {
+            Readiness::Ready { broken }
+        } else if slots.iter().any(|slot| slot.current().is_some()) {
+            Readiness::Not("no workers for a part of the map")
+        } else {
+            Readiness::Not("no map")
+        }
     }
 
     /// The metrics in the text format of Prometheus.

@@ -5,6 +5,7 @@
 //!   caller a member. The transport is NATS ([`Bus::nats`]) or the local process ([`Bus::in_process`]); both give the
 //!   same guarantees.
 //! - [`Membership`]: receives the requests to a member until it leaves.
+//! - [`Bus::publish`] sends a message to every [`Listener`] of a subject, best effort and without a reply.
 //!
 //! # Guarantees
 //! A request goes to **at most one** member. It is answered, or it ends with a [`ClusterError`]: the group is empty
@@ -53,6 +54,7 @@ use std::fmt;
 use std::time::Duration;
 
 use bytes::Bytes;
+use futures_util::StreamExt as _;
 
 pub use nats::NatsOptions;
 pub use subject::{InvalidSubjectWord, Subject};
@@ -156,6 +158,35 @@ impl Bus {
         tokio::time::timeout(within, answered).await.map_err(|_| timed_out())?
     }
 
+    /// Sends a message to all listeners of the subject. Whether there are any is not known.
+    ///
+    /// # Errors
+    /// [`ClusterError`]: the message is too long, or the connection is closed for good.
+    pub async fn publish(&self, subject: &Subject, payload: Bytes) -> Result<(), ClusterError> {
+        let longest = self.max_payload();
+        if payload.len() > longest {
+            return Err(ClusterError::MessageTooLong { bytes: payload.len(), longest });
+        }
+        match &self.0 {
+            Transport::Nats(nats) => nats.publish(subject, payload).await,
+            Transport::Process(process) => {
+                process.publish(subject, &payload);
+                Ok(())
+            }
+        }
+    }
+
+    /// Listens to the messages that are published to the subject from now on.
+    ///
+    /// # Errors
+    /// [`ClusterError::BusClosed`]: the connection is closed for good.
+    pub async fn listen(&self, subject: &Subject) -> Result<Listener, ClusterError> {
+        Ok(Listener(match &self.0 {
+            Transport::Nats(nats) => Messages::Nats(nats.listen(subject).await?),
+            Transport::Process(process) => Messages::Process(process.listen(subject)),
+        }))
+    }
+
     /// Joins the subject's group; the [`Membership`] receives its requests.
     ///
     /// # Errors
@@ -174,6 +205,31 @@ impl fmt::Debug for Bus {
             Transport::Nats(_) => "Bus(NATS)",
             Transport::Process(_) => "Bus(in process)",
         })
+    }
+}
+
+/// Receives the published messages of a subject until it is dropped. Messages that arrive while 1024 (in one process) or
+/// 65 536 (NATS) others wait are lost.
+pub struct Listener(Messages);
+
+enum Messages {
+    Nats(async_nats::Subscriber),
+    Process(tokio::sync::mpsc::Receiver<Bytes>),
+}
+
+impl Listener {
+    /// Waits for the next message; `None` when the connection is closed for good.
+    pub async fn next(&mut self) -> Option<Bytes> {
+        match &mut self.0 {
+            Messages::Nats(messages) => messages.next().await.map(|message| message.payload),
+            Messages::Process(messages) => messages.recv().await,
+        }
+    }
+}
+
+impl fmt::Debug for Listener {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Listener").finish_non_exhaustive()
     }
 }
 

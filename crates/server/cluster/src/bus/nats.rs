@@ -246,6 +246,20 @@ impl Nats {
         }
     }
 
+    pub(crate) async fn publish(&self, subject: &Subject, payload: Bytes) -> Result<(), ClusterError> {
+        let sent = self.0.client.publish(subject.as_str().to_owned(), payload).await;
+        sent.map_err(|_| ClusterError::BusClosed)
+    }
+
+    pub(crate) async fn listen(&self, subject: &Subject) -> Result<Subscriber, ClusterError> {
+        let client = &self.0.client;
+        let messages = client.subscribe(subject.as_str().to_owned()).await;
+        let messages = messages.map_err(|_| ClusterError::BusClosed)?;
+        // The NATS server has the subscription before this returns.
+        client.flush().await.map_err(|_| ClusterError::BusClosed)?;
+        Ok(messages)
+    }
+
     pub(crate) async fn join(&self, subject: &Subject) -> Result<Membership, ClusterError> {
         let client = self.0.client.clone();
         let joined = client.queue_subscribe(subject.as_str().to_owned(), GROUP.to_owned()).await;

@@ -9,7 +9,7 @@ use tokio::sync::{mpsc, oneshot};
 use crate::ClusterError;
 use crate::bus::subject::Subject;
 
-/// Pending requests per member; further ones are lost, as on a connection of NATS that is too slow.
+/// Pending requests per member, and messages per listener; further ones are lost, as on a connection of NATS that is too slow.
 const MEMBER_QUEUE: usize = 1024;
 
 type Delivery = (Bytes, Reply);
@@ -20,7 +20,8 @@ pub(crate) struct Process(Arc<Mutex<Groups>>);
 
 #[derive(Default)]
 struct Groups {
-    groups: HashMap<Subject, Group>,
+    by_subject: HashMap<Subject, Group>,
+    listeners: HashMap<Subject, Vec<mpsc::Sender<Bytes>>>,
     /// Number of the next member.
     next_number: u64,
 }
@@ -49,7 +50,7 @@ impl Process {
         let (reply, answer) = oneshot::channel();
         {
             let mut groups = self.groups();
-            let group = groups.groups.get_mut(subject).filter(|group| !group.members.is_empty());
+            let group = groups.by_subject.get_mut(subject).filter(|group| !group.members.is_empty());
             let Group { members, turn } =
                 group.ok_or_else(|| ClusterError::NoResponders { subject: subject.clone() })?;
             *turn = turn.wrapping_add(1);
@@ -63,12 +64,28 @@ impl Process {
         }
     }
 
+    pub(crate) fn publish(&self, subject: &Subject, payload: &Bytes) {
+        if let Some(listeners) = self.groups().listeners.get_mut(subject) {
+            // A full queue loses the message, as a slow connection would.
+            let is_open = |listener: &mpsc::Sender<Bytes>| {
+                !matches!(listener.try_send(payload.clone()), Err(mpsc::error::TrySendError::Closed(_)))
+            };
+            listeners.retain(is_open);
+        }
+    }
+
+    pub(crate) fn listen(&self, subject: &Subject) -> mpsc::Receiver<Bytes> {
+        let (sender, messages) = mpsc::channel(MEMBER_QUEUE);
+        self.groups().listeners.entry(subject.clone()).or_default().push(sender);
+        messages
+    }
+
     pub(crate) fn join(&self, subject: &Subject) -> Membership {
         let (sender, requests) = mpsc::channel(MEMBER_QUEUE);
         let mut groups = self.groups();
         let number = groups.next_number;
         groups.next_number += 1;
-        groups.groups.entry(subject.clone()).or_default().members.push(GroupMember { number, sender });
+        groups.by_subject.entry(subject.clone()).or_default().members.push(GroupMember { number, sender });
         Membership { process: self.clone(), subject: subject.clone(), number, requests }
     }
 }
@@ -88,10 +105,10 @@ impl Membership {
     /// The channel closes with its sender; pending requests are still returned.
     pub(crate) fn leave(&mut self) {
         let mut groups = self.process.groups();
-        if let Some(group) = groups.groups.get_mut(&self.subject) {
+        if let Some(group) = groups.by_subject.get_mut(&self.subject) {
             group.members.retain(|member| member.number != self.number);
             if group.members.is_empty() {
-                groups.groups.remove(&self.subject);
+                groups.by_subject.remove(&self.subject);
             }
         }
     }

@@ -1,13 +1,14 @@
 //! The gateway: sends a query to the regions where it may have been taken, and returns the best of their poses.
 //!
-//! It holds no map. It follows the published manifests and activates a new one as soon as each of its regions is
-//! reachable. A query in flight stays with the manifest it began with, unless that manifest becomes unreachable.
+//! It holds no map. It follows the published manifests and activates a new one as soon as each of its regions has a worker.
+//! A query in flight stays with the manifest it began with, unless a region of that has no worker left. The gateway is ready
+//! while each region of the active manifest has a worker.
 
 mod dispatch;
-mod latency_tracker;
 mod select;
 
-use std::sync::{Arc, PoisonError, RwLock, Weak};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock, Weak};
 use std::time::Duration;
 
 use crate::bus::Bus;
@@ -17,15 +18,15 @@ use tokio::time::Instant;
 use veiloc_map::MapError;
 use veiloc_map::regions::{DEFAULT_SEARCHED_REGIONS, Manifest, ObjectId, RegionFolder, search_rounds};
 use veiloc_protocol::{Answer, Profile};
+use veiloc_service::auth::Lane;
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{AnswerFuture, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest};
 
-use self::dispatch::{Dispatcher, GroupRequest};
-use self::latency_tracker::LatencyTracker;
+use self::dispatch::{Dispatcher, ObjectRequest};
 use crate::ClusterError;
-use crate::manifest_source::ManifestSource;
+use crate::manifest_source::{ManifestSource, PublishedManifest};
+use crate::members::{Members, Role};
 use crate::message::{Candidate, FRAME_BYTES, ReplyOutcome, Task};
-use crate::reachability::Groups;
 
 /// Options of a gateway.
 #[derive(Debug, Clone)]
@@ -55,53 +56,63 @@ struct Inner {
     source: Arc<dyn ManifestSource>,
     options: GatewayOptions,
     counts: GatewayCounts,
+    members: Members,
+    /// The published manifest as last read.
+    published: Mutex<Option<Arc<PublishedManifest>>>,
     /// The active manifest.
     current: RwLock<Option<Arc<ActiveManifest>>>,
-    searches: LatencyTracker,
-    poses: LatencyTracker,
+    /// Whether each region of the active manifest has a worker.
+    is_complete: AtomicBool,
 }
 
 /// A manifest in use.
 struct ActiveManifest {
-    id: ObjectId,
-    groups: Groups,
+    published: Arc<PublishedManifest>,
     description: Arc<MapDescription>,
 }
 
 impl Gateway {
-    /// Reads the published manifest and follows it from now on. It is no error if its regions are not reachable yet.
+    /// Reads the published manifest and follows it from now on. It is no error if its regions have no workers yet; those
+    /// that run are known after their next announcement.
     ///
     /// # Errors
-    /// [`ClusterError`]: nothing is published, or it is invalid.
+    /// [`ClusterError`]: nothing is published, it is invalid, or the bus is closed.
     pub async fn start(
         bus: Bus,
         source: Arc<dyn ManifestSource>,
         options: GatewayOptions,
         counts: GatewayCounts,
     ) -> Result<Self, ClusterError> {
+        let members = Members::listen(&bus, &options.map, Role::Gateway).await?;
         let gateway = Self(Arc::new(Inner {
             bus,
             source,
             options,
             counts,
+            members,
+            published: Mutex::default(),
             current: RwLock::default(),
-            searches: LatencyTracker::default(),
-            poses: LatencyTracker::default(),
+            is_complete: AtomicBool::new(false),
         }));
-        gateway.0.follow().await?;
+        gateway.0.read_manifest().await?;
+        gateway.0.update().await?;
         tokio::spawn(follow(Arc::downgrade(&gateway.0), gateway.0.options.watch));
         Ok(gateway)
     }
 
     /// Id of the active manifest, if there is one.
     pub fn manifest(&self) -> Option<ObjectId> {
-        self.0.current().map(|active| active.id)
+        self.0.current().map(|active| active.published.id)
     }
 }
 
 impl RemoteBackend for Gateway {
     fn describe(&self) -> Option<Arc<MapDescription>> {
         self.0.current().map(|active| active.description.clone())
+    }
+
+    fn is_complete(&self) -> bool {
+        self.0.is_complete.load(Ordering::Relaxed)
     }
 
     fn longest(&self) -> usize {
@@ -113,12 +124,24 @@ impl RemoteBackend for Gateway {
     }
 }
 
-/// Polls for new manifests until the gateway is dropped.
+/// Polls for new manifests, and follows which regions have workers, until the gateway is dropped.
 async fn follow(gateway: Weak<Inner>, every: Duration) {
+    let Some(members) = gateway.upgrade().map(|gateway| gateway.members.clone()) else { return };
+    let mut changes = members.changes();
+    let mut poll = Instant::now() + every;
     loop {
-        tokio::time::sleep(every).await;
+        let is_due = tokio::select! {
+            () = tokio::time::sleep_until(poll) => true,
+            _ = changes.changed() => false,
+        };
         let Some(gateway) = gateway.upgrade() else { return };
-        if let Err(error) = gateway.follow().await {
+        let read = if is_due { gateway.read_manifest().await } else { Ok(()) };
+        if is_due {
+            poll = Instant::now() + every;
+        }
+        // Also when it cannot be read: workers of the active one come and go.
+        let updated = gateway.update().await;
+        if let Err(error) = read.and(updated) {
             tracing::error!(map = gateway.options.map, %error, "the published manifest cannot be read; the active one stays in use");
         }
     }
@@ -129,25 +152,52 @@ impl Inner {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Activates the published manifest if it is new and all its regions are reachable.
-    async fn follow(&self) -> Result<(), ClusterError> {
+    async fn read_manifest(&self) -> Result<(), ClusterError> {
         let published = self.source.current(&self.options.map).await?;
-        let (id, manifest, known) = (published.id, &published.manifest, self.current());
-        if known.as_ref().is_some_and(|active| active.id == id) {
-            return Ok(());
-        }
-        let groups = Groups::of(manifest)?;
-        let unreachable = groups.unreachable(&self.bus).await;
+        *self.published.lock().unwrap_or_else(PoisonError::into_inner) = Some(published);
+        Ok(())
+    }
+
+    /// Activates the published manifest if it is new and all its regions have workers, and reports whether those of the
+    /// active one do.
+    async fn update(&self) -> Result<(), ClusterError> {
+        let published = self.published.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let activated = match published {
+            Some(published) => self.activate(&published).await,
+            None => Ok(()),
+        };
         let map = &self.options.map;
-        if unreachable > 0 {
-            self.counts.all_reachable(known.is_some());
-            let all = manifest.regions.len() + 1;
-            tracing::warn!(map, manifest = %id, unreachable, all, "this manifest is not activated until all its regions are reachable");
+        let [answering, out] = self.members.counts();
+        self.counts.members(map, answering, out);
+        let copies = self.current().map(|active| self.members.copies(&active.published.manifest));
+        self.counts.copies(map, copies.map_or(0, |copies| copies.least));
+        let is_complete = copies.is_some_and(|copies| copies.missing == 0);
+        if self.is_complete.swap(is_complete, Ordering::Relaxed) && !is_complete {
+            let missing = copies.map_or(0, |copies| copies.missing);
+            tracing::error!(
+                map,
+                missing,
+                "regions of the active manifest have no worker; the gateway is not ready"
+            );
+        }
+        activated
+    }
+
+    /// Activates this manifest if it is new and all its regions have workers.
+    async fn activate(&self, published: &Arc<PublishedManifest>) -> Result<(), ClusterError> {
+        let (id, manifest) = (published.id, &published.manifest);
+        if self.current().is_some_and(|active| active.published.id == id) {
             return Ok(());
         }
-        let active = ActiveManifest { id, groups, description: Arc::new(self.describe(manifest).await?) };
+        let (map, missing) = (&self.options.map, self.members.copies(manifest).missing);
+        if missing > 0 {
+            let all = manifest.regions.len() + 1;
+            tracing::info!(map, manifest = %id, missing, all, "this manifest is not activated until all its regions have workers");
+            return Ok(());
+        }
+        let description = Arc::new(self.describe(manifest).await?);
+        let active = ActiveManifest { published: published.clone(), description };
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(active));
-        self.counts.all_reachable(true);
         self.counts.manifest_activated();
         tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "manifest activated");
         Ok(())
@@ -178,7 +228,11 @@ impl Inner {
             let result = self.query_regions(&active, &query).await;
             // The old manifest became unreachable: retry with the new one.
             match (&result, self.current()) {
-                (Err(LocalizeFailure::Unreached { .. }), Some(now)) if now.id != active.id => active = now,
+                (Err(LocalizeFailure::Unreached { .. }), Some(now))
+                    if now.published.id != active.published.id =>
+                {
+                    active = now;
+                }
                 _ => return result,
             }
         }
@@ -206,10 +260,11 @@ impl Inner {
         query: &Query,
     ) -> Result<Vec<Candidate>, LocalizeFailure> {
         let task = Task::Search { globals: query.globals.clone() };
-        match self.query_group(&active.groups.index, query, task, &self.searches).await? {
+        let object = active.published.manifest.index.sha256;
+        match self.query_object(object, query, task).await? {
             ReplyOutcome::Regions(candidates) => Ok(candidates),
             ReplyOutcome::Failed(why) => Err(why),
-            ReplyOutcome::Here | ReplyOutcome::Pose(_) | ReplyOutcome::Rejected(_) => {
+            ReplyOutcome::Here { .. } | ReplyOutcome::Pose(_) | ReplyOutcome::Rejected(_) => {
                 Err(LocalizeFailure::Broken)
             }
         }
@@ -222,32 +277,34 @@ impl Inner {
         region: usize,
     ) -> Result<Answer, LocalizeFailure> {
         // A verified index names only regions of its manifest.
-        let group = active.groups.regions.get(region).ok_or(LocalizeFailure::Broken)?;
-        let task = query.pose.clone();
-        match self.query_group(group, query, task, &self.poses).await? {
+        let region = active.published.manifest.regions.get(region).ok_or(LocalizeFailure::Broken)?;
+        match self.query_object(region.sha256, query, query.pose.clone()).await? {
             ReplyOutcome::Pose(answer) => Ok(*answer),
             ReplyOutcome::Failed(why) => Err(why),
-            ReplyOutcome::Here | ReplyOutcome::Regions(_) | ReplyOutcome::Rejected(_) => {
+            ReplyOutcome::Here { .. } | ReplyOutcome::Regions(_) | ReplyOutcome::Rejected(_) => {
                 Err(LocalizeFailure::Broken)
             }
         }
     }
 
-    async fn query_group(
+    async fn query_object(
         &self,
-        group: &(crate::bus::Subject, ObjectId),
+        object: ObjectId,
         query: &Query,
         task: Task,
-        latency: &LatencyTracker,
     ) -> Result<ReplyOutcome, LocalizeFailure> {
-        let dispatcher = Dispatcher { bus: &self.bus, counts: &self.counts, latency };
-        dispatcher.dispatch(&GroupRequest { group, name: query.name, task, deadline: query.deadline }).await
+        let dispatcher = Dispatcher { bus: &self.bus, members: &self.members, counts: &self.counts };
+        let (name, lane, rows, deadline) = (query.name, query.lane, query.rows, query.deadline);
+        let request = ObjectRequest { object, name, lane, rows, task, deadline };
+        dispatcher.dispatch(&request).await
     }
 }
 
 /// The parts of a request that are sent to workers.
 struct Query {
     name: [u8; 16],
+    lane: Option<Lane>,
+    rows: u32,
     globals: Vec<Bytes>,
     pose: Task,
     deadline: Instant,
@@ -258,6 +315,8 @@ impl Query {
         let codes = |codes: &[i8]| codes.iter().map(|code| code.cast_unsigned()).collect();
         Self {
             name: request.id.bytes(),
+            lane: request.client.as_ref().map(Lane::of),
+            rows: u32::try_from(request.decoded.rows()).unwrap_or(u32::MAX),
             globals: request.decoded.queries().map(|query| codes(query.global().as_codes())).collect(),
             pose: Task::Pose {
                 kind: request.decoded.kind(),

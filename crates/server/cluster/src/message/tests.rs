@@ -12,7 +12,8 @@ fn object() -> ObjectId {
 }
 
 fn request(task: Task) -> Request {
-    Request { name: NAME, object: object(), within: Duration::from_millis(29_500), task }
+    let lane = Some(Lane::from_bytes([9; 32]));
+    Request { name: NAME, object: object(), lane, rows: 1024, within: Duration::from_millis(29_500), task }
 }
 
 fn answer() -> Answer {
@@ -39,7 +40,8 @@ fn answer() -> Answer {
 fn all_outcomes() -> Vec<ReplyOutcome> {
     let retry_after = NonZeroU64::new(7).expect("not zero");
     let mut all = vec![
-        ReplyOutcome::Here,
+        ReplyOutcome::Here { unknown: Vec::new() },
+        ReplyOutcome::Here { unknown: vec![0, 63] },
         ReplyOutcome::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
         ReplyOutcome::Pose(Box::new(answer())),
     ];
@@ -70,7 +72,8 @@ fn all_outcomes() -> Vec<ReplyOutcome> {
 }
 
 fn reply(outcome: ReplyOutcome) -> Reply {
-    Reply { name: NAME, outcome, worked: Duration::from_micros(31_415), waited: Duration::from_micros(9) }
+    let (worked, waited) = (Duration::from_micros(31_415), Duration::from_micros(9));
+    Reply { name: NAME, outcome, worked, waited, load: Load { jobs: 3, free: 29 } }
 }
 
 #[test]
@@ -78,14 +81,16 @@ fn requests_round_trip() {
     let near = "1.5,-2,3,0.25".parse().expect("a position");
     let body = Bytes::from_static(b"sealed bytes, as they came");
     for task in [
-        Task::Ping,
+        Task::Ping { owed: Vec::new() },
+        Task::Ping { owed: vec![(NAME, object()); MAX_PINGED] },
         Task::Search { globals: vec![Bytes::from_static(&[1, 255]), Bytes::from_static(&[0, 7])] },
         Task::Pose { kind: BodyKind::Query, body: body.clone(), near: None },
         Task::Pose { kind: BodyKind::Rig, body: body.clone(), near: Some(near) },
     ] {
         let request = request(task);
         let bytes = request.encode();
-        assert!(bytes.len() <= FRAME_BYTES + body.len());
+        assert!(bytes.len() <= FRAME_BYTES + body.len() || matches!(request.task, Task::Ping { .. }));
+        assert_eq!(Request { lane: None, ..request.clone() }.encode().len(), bytes.len() - 34);
         assert!(Request::decode(bytes).expect("read") == request);
     }
 }
@@ -116,12 +121,13 @@ fn invalid_frames_name_the_field() {
         Request::decode(frame.encode_to_vec().into()).expect_err("refused").to_string()
     };
     let field = |field| ClusterError::FrameField { field }.to_string();
-    assert_eq!(request(&|f| f.version = 2), ClusterError::FrameVersion { found: 2 }.to_string());
+    assert_eq!(request(&|f| f.version = 1), ClusterError::FrameVersion { found: 1 }.to_string());
     assert_eq!(request(&|f| f.name = Bytes::from_static(b"short")), field("name"));
     assert_eq!(request(&|f| f.object = Bytes::new()), field("object"));
     assert_eq!(request(&|f| f.wanted = 9), field("wanted"));
     assert_eq!(request(&|f| f.body.clear()), field("body"));
     assert_eq!(request(&|f| f.wanted = PING), field("body"));
+    assert_eq!(request(&|f| f.lane = Bytes::from_static(b"short")), field("lane"));
     assert_eq!(request(&|f| f.near = vec![1.0]), field("near"));
     assert_eq!(request(&|f| f.near = vec![1.0, 2.0, 3.0, 0.0]), field("near"));
 
@@ -143,6 +149,7 @@ fn invalid_frames_name_the_field() {
         reply(&|f| (f.outcome, f.regions, f.held) = (REGIONS, many.clone(), many.clone())),
         field("regions")
     );
+    assert_eq!(reply(&|f| (f.outcome, f.regions) = (HERE, vec![0; MAX_PINGED + 1])), field("regions"));
 }
 
 #[test]

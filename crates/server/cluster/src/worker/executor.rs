@@ -13,15 +13,15 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{ObjectId, RegionIndex};
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
+use veiloc_service::auth::Lane;
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
 use veiloc_service::worker_api::{JobSpec, Pool, Rejected, with_request};
 use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure, LocalizeOutput};
 
-use super::content::Content;
-use crate::message::{Candidate, MAX_REGIONS, RejectReason, ReplyOutcome, Request, RequestIdBytes, Task};
-
-/// Approximate bytes per row of a query: the cost of a job is estimated before the query is decoded.
-const ROW_BYTES: usize = 132;
+use super::holdings::{Content, Holdings};
+use crate::message::{
+    Candidate, Load, MAX_REGIONS, RejectReason, ReplyOutcome, Request, RequestIdBytes, Task,
+};
 
 /// State shared by threads and subscriptions.
 pub(crate) struct Executor {
@@ -29,10 +29,20 @@ pub(crate) struct Executor {
     pool: Pool,
     /// Pool for searches: they take less than a millisecond for a town, and must not wait behind poses.
     searches: Pool,
+    queue: NonZeroUsize,
     localize: LocalizeOptions,
     counts: Arc<WorkerCounts>,
-    /// Requests in the queue or in progress: a second message of one is meant for another worker.
-    in_progress: Mutex<HashSet<(RequestIdBytes, ObjectId)>>,
+    /// Requests in the queue or in progress: a second message of one is not worked on.
+    in_progress: Arc<Mutex<InProgress>>,
+}
+
+type InProgress = HashSet<(RequestIdBytes, ObjectId)>;
+
+/// A request that is to be worked on.
+pub(crate) struct Accepted {
+    request: Request,
+    content: Arc<Content>,
+    mark: Mark,
 }
 
 /// Result of a request.
@@ -59,15 +69,23 @@ impl Executor {
         Ok(Self {
             pool: Pool::start(threads, queue, Clock::default())?,
             searches: Pool::start(NonZeroUsize::MIN, SEARCH_QUEUE, Clock::default())?,
+            queue,
             localize,
             counts,
-            in_progress: Mutex::default(),
+            in_progress: Arc::default(),
         })
     }
 
     /// Queued requests and busy threads.
-    pub(crate) fn load(&self) -> (usize, usize) {
+    pub(crate) fn queued_and_busy(&self) -> (usize, usize) {
         (self.pool.queued(), self.pool.busy())
+    }
+
+    /// The load that replies and announcements report.
+    pub(crate) fn load(&self) -> Load {
+        let (queued, busy) = self.queued_and_busy();
+        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Load { jobs: number(queued + busy), free: number(self.queue.get().saturating_sub(queued)) }
     }
 
     /// Finishes accepted jobs and rejects further ones. Blocks.
@@ -76,10 +94,11 @@ impl Executor {
         self.searches.finish();
     }
 
-    /// Counts a reply by its outcome.
+    /// Counts a reply by its outcome, unless it is the reply to a ping.
     pub(crate) fn count_reply(&self, outcome: &ReplyOutcome) {
         self.counts.reply(match outcome {
-            ReplyOutcome::Here | ReplyOutcome::Regions(_) | ReplyOutcome::Pose(_) => "answered",
+            ReplyOutcome::Here { .. } => return,
+            ReplyOutcome::Regions(_) | ReplyOutcome::Pose(_) => "answered",
             ReplyOutcome::Failed(_) => "no-pose",
             ReplyOutcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
             ReplyOutcome::Rejected(RejectReason::InProgress) => "duplicate",
@@ -88,19 +107,51 @@ impl Executor {
         });
     }
 
-    /// Executes a task on this object.
-    pub(crate) async fn work(self: &Arc<Self>, request: Request, content: &Arc<Content>) -> Done {
-        let Request { name, object, within, task } = request;
+    /// Marks a request as in progress; or the reply, if there is nothing to compute. A worker that is leaving answers only
+    /// pings.
+    pub(crate) fn accept(
+        &self,
+        request: Request,
+        holdings: &Holdings,
+        is_leaving: bool,
+    ) -> Result<Accepted, ReplyOutcome> {
+        if let Task::Ping { owed } = &request.task {
+            self.counts.request("ping");
+            return Err(ReplyOutcome::Here { unknown: self.unknown(owed) });
+        }
+        self.counts.request(if matches!(request.task, Task::Search { .. }) { "search" } else { "pose" });
+        if is_leaving {
+            return Err(ReplyOutcome::Rejected(RejectReason::Leaving));
+        }
+        let content = holdings.find(&request.object);
+        let content = content.ok_or(ReplyOutcome::Rejected(RejectReason::NotHeld))?;
+        let mark = Mark::begin(&self.in_progress, (request.name, request.object));
+        let mark = mark.ok_or(ReplyOutcome::Rejected(RejectReason::InProgress))?;
+        Ok(Accepted { request, content, mark })
+    }
+
+    /// Numbers of the requests that are not in progress.
+    fn unknown(&self, owed: &[(RequestIdBytes, ObjectId)]) -> Vec<u32> {
+        let in_progress = all(&self.in_progress);
+        (0_u32..).zip(owed).filter(|(_, request)| !in_progress.contains(*request)).map(|(i, _)| i).collect()
+    }
+
+    /// Computes the result of a request. The mark is to be dropped when the reply was sent, so that a ping never finds the
+    /// request gone before its reply.
+    pub(crate) async fn work(&self, accepted: Accepted) -> (Done, Mark) {
+        let Accepted { request, content, mark } = accepted;
+        (self.done(request, content).await, mark)
+    }
+
+    async fn done(&self, request: Request, content: Arc<Content>) -> Done {
+        let Request { name, within, lane, rows, task, .. } = request;
+        let is_session = matches!(task, Task::Pose { kind: BodyKind::Rig, .. });
+        let spec = JobSpec { client: lane.map(Lane::key), rows: rows as usize, is_session, limit: within };
         match task {
-            Task::Ping => {
-                self.counts.request("ping");
-                Done::at_once(ReplyOutcome::Here)
-            }
+            Task::Ping { .. } => Done::at_once(ReplyOutcome::Here { unknown: Vec::new() }),
             Task::Search { globals } => {
-                self.counts.request("search");
-                let content = content.clone();
                 let retrieve = self.localize.retrieve;
-                let spec = JobSpec { client: None, rows: 0, is_session: false, limit: within };
+                let spec = JobSpec { rows: 0, ..spec };
                 self.run_queued(&self.searches, name, spec, Stop::default(), move || {
                     let Content::Index(index) = &*content else {
                         return ReplyOutcome::Rejected(RejectReason::NotHeld);
@@ -110,20 +161,9 @@ impl Executor {
                 .await
             }
             Task::Pose { kind, body, near } => {
-                self.counts.request("pose");
-                let Some(_here) = InProgress::begin(self, name, object) else {
-                    return Done::at_once(ReplyOutcome::Rejected(RejectReason::InProgress));
-                };
-                let spec = JobSpec {
-                    client: None,
-                    rows: body.len() / ROW_BYTES,
-                    is_session: kind == BodyKind::Rig,
-                    limit: within,
-                };
                 let mut options = self.localize.clone();
                 options.pose.stop = Stop::default();
                 let stop = options.pose.stop.clone();
-                let content = content.clone();
                 self.run_queued(&self.pool, name, spec, stop, move || {
                     let Content::Region(map) = &*content else {
                         return ReplyOutcome::Rejected(RejectReason::NotHeld);
@@ -184,10 +224,6 @@ impl Executor {
             Err(_) => Done::at_once(ReplyOutcome::Failed(LocalizeFailure::TimedOut)),
         }
     }
-
-    fn in_progress(&self) -> MutexGuard<'_, HashSet<(RequestIdBytes, ObjectId)>> {
-        self.in_progress.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// Guard of a job: dropping it stops the job, and counts it as cancelled unless it had ended or timed out. A queued
@@ -211,25 +247,28 @@ impl Drop for CancelOnDrop<'_> {
 /// Capacity of the queue of searches.
 const SEARCH_QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
 
+fn all(in_progress: &Mutex<InProgress>) -> MutexGuard<'_, InProgress> {
+    in_progress.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Marks a request as in progress until it is dropped.
-struct InProgress<'a> {
-    executor: &'a Executor,
+pub(crate) struct Mark {
+    in_progress: Arc<Mutex<InProgress>>,
     request: (RequestIdBytes, ObjectId),
 }
 
-impl<'a> InProgress<'a> {
+impl Mark {
     /// `None` if the request is already in progress.
-    fn begin(executor: &'a Executor, name: RequestIdBytes, object: ObjectId) -> Option<Self> {
-        let request = (name, object);
-        let is_first = executor.in_progress().insert(request);
+    fn begin(in_progress: &Arc<Mutex<InProgress>>, request: (RequestIdBytes, ObjectId)) -> Option<Self> {
+        let is_first = all(in_progress).insert(request);
         // Created only in this case, because dropping the guard removes the mark.
-        is_first.then(|| Self { executor, request })
+        is_first.then(|| Self { in_progress: in_progress.clone(), request })
     }
 }
 
-impl Drop for InProgress<'_> {
+impl Drop for Mark {
     fn drop(&mut self) {
-        self.executor.in_progress().remove(&self.request);
+        all(&self.in_progress).remove(&self.request);
     }
 }
 

@@ -1,21 +1,22 @@
 //! A worker: holds regions of a map, answers requests for them, and follows the published manifests.
 //!
-//! It joins one group per region, named by the SHA-256 of the region, so that a new manifest moves only changed
-//! regions. Objects of a new manifest are loaded and joined first. Objects that it no longer names are left when the
-//! new manifest is completely reachable, plus a grace period, so that gateways with the old manifest can finish.
+//! It announces the SHA-256 of each region that it holds, so that a new manifest moves only changed regions. Objects of a
+//! new manifest are loaded and announced first. Objects that it no longer names are left when every object of the new
+//! manifest has a worker, plus a grace period, so that gateways with the old manifest can finish.
 
-mod content;
+mod announcer;
 mod executor;
-mod subscription;
+mod holdings;
+mod responder;
 
-use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use crate::bus::Bus;
 use tokio::sync::watch;
+use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
@@ -23,12 +24,14 @@ use veiloc_map::regions::{Manifest, ObjectId, ObjectRef, RegionFolder};
 use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
 use veiloc_service::worker_api::{Controllable, HealthProbe};
 
-use self::content::Content;
+use self::announcer::Announcer;
 use self::executor::Executor;
-use self::subscription::Subscription;
+use self::holdings::{Content, Holdings};
+use self::responder::Responder;
 use crate::ClusterError;
-use crate::manifest_source::ManifestSource;
-use crate::reachability::Groups;
+use crate::announcement::MemberId;
+use crate::manifest_source::{ManifestSource, PublishedManifest};
+use crate::members::{Members, Role};
 use crate::share::RegionShare;
 use crate::subjects;
 
@@ -44,7 +47,7 @@ pub struct WorkerOptions {
     pub index: bool,
     /// Threads that localize. Default: one per core.
     pub threads: NonZeroUsize,
-    /// Capacity of the queue; further requests are rejected, and the gateway tries another worker. Default 32.
+    /// Capacity of the queue; further requests are rejected, and the gateway asks another worker. Default 32.
     pub queue: NonZeroUsize,
     /// Options of localization.
     pub localize: LocalizeOptions,
@@ -52,7 +55,9 @@ pub struct WorkerOptions {
     pub memory: MapMemory,
     /// Polling interval for new manifests. Default 2 s.
     pub watch: Duration,
-    /// How long objects that are no longer published stay available after the new manifest is reachable. Default 10
+    /// Period of its announcements. Default 500 ms.
+    pub period: Duration,
+    /// How long objects that are no longer published stay available after all of the new manifest has workers. Default 10
     /// s: longer than the polling interval of gateways plus the duration of a query.
     pub grace: Duration,
     /// Time limit for finishing accepted requests at shutdown. Default 30 s.
@@ -71,22 +76,29 @@ impl WorkerOptions {
             localize: LocalizeOptions::default(),
             memory: MapMemory::default(),
             watch: Duration::from_secs(2),
+            period: Duration::from_millis(500),
             grace: Duration::from_secs(10),
             finish: Duration::from_secs(30),
         }
     }
 }
 
-/// A worker that has joined its groups.
+/// A worker that answers requests and announces itself.
 pub struct Worker {
     bus: Bus,
     source: Arc<dyn ManifestSource>,
     options: WorkerOptions,
     executor: Arc<Executor>,
     counts: Arc<WorkerCounts>,
-    subscriptions: BTreeMap<ObjectId, Subscription>,
-    /// The current manifest, and its groups.
-    current: Option<(ObjectId, Groups)>,
+    member: MemberId,
+    holdings: Arc<Holdings>,
+    members: Members,
+    responder: Responder,
+    announcing: JoinHandle<()>,
+    /// Becomes true when the worker leaves.
+    leaving: watch::Sender<bool>,
+    /// The current manifest.
+    current: Option<Arc<PublishedManifest>>,
     /// When to leave objects that are no longer published.
     leave_at: Option<Instant>,
     state: Arc<State>,
@@ -96,7 +108,6 @@ pub struct Worker {
 /// State shared with handles.
 #[derive(Default)]
 struct State {
-    held: AtomicUsize,
     leaving: AtomicBool,
 }
 
@@ -119,8 +130,17 @@ pub struct WorkerHandle {
     stop: watch::Sender<Phase>,
     state: Arc<State>,
     executor: Weak<Executor>,
+    holdings: Arc<Holdings>,
     bus: Bus,
+    member: MemberId,
     counts: Arc<WorkerCounts>,
+}
+
+impl WorkerHandle {
+    /// Id of the worker in announcements.
+    pub const fn member(&self) -> MemberId {
+        self.member
+    }
 }
 
 impl Controllable for WorkerHandle {
@@ -146,12 +166,12 @@ impl HealthProbe for WorkerHandle {
         if !self.bus.is_connected() {
             return Err("no connection to the bus".to_owned());
         }
-        if self.state.held.load(Ordering::Relaxed) == 0 { Err("holds nothing".to_owned()) } else { Ok(()) }
+        if self.holdings.len() == 0 { Err("holds nothing".to_owned()) } else { Ok(()) }
     }
 
     fn metrics(&self) -> String {
-        let (queued, busy) = self.executor.upgrade().map_or((0, 0), |executor| executor.load());
-        let held = self.state.held.load(Ordering::Relaxed);
+        let (queued, busy) = self.executor.upgrade().map_or((0, 0), |executor| executor.queued_and_busy());
+        let held = self.holdings.len();
         self.counts.text(&WorkerGauges { queued, busy, held, ready: self.ready().is_ok() })
     }
 }
@@ -164,7 +184,7 @@ fn next_pause(pause: Duration, watch: Duration) -> Duration {
 const MAX_PAUSE: Duration = Duration::from_secs(60);
 
 impl Worker {
-    /// Fetches and opens its share of the published map, and joins the groups.
+    /// Fetches and opens its share of the published map, then answers requests and announces itself.
     ///
     /// # Errors
     /// [`ClusterError`]: nothing is published, an object cannot be fetched or is invalid, or the bus is closed.
@@ -177,20 +197,45 @@ impl Worker {
         let executor =
             Executor::start(options.threads, options.queue, options.localize.clone(), counts.clone());
         let executor = executor.map_err(|source| ClusterError::System { what: "threads", source })?;
-        let mut worker = Self {
+        let (executor, holdings) = (Arc::new(executor), Arc::<Holdings>::default());
+        let member = MemberId::draw()?;
+        let subject = subjects::of_member(&options.map, &member)?;
+        let members = Members::listen(&bus, &options.map, Role::Worker).await?;
+        let published = source.current(&options.map).await?;
+        let assigned = assigned_objects(&options, &published.manifest);
+        load(&*source, &holdings, options.memory, &published.manifest, &assigned).await?;
+        tracing::info!(map = options.map, manifest = %published.id, held = holdings.len(), "manifest loaded");
+        // It is announced only when it can be asked.
+        let membership = bus.join(&subject).await?;
+        let responder = Responder::start(executor.clone(), holdings.clone(), membership);
+        let leaving = watch::Sender::new(false);
+        let announcer = Announcer {
+            bus: bus.clone(),
+            subject: subjects::of_members(&options.map)?,
+            member,
+            period: options.period,
+            threads: u32::try_from(options.threads.get()).unwrap_or(u32::MAX),
+            executor: executor.clone(),
+            holdings: holdings.clone(),
+        };
+        let announcing = tokio::spawn(announcer.run(leaving.subscribe()));
+        Ok(Self {
             bus,
             source,
             options,
-            executor: Arc::new(executor),
+            executor,
             counts,
-            subscriptions: BTreeMap::new(),
-            current: None,
+            member,
+            holdings,
+            members,
+            responder,
+            announcing,
+            leaving,
+            current: Some(published),
             leave_at: None,
             state: Arc::default(),
             stop: watch::Sender::new(Phase::Running),
-        };
-        worker.follow().await?;
-        Ok(worker)
+        })
     }
 
     /// A handle for stopping and monitoring the running worker.
@@ -199,17 +244,19 @@ impl Worker {
             stop: self.stop.clone(),
             state: self.state.clone(),
             executor: Arc::downgrade(&self.executor),
+            holdings: self.holdings.clone(),
             bus: self.bus.clone(),
+            member: self.member,
             counts: self.counts.clone(),
         }
     }
 
     /// Number of held regions and indexes.
     pub fn held_count(&self) -> usize {
-        self.subscriptions.len()
+        self.holdings.len()
     }
 
-    /// Runs until it is stopped, then leaves its groups and finishes accepted requests. Returns whether all were
+    /// Runs until it is stopped, then announces that it leaves and finishes accepted requests. Returns whether all were
     /// finished.
     pub async fn run(mut self) -> bool {
         let mut phase = self.stop.subscribe();
@@ -233,11 +280,15 @@ impl Worker {
                 () = wait_for_phase(&mut phase, Phase::Draining) => break,
             }
         }
-        let subscriptions = std::mem::take(&mut self.subscriptions);
-        self.state.held.store(0, Ordering::Relaxed);
-        let all = futures_util::future::join_all(subscriptions.into_values().map(Subscription::leave));
+        self.leaving.send_replace(true);
+        let (announcing, responder) = (self.announcing, self.responder);
+        let left = async {
+            // It ends after it has announced that the worker leaves.
+            let _ = announcing.await;
+            responder.leave().await;
+        };
         let finished = tokio::select! {
-            _ = all => true,
+            () = left => true,
             () = tokio::time::sleep(self.options.finish) => false,
             () = wait_for_phase(&mut phase, Phase::Aborting) => false,
         };
@@ -253,88 +304,80 @@ impl Worker {
     /// Reads the published manifest, loads new objects and leaves old ones.
     async fn follow(&mut self) -> Result<(), ClusterError> {
         let published = self.source.current(&self.options.map).await?;
-        let (id, manifest) = (published.id, &published.manifest);
-        let assigned = self.assigned_objects(manifest);
-        let is_new = self.current.as_ref().is_none_or(|(known, _)| *known != id);
-        if is_new || assigned.iter().any(|(object, _)| !self.subscriptions.contains_key(&object.sha256)) {
-            self.load(manifest, &assigned).await?;
-            self.current = Some((id, Groups::of(manifest)?));
+        let manifest = &published.manifest;
+        let assigned = assigned_objects(&self.options, manifest);
+        let is_new = self.current.as_ref().is_none_or(|known| known.id != published.id);
+        if is_new || assigned.iter().any(|(object, _)| !self.holdings.contains(&object.sha256)) {
+            load(&*self.source, &self.holdings, self.options.memory, manifest, &assigned).await?;
             self.leave_at = None;
             if is_new {
-                tracing::info!(map = manifest.map, manifest = %id, held = self.subscriptions.len(), "manifest loaded");
+                tracing::info!(map = manifest.map, manifest = %published.id, held = self.holdings.len(), "manifest loaded");
             }
+            self.current = Some(published.clone());
         }
-        self.leave_unpublished(&assigned).await;
-        self.state.held.store(self.subscriptions.len(), Ordering::Relaxed);
+        self.leave_unpublished(&published.manifest, &assigned);
         Ok(())
     }
 
-    /// The objects of its share, with the numbers of those that are regions.
-    fn assigned_objects(&self, manifest: &Manifest) -> Vec<(ObjectRef, Option<usize>)> {
-        let regions =
-            manifest.regions.iter().enumerate().filter(|(number, _)| self.options.share.contains(*number));
-        let index = self.options.index.then_some((manifest.index, None));
-        index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
-    }
-
-    /// Fetches and opens missing objects, and joins their groups.
-    async fn load(
-        &mut self,
-        manifest: &Manifest,
-        assigned: &[(ObjectRef, Option<usize>)],
-    ) -> Result<(), ClusterError> {
-        let missing = assigned.iter().filter(|(object, _)| !self.subscriptions.contains_key(&object.sha256));
-        let missing: Vec<(ObjectRef, Option<usize>)> = missing.copied().collect();
-        let folder = self.source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
-        let folder = RegionFolder::of(manifest.clone(), &folder);
-        for (object, number) in missing {
-            let (folder, memory) = (folder.clone(), self.options.memory);
-            // Large files are opened on another thread than messages are served.
-            let opened = tokio::task::spawn_blocking(move || match number {
-                Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
-                None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
-            });
-            let content = match opened.await {
-                Ok(content) => content?,
-                Err(panic) => std::panic::resume_unwind(panic.into_panic()),
-            };
-            let subject = match number {
-                Some(_) => subjects::of_region(&manifest.map, &object.sha256)?,
-                None => subjects::of_index(&manifest.map, &object.sha256)?,
-            };
-            let membership = self.bus.join(&subject).await?;
-            let subscription = Subscription::start(self.executor.clone(), object.sha256, content, membership);
-            self.subscriptions.insert(object.sha256, subscription);
-        }
-        self.source.retain(&self.subscriptions.keys().copied().collect());
-        Ok(())
-    }
-
-    /// Leaves objects outside of its assignment, a grace period after the published manifest became reachable.
-    async fn leave_unpublished(&mut self, assigned: &[(ObjectRef, Option<usize>)]) {
+    /// Leaves objects outside of its assignment, a grace period after every object of the manifest has a worker.
+    fn leave_unpublished(&mut self, manifest: &Manifest, assigned: &[Assigned]) {
         let is_assigned = |id: &ObjectId| assigned.iter().any(|(object, _)| object.sha256 == *id);
-        let old: Vec<ObjectId> = self.subscriptions.keys().filter(|id| !is_assigned(id)).copied().collect();
-        let Some((_, groups)) = self.current.as_ref().filter(|_| !old.is_empty()) else { return };
+        let old: Vec<ObjectId> = self.holdings.objects().into_iter().filter(|id| !is_assigned(id)).collect();
+        if old.is_empty() {
+            return;
+        }
         match self.leave_at {
             None => {
-                if groups.unreachable(&self.bus).await == 0 {
+                if self.members.copies(manifest).missing == 0 {
                     self.leave_at = Some(Instant::now() + self.options.grace);
                 }
             }
             Some(at) if Instant::now() >= at => {
-                for id in old {
-                    if let Some(subscription) = self.subscriptions.remove(&id) {
-                        // Earlier requests are answered in the meantime.
-                        tokio::spawn(subscription.leave());
-                    }
-                }
+                // Earlier requests are answered in the meantime.
+                self.holdings.remove(&old);
                 self.leave_at = None;
-                tracing::info!(
-                    held = self.subscriptions.len(),
-                    "objects that are no longer published were left"
-                );
+                tracing::info!(held = self.holdings.len(), "objects that are no longer published were left");
             }
             Some(_) => {}
         }
     }
+}
+
+/// An object to hold, and its number if it is a region.
+type Assigned = (ObjectRef, Option<usize>);
+
+/// The objects of a worker's share.
+fn assigned_objects(options: &WorkerOptions, manifest: &Manifest) -> Vec<Assigned> {
+    let regions = manifest.regions.iter().enumerate().filter(|(number, _)| options.share.contains(*number));
+    let index = options.index.then_some((manifest.index, None));
+    index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
+}
+
+/// Fetches and opens missing objects.
+async fn load(
+    source: &dyn ManifestSource,
+    holdings: &Holdings,
+    memory: MapMemory,
+    manifest: &Manifest,
+    assigned: &[Assigned],
+) -> Result<(), ClusterError> {
+    let missing: Vec<Assigned> =
+        assigned.iter().filter(|(object, _)| !holdings.contains(&object.sha256)).copied().collect();
+    let folder = source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
+    let folder = RegionFolder::of(manifest.clone(), &folder);
+    for (object, number) in missing {
+        let folder = folder.clone();
+        // Large files are opened on another thread than messages are served.
+        let opened = tokio::task::spawn_blocking(move || match number {
+            Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
+            None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
+        });
+        let content = match opened.await {
+            Ok(content) => content?,
+            Err(panic) => std::panic::resume_unwind(panic.into_panic()),
+        };
+        holdings.insert(object.sha256, content);
+    }
+    source.retain(&holdings.objects());
+    Ok(())
 }

@@ -10,14 +10,15 @@ use std::time::Duration;
 
 use common::service::{Running, truth};
 use common::{
-    MAP, POLL_INTERVAL, PublishedMap, STEP_TIMEOUT, TestCluster, eventually, fake_member, localize_locally,
-    region, without_times, worker_options,
+    Announced, MAP, POLL_INTERVAL, PublishedMap, STEP_TIMEOUT, TestCluster, eventually, fake_member,
+    localize_locally, region, reply, subject_of, without_times, worker_options,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
 use veiloc_cluster::message::{RejectReason, Reply, ReplyOutcome, Request, Task};
 use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
+use veiloc_service::auth::{Lane, TokenKey};
 use veiloc_service::worker_api::HealthProbe as _;
 use veiloc_service::{
     BodyKind, DecodedRequest, LocalizeFailure, NoPose, RemoteBackend as _, RemoteMap, RemoteRequest,
@@ -34,11 +35,6 @@ fn hold_clock() -> std::sync::mpsc::Sender<()> {
     held
 }
 
-/// The reply of a worker to this request.
-fn reply(request: &Request, outcome: ReplyOutcome) -> bytes::Bytes {
-    Reply { name: request.name, outcome, worked: Duration::ZERO, waited: Duration::ZERO }.encode()
-}
-
 /// Advances the paused clock in steps until a condition holds.
 async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool) {
     for _ in 0..6000 {
@@ -53,17 +49,27 @@ async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool)
     panic!("timed out waiting for {what}");
 }
 
-/// Sends a request directly to the worker of region 0.
+/// Sends a request about region 0 directly to the first worker.
 fn ask_worker(
     published: &PublishedMap,
     cluster: &TestCluster,
     name: u8,
     body: &[u8],
 ) -> JoinHandle<ReplyOutcome> {
+    ask_worker_for(published, cluster, name, body, None)
+}
+
+fn ask_worker_for(
+    published: &PublishedMap,
+    cluster: &TestCluster,
+    name: u8,
+    body: &[u8],
+    lane: Option<Lane>,
+) -> JoinHandle<ReplyOutcome> {
     let task = Task::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
-    let object = published.folder().manifest().regions[0].sha256;
-    let request = Request { name: [name; 16], object, within: STEP_TIMEOUT, task };
-    let (bus, subject) = (cluster.bus.clone(), published.subject(0));
+    let (object, within) = (published.region(0), STEP_TIMEOUT);
+    let request = Request { name: [name; 16], object, lane, rows: 100, within, task };
+    let (bus, subject) = (cluster.bus.clone(), subject_of(&cluster.handle().member()));
     tokio::spawn(async move {
         let reply = bus.request_cancellable(&subject, request.encode(), STEP_TIMEOUT).await;
         Reply::decode(reply.expect("a reply"), &request.name).expect("a reply").outcome
@@ -170,50 +176,6 @@ async fn http_answers_equal_those_of_a_local_map() {
     assert!(statuses.iter().all(|(_, length)| *length == 4096), "{statuses:?}: lengths must be equal");
 }
 
-/// A member that never replies, like a machine that hangs or is cut off. Time passes only when it received a request,
-/// so that no other member is slow; delays are tested in `gateway/dispatch.rs`.
-#[tokio::test(start_paused = true)]
-async fn requests_to_a_silent_member_are_hedged() {
-    let _held = hold_clock();
-    let published = PublishedMap::new(10);
-    let bus = Bus::in_process();
-    let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
-    let (ask, mut received) = tokio::sync::mpsc::unbounded_channel();
-    let cancelled = Arc::new(AtomicUsize::new(0));
-    let count = cancelled.clone();
-    let _silent = fake_member(&bus, &published.subject(0), move |mut incoming| {
-        ask.send(()).expect("the test receives");
-        let cancelled = count.clone();
-        tokio::spawn(async move {
-            incoming.cancelled().await;
-            cancelled.fetch_add(1, Ordering::Relaxed);
-        });
-        std::future::ready(())
-    })
-    .await;
-    let mut silent_requests = 0;
-    for query in published.queries(8) {
-        let mut answer = std::pin::pin!(cluster.ask(&query));
-        loop {
-            tokio::select! {
-                answer = &mut answer => {
-                    assert!(answer.expect("a pose").trusted);
-                    break;
-                }
-                Some(()) = received.recv() => {
-                    silent_requests += 1;
-                    tokio::time::advance(Duration::from_secs(10)).await;
-                }
-            }
-        }
-    }
-    assert!(silent_requests >= 4, "members take turns, and the silent one got {silent_requests} requests");
-    assert_eq!(cluster.metric("veiloc_cluster_hedges_total"), silent_requests);
-    while cancelled.load(Ordering::Relaxed) < silent_requests as usize {
-        tokio::task::yield_now().await;
-    }
-}
-
 /// An incomplete new map is not activated: the old one stays in use until the new one is complete.
 #[tokio::test(flavor = "multi_thread")]
 async fn missing_object_delays_the_new_map_but_no_query() {
@@ -276,7 +238,9 @@ async fn machines_start_from_the_cache_without_storage() {
     assert_eq!(again.held_count(), held);
     let counts = veiloc_service::telemetry::GatewayCounts::default();
     let gateway = Gateway::start(bus.clone(), source(&cache), GatewayOptions::new(MAP), counts).await;
-    assert_eq!(gateway.expect("a gateway").manifest(), Some(published.folder().manifest().id()));
+    let gateway = gateway.expect("a gateway");
+    let id = published.folder().manifest().id();
+    eventually("the members", || gateway.manifest() == Some(id)).await;
     assert!(worker(&folder.path().join("another cache")).await.is_err(), "a machine without a cache");
     // A drive that is not mounted: a folder that is empty, or not there at all.
     std::fs::remove_dir_all(&store).expect("a folder");
@@ -334,13 +298,18 @@ async fn all_messages_contain_the_same_sealed_bytes() {
     let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
     let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
     let keep = seen.clone();
-    let _listener = fake_member(&bus, &published.subject(0), move |incoming| {
-        if let Task::Pose { body, .. } = decode_request(&incoming).task {
+    let _listener = fake_member(&bus, &[published.region(0)], move |incoming| {
+        let request = decode_request(&incoming);
+        if let Task::Pose { body, .. } = &request.task {
             keep.lock().expect("whole").push(body.to_vec());
         }
-        std::future::ready(())
+        async move {
+            // The requester may have its answer already.
+            let _ = incoming.answer(reply(request.name, ReplyOutcome::Rejected(RejectReason::Broken))).await;
+        }
     })
     .await;
+    cluster.knows(2).await;
     let query = published.query(&truth());
     for _ in 0..6 {
         cluster.ask(&query).await.expect("a pose");
@@ -358,19 +327,18 @@ async fn invalid_replies_are_retried_and_never_used() {
         ("garbage", |_| b"\xff\xff garbage".to_vec().into()),
         ("nothing", |_| bytes::Bytes::new()),
         ("much", |_| vec![0; 8 << 20].into()),
-        ("another request's", |request| {
-            let other = Request { name: [9; 16], ..request.clone() };
-            reply(&other, ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)))
+        ("another request's", |_| {
+            reply([9; 16], ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew)))
         }),
-        ("an unexpected outcome", |request| reply(request, ReplyOutcome::Here)),
-        ("regions", |request| reply(request, ReplyOutcome::Regions(Vec::new()))),
+        ("an unexpected outcome", |request| reply(request.name, ReplyOutcome::Here { unknown: Vec::new() })),
+        ("regions", |request| reply(request.name, ReplyOutcome::Regions(Vec::new()))),
     ];
     for (what, invalid_reply) in all {
         let bus = Bus::in_process();
         let cluster = TestCluster::start(&published, bus.clone(), &["all", INDEX_ONLY]).await;
         let invalid_replies = Arc::new(AtomicUsize::new(0));
         let count = invalid_replies.clone();
-        let faulty_member = fake_member(&bus, &published.subject(0), move |incoming| {
+        let _faulty = fake_member(&bus, &[published.region(0)], move |incoming| {
             let count = count.clone();
             async move {
                 let request = decode_request(&incoming);
@@ -380,18 +348,18 @@ async fn invalid_replies_are_retried_and_never_used() {
             }
         })
         .await;
+        cluster.knows(3).await;
         for _ in 0..4 {
             assert!(cluster.ask(&query).await.expect(what).trusted, "{what}");
         }
-        eventually("members take turns", || invalid_replies.load(Ordering::Relaxed) > 0).await;
         assert!(cluster.leave().await, "{what}");
         let without_worker = cluster.ask(&query).await;
         assert!(
             matches!(without_worker, Err(LocalizeFailure::Unreached { .. })),
             "{what}: {without_worker:?}"
         );
+        assert!(invalid_replies.load(Ordering::Relaxed) > 0, "{what}");
         assert!(cluster.metric("veiloc_cluster_messages_total{outcome=\"invalid-reply\"}") > 0, "{what}");
-        faulty_member.abort();
     }
 }
 
@@ -408,17 +376,17 @@ async fn rejected_requests_are_retried_and_the_reason_reported() {
     for (why, expected) in cases {
         let bus = Bus::in_process();
         let cluster = TestCluster::start(&published, bus.clone(), &["all", INDEX_ONLY]).await;
-        let busy = fake_member(&bus, &published.subject(0), move |incoming| async move {
+        let _busy = fake_member(&bus, &[published.region(0)], move |incoming| async move {
             let request = decode_request(&incoming);
-            incoming.answer(reply(&request, ReplyOutcome::Rejected(why))).await.expect("sent");
+            incoming.answer(reply(request.name, ReplyOutcome::Rejected(why))).await.expect("sent");
         })
         .await;
+        cluster.knows(3).await;
         for _ in 0..4 {
             assert!(cluster.ask(&query).await.expect("a pose").trusted);
         }
         assert!(cluster.leave().await);
         assert_eq!(cluster.ask(&query).await.expect_err("no other worker"), expected);
-        busy.abort();
     }
 }
 
@@ -461,7 +429,6 @@ async fn joining_and_leaving_workers_lose_no_query() {
 #[tokio::test(start_paused = true)]
 async fn new_manifest_is_activated_without_a_lost_query() {
     const DAY: Duration = Duration::from_secs(86_400);
-    let _held = hold_clock();
     let published = Arc::new(PublishedMap::new(5));
     let bus = Bus::in_process();
     let workers = ["1/2", "2/2"].map(|share| {
@@ -470,6 +437,9 @@ async fn new_manifest_is_activated_without_a_lost_query() {
         options
     });
     let cluster = Arc::new(TestCluster::start_with(&published, bus.clone(), workers.into()).await);
+    cluster.knows(2).await;
+    let _held = hold_clock();
+    let announced = Announced::listen(&bus).await;
     let stop = Arc::new(AtomicBool::new(false));
     let clients: Vec<_> = (0..3)
         .map(|client| {
@@ -489,19 +459,15 @@ async fn new_manifest_is_activated_without_a_lost_query() {
         })
         .collect();
     for (images, of_region) in [(9, 4), (10, 3), (8, 8)] {
-        let old = published.subject(0);
+        let old = published.region(0);
         let manifest = published.publish(images, of_region);
         pass_until(POLL_INTERVAL, "the new manifest", || cluster.gateway.manifest() == Some(manifest.id()))
             .await;
         let description = cluster.gateway.describe().expect("held");
         assert_eq!(description.images, images as usize);
         // Unused regions are finally left.
-        let left =
-            || futures_util::FutureExt::now_or_never(bus.request(&old, "".into(), Duration::from_secs(9)));
-        assert!(left().is_none(), "not before the grace period");
-        let group_is_empty =
-            || matches!(left(), Some(Err(veiloc_cluster::ClusterError::NoResponders { .. })));
-        pass_until(Duration::from_secs(60), "an empty group", group_is_empty).await;
+        assert!(announced.holders(&old) > 0, "not before the grace period");
+        pass_until(Duration::from_secs(60), "no holder", || announced.holders(&old) == 0).await;
     }
     stop.store(true, Ordering::Relaxed);
     for client in clients {
@@ -513,8 +479,9 @@ async fn new_manifest_is_activated_without_a_lost_query() {
 async fn manifest_is_activated_when_all_regions_are_reachable() {
     let published = PublishedMap::new(4);
     let query = published.query(&truth());
-    let cluster = TestCluster::start(&published, Bus::in_process(), &["1/2"]).await;
-    assert!(cluster.gateway.describe().is_none());
+    let bus = Bus::in_process();
+    let cluster = TestCluster::start_with(&published, bus, vec![worker_options("1/2")]).await;
+    assert!(cluster.gateway.describe().is_none() && !cluster.gateway.is_complete());
     assert!(matches!(cluster.ask(&query).await, Err(LocalizeFailure::Unreached { .. })));
     cluster.add(&published, "2/2").await;
     eventually("all regions", || cluster.gateway.describe().is_some()).await;
@@ -565,8 +532,115 @@ async fn request_times_out() {
     let bus = Bus::in_process();
     let cluster = TestCluster::start(&published, bus.clone(), &["all"]).await;
     assert!(cluster.leave().await);
-    let _silent = fake_member(&bus, &published.subject(0), |_| std::future::ready(())).await;
-    let _index = fake_member(&bus, &published.index_subject(), |_| std::future::ready(())).await;
+    let objects = [published.region(0), published.index()];
+    let _silent = fake_member(&bus, &objects, |incoming| async move {
+        // Its reply channel stays, as over NATS.
+        std::mem::forget(incoming);
+    })
+    .await;
+    cluster.knows(1).await;
     let request: RemoteRequest = cluster.request(&published.query(&truth()), Duration::from_millis(200));
     assert_eq!(cluster.gateway.localize(request).await.expect_err("no reply"), LocalizeFailure::TimedOut);
+}
+
+/// A gateway says that a region has no worker, and still answers what it can.
+#[tokio::test(flavor = "multi_thread")]
+async fn gateway_is_ready_while_every_region_has_a_worker() {
+    let published = PublishedMap::new(4);
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["1/2", "2/2"]).await;
+    let complete = format!("veiloc_cluster_complete{{map=\"{MAP}\"}}");
+    let copies = format!("veiloc_cluster_copies{{map=\"{MAP}\"}}");
+    assert_eq!((cluster.metric(&complete), cluster.metric(&copies)), (1, 1));
+    let manifest = cluster.gateway.manifest();
+    assert!(cluster.leave().await);
+    eventually("a region without worker", || !cluster.gateway.is_complete()).await;
+    eventually("the metrics", || cluster.metric(&complete) == 0 && cluster.metric(&copies) == 0).await;
+    assert_eq!(cluster.gateway.manifest(), manifest, "the map is still described");
+    cluster.add(&published, "1/2").await;
+    cluster.add(&published, "all").await;
+    cluster.knows(3).await;
+    eventually("the metrics", || cluster.metric(&complete) == 1).await;
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+}
+
+/// A gateway's `/readyz` follows its workers.
+#[tokio::test(flavor = "multi_thread")]
+async fn readyz_follows_the_workers() {
+    let published = PublishedMap::new(10);
+    let cluster = TestCluster::start(&published, Bus::in_process(), &["all"]).await;
+    let mut options = ServerOptions::new(Vec::new());
+    options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
+    let backend = Arc::new(cluster.gateway.clone());
+    options.remote_maps = vec![RemoteMap { name: MAP.to_owned(), backend }];
+    let server = tokio::task::block_in_place(|| Running::start(options));
+    let status = || tokio::task::block_in_place(|| server.get("/readyz", "").status);
+    assert_eq!(status(), 200);
+    assert!(cluster.leave().await);
+    eventually("not ready", || status() == 503).await;
+    cluster.add(&published, "all").await;
+    eventually("ready", || status() == 200).await;
+}
+
+/// The queue of a worker is fair between the clients of its gateways.
+#[tokio::test(flavor = "multi_thread")]
+async fn queue_of_a_worker_serves_two_clients_fairly() {
+    let published = PublishedMap::new(10);
+    let mut options = worker_options("all");
+    options.threads = 1.try_into().expect("not zero");
+    options.localize.pose.max_hypotheses = usize::MAX;
+    let cluster = TestCluster::start_with(&published, Bus::in_process(), vec![options]).await;
+    let worker = cluster.handle();
+    let is = |what: &str, count: u64| common::value(&worker.metrics(), what) == count;
+    let lane = |n: u8| Some(Lane::of(&TokenKey::of_digest([n; 32])));
+    let endless = ask_worker(&published, &cluster, 1, &published.scene.sealed_without_consensus());
+    eventually("work", || is("veiloc_workers_busy", 1)).await;
+    let query = published.query(&truth());
+    let (ended, mut order) = tokio::sync::mpsc::unbounded_channel();
+    // Twelve queries of one client, then one of another.
+    for n in 0..13_u8 {
+        let client = if n < 12 { 1 } else { 2 };
+        let (answer, ended) =
+            (ask_worker_for(&published, &cluster, 10 + n, &query, lane(client)), ended.clone());
+        eventually("a queue", || is("veiloc_queue_length", u64::from(n) + 1)).await;
+        tokio::spawn(async move {
+            assert!(matches!(answer.await.expect("it ends"), ReplyOutcome::Pose(_)));
+            ended.send(client).expect("the test receives");
+        });
+    }
+    endless.abort();
+    let mut clients = Vec::new();
+    while clients.len() < 13 {
+        clients.push(order.recv().await.expect("all end"));
+    }
+    let position = clients.iter().position(|client| *client == 2).expect("it was answered");
+    assert!(position <= 3, "the other client came after {position} of the first: {clients:?}");
+}
+
+/// The client of a query reaches the workers, by a hash of what the file of tokens holds.
+#[tokio::test(flavor = "multi_thread")]
+async fn lane_of_a_client_reaches_workers() {
+    let published = PublishedMap::new(10);
+    let bus = Bus::in_process();
+    let cluster = TestCluster::start_with(&published, bus.clone(), vec![worker_options(INDEX_ONLY)]).await;
+    let (lanes, mut received) = tokio::sync::mpsc::unbounded_channel();
+    let _member = fake_member(&bus, &[published.region(0)], move |incoming| {
+        let request = decode_request(&incoming);
+        lanes.send((request.lane, request.rows)).expect("the test receives");
+        async move {
+            let outcome = ReplyOutcome::Failed(LocalizeFailure::NoPose(NoPose::TooFew));
+            incoming.answer(reply(request.name, outcome)).await.expect("sent");
+        }
+    })
+    .await;
+    cluster.knows(2).await;
+    let key = TokenKey::of_token(b"a token");
+    for client in [Some(key), None] {
+        let mut request = cluster.request(&published.query(&truth()), STEP_TIMEOUT);
+        request.client = client;
+        let rows = request.decoded.rows();
+        cluster.gateway.localize(request).await.expect_err("no pose");
+        let (lane, sent_rows) = received.recv().await.expect("asked");
+        assert_eq!((lane, sent_rows as usize), (client.as_ref().map(Lane::of), rows));
+        assert!(lane.is_none_or(|lane| lane.key() != key));
+    }
 }

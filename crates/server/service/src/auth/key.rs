@@ -37,6 +37,39 @@ impl TokenKey {
     }
 }
 
+/// Identifies the client of a token to the workers of a cluster, whose queues are fair between clients. It is a hash of the
+/// key, so that workers do not get what the file of tokens holds.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Lane([u8; 32]);
+
+impl Lane {
+    /// The lane of a token.
+    pub fn of(key: &TokenKey) -> Self {
+        Self(Sha256::new().chain_update(b"veiloc lane").chain_update(key.0).finalize().into())
+    }
+
+    /// From its bytes.
+    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// The 32 bytes.
+    pub const fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+
+    /// As the key of a queue.
+    pub const fn key(self) -> TokenKey {
+        TokenKey(self.0)
+    }
+}
+
+impl fmt::Debug for Lane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Lane")
+    }
+}
+
 impl fmt::Debug for TokenKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("TokenKey")

@@ -47,7 +47,7 @@ mod timestamp;
 pub use edit::{Revocation, added, revoked};
 pub use entry::TokenEntry;
 pub use error::{LineError, TokensError};
-pub use key::TokenKey;
+pub use key::{Lane, TokenKey};
 pub use list::TokenList;
 pub use names::is_token_name;
 pub use secret::Secret;

@@ -23,6 +23,7 @@ use super::accept::AnswerFormat;
 use super::authorize::{authenticate, resolve_map};
 use super::body;
 use super::request_options::RequestOptions;
+use crate::auth::TokenKey;
 use crate::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, LocalizeOutput};
 use crate::maps::{Backend, LoadedMap};
 use crate::padding::{self, PadLength};
@@ -277,6 +278,7 @@ pub(super) struct ReadBody {
 /// Input of a job.
 struct Job {
     loaded: Arc<LoadedMap>,
+    client: Option<TokenKey>,
     read: ReadBody,
     request_options: RequestOptions,
     options: LocalizeOptions,
@@ -297,8 +299,8 @@ impl Job {
             Backend::Remote { backend, .. } => backend,
         };
         let within = self.deadline.saturating_duration_since(Instant::now());
-        let remote_request =
-            RemoteRequest { id: self.id, decoded: request, bytes, near: self.request_options.near, within };
+        let (id, client, near) = (self.id, self.client, self.request_options.near);
+        let remote_request = RemoteRequest { id, client, decoded: request, bytes, near, within };
         let mut answer = self.runtime.block_on(async {
             tokio::select! {
                 answer = backend.localize(remote_request) => answer,
@@ -342,7 +344,8 @@ async fn compute(
     };
     let (id, begun) = (context.id(), context.elapsed());
     let (deadline, runtime) = (Instant::now() + limit, Handle::current());
-    let job = Job { loaded, read, request_options, options, deadline, cancelled, runtime, id };
+    let client = spec.client;
+    let job = Job { loaded, client, read, request_options, options, deadline, cancelled, runtime, id };
     let work = move |waited: Duration| {
         let started = Instant::now();
         let result = panics::with_request(id, || job.work(waited.as_secs_f64() * 1e3));

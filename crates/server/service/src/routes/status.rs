@@ -42,11 +42,8 @@ pub(super) async fn ready_for_operator(State(app): State<Arc<App>>) -> (StatusCo
         Readiness::Ready { broken } => (StatusCode::OK, "ready\n".to_owned() + &lines(&broken)),
         Readiness::Not(why) => {
             let slots = app.maps.slots();
-            let broken: Vec<String> = slots
-                .iter()
-                .filter(|slot| slot.current().is_none())
-                .map(|slot| slot.name().to_owned())
-                .collect();
+            let broken: Vec<String> =
+                slots.iter().filter(|slot| !slot.is_complete()).map(|slot| slot.name().to_owned()).collect();
             (StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n{}", lines(&broken)))
         }
     }

@@ -15,6 +15,7 @@ use prometheus_client::registry::Registry;
 use crate::telemetry::process::Process;
 
 type Labels = Vec<(&'static str, &'static str)>;
+type MapLabels = Vec<(&'static str, String)>;
 
 /// Buckets from 0.1 ms to 10 s.
 const SECONDS: [f64; 15] =
@@ -41,7 +42,9 @@ pub struct GatewayCounts {
     round_trips: Histogram,
     regions: Histogram,
     manifests: Counter,
-    all_reachable: Gauge,
+    copies: Family<MapLabels, Gauge>,
+    complete: Family<MapLabels, Gauge>,
+    members: Family<MapLabels, Gauge>,
 }
 
 impl Default for GatewayCounts {
@@ -52,7 +55,9 @@ impl Default for GatewayCounts {
             round_trips: Histogram::new(SECONDS),
             regions: Histogram::new([1.0, 2.0, 3.0, 4.0, 6.0, 8.0]),
             manifests: Counter::default(),
-            all_reachable: Gauge::default(),
+            copies: Family::default(),
+            complete: Family::default(),
+            members: Family::default(),
         };
         for end in MESSAGE_OUTCOMES {
             drop(counts.messages.get_or_create(&vec![("outcome", end)]));
@@ -87,9 +92,19 @@ impl GatewayCounts {
         self.manifests.inc();
     }
 
-    /// Sets whether all regions of all maps were reachable when the manifest was activated.
-    pub fn all_reachable(&self, all_reachable: bool) {
-        self.all_reachable.set(all_reachable.into());
+    /// Sets the number of workers that hold the region of a map that fewest hold; 0 before its first manifest is active.
+    pub fn copies(&self, map: &str, least: usize) {
+        let label = vec![("map", map.to_owned())];
+        self.copies.get_or_create(&label).set(least as i64);
+        self.complete.get_or_create(&label).set((least > 0).into());
+    }
+
+    /// Sets the numbers of workers of a map that answer, and that are out.
+    pub fn members(&self, map: &str, answering: usize, out: usize) {
+        for (state, count) in [("answering", answering), ("out", out)] {
+            let labels = vec![("map", map.to_owned()), ("state", state.to_owned())];
+            self.members.get_or_create(&labels).set(count as i64);
+        }
     }
 
     pub(crate) fn register(&self, registry: &mut Registry) {
@@ -107,11 +122,11 @@ impl GatewayCounts {
         );
         registry.register("regions", "Regions in which a query was searched", self.regions.clone());
         registry.register("manifests", "Activated manifests", self.manifests.clone());
-        registry.register(
-            "complete",
-            "1 when all regions of all maps are reachable",
-            self.all_reachable.clone(),
-        );
+        let help = "Workers that hold the region of the active manifest that fewest hold";
+        registry.register("copies", help, self.copies.clone());
+        let help = "1 while every region of the active manifest has a worker";
+        registry.register("complete", help, self.complete.clone());
+        registry.register("members", "Workers of the map, by state", self.members.clone());
     }
 }
 

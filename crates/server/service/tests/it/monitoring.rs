@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use common::{Files, OPERATOR, PHONE, Running, data, truth};
+use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{LogQueue, TlsFiles};
 
 /// A file of the repository.
@@ -95,6 +96,10 @@ fn dashboard_and_alerts_use_existing_metrics() {
     let mut options = files.options();
     options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
     options.watch = Some(std::time::Duration::from_secs(3600));
+    let gateway = GatewayCounts::default();
+    gateway.copies("town", 2);
+    gateway.members("town", 2, 0);
+    options.gateway = Some(gateway);
     let server = Running::start(options);
     assert_eq!(server.localize(&files.scene.sealed(&truth()), PHONE).status, 200);
     let exported = exported(&server.get("/metrics", OPERATOR).text());

@@ -22,9 +22,9 @@ use crate::ui::Ui;
 
 /// Hold regions of a published map and localize in them for `veiloc serve --cluster`.
 ///
-/// Fetches its regions, verifies and opens them, and joins the group of each region on the bus; then follows newly
-/// published versions. Stops on SIGINT or SIGTERM: leaves its groups and finishes the accepted queries; a second signal
-/// stops it at once. The log goes to stderr and never contains data of a query. docs/guide/cluster.md describes a cluster.
+/// Fetches its regions, verifies and opens them, and announces them to the gateways on the bus; then follows newly
+/// published versions. Stops on SIGINT or SIGTERM: announces that it leaves and finishes the accepted queries; a second
+/// signal stops it at once. The log goes to stderr and never contains data of a query. docs/guide/cluster.md describes a cluster.
 ///
 /// Every option may also be set in a file (--config) or in the environment, as for `veiloc serve`.
 #[derive(clap::Args)]
@@ -58,8 +58,7 @@ pub(crate) struct Args {
     /// Threads for localization. Default: one per core.
     #[arg(long, value_name = "N")]
     workers: Option<NonZeroUsize>,
-    /// Maximum number of queries that wait for a thread; further queries are refused, and the gateway tries another
-    /// worker.
+    /// Maximum number of queries that wait for a thread; the gateway sends further ones to other workers.
     #[arg(long, default_value = "32", value_name = "N")]
     queue: NonZeroUsize,
     /// Address for probes and metrics, in plain HTTP; only the operator should reach it.
@@ -68,7 +67,7 @@ pub(crate) struct Args {
     /// Seconds between two checks for a new manifest.
     #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
     watch: f64,
-    /// Seconds for which regions of an older manifest stay loaded after all regions of the new one are reachable.
+    /// Seconds for which regions of an older manifest stay loaded after all regions of the new one have workers.
     #[arg(long, default_value_t = 10.0, value_parser = not_negative, value_name = "SECONDS")]
     drain_after: f64,
     /// Seconds that accepted queries may still take after the worker is stopped.

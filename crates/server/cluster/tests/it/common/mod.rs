@@ -5,18 +5,21 @@
 #[path = "../../../../service/tests/it/common/mod.rs"]
 pub mod service;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::task::JoinHandle;
+use tokio::task::{JoinHandle, JoinSet};
 use veiloc_cluster::bus::{Bus, Incoming, Subject};
+use veiloc_cluster::message::{Load, Reply, ReplyOutcome, Request, Task};
 use veiloc_cluster::{
-    FolderSource, Gateway, GatewayOptions, RegionShare, Worker, WorkerHandle, WorkerOptions,
+    Announcement, FolderSource, Gateway, GatewayOptions, MemberId, RegionShare, Worker, WorkerHandle,
+    WorkerOptions,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
-use veiloc_map::regions::{FolderWriter, Manifest, RegionFolder, SplitOptions, cut};
+use veiloc_map::regions::{FolderWriter, Manifest, ObjectId, RegionFolder, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::Answer;
 use veiloc_service::telemetry::{
@@ -34,6 +37,9 @@ pub const STEP_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Short polling interval, so that tests are short.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(20);
+
+/// The longest period of announcements.
+const LONG_PERIOD: Duration = Duration::from_secs(60);
 
 pub struct PublishedMap {
     folder: tempfile::TempDir,
@@ -95,15 +101,12 @@ impl PublishedMap {
         Arc::new(FolderSource::new(&self.regions()))
     }
 
-    /// Subject of a region.
-    pub fn subject(&self, region: usize) -> Subject {
-        let sha = self.folder().manifest().regions[region].sha256.to_string();
-        Subject::new(["veiloc", MAP, "region", &sha]).expect("a subject")
+    pub fn region(&self, number: usize) -> ObjectId {
+        self.folder().manifest().regions[number].sha256
     }
 
-    pub fn index_subject(&self) -> Subject {
-        let sha = self.folder().manifest().index.sha256.to_string();
-        Subject::new(["veiloc", MAP, "index", &sha]).expect("a subject")
+    pub fn index(&self) -> ObjectId {
+        self.folder().manifest().index.sha256
     }
 
     /// Sealed queries from different poses.
@@ -127,17 +130,23 @@ pub struct TestCluster {
 }
 
 impl TestCluster {
-    /// Starts workers for these shares.
+    /// Starts workers for these shares, which must be all regions, and waits until the gateway knows them.
     pub async fn start(published: &PublishedMap, bus: Bus, shares: &[&str]) -> Self {
-        Self::start_with(published, bus, shares.iter().map(|share| worker_options(share)).collect()).await
+        let options = shares.iter().map(|share| worker_options(share)).collect();
+        let cluster = Self::start_with(published, bus, options).await;
+        cluster.knows(shares.len()).await;
+        cluster
+    }
+
+    /// Waits until the gateway knows this number of members, and each region has one.
+    pub async fn knows(&self, members: usize) {
+        let count = format!("veiloc_cluster_members{{map=\"{MAP}\",state=\"answering\"}}");
+        let is_so = || self.gateway.is_complete() && self.metric(&count) == members as u64;
+        eventually("the members", is_so).await;
     }
 
     /// Starts workers with these options.
     pub async fn start_with(published: &PublishedMap, bus: Bus, all: Vec<WorkerOptions>) -> Self {
-        let mut workers = Vec::new();
-        for options in all {
-            workers.push(start_worker(published, &bus, options).await);
-        }
         let counts = GatewayCounts::default();
         let mut options = GatewayOptions::new(MAP);
         options.watch = POLL_INTERVAL;
@@ -145,6 +154,11 @@ impl TestCluster {
             .await
             .expect("a gateway");
         let ids = RequestIds::start().expect("randomness");
+        // The gateway hears the first announcement of each.
+        let mut workers = Vec::new();
+        for options in all {
+            workers.push(start_worker(published, &bus, options).await);
+        }
         Self { bus, gateway, counts, ids, workers: Mutex::new(workers) }
     }
 
@@ -163,6 +177,7 @@ impl TestCluster {
     pub fn request(&self, bytes: &[u8], within: Duration) -> RemoteRequest {
         RemoteRequest {
             id: self.ids.next(),
+            client: None,
             decoded: DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query"),
             bytes: bytes.to_vec(),
             near: None,
@@ -199,7 +214,9 @@ pub fn worker_options(share: &str) -> WorkerOptions {
     let mut options = WorkerOptions::new(MAP);
     options.share = share.parse::<RegionShare>().expect("a share");
     options.threads = 2.try_into().expect("not zero");
-    (options.watch, options.grace, options.finish) = (POLL_INTERVAL, POLL_INTERVAL * 10, STEP_TIMEOUT);
+    // Announced when something changes, and never late on a busy machine.
+    (options.watch, options.period) = (POLL_INTERVAL, LONG_PERIOD);
+    (options.grace, options.finish) = (POLL_INTERVAL * 10, STEP_TIMEOUT);
     options
 }
 
@@ -213,18 +230,75 @@ async fn start_worker(
     (worker.handle(), tokio::spawn(worker.run()))
 }
 
-/// Joins a group with a member whose reaction to requests the test defines.
+/// Where a worker receives its requests.
+pub fn subject_of(member: &MemberId) -> Subject {
+    Subject::new(["veiloc", MAP, "member", &member.to_string()]).expect("a subject")
+}
+
+/// Announces a member that holds these objects and answers pings, and whose reaction to other requests the test defines.
+/// Returns what stops it when it is dropped.
 pub async fn fake_member<F: Future<Output = ()> + Send>(
     bus: &Bus,
-    subject: &Subject,
+    objects: &[ObjectId],
     mut act: impl FnMut(Incoming) -> F + Send + 'static,
-) -> JoinHandle<()> {
-    let mut membership = bus.join(subject).await.expect("joined");
-    tokio::spawn(async move {
-        while let Some(incoming) = membership.next().await {
-            act(incoming).await;
+) -> JoinSet<()> {
+    let member = MemberId::draw().expect("randomness");
+    let mut membership = bus.join(&subject_of(&member)).await.expect("joined");
+    let load = Load { jobs: 0, free: 32 };
+    let (period, objects) = (LONG_PERIOD, objects.iter().copied().collect());
+    let announcement = Announcement { member, period, leaving: false, threads: 1, load, objects };
+    let mut tasks = JoinSet::new();
+    let announcing = bus.clone();
+    tasks.spawn(async move {
+        let subject = Subject::new(["veiloc", MAP, "members"]).expect("a subject");
+        loop {
+            announcing.publish(&subject, announcement.encode()).await.expect("sent");
+            tokio::time::sleep(POLL_INTERVAL).await;
         }
-    })
+    });
+    tasks.spawn(async move {
+        while let Some(incoming) = membership.next().await {
+            match Request::decode(incoming.payload.clone()).expect("a request") {
+                Request { name, task: Task::Ping { .. }, .. } => {
+                    let reply = reply(name, ReplyOutcome::Here { unknown: Vec::new() });
+                    // The requester may be gone.
+                    let _ = incoming.answer(reply).await;
+                }
+                _ => act(incoming).await,
+            }
+        }
+    });
+    tasks
+}
+
+/// The reply of a worker to the request of this name.
+pub fn reply(name: [u8; 16], outcome: ReplyOutcome) -> bytes::Bytes {
+    let load = Load { jobs: 0, free: 32 };
+    Reply { name, outcome, worked: Duration::ZERO, waited: Duration::ZERO, load }.encode()
+}
+
+/// What is announced, by member.
+pub struct Announced(Arc<Mutex<BTreeMap<MemberId, Announcement>>>);
+
+impl Announced {
+    pub async fn listen(bus: &Bus) -> Self {
+        let subject = Subject::new(["veiloc", MAP, "members"]).expect("a subject");
+        let mut listener = bus.listen(&subject).await.expect("a listener");
+        let all = Arc::new(Mutex::new(BTreeMap::new()));
+        let last = all.clone();
+        tokio::spawn(async move {
+            while let Some(message) = listener.next().await {
+                let announcement = Announcement::decode(message).expect("an announcement");
+                last.lock().expect("whole").insert(announcement.member, announcement);
+            }
+        });
+        Self(all)
+    }
+
+    /// Number of members whose last announcement has this object.
+    pub fn holders(&self, object: &ObjectId) -> usize {
+        self.0.lock().expect("whole").values().filter(|member| member.objects.contains(object)).count()
+    }
 }
 
 /// Localizes directly in a region, without a cluster.

@@ -1,0 +1,187 @@
+//! What workers say of themselves, to all gateways and workers of a map.
+//!
+//! A worker announces itself periodically, and at once when something changes. Who hears no announcement of it for
+//! several periods forgets it: nothing is stored on the bus (decision 0052).
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::time::Duration;
+
+use bytes::Bytes;
+use prost::Message;
+use veiloc_map::regions::ObjectId;
+
+use crate::ClusterError;
+use crate::message::{Load, VERSION};
+
+/// Bounds of the announced period.
+const MIN_PERIOD: Duration = Duration::from_millis(10);
+const MAX_PERIOD: Duration = Duration::from_secs(60);
+
+/// Id of a running worker, drawn at its start.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MemberId([u8; 16]);
+
+impl MemberId {
+    /// A new id.
+    ///
+    /// # Errors
+    /// [`ClusterError::System`]: the system has no randomness.
+    pub fn draw() -> Result<Self, ClusterError> {
+        let mut bytes = [0; 16];
+        let wrong = |error: getrandom::Error| std::io::Error::other(error.to_string());
+        getrandom::fill(&mut bytes)
+            .map_err(|error| ClusterError::System { what: "randomness", source: wrong(error) })?;
+        Ok(Self(bytes))
+    }
+
+    /// From its bytes.
+    pub const fn from_bytes(bytes: [u8; 16]) -> Self {
+        Self(bytes)
+    }
+}
+
+/// 32 hexadecimal digits.
+impl fmt::Display for MemberId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for MemberId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "MemberId({self})")
+    }
+}
+
+/// An announcement of a worker.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Announcement {
+    /// The worker.
+    pub member: MemberId,
+    /// Time until the next announcement.
+    pub period: Duration,
+    /// Whether it takes no further requests, because it is stopping.
+    pub leaving: bool,
+    /// Threads that localize, at least one.
+    pub threads: u32,
+    /// How busy it is.
+    pub load: Load,
+    /// The regions and indexes that it holds.
+    pub objects: BTreeSet<ObjectId>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct AnnouncementFrame {
+    #[prost(fixed32, tag = "1")]
+    version: u32,
+    #[prost(bytes = "bytes", tag = "2")]
+    member: Bytes,
+    #[prost(fixed32, tag = "3")]
+    period_ms: u32,
+    #[prost(fixed32, tag = "4")]
+    leaving: u32,
+    #[prost(fixed32, tag = "5")]
+    threads: u32,
+    #[prost(fixed32, tag = "6")]
+    jobs: u32,
+    #[prost(fixed32, tag = "7")]
+    free: u32,
+    #[prost(bytes = "bytes", tag = "8")]
+    objects: Bytes,
+}
+
+impl Announcement {
+    /// As bytes.
+    pub fn encode(&self) -> Bytes {
+        let frame = AnnouncementFrame {
+            version: VERSION,
+            member: Bytes::copy_from_slice(&self.member.0),
+            period_ms: u32::try_from(self.period.as_millis()).unwrap_or(u32::MAX),
+            leaving: self.leaving.into(),
+            threads: self.threads,
+            jobs: self.load.jobs,
+            free: self.load.free,
+            objects: self.objects.iter().flat_map(|object| *object.as_bytes()).collect::<Vec<u8>>().into(),
+        };
+        frame.encode_to_vec().into()
+    }
+
+    /// Parses an announcement.
+    ///
+    /// # Errors
+    /// [`ClusterError`] that names the wrong field.
+    pub fn decode(bytes: Bytes) -> Result<Self, ClusterError> {
+        let frame = AnnouncementFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
+        if frame.version != VERSION {
+            return Err(ClusterError::FrameVersion { found: frame.version });
+        }
+        let field = |field| ClusterError::FrameField { field };
+        let member: [u8; 16] = frame.member.as_ref().try_into().map_err(|_| field("member"))?;
+        let period = Duration::from_millis(frame.period_ms.into());
+        if !(MIN_PERIOD..=MAX_PERIOD).contains(&period) {
+            return Err(field("period_ms"));
+        }
+        if frame.threads == 0 {
+            return Err(field("threads"));
+        }
+        let (objects, rest) = frame.objects.as_chunks::<32>();
+        if !rest.is_empty() {
+            return Err(field("objects"));
+        }
+        Ok(Self {
+            member: MemberId(member),
+            period,
+            leaving: frame.leaving != 0,
+            threads: frame.threads,
+            load: Load { jobs: frame.jobs, free: frame.free },
+            objects: objects.iter().map(|object| ObjectId::from_bytes(*object)).collect(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn announcement() -> Announcement {
+        Announcement {
+            member: MemberId::from_bytes([7; 16]),
+            period: Duration::from_millis(500),
+            leaving: false,
+            threads: 2,
+            load: Load { jobs: 3, free: 29 },
+            objects: [ObjectId::of(b"a region"), ObjectId::of(b"an index")].into(),
+        }
+    }
+
+    #[test]
+    fn announcements_round_trip() {
+        for leaving in [false, true] {
+            for objects in [BTreeSet::new(), announcement().objects] {
+                let sent = Announcement { leaving, objects, ..announcement() };
+                assert_eq!(Announcement::decode(sent.encode()).expect("read"), sent);
+            }
+        }
+    }
+
+    #[test]
+    fn invalid_announcements_name_the_field() {
+        let read = |change: &dyn Fn(&mut AnnouncementFrame)| {
+            let mut frame = AnnouncementFrame::decode(announcement().encode()).expect("a frame");
+            change(&mut frame);
+            Announcement::decode(frame.encode_to_vec().into()).expect_err("refused").to_string()
+        };
+        let field = |field| ClusterError::FrameField { field }.to_string();
+        assert_eq!(read(&|f| f.version = 1), ClusterError::FrameVersion { found: 1 }.to_string());
+        assert_eq!(read(&|f| f.member = Bytes::from_static(b"short")), field("member"));
+        assert_eq!(read(&|f| f.period_ms = 0), field("period_ms"));
+        assert_eq!(read(&|f| f.period_ms = u32::MAX), field("period_ms"));
+        assert_eq!(read(&|f| f.threads = 0), field("threads"));
+        assert_eq!(read(&|f| f.objects = f.objects.slice(1..)), field("objects"));
+        assert!(matches!(
+            Announcement::decode(Bytes::from_static(b"\xff\xff garbage")),
+            Err(ClusterError::Frame)
+        ));
+    }
+}

@@ -1,0 +1,107 @@
+//! Receives the requests to a worker, and answers them with what its threads compute.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::watch;
+use tokio::task::{JoinHandle, JoinSet};
+
+use super::executor::{Accepted, Done, Executor};
+use super::holdings::Holdings;
+use crate::bus::{Incoming, Membership};
+use crate::message::{RejectReason, Reply, ReplyOutcome, Request};
+
+/// The task that answers requests.
+pub(crate) struct Responder {
+    finish: watch::Sender<bool>,
+    is_leaving: Arc<AtomicBool>,
+    requests: JoinHandle<()>,
+}
+
+impl Responder {
+    /// Answers the requests of this membership.
+    pub(crate) fn start(executor: Arc<Executor>, holdings: Arc<Holdings>, membership: Membership) -> Self {
+        let (finish, finishing) = watch::channel(false);
+        let is_leaving = Arc::new(AtomicBool::new(false));
+        let requests = answer_all(executor, holdings, membership, finishing, is_leaving.clone());
+        Self { finish, is_leaving, requests: tokio::spawn(requests) }
+    }
+
+    /// Takes no further requests, and returns when the accepted ones are answered. Until then it still answers pings, so
+    /// that gateways wait for those answers.
+    pub(crate) async fn leave(self) {
+        self.is_leaving.store(true, Ordering::Relaxed);
+        self.finish.send_replace(true);
+        // It ends by itself; a panic is logged by the panic hook.
+        let _ = self.requests.await;
+    }
+}
+
+async fn answer_all(
+    executor: Arc<Executor>,
+    holdings: Arc<Holdings>,
+    mut membership: Membership,
+    mut finishing: watch::Receiver<bool>,
+    is_leaving: Arc<AtomicBool>,
+) {
+    let mut answers = JoinSet::new();
+    let (mut finishes, mut left) = (false, false);
+    loop {
+        if finishes && !left && answers.is_empty() {
+            left = true;
+            membership.leave().await;
+        }
+        tokio::select! {
+            incoming = membership.next() => match incoming {
+                Some(incoming) => {
+                    // In the order of arrival, so that a ping finds the requests before it.
+                    let accepted = accept(&executor, &holdings, &incoming, is_leaving.load(Ordering::Relaxed));
+                    answers.spawn(answer(executor.clone(), incoming, accepted));
+                }
+                None => break,
+            },
+            // A dropped sender also means leaving: the worker was dropped.
+            _ = finishing.wait_for(|finish| *finish), if !finishes => finishes = true,
+            Some(_) = answers.join_next(), if !answers.is_empty() => {}
+        }
+    }
+    while answers.join_next().await.is_some() {}
+}
+
+/// The task of a request, or the reply that needs none; and the request's name.
+fn accept(
+    executor: &Arc<Executor>,
+    holdings: &Holdings,
+    incoming: &Incoming,
+    is_leaving: bool,
+) -> ([u8; 16], Result<Accepted, ReplyOutcome>) {
+    match Request::decode(incoming.payload.clone()) {
+        Ok(request) => (request.name, executor.accept(request, holdings, is_leaving)),
+        Err(error) => {
+            tracing::warn!(%error, "an invalid request was received");
+            ([0; 16], Err(ReplyOutcome::Rejected(RejectReason::Undecodable)))
+        }
+    }
+}
+
+async fn answer(
+    executor: Arc<Executor>,
+    mut incoming: Incoming,
+    (name, accepted): ([u8; 16], Result<Accepted, ReplyOutcome>),
+) {
+    let (done, _mark) = match accepted {
+        Ok(accepted) => tokio::select! {
+            biased;
+            (done, mark) = executor.work(accepted) => (done, Some(mark)),
+            // Another copy was answered first, the device disconnected, or time is over: the reply is not needed.
+            () = incoming.cancelled() => return,
+        },
+        Err(outcome) => (Done::at_once(outcome), None),
+    };
+    executor.count_reply(&done.outcome);
+    let Done { outcome, worked, waited } = done;
+    let reply = Reply { name, outcome, worked, waited, load: executor.load() };
+    if let Err(error) = incoming.answer(reply.encode()).await {
+        tracing::warn!(%error, "a reply could not be sent");
+    }
+}
