@@ -14,6 +14,9 @@ pub(super) const MARGIN: usize = MAX_MOVES + 1;
 /// A sample is a candidate from this share of the threshold on; its refined peak may be higher.
 const CANDIDATE_SHARE: f32 = 0.8;
 
+/// Level of the first octave whose keypoints are described before the next octave: the finest, where the weakest are.
+pub(super) const EARLY: usize = 1;
+
 /// A refined extremum, in samples of its octave.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extremum {
@@ -29,6 +32,18 @@ pub(super) struct Extremum {
     pub(super) y: f32,
     /// |difference of Gaussians| at the refined peak.
     pub(super) response: f32,
+}
+
+impl Extremum {
+    /// The level at which it is described.
+    pub(super) fn plane(&self) -> usize {
+        (self.level.round() as usize).clamp(1, SCALES)
+    }
+
+    /// Whether it is described before the next octave.
+    pub(super) fn is_early(&self) -> bool {
+        self.octave == 0 && self.plane() == EARLY
+    }
 }
 
 /// Number of rows of differences in memory, a power of two: those of a row and its neighbours.

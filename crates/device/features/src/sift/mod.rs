@@ -9,6 +9,9 @@
 //!         → directions → descriptors
 //! ```
 //!
+//! Three levels of each octave are stored until keypoints are described in them, without the first one of the first octave,
+//! whose keypoints are described before there are other octaves.
+//!
 //! Sample `x` of octave `o` lies at `(x + 0.5) * 0.5` of the image in the doubled first octave, and at `x * 2^o * 0.5 +
 //! 0.25` in octave `o`: downsampling keeps every second sample, so the first one does not move.
 //!
@@ -24,6 +27,8 @@ mod plane;
 mod rows;
 mod strip;
 
+use std::slice;
+
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::{Pixel, Stop};
@@ -33,8 +38,8 @@ use veiloc_simd::sift::{BlurredImage, DESCRIPTOR, PatchMemory, Patches};
 pub use options::{Border, SiftOptions};
 
 use crate::{Features, GrayImage, Keypoint};
-use blur::{SCALES, sigma_of_level};
-use extrema::Extremum;
+use blur::sigma_of_level;
+use extrema::{EARLY, Extremum};
 use octave::Octave;
 use plane::Plane;
 
@@ -43,7 +48,7 @@ pub(crate) const PATCH_RADIUS: f64 = veiloc_simd::sift::PATCH_RADIUS as f64;
 
 /// Finds keypoints and describes them, strongest first.
 ///
-/// An image without structure, or one that is too small, gives none. Memory: about 25 times the samples of `image` in
+/// An image without structure, or one that is too small, gives none. Memory: about 15 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     extract_on(Backend::best(), image, options, &Stop::default())
@@ -57,29 +62,81 @@ pub(crate) fn extract_until(image: &GrayImage, options: &SiftOptions, stop: &Sto
 
 /// Once `stop` is set, the features are not all.
 fn extract_on(backend: Backend, image: &GrayImage, options: &SiftOptions, stop: &Stop) -> Features {
-    let (octaves, extrema) = scale_space(image, options, backend, stop);
-    let strongest = strongest(&extrema, &octaves, options.max_keypoints);
-
     let patches = Patches::new(backend);
-    let described: Vec<Vec<(Keypoint, [u8; DESCRIPTOR])>> = strongest
+    let mut octaves = Vec::new();
+    let mut found = Vec::new();
+    let mut described = Vec::new();
+    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options, backend, stop));
+    while let Some((octave, extrema)) = next {
+        found.extend(extrema.into_iter().map(|extremum| (strength(&extremum, &octave), extremum)));
+        octaves.push(octave);
+        if let [first] = octaves.as_mut_slice() {
+            // A plane of the first octave is a quarter of all memory. One is not kept: its keypoints are described at once,
+            // if they are among the strongest so far. Those that others displace later are described in vain.
+            let weakest = weakest(&found, options.max_keypoints);
+            let is_early = |(strength, extremum): &(f32, Extremum)| {
+                extremum.is_early() && strength.total_cmp(&weakest).is_ge()
+            };
+            let early: Vec<usize> = (0..found.len()).filter(|&i| is_early(&found[i])).collect();
+            described = describe_all(slice::from_ref(first), &found, &early, options, &patches, stop);
+            first.drop_level(EARLY);
+        }
+        let index = octaves.len();
+        let is_last = index >= options.max_octaves || stop.is_set();
+        next = if is_last { None } else { octaves[index - 1].next(index, options, backend, stop) };
+    }
+
+    let strongest = strongest(&found, options.max_keypoints);
+    let others: Vec<usize> = strongest.iter().copied().filter(|&i| !found[i].1.is_early()).collect();
+    described.extend(describe_all(&octaves, &found, &others, options, &patches, stop));
+    drop(octaves);
+
+    let mut rank = vec![usize::MAX; found.len()];
+    for (k, &i) in strongest.iter().enumerate() {
+        rank[i] = k;
+    }
+    described.retain(|described| rank[described.extremum] != usize::MAX);
+    described.sort_by_key(|described| rank[described.extremum]);
+    described.truncate(options.max_keypoints);
+    let mut rows = Vec::with_capacity(described.len() * DESCRIPTOR);
+    for described in &described {
+        rows.extend_from_slice(&described.descriptor);
+    }
+    Features {
+        keypoints: described.iter().map(|described| described.keypoint).collect(),
+        descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows of 128 bytes"),
+        global: None,
+    }
+}
+
+/// One keypoint.
+struct Described {
+    /// Index of its extremum, in the order of detection.
+    extremum: usize,
+    keypoint: Keypoint,
+    descriptor: [u8; DESCRIPTOR],
+}
+
+/// The keypoints of the extrema `which` of `found`, in their order.
+fn describe_all(
+    octaves: &[Octave],
+    found: &[(f32, Extremum)],
+    which: &[usize],
+    options: &SiftOptions,
+    patches: &Patches,
+    stop: &Stop,
+) -> Vec<Described> {
+    let chunks: Vec<Vec<Described>> = which
         .par_chunks(CHUNK)
         .map_init(Memory::new, |memory, chunk| {
-            let mut described = Vec::with_capacity(2 * CHUNK);
-            for ranked in chunk.iter().take_while(|_| !stop.is_set()) {
-                describe(&octaves[ranked.1.octave], ranked, options, &patches, memory, &mut described);
+            let mut described = Vec::with_capacity(2 * chunk.len());
+            for &i in chunk.iter().take_while(|_| !stop.is_set()) {
+                describe(&octaves[found[i].1.octave], i, &found[i], options, patches, memory, &mut described);
             }
             described
         })
         .collect();
-    let kept = || described.iter().flatten().take(options.max_keypoints);
-    let count = kept().count();
-    let mut rows = Vec::with_capacity(count * DESCRIPTOR);
-    kept().for_each(|(_, row)| rows.extend_from_slice(row));
-    Features {
-        keypoints: kept().map(|(keypoint, _)| *keypoint).collect(),
-        descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows of 128 bytes"),
-        global: None,
-    }
+    chunks.into_iter().flatten().collect()
 }
 
 /// Keypoints that a thread describes before it asks for more.
@@ -101,38 +158,30 @@ impl Memory {
     }
 }
 
-/// All octaves, each with the levels at which keypoints are described, and their extrema.
-fn scale_space(
-    image: &GrayImage,
-    options: &SiftOptions,
-    backend: Backend,
-    stop: &Stop,
-) -> (Vec<Octave>, Vec<Extremum>) {
-    let mut octaves = Vec::new();
-    let mut extrema = Vec::new();
-    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options, backend, stop));
-    while let Some((octave, found)) = next {
-        extrema.extend(found);
-        let index = octaves.len() + 1;
-        let is_last = index >= options.max_octaves || stop.is_set();
-        next = if is_last { None } else { octave.next(index, options, backend, stop) };
-        octaves.push(octave);
-    }
-    (octaves, extrema)
+/// The strength of an extremum: the peak difference of Gaussians times the scale in pixels of the image.
+///
+/// Large keypoints are robust to a change of distance, high peaks to noise, but the largest keypoints have position
+/// errors of a good part of a pixel: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall
+/// against precision of poses.
+fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
+    let scale = sigma_of_level(f64::from(extremum.level)) * octave.step;
+    extremum.response * scale as f32
 }
 
-/// At most `count` extrema with their strengths, strongest first; equal ones in the order of detection.
-///
-/// The strength is the peak difference of Gaussians times the scale in pixels of the image. Large keypoints are robust
-/// to a change of distance, high peaks to noise, but the largest keypoints have position errors of a good part of a
-/// pixel: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
-fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32, Extremum)> {
-    let strength = |extremum: &Extremum| {
-        let scale = sigma_of_level(f64::from(extremum.level)) * octaves[extremum.octave].step;
-        extremum.response * scale as f32
-    };
-    let mut ranked: Vec<(f32, Extremum)> = extrema.iter().map(|e| (strength(e), *e)).collect();
-    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+/// The strength of the last of the `count` strongest extrema; none is too weak when there are fewer.
+fn weakest(found: &[(f32, Extremum)], count: usize) -> f32 {
+    if found.len() <= count {
+        return f32::NEG_INFINITY;
+    }
+    let Some(last) = count.checked_sub(1) else { return f32::INFINITY };
+    let mut strengths: Vec<f32> = found.iter().map(|(strength, _)| *strength).collect();
+    *strengths.select_nth_unstable_by(last, |a, b| b.total_cmp(a)).1
+}
+
+/// At most `count` extrema, as indices, strongest first; equal ones in the order of detection.
+fn strongest(found: &[(f32, Extremum)], count: usize) -> Vec<usize> {
+    let mut ranked: Vec<usize> = (0..found.len()).collect();
+    ranked.sort_by(|&a, &b| found[b].0.total_cmp(&found[a].0));
     ranked.truncate(count);
     ranked
 }
@@ -144,18 +193,18 @@ fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
     over(extremum.x, octave.width()) || over(extremum.y, octave.height())
 }
 
-/// Appends one keypoint per dominant direction of an extremum.
+/// Appends one keypoint per dominant direction of the extremum with index `index`.
 fn describe(
     octave: &Octave,
+    index: usize,
     (strength, extremum): &(f32, Extremum),
     options: &SiftOptions,
     patches: &Patches,
     memory: &mut Memory,
-    described: &mut Vec<(Keypoint, [u8; DESCRIPTOR])>,
+    described: &mut Vec<Described>,
 ) {
     let Memory { patch, mirrored, columns, peaks } = memory;
-    let level = (extremum.level.round() as usize).clamp(1, SCALES);
-    let mut plane = octave.level(level);
+    let mut plane = octave.level(extremum.plane());
     let sigma = sigma_of_level(f64::from(extremum.level));
     let mut centre = [extremum.x, extremum.y];
     if options.border == Border::Mirrored && over_border(extremum, octave) {
@@ -178,7 +227,8 @@ fn describe(
             orientation,
             response: *strength,
         };
-        described.push((keypoint, patches.describe(view, centre, sigma as f32, orientation, patch)));
+        let descriptor = patches.describe(view, centre, sigma as f32, orientation, patch);
+        described.push(Described { extremum: index, keypoint, descriptor });
     }
 }
 

@@ -24,17 +24,6 @@ impl Plane {
         &self.data[y * self.stride..][..self.stride]
     }
 
-    /// The rows from `reach` above `y` to `reach` below, and empty ones after them; outside, the first or last row.
-    #[inline]
-    pub(super) fn rows_around(&self, y: isize, reach: usize) -> [&[f32]; 2 * MAX_RADIUS + 1] {
-        let mut rows: [&[f32]; 2 * MAX_RADIUS + 1] = [&[]; 2 * MAX_RADIUS + 1];
-        for (k, row) in rows[..=2 * reach].iter_mut().enumerate() {
-            let at = y + k as isize - reach as isize;
-            *row = self.row(at.clamp(0, self.height as isize - 1) as usize);
-        }
-        rows
-    }
-
     /// The part of `width` columns and `height` rows from column `left` and row `top` on, with the grid continued by
     /// its mirror image without end. Not for an empty plane. It is written to `part`, whose memory and that of `columns`
     /// calls may share.
@@ -59,6 +48,28 @@ impl Plane {
                 *sample = source[column];
             }
         }
+    }
+}
+
+/// Samples of a grid that others own, `[height, stride]`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) stride: usize,
+    pub(super) data: &'a [f32],
+}
+
+impl<'a> View<'a> {
+    /// The rows from `reach` above `y` to `reach` below, and empty ones after them; outside, the first or last row.
+    #[inline]
+    pub(super) fn rows_around(&self, y: isize, reach: usize) -> [&'a [f32]; 2 * MAX_RADIUS + 1] {
+        let mut rows: [&[f32]; 2 * MAX_RADIUS + 1] = [&[]; 2 * MAX_RADIUS + 1];
+        for (k, row) in rows[..=2 * reach].iter_mut().enumerate() {
+            let at = (y + k as isize - reach as isize).clamp(0, self.height as isize - 1) as usize;
+            *row = &self.data[at * self.stride..][..self.stride];
+        }
+        rows
     }
 }
 

@@ -13,7 +13,7 @@ use veiloc_simd::sift::{
 use super::SiftOptions;
 use super::blur::{LEVELS, SCALES};
 use super::extrema::{Differences, Extremum, MARGIN, candidates, refine};
-use super::plane::Plane;
+use super::plane::{Plane, View};
 use super::rows::Rows;
 
 /// Rows by which all levels advance at once.
@@ -22,9 +22,9 @@ const BLOCK: usize = 8;
 /// The source of an octave's first level.
 pub(super) enum Source<'a> {
     /// The image, doubled and blurred in one step by the kernels for even and odd samples.
-    Doubled(&'a Plane, [Vec<f32>; 2]),
+    Doubled(View<'a>, [Vec<f32>; 2]),
     /// The image, blurred.
-    Blurred(&'a Plane, HalfKernel),
+    Blurred(View<'a>, HalfKernel),
     /// Every second sample of every second row, beginning with the first.
     Halved(&'a Plane),
 }
@@ -57,8 +57,8 @@ impl Source<'_> {
     /// Columns and rows of the first level.
     pub(super) fn size(&self) -> (usize, usize) {
         match self {
-            Self::Doubled(plane, _) => (2 * plane.width, 2 * plane.height),
-            Self::Blurred(plane, _) => (plane.width, plane.height),
+            Self::Doubled(image, _) => (2 * image.width, 2 * image.height),
+            Self::Blurred(image, _) => (image.width, image.height),
             Self::Halved(plane) => (plane.width.div_ceil(2), plane.height.div_ceil(2)),
         }
     }
@@ -66,18 +66,18 @@ impl Source<'_> {
     /// Row `y` of the first level.
     fn row(&self, y: usize, scratch: &mut Vec<f32>, out: &mut [f32], backend: Backend) {
         match self {
-            Self::Doubled(plane, [even, odd]) => {
+            Self::Doubled(image, [even, odd]) => {
                 let reach = even.len() / 2;
-                let near = plane.rows_around((y / 2) as isize, reach);
+                let near = image.rows_around((y / 2) as isize, reach);
                 let down = if y.is_multiple_of(2) { even } else { odd };
-                let out = &mut out[..2 * (plane.width.next_multiple_of(LANES))];
+                let out = &mut out[..2 * (image.width.next_multiple_of(LANES))];
                 let near = &near[..even.len()];
-                double_row(backend, Doubling { down, even, odd }, near, plane.width, scratch, out);
+                double_row(backend, Doubling { down, even, odd }, near, image.width, scratch, out);
             }
-            Self::Blurred(plane, kernel) => {
-                let near = plane.rows_around(y as isize, kernel.radius());
+            Self::Blurred(image, kernel) => {
+                let near = image.rows_around(y as isize, kernel.radius());
                 let near = &near[..=2 * kernel.radius()];
-                blur_down(backend, kernel, near, out.len(), plane.width, scratch);
+                blur_down(backend, kernel, near, out.len(), image.width, scratch);
                 blur_along(backend, kernel, scratch, out);
             }
             Self::Halved(plane) => {
