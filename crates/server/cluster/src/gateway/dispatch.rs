@@ -28,6 +28,10 @@ const LATE_DIVISOR: u32 = 4;
 /// Maximum number of messages per request about one object.
 const MAX_MESSAGES: usize = 8;
 
+/// How long a request waits in the gateway for room at a member, and the pause between two looks.
+const WAIT_FOR_ROOM: Duration = Duration::from_secs(1);
+const ROOM_PAUSE: Duration = Duration::from_millis(20);
+
 /// Pause before a member is asked again that still works on a cancelled message of the same request.
 const CANCEL_PAUSE: Duration = Duration::from_millis(50);
 
@@ -103,7 +107,14 @@ impl Dispatcher<'_> {
                         in_flight.push(self.send(request, work, member));
                     }
                     Choice::Full { retry_after } if in_flight.is_empty() => {
-                        return Err(LocalizeFailure::Busy { retry_after });
+                        let now = Instant::now();
+                        if now >= begun + WAIT_FOR_ROOM {
+                            return Err(LocalizeFailure::Busy { retry_after });
+                        }
+                        // What other regions have computed for the query would be lost.
+                        wants_member = false;
+                        retry_at = Some(now + ROOM_PAUSE);
+                        give_up = now + WAIT_FOR_MEMBER;
                     }
                     Choice::NoMember if in_flight.is_empty() && is_final(why) => return Err(why),
                     Choice::Full { .. } | Choice::NoMember => {}
@@ -131,7 +142,15 @@ impl Dispatcher<'_> {
                     Err(failure) => {
                         pending.retain(|id| *id != member.id());
                         why = self.record_failure(&failure);
-                        if matches!(failure, MessageFailure::NotReceived) {
+                        let may_ask_again = match failure {
+                            MessageFailure::NotReceived => true,
+                            // As soon as it has room.
+                            MessageFailure::Rejected(RejectReason::Busy { .. }) => {
+                                Instant::now() < begun + WAIT_FOR_ROOM
+                            }
+                            _ => false,
+                        };
+                        if may_ask_again {
                             asked.retain(|id| *id != member.id());
                         }
                         wants_member = true;
@@ -216,7 +235,7 @@ impl Dispatcher<'_> {
             within,
             task: request.task.clone(),
         };
-        let mut asked = member.ask(request.name, request.object, work);
+        let mut asked = member.ask(request.name, request.object, request.lane, work);
         let reply = tokio::select! {
             // The request is sent first. A reply that came counts, also when the member no longer knows the request.
             biased;
@@ -302,6 +321,9 @@ mod tests {
         loses: AtomicUsize,
         /// Rejects requests.
         rejects: Option<RejectReason>,
+        /// Refuses requests while this many are in work.
+        capacity: Option<usize>,
+        in_work: AtomicUsize,
         /// Says of the next requests that it still works on them.
         still_works: AtomicUsize,
         load: Load,
@@ -382,19 +404,27 @@ mod tests {
                             let still = does.still_works.load(Ordering::Relaxed);
                             does.still_works.store(still.saturating_sub(1), Ordering::Relaxed);
                             let in_progress = Some(RejectReason::InProgress).filter(|_| still > 0);
-                            does.rejects.or(in_progress).map_or(
+                            let retry_after = NonZeroU64::MIN;
+                            let in_work = does.in_work.load(Ordering::Relaxed);
+                            let full = does.capacity.filter(|capacity| in_work >= *capacity);
+                            let full = full.map(|_| RejectReason::Busy { retry_after });
+                            does.rejects.or(in_progress).or(full).map_or(
                                 ReplyOutcome::Failed(LocalizeFailure::EmptyMap),
                                 ReplyOutcome::Rejected,
                             )
                         }
                     };
+                    let is_ping = matches!(request.task, Task::Ping { .. });
+                    let is_refused = matches!(outcome, ReplyOutcome::Rejected(RejectReason::Busy { .. }));
+                    let is_work = !is_ping && !is_refused;
+                    let after = if is_work { does.answers_after } else { Some(Duration::ZERO) };
+                    does.in_work.fetch_add(usize::from(is_work), Ordering::Relaxed);
                     tokio::spawn(async move {
-                        let is_ping = matches!(request.task, Task::Ping { .. });
-                        let after = if is_ping { Some(Duration::ZERO) } else { does.answers_after };
                         tokio::select! {
                             () = answered_after(after.filter(|_| !does.hangs.load(Ordering::Relaxed))) => {
                                 let (worked, waited) = (Duration::ZERO, Duration::ZERO);
                                 let reply = Reply { name: request.name, outcome, worked, waited, load: does.load };
+                                does.in_work.fetch_sub(usize::from(is_work), Ordering::Relaxed);
                                 incoming.answer(reply.encode()).await.expect("sent");
                             }
                             () = incoming.cancelled() => {
@@ -575,7 +605,7 @@ mod tests {
             .await;
         let (answer, took) = group.ask_for(None).await;
         assert!(matches!(answer, Err(LocalizeFailure::Busy { .. })), "{answer:?}");
-        assert_eq!((took, full.asked()), (Duration::ZERO, 0));
+        assert_eq!((took, full.asked()), (WAIT_FOR_ROOM, 0));
         let free = group.member(Behaviour::answering(ms(20))).await;
         assert_eq!((group.ask().await, free.asked(), full.asked()), (ms(20), 1, 0));
     }
@@ -588,16 +618,29 @@ mod tests {
         let rejects = Some(RejectReason::Busy { retry_after });
         let member = group.member(Behaviour { rejects, ..Behaviour::answering(Duration::ZERO) }).await;
         let lane = |n: u8| Some(Lane::of(&TokenKey::of_digest([n; 32])));
-        for _ in 0..10 {
-            let (answer, _) = group.ask_for(lane(1)).await;
+        let refused = futures_util::future::join_all((0..10).map(|_| group.ask_for(lane(1)))).await;
+        for (answer, took) in refused {
             assert_eq!(answer.expect_err("refused"), LocalizeFailure::Busy { retry_after });
+            assert!(took >= WAIT_FOR_ROOM && took < WAIT_FOR_ROOM * 2, "{took:?}");
         }
-        assert_eq!(member.asked(), 1);
+        // All of the first burst, and then one in a quarter of a second.
+        assert!((10..=16).contains(&member.asked()), "{}", member.asked());
+        let before = member.asked();
         group.ask_for(lane(2)).await.0.expect_err("refused");
-        assert_eq!(member.asked(), 2, "another client is sent");
-        tokio::time::sleep(SECOND).await;
-        group.ask_for(lane(1)).await.0.expect_err("refused");
-        assert_eq!(member.asked(), 3, "and the first one again, later");
+        assert!(member.asked() > before, "another client is sent");
+    }
+
+    /// Each answer to a client is a place in its share of the queue, so a request that waits for room takes it.
+    #[tokio::test(start_paused = true)]
+    async fn answers_make_room_for_a_refused_client() {
+        let group = Group::new().await;
+        let member = group.member(Behaviour { capacity: Some(4), ..Behaviour::answering(ms(100)) }).await;
+        let lane = Some(Lane::of(&TokenKey::of_digest([1; 32])));
+        let all = futures_util::future::join_all((0..24).map(|_| group.ask_for(lane))).await;
+        assert!(all.iter().all(|(answer, _)| answer.is_ok()), "{all:?}");
+        let longest = all.iter().map(|(_, took)| *took).max().expect("some");
+        assert!(longest >= ms(600) && longest < ms(900), "four at a time take 0.6 s: {longest:?}");
+        assert!(member.asked() < 24 + 24 + 12, "{} messages", member.asked());
     }
 
     #[tokio::test(start_paused = true)]

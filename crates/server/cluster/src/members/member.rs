@@ -32,8 +32,11 @@ const FORGET_AFTER: u32 = 6;
 /// Pause between two probes of a member that is out.
 pub(super) const PROBE_PAUSE: Duration = Duration::from_millis(250);
 
-/// A client that a member refused is not sent to it again in this time.
+/// A client that a member refused is sent to it again after this time, or when an answer to it shows that a place is free.
 const REFUSED_FOR: Duration = Duration::from_millis(250);
+
+/// Answers since a refusal that are not used by new requests, after which it is forgotten.
+const ENOUGH_ROOM: u32 = 16;
 
 /// Half-life of a measured time without new measurements, so that a member that was slow is tried again.
 const PACE_HALF_LIFE: Duration = Duration::from_secs(5);
@@ -87,14 +90,24 @@ struct MemberState {
     owed: BTreeMap<u64, Owed>,
     next: u64,
     paces: [Pace; 2],
-    /// Clients that it refused: until when they are not sent to it, and the seconds that it gave.
-    refused: BTreeMap<Option<Lane>, (Instant, NonZeroU64)>,
+    /// Clients that it refused.
+    refused: BTreeMap<Option<Lane>, Refusal>,
+}
+
+/// A member has no room for a client: its share of the queue is used.
+struct Refusal {
+    /// When a request is tried again in any case.
+    until: Instant,
+    /// Answers to this client since then: each is a place that became free.
+    freed: u32,
+    retry_after: NonZeroU64,
 }
 
 /// A request to which the member owes an answer.
 struct Owed {
     name: RequestIdBytes,
     object: ObjectId,
+    lane: Option<Lane>,
     work: Work,
     sent: Instant,
     /// When it was sent, or the member last said that it has it; `None` before it was sent, so that no probe overtakes it.
@@ -246,8 +259,8 @@ impl Member {
     pub(crate) fn set_refused(&self, lane: Option<Lane>, retry_after: NonZeroU64) {
         let now = Instant::now();
         let mut state = self.state();
-        state.refused.retain(|_, (until, _)| *until > now);
-        state.refused.insert(lane, (now + REFUSED_FOR, retry_after));
+        state.refused.retain(|_, refusal| refusal.until + REFUSED_FOR > now);
+        state.refused.insert(lane, Refusal { until: now + REFUSED_FOR, freed: 0, retry_after });
     }
 
     pub(super) fn availability(&self, object: &ObjectId, lane: Option<Lane>, work: Work) -> Availability {
@@ -256,9 +269,10 @@ impl Member {
             return Availability::No;
         }
         if work == Work::Pose {
-            let refused = state.refused.get(&lane).filter(|(until, _)| *until > now);
-            if let Some((_, retry_after)) = refused {
-                return Availability::Full(*retry_after);
+            let refusal =
+                state.refused.get(&lane).filter(|refusal| refusal.until > now && refusal.freed == 0);
+            if let Some(refusal) = refusal {
+                return Availability::Full(refusal.retry_after);
             }
             if !state.has_room() {
                 return Availability::Full(NonZeroU64::MIN);
@@ -268,13 +282,24 @@ impl Member {
     }
 
     /// Notes a request that is about to be sent.
-    pub(crate) fn ask(self: &Arc<Self>, name: RequestIdBytes, object: ObjectId, work: Work) -> Asked {
+    pub(crate) fn ask(
+        self: &Arc<Self>,
+        name: RequestIdBytes,
+        object: ObjectId,
+        lane: Option<Lane>,
+        work: Work,
+    ) -> Asked {
         let (lost, lost_notice) = oneshot::channel();
         let mut state = self.state();
         let (number, sent) = (state.next, Instant::now());
         state.next += 1;
         state.sent_since += u32::from(work == Work::Pose);
-        state.owed.insert(number, Owed { name, object, work, sent, confirmed: None, lost });
+        if let Some(refusal) = state.refused.get_mut(&lane).filter(|_| work == Work::Pose) {
+            // It uses a place that became free, or is the only one that tries for a while.
+            refusal.freed = refusal.freed.saturating_sub(1);
+            refusal.until = sent + REFUSED_FOR;
+        }
+        state.owed.insert(number, Owed { name, object, lane, work, sent, confirmed: None, lost });
         drop(state);
         Asked { member: self.clone(), number, lost: lost_notice }
     }
@@ -405,6 +430,12 @@ impl Asked {
         state.heard = now;
         if let Some(owed) = state.owed.remove(&self.number) {
             state.paces[owed.work as usize].record(worked, now);
+            if let Some(refusal) = state.refused.get_mut(&owed.lane).filter(|_| owed.work == Work::Pose) {
+                refusal.freed += 1;
+                if refusal.freed >= ENOUGH_ROOM {
+                    state.refused.remove(&owed.lane);
+                }
+            }
         }
         state.report(load);
     }
