@@ -60,11 +60,11 @@ pub(crate) struct VersionsArgs {
     url: String,
     /// Name of the map.
     map: String,
-    /// Make this version the current one again, after looking for all its objects.
+    /// Make this version the current one again, after looking for all its objects. Default: the current one stays.
     #[arg(long, value_name = "SHA256")]
     restore: Option<ObjectId>,
     /// Remove the versions that were published longer ago, except the current one, and all objects that no version of
-    /// any map needs any more. Do not publish at the same time.
+    /// any map needs any more. Do not publish at the same time. Default: nothing is removed.
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     remove_older_than: Option<u32>,
     /// Print one JSON document to stdout.
