@@ -1,6 +1,7 @@
 //! The served maps. Each has its own readiness and can be replaced, added and removed while queries are answered.
 
 use std::fs;
+use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
@@ -262,6 +263,8 @@ pub(crate) enum MapLookup {
     Served(Arc<LoadedMap>),
     /// The map is configured, but its file cannot be opened.
     Broken,
+    /// The map is remote, and its backend does not know it yet.
+    Pending,
     Unknown,
 }
 
@@ -298,10 +301,15 @@ impl Maps {
     /// Looks up the current map of this name.
     pub(crate) fn find(&self, name: &str) -> MapLookup {
         let slots = self.slots.read().unwrap_or_else(PoisonError::into_inner);
-        match slots.iter().find(|slot| slot.name() == name).map(|slot| slot.current()) {
+        match slots
+            .iter()
+            .find(|slot| slot.name() == name)
+            .map(|slot| (matches!(slot.source, Source::Remote(_)), slot.current()))
+        {
             None => MapLookup::Unknown,
-            Some(None) => MapLookup::Broken,
-            Some(Some(loaded)) => MapLookup::Served(loaded),
+            Some((true, None)) => MapLookup::Pending,
+            Some((false, None)) => MapLookup::Broken,
+            Some((_, Some(loaded))) => MapLookup::Served(loaded),
         }
     }
 
@@ -310,6 +318,8 @@ impl Maps {
         match self.find(name) {
             MapLookup::Served(loaded) => Ok(loaded),
             MapLookup::Broken => Err(Problem::MapUnavailable),
+            // A gateway that has just started learns of its map within a second.
+            MapLookup::Pending => Err(Problem::Unreached { retry_after: NonZeroU64::MIN }),
             MapLookup::Unknown => Err(Problem::UnknownMap),
         }
     }

@@ -5,6 +5,9 @@ use super::common;
 use std::io::Write as _;
 use std::net::TcpStream;
 use std::num::NonZeroUsize;
+use std::sync::Arc;
+
+use veiloc_service::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
 
 use common::gate::{Gate, wait_until_load};
 use common::http::{Request, Response, connect, has_data};
@@ -106,6 +109,38 @@ fn exactly_one_host_is_needed() {
     }
     assert_eq!(answer("GET /healthz HTTP/1.1\r\nhost: a\r\n").0, 200);
     assert_eq!(answer("GET /healthz HTTP/1.0\r\n").0, 200, "no such header then");
+}
+
+/// A gateway that has just started does not know its map yet, and soon will: clients come back in a second, not in the
+/// half minute that an operator needs to mend a file.
+#[test]
+fn remote_map_that_is_not_known_yet_is_asked_for_again_soon() {
+    struct Starting;
+    impl RemoteBackend for Starting {
+        fn describe(&self) -> Option<Arc<MapDescription>> {
+            None
+        }
+        fn is_complete(&self) -> bool {
+            false
+        }
+        fn longest(&self) -> usize {
+            1 << 20
+        }
+        fn localize(&self, _: RemoteRequest) -> AnswerFuture<'_> {
+            unreachable!("no map, no query")
+        }
+    }
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.maps = Vec::new();
+    options.remote_maps = vec![RemoteMap { name: "place".to_owned(), backend: Arc::new(Starting) }];
+    let server = Running::start(options);
+    let query = files.scene.sealed(&truth());
+    for response in [server.localize(&query, ""), server.get("/v1/maps/place/profile", "")] {
+        assert_eq!((response.status, response.problem().as_str()), (503, "unreached"));
+        assert_eq!(response.header("retry-after"), Some("1"));
+    }
+    assert_eq!(server.get("/readyz", "").status, 503);
 }
 
 /// Heads that are not HTTP, too long, or never end: an HTTP error or a closed connection, but never a hanging one.
