@@ -111,7 +111,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     }
     let mut file = TokenFile::open(&args.tokens).map_err(|e| read_error(&e))?;
     let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
-    // The token first: one that nobody has is worse than one that is not in force yet.
+    // The token first: a line in the file whose token is lost is worse than a token that is not in force.
     if let Some(out) = &args.out {
         write_secret(out, &secret).map_err(|error| Failure::output(out.display(), &error))?;
     }
