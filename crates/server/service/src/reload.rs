@@ -7,6 +7,7 @@
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
+use crate::auth::Timestamp;
 use crate::maps::{FolderChange, MapSlot};
 use crate::state::App;
 use crate::tokens::Callers;
@@ -50,8 +51,7 @@ impl App {
                 }
             }
             self.metrics.reload_failing("certificate", "", tls.is_failing());
-            let unix = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-            match tls.expiry_warning_days(unix.as_secs().cast_signed()) {
+            match tls.expiry_warning_days(Timestamp::of(SystemTime::now()).unix()) {
                 Some(days) if days < 0 => tracing::error!(days = -days, "the certificate has expired"),
                 Some(days) => tracing::warn!(days, "the certificate expires soon"),
                 None => {}

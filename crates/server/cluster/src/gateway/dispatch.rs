@@ -28,9 +28,9 @@ const LATE_DIVISOR: u32 = 4;
 /// Maximum number of messages per request about one object.
 const MAX_MESSAGES: usize = 8;
 
-/// How long a request waits in the gateway for room at a member, and the pause between two looks.
-const WAIT_FOR_ROOM: Duration = Duration::from_secs(1);
-const ROOM_PAUSE: Duration = Duration::from_millis(20);
+/// How long a request waits in the gateway for a free place in the queue of a member, and the pause between two looks.
+const WAIT_FOR_PLACE: Duration = Duration::from_secs(1);
+const PLACE_PAUSE: Duration = Duration::from_millis(20);
 
 /// Pause before a member is asked again that still works on a cancelled message of the same request.
 const CANCEL_PAUSE: Duration = Duration::from_millis(50);
@@ -108,12 +108,12 @@ impl Dispatcher<'_> {
                     }
                     Choice::Full { retry_after } if in_flight.is_empty() => {
                         let now = Instant::now();
-                        if now >= begun + WAIT_FOR_ROOM {
+                        if now >= begun + WAIT_FOR_PLACE {
                             return Err(LocalizeFailure::Busy { retry_after });
                         }
                         // What other regions have computed for the query would be lost.
                         wants_member = false;
-                        retry_at = Some(now + ROOM_PAUSE);
+                        retry_at = Some(now + PLACE_PAUSE);
                         give_up = now + WAIT_FOR_MEMBER;
                     }
                     Choice::NoMember if in_flight.is_empty() && is_final(why) => return Err(why),
@@ -144,9 +144,9 @@ impl Dispatcher<'_> {
                         why = self.record_failure(&failure);
                         let may_ask_again = match failure {
                             MessageFailure::NotReceived => true,
-                            // As soon as it has room.
+                            // As soon as its queue has a free place.
                             MessageFailure::Rejected(RejectReason::Busy { .. }) => {
-                                Instant::now() < begun + WAIT_FOR_ROOM
+                                Instant::now() < begun + WAIT_FOR_PLACE
                             }
                             _ => false,
                         };
@@ -605,7 +605,7 @@ mod tests {
             .await;
         let (answer, took) = group.ask_for(None).await;
         assert!(matches!(answer, Err(LocalizeFailure::Busy { .. })), "{answer:?}");
-        assert_eq!((took, full.asked()), (WAIT_FOR_ROOM, 0));
+        assert_eq!((took, full.asked()), (WAIT_FOR_PLACE, 0));
         let free = group.member(Behaviour::answering(ms(20))).await;
         assert_eq!((group.ask().await, free.asked(), full.asked()), (ms(20), 1, 0));
     }
@@ -621,7 +621,7 @@ mod tests {
         let refused = futures_util::future::join_all((0..10).map(|_| group.ask_for(lane(1)))).await;
         for (answer, took) in refused {
             assert_eq!(answer.expect_err("refused"), LocalizeFailure::Busy { retry_after });
-            assert!(took >= WAIT_FOR_ROOM && took < WAIT_FOR_ROOM * 2, "{took:?}");
+            assert!(took >= WAIT_FOR_PLACE && took < WAIT_FOR_PLACE * 2, "{took:?}");
         }
         // All of the first burst, and then one in a quarter of a second.
         assert!((10..=16).contains(&member.asked()), "{}", member.asked());
@@ -630,9 +630,9 @@ mod tests {
         assert!(member.asked() > before, "another client is sent");
     }
 
-    /// Each answer to a client is a place in its share of the queue, so a request that waits for room takes it.
+    /// Each answer to a client is a place in its share of the queue, so a request that waits takes it.
     #[tokio::test(start_paused = true)]
-    async fn answers_make_room_for_a_refused_client() {
+    async fn answers_free_places_for_a_refused_client() {
         let group = Group::new().await;
         let member = group.member(Behaviour { capacity: Some(4), ..Behaviour::answering(ms(100)) }).await;
         let lane = Some(Lane::of(&TokenKey::of_digest([1; 32])));

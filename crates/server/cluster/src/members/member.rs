@@ -36,7 +36,7 @@ pub(super) const PROBE_PAUSE: Duration = Duration::from_millis(250);
 const REFUSED_FOR: Duration = Duration::from_millis(250);
 
 /// Answers since a refusal that are not used by new requests, after which it is forgotten.
-const ENOUGH_ROOM: u32 = 16;
+const ENOUGH_PLACES: u32 = 16;
 
 /// Half-life of a measured time without new measurements, so that a member that was slow is tried again.
 const PACE_HALF_LIFE: Duration = Duration::from_secs(5);
@@ -94,7 +94,7 @@ struct MemberState {
     refused: BTreeMap<Option<Lane>, Refusal>,
 }
 
-/// A member has no room for a client: its share of the queue is used.
+/// A member refused a client: the share of its queue is used.
 struct Refusal {
     /// When a request is tried again in any case.
     until: Instant,
@@ -158,7 +158,7 @@ impl Due {
 pub(super) enum Availability {
     /// It takes requests; the expected time of an answer.
     Ready(Duration),
-    /// It has no room, or refused this client a moment ago; try again after these seconds.
+    /// Its queue is full, or it refused this client a moment ago; try again after these seconds.
     Full(NonZeroU64),
     /// It is out, is leaving, or does not hold the object.
     No,
@@ -255,7 +255,7 @@ impl Member {
         self.state().objects.remove(object);
     }
 
-    /// It has no room for this client.
+    /// The share of this client of its queue is used.
     pub(crate) fn set_refused(&self, lane: Option<Lane>, retry_after: NonZeroU64) {
         let now = Instant::now();
         let mut state = self.state();
@@ -432,7 +432,7 @@ impl Asked {
             state.paces[owed.work as usize].record(worked, now);
             if let Some(refusal) = state.refused.get_mut(&owed.lane).filter(|_| owed.work == Work::Pose) {
                 refusal.freed += 1;
-                if refusal.freed >= ENOUGH_ROOM {
+                if refusal.freed >= ENOUGH_PLACES {
                     state.refused.remove(&owed.lane);
                 }
             }

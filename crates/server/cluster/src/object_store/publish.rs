@@ -113,15 +113,8 @@ impl Storage {
     }
 
     pub(crate) async fn put(&self, entry: &StorageEntry, bytes: Vec<u8>) -> Result<(), ClusterError> {
-        let put = async || {
-            let payload = PutPayload::from(bytes.clone());
-            let answer = self
-                .retry_policy
-                .await_next(self.store.put(&entry.location, payload), &entry.address)
-                .await?;
-            answer.map(|_| ()).map_err(|source| entry.error(source, REMEDY_REMOVED))
-        };
-        self.retry_policy.attempt(put).await
+        let put = async || self.store.put(&entry.location, PutPayload::from(bytes.clone())).await.map(|_| ());
+        self.request(entry, REMEDY_REMOVED, put).await
     }
 }
 

@@ -151,6 +151,20 @@ impl Storage {
         self.retry_policy.attempt(read).await
     }
 
+    /// Sends a request to the store, again after errors that pass.
+    pub(crate) async fn request<T>(
+        &self,
+        entry: &StorageEntry,
+        remedy: &'static str,
+        act: impl AsyncFn() -> object_store::Result<T>,
+    ) -> Result<T, ClusterError> {
+        let once = async || {
+            let answer = self.retry_policy.await_next(act(), &entry.address).await?;
+            answer.map_err(|source| entry.error(source, remedy))
+        };
+        self.retry_policy.attempt(once).await
+    }
+
     /// Reads an object as a stream.
     pub(crate) async fn read(
         &self,

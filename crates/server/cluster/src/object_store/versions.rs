@@ -74,12 +74,8 @@ impl Storage {
         let manifest = self.manifest(map, id).await?;
         for object in manifest.objects() {
             let entry = self.object_entry(object.sha256);
-            let head = async || {
-                let answer =
-                    self.retry_policy.await_next(self.store.head(&entry.location), &entry.address).await?;
-                answer.map_err(|source| entry.error(source, REMEDY_REPUBLISH))
-            };
-            let found = self.retry_policy.attempt(head).await?;
+            let head = async || self.store.head(&entry.location).await;
+            let found = self.request(&entry, REMEDY_REPUBLISH, head).await?;
             if found.size != object.bytes {
                 let (address, found) = (entry.address, format!("{} bytes", found.size));
                 return Err(ClusterError::Object { address, expected: object, found });
@@ -150,24 +146,16 @@ impl Storage {
     /// What is stored in one of the folders of this storage.
     async fn listed(&self, folder: &'static str) -> Result<Vec<ObjectMeta>, ClusterError> {
         let entry = self.entry(&[folder]);
-        let list = async || {
-            let all = self.store.list(Some(&entry.location)).try_collect::<Vec<_>>();
-            let listed = self.retry_policy.await_next(all, &entry.address).await?;
-            listed.map_err(|source| entry.error(source, REMEDY_REPUBLISH))
-        };
-        self.retry_policy.attempt(list).await
+        let list = async || self.store.list(Some(&entry.location)).try_collect().await;
+        self.request(&entry, REMEDY_REPUBLISH, list).await
     }
 
     async fn remove(&self, entry: &StorageEntry) -> Result<(), ClusterError> {
-        let delete = async || {
-            let done =
-                self.retry_policy.await_next(self.store.delete(&entry.location), &entry.address).await?;
-            match done {
-                // Another program may have removed it first.
-                Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-                Err(source) => Err(entry.error(source, REMEDY_REPUBLISH)),
-            }
+        let delete = async || match self.store.delete(&entry.location).await {
+            // Another program may have removed it first.
+            Err(object_store::Error::NotFound { .. }) => Ok(()),
+            done => done,
         };
-        self.retry_policy.attempt(delete).await
+        self.request(entry, REMEDY_REPUBLISH, delete).await
     }
 }

@@ -17,6 +17,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::Registry;
 
+use crate::auth::Timestamp;
 use crate::telemetry::cluster::GatewayCounts;
 use crate::telemetry::log::LogQueue;
 use crate::telemetry::process::Process;
@@ -393,8 +394,8 @@ impl Metrics {
     /// Notes that the `credentials` or the `maps` were just checked for changes. A check that never ends, for example on
     /// a network drive that is away, leaves the gauge behind.
     pub fn files_checked(&self, what: &'static str) {
-        let unix = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        self.checked.get_or_create(&vec![("files", Cow::Borrowed(what))]).set(unix.as_secs().cast_signed());
+        let now = Timestamp::of(SystemTime::now());
+        self.checked.get_or_create(&vec![("files", Cow::Borrowed(what))]).set(now.unix());
     }
 
     /// Sets the end of the certificate, seconds since 1970.
