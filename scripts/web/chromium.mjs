@@ -146,6 +146,8 @@ async function main() {
   const film = Math.round((focal * Math.hypot(36, 24)) / Math.hypot(width, height));
   const plain = Buffer.from(await jpeg(page, views[1].file), "base64");
   const buffer = Buffer.concat([plain.subarray(0, 2), Buffer.from(exifSegment(film)), plain.subarray(2)]);
+  // Chosen while another image is sealed: the last one is shown.
+  await page.locator("#file").setInputFiles(path.join(place, "images", views[0].file));
   await page.locator("#file").setInputFiles({ name: "exif.jpg", mimeType: "image/jpeg", buffer });
   await page.waitForFunction(() => document.getElementById("stays-text").textContent.includes("EXIF"), undefined, { timeout: 30_000 });
   await page.locator("#find").click();

@@ -14,7 +14,7 @@ const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
 /** The state of the page. */
-const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, finding: false, refreshed: Promise.resolve(), following: false };
+const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
 /** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
 /** `AbortController` of the running attack, or null. */
@@ -256,23 +256,26 @@ function showAttack(result, isShown) {
   el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: recovered keypoints.`);
 }
 
-/** Shows what would be sent after a new image or a changed setting. */
+/** Shows what would be sent after a new image or a changed setting. While another image is sealed, this one follows it. */
 function refresh() {
-  if (now.device && now.source && !now.busy && !now.finding) now.refreshed = sealForDisplay();
+  now.stale = true;
+  if (!now.busy && !now.finding) now.refreshed = sealForDisplay();
   return now.refreshed;
 }
 
 async function sealForDisplay() {
   now.busy = true;
   updateButtons();
-  try {
-    await draw(await prepare(false));
-  } catch (error) {
-    showError(error);
-  } finally {
-    now.busy = false;
-    updateButtons();
+  while (now.stale && now.device && now.source) {
+    now.stale = false;
+    try {
+      await draw(await prepare(false));
+    } catch (error) {
+      showError(error);
+    }
   }
+  now.busy = false;
+  updateButtons();
 }
 
 /** Shows what would be sent of the camera's images until it is turned off. */
@@ -386,6 +389,7 @@ async function find() {
   // The image may be sealed for display with a setting that was just changed.
   await now.refreshed;
   now.busy = true;
+  now.stale = false;
   try {
     const prepared = await prepare(true);
     await draw(prepared);
@@ -397,6 +401,7 @@ async function find() {
     now.finding = false;
     updateButtons();
   }
+  if (now.stale) refresh();
 }
 
 async function follow() {
