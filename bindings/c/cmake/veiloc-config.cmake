@@ -1,11 +1,15 @@
 # find_package(veiloc) for CMake: the targets veiloc::veiloc (the shared library) and veiloc::static.
 #
-#     cmake -Dveiloc_DIR=path/to/bindings/c/cmake -Dveiloc_LIBRARY_DIR=path/to/target/release …
+#     cmake -Dveiloc_DIR=path/to/cmake -Dveiloc_LIBRARY_DIR=path/to/target/release …
 #
-# veiloc_LIBRARY_DIR: the folder that cargo wrote libveiloc_c to; for a phone, target/<triple>/release.
+# veiloc_LIBRARY_DIR: the folder that cargo wrote libveiloc_c to; for a phone, target/<triple>/release. Default: `lib` beside this
+# folder, as in the archive of a release, or target/release of the repository.
 cmake_minimum_required(VERSION 3.16)
 if(NOT veiloc_LIBRARY_DIR)
-  set(veiloc_LIBRARY_DIR "${CMAKE_CURRENT_LIST_DIR}/../../../target/release")
+  set(veiloc_LIBRARY_DIR "${CMAKE_CURRENT_LIST_DIR}/../lib")
+  if(NOT EXISTS "${veiloc_LIBRARY_DIR}")
+    set(veiloc_LIBRARY_DIR "${CMAKE_CURRENT_LIST_DIR}/../../../target/release")
+  endif()
 endif()
 get_filename_component(_veiloc_include "${CMAKE_CURRENT_LIST_DIR}/../include" ABSOLUTE)
 find_library(veiloc_SHARED veiloc_c PATHS "${veiloc_LIBRARY_DIR}" NO_DEFAULT_PATH NO_CMAKE_FIND_ROOT_PATH)
