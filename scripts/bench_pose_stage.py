@@ -7,9 +7,10 @@ obfuscated keypoints of each scheme. A query's time is the fastest of all rounds
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
     cargo build --release
-    .venv/bin/python scripts/bench_pose_stage.py $VEILOC_DATA/problems/*_{nn,r08}.jsonl.gz [--rounds 5]
+    .venv/bin/python scripts/bench_pose_stage.py --data $VEILOC_DATA --rounds 3 --csv docs/results/poses/time.csv
 
-`--veiloc OLD,NEW` compares two builds: both run in every round, and their rows are numbered.
+`--veiloc OLD,NEW` compares two builds: both run in every round, and their rows are numbered. Instead of `--data`, files of matches
+may be named.
 """
 
 import argparse
@@ -27,6 +28,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import poselib
 
+from places import write_csv
+
+PROBLEMS = ["herzjesu_nn", "redkitchen_nn", "herzjesu_r08", "redkitchen_r08"]
+COLUMNS = [
+    "matches of", "pipeline", "matches (median)", "pose, median (ms)", "time over PoseLib", "median error (cm)", "recall (%)",
+]  # fmt: skip
 SCHEMES = ["points", "random-lines", "dcl"]
 
 
@@ -73,34 +80,41 @@ def theirs(problems):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("files", nargs="*", type=Path, help="matches as `problems` has them")
+    parser.add_argument("--data", type=Path, help="measures the four files of this folder's `problems`")
+    parser.add_argument("--csv", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--veiloc", default="target/release/veiloc", help="the program, or several with commas")
     arguments = parser.parse_args()
+    if not arguments.files and not arguments.data:
+        parser.error("name files, or the folder of the data with --data")
+    files = arguments.files or [arguments.data / f"problems/{name}.jsonl.gz" for name in PROBLEMS]
     programs = arguments.veiloc.split(",")
     number = {program: f" {i + 1}" if len(programs) > 1 else "" for i, program in enumerate(programs)}
-    names = [scheme + number[program] for scheme in SCHEMES for program in programs]
-    print(f"{'file':<24}{'':<14}{'matches':>8}{'median ms':>11}{'x PoseLib':>11}{'median error':>14}{'recall':>9}")
-    for file in arguments.files:
+    table = []
+    for file in files:
         with gzip.open(file, "rt") as lines:
             problems = [json.loads(line) for line in lines]
         bounds = (0.05, 5.0) if file.name.startswith("redkitchen") else (0.1, 1.0)
         rounds = []
         for seed in range(arguments.rounds):
-            found = {"PoseLib": theirs(problems)}
+            found = {"PoseLib P3P, points": theirs(problems)}
             for program in programs:
-                found |= {scheme + number[program]: rows for scheme, rows in ours(program, file, seed).items()}
+                own = ours(program, file, seed)
+                found |= {f"veiloc, {scheme}{number[program]}": own[scheme] for scheme in SCHEMES}
             rounds.append(found)
+        size = np.median([len(p["points2d"]) for p in problems])
         baseline = None
-        for name in ["PoseLib", *names]:
+        for name in rounds[0]:
             all_rounds = np.stack([r[name] for r in rounds])
             ms = float(np.median(all_rounds[:, :, 0].min(axis=0)))
             baseline = baseline or ms
             error = statistics.median(np.median(all_rounds[:, :, 1], axis=1))
             hits = (all_rounds[:, :, 1] <= bounds[0]) & (all_rounds[:, :, 2] <= bounds[1])
-            size = int(np.median([len(p["points2d"]) for p in problems]))
-            print(f"{file.name.split('.')[0]:<24}{name:<14}{size:>8}{ms:>11.2f}{ms / baseline:>11.2f}"
-                  f"{error:>14.4f}{100 * hits.mean():>8.1f}%")
+            table.append([file.name.split(".")[0], name, int(size), f"{ms:.2f}", f"{ms / baseline:.2f}", f"{100 * error:.2f}",
+                          f"{100 * hits.mean():.1f}"])  # fmt: skip
+            print(*table[-1], sep="  ", flush=True)
+    write_csv(arguments.csv, COLUMNS, table)
 
 
 if __name__ == "__main__":
