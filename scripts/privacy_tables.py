@@ -10,6 +10,11 @@
     $P paper --csv docs/results/privacy/paper.csv
     $P scene --csv docs/results/privacy/scene.csv
     $P seals --csv docs/results/privacy/seals.csv
+    $P session-poses --csv docs/results/privacy/session-poses.csv
+    $P false-neighbours --csv docs/results/privacy/false-neighbours.csv
+    $P steps --csv docs/results/privacy/steps.csv
+    $P keypoints --csv docs/results/privacy/keypoints.csv
+    $P baseline --csv docs/results/privacy/baseline.csv
 
 - schemes: every adversary under every scheme, six queries of RedKitchen and of Herz-Jesu; the oracle on two of each.
 - out-of-map: outsiders on the last twelve of the training photos, by the SHA-256 of their names.
@@ -31,7 +36,7 @@ import json
 import subprocess
 from pathlib import Path
 
-from places import write_csv
+from places import PLACES, write_csv
 
 PROBLEMS = {"RedKitchen": "redkitchen", "Herz-Jesu": "herzjesu"}
 SCHEMES = ["random-lines", "coordinate-permutation", "dcl"]
@@ -272,9 +277,84 @@ def paper(args):
     write_csv(args.csv, columns, table)
 
 
+def session_poses(args):
+    table = []
+    for name, place in PROBLEMS.items():
+        # What several images tell is in the table of sessions; here they are few, for their poses.
+        found = run(args, "eval", "sessions", *scene_of(args, place), "--schemes", "dcl", "--anchors", "image,world,gravity",
+                    "--motion", "turning", "--gyro-deg", 0, "--frames", 2, "--max-attacked", 1)  # fmt: skip
+        for row in found["frames"]:
+            table.append([name, row["anchors"], f"{row['keypoints']:.0f}", row["queries"], row["trusted"],
+                          f"{100 * row['median_translation']:.2f}", f"{row['median_rotation_deg']:.3f}"])  # fmt: skip
+    columns = ["scene", "anchors fixed in", "keypoints", "queries", "trusted", "median error (cm)", "median error (°)"]
+    write_csv(args.csv, columns, table)
+
+
+def false_neighbours(args):
+    shares = [0, 10, 20, 30, 40, 50]
+    attacked = {"synthetic": ["--synthetic", 1500]}
+    attacked |= {name: [keypoints(args, name), "--limit", limit] for name, limit in (("RedKitchen", 4), ("Herz-Jesu", 2))}
+    found = {}
+    for name, data in attacked.items():
+        rows = attacks(args, *data, "--schemes", "dcl", "--attacks", "graph", "--corrupt", ",".join(map(str, shares)))
+        found[name] = {round(row["corrupt"]): row for row in rows if row["attack"] == "graph"}
+    table = [[share, *(f"{rows[share][key]:.1f}" for rows in found.values() for key in ("mean_px", "median_px"))] for share in shares]
+    columns = ["false neighbours (%)", *(f"{name}, {key} (px)" for name in found for key in ("mean", "median"))]
+    write_csv(args.csv, columns, table)
+
+
+def scene_rows(args, place: str, *options) -> list[dict]:
+    return run(args, "eval", "scene", *scene_of(args, place), *options)["schemes"]
+
+
+def error_of(row: dict) -> list[str]:
+    return [f"{100 * row['median_translation']:.2f}", f"{row['median_rotation_deg']:.3f}"]
+
+
+def steps(args):
+    table = []
+    for name, place in PROBLEMS.items():
+        options = ["--schemes", ",".join(["points", *SCHEMES]), "--query-keypoints", 1024]
+        both = zip(scene_rows(args, place, *options), scene_rows(args, place, *options, "--progressive"))
+        for whole, parts in both:
+            counts = [f"{row[key] / unit:.0f}" for key, unit in (("mean_rows", 1), ("mean_bytes", 1000), ("mean_exposed", 1))
+                      for row in (whole, parts)]  # fmt: skip
+            table.append([name, whole["scheme"], *counts, *error_of(whole), *error_of(parts)])
+    of = lambda what: [f"{what}, {how}" for how in ("whole", "in steps")]
+    columns = ["scene", "scheme", *of("rows"), *of("kB"), *of("exposed rows"),
+               *(f"median ({unit}), {how}" for how in ("whole", "in steps") for unit in ("cm", "°"))]  # fmt: skip
+    write_csv(args.csv, columns, table)
+
+
+def fewer_keypoints(args):
+    table = []
+    for name, place in PROBLEMS.items():
+        for number in (2048, 256):
+            (row,) = scene_rows(args, place, "--schemes", "dcl", "--query-keypoints", number)
+            table.append([name, number, row["queries"], row["localized"], row["trusted"], *error_of(row)])
+    columns = ["scene", "keypoints sent", "queries", "localized", "trusted", "median error (cm)", "median error (°)"]
+    write_csv(args.csv, columns, table)
+
+
+def baseline(args):
+    import fit_baseline
+
+    files = []
+    for place in PLACES:
+        file, partial = (args.work / f"{part}{place}-keypoints.jsonl.gz" for part in ("", "partial-"))
+        if not file.exists():
+            args.work.mkdir(parents=True, exist_ok=True)
+            subprocess.run([args.veiloc, "eval", "problems", "--quiet", *scene_of(args, place), "--keypoints", partial, "-o",
+                            args.work / "problems.jsonl"], check=True, stdout=subprocess.DEVNULL)  # fmt: skip
+            partial.rename(file)
+        files.append(f"{place}={file}")
+    fit_baseline.compare(files, FIRST, args.csv)
+
+
 def main():
     commands = {"schemes": schemes, "out-of-map": out_of_map, "masks": masks, "sessions": sessions, "orientation": orientation,
-                "paper": paper, "scene": scene, "seals": seals}  # fmt: skip
+                "paper": paper, "scene": scene, "seals": seals, "session-poses": session_poses,
+                "false-neighbours": false_neighbours, "steps": steps, "keypoints": fewer_keypoints, "baseline": baseline}  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=commands)
     parser.add_argument("--veiloc", default="veiloc")
