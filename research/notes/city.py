@@ -2,15 +2,16 @@
 """What a map of many places costs and how far it can be believed, as it grows: the city of docs/results/scale.md.
 
     cargo build --release
-    VEILOC_DATA=../shared/data research/notes/city.py --out CITY              everything; two hours of two processors
-    VEILOC_DATA=../shared/data research/notes/city.py --out CITY --table      only the tables, of what there is
+    research/notes/city.py --data $VEILOC_DATA --out CITY --csv docs/results/scale/city.csv \\
+        --queries-csv docs/results/scale/city-queries.csv                     everything; two hours of two processors
+    research/notes/city.py --out CITY --table                                 only the tables, of what there is
     research/notes/city.py --out CITY --plot docs/images/city.svg             only the drawing
 
 Renders a city (`veiloc synth city`, rooms that look alike among them), puts the two real places beside it in one world, and
 builds maps of more and more of it: the real places alone, then with the rooms of --steps, then with all, with out-of-map images
 that show no place of it, and at last without the rooms that look like another. Every map gets all queries: those of rooms
 that it does not have must not be trusted anywhere, least of all in a room that looks like theirs. What was computed is kept in
-CITY; a run that was interrupted goes on there. Standard library only, and log_plot.py beside it.
+CITY; a run that was interrupted goes on there. Standard library only.
 """
 
 import argparse
@@ -28,18 +29,23 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from log_plot import LogPlot, page  # noqa: E402
+from places import write_csv  # noqa: E402
 
 # Where the other places lie in the city's world, metres: far from its rooms and from each other.
 ASIDE = {"redkitchen": (-1000.0, 0.0, 0.0), "herzjesu": (0.0, -1000.0, 0.0)}
 # Metres between out-of-map images, of which none sees what another one does.
 APART = 200.0
 SCHEMES = ["points", "dcl"]
+ALIKE = "absent, one that looks alike is there"
 
 
 def main():
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--out", type=Path, required=True, help="folder of everything")
-    words.add_argument("--program", default=str(ROOT / "target/release/veiloc"), help="the program (default: the release build)")
+    words.add_argument("--veiloc", default=str(ROOT / "target/release/veiloc"), help="the program (default: the release build)")
+    words.add_argument("--data", type=Path, default=os.environ.get("VEILOC_DATA"), help="folder of the real images (default: VEILOC_DATA)")
+    words.add_argument("--csv", type=Path, help="CSV of what maps cost")
+    words.add_argument("--queries-csv", type=Path, help="CSV of the queries")
     words.add_argument("--rooms", type=int, default=250, help="rooms of the city (default 250)")
     words.add_argument("--views", type=int, default=40, help="images of a room in the map (default 40)")
     words.add_argument("--queries", type=int, default=3, help="queries of a room (default 3)")
@@ -53,14 +59,20 @@ def main():
         return
     if not args.table:
         compute(args)
-    table(rows_of(args.out))
+    rows = rows_of(args.out)
+    for path, (columns, table) in ((args.csv, costs(rows)), (args.queries_csv, answers(rows))):
+        write_csv(path, columns, table)
+        for row in [columns, *table]:
+            print(*row, sep="  ")
 
 
 def compute(args):
-    data = Path(os.environ["VEILOC_DATA"]).resolve()
+    if args.data is None:
+        sys.exit("set VEILOC_DATA or --data to the folder of the real images")
+    data = args.data.resolve()
     city = args.out / "city"
     if not (city / "query.txt").is_file():
-        run([args.program, "synth", "city", "--out", city, "--rooms", args.rooms, "--map-views", args.views,
+        run([args.veiloc, "synth", "city", "--out", city, "--rooms", args.rooms, "--map-views", args.views,
              "--query-views", args.queries])
     lists = world(args.out, city, data)
     (args.out / "queries.txt").write_text("\n".join(lists["queries"]) + "\n")
@@ -76,7 +88,7 @@ def compute(args):
         names = args.out / f"map-{name}.txt"
         names.write_text("\n".join(images) + "\n")
         # One query at a time: what they take is a figure of the table.
-        taken = run([args.program, "eval", "scene", "--posed", args.out / "posed", "--images", args.out / "images", "--map-list", names,
+        taken = run([args.veiloc, "eval", "scene", "--posed", args.out / "posed", "--images", args.out / "images", "--map-list", names,
                      "--query-list", args.out / "queries.txt", "--max-keypoints", args.keypoints, "--query-keypoints", 1024,
                      "--schemes", ",".join(SCHEMES), "--thresholds", "0.02/2,0.05/5", "--work", args.out / "work",
                      "--keep-map", args.out / f"map-{name}.vmap", "--json", args.out / "part.json"])
@@ -202,7 +214,7 @@ def is_alike(place):
 def kind_of(place, there):
     if place not in there:
         alike = f"city/room{int(place[-4:]) - 1:04d}" if is_alike(place) else None
-        return "absent, one that looks alike is there" if alike in there else "absent"
+        return ALIKE if alike in there else "absent"
     if not place.startswith("city/"):
         return place
     return "rooms that look alike" if int(place[-4:]) % 5 in (3, 4) else "other rooms"
@@ -229,10 +241,6 @@ def is_right(query, metres=0.05, degrees=5.0):
     return t is not None and t <= metres and r <= degrees
 
 
-def share(part, whole):
-    return f"{100 * part / whole:.1f} %" if whole else ""
-
-
 def median(values):
     ordered = sorted(values)
     return ordered[len(ordered) // 2] if ordered else float("nan")
@@ -252,22 +260,49 @@ def figures(queries):
     }
 
 
-def table(rows):
-    print("| images | points | GB | build, s | GB of memory | out of the map |")
-    print("|--:|--:|--:|--:|--:|--:|")
-    for row in rows:
+def costs(rows):
+    """Columns and rows of what the maps cost that hold the real places and more and more rooms."""
+    table = []
+    for row in (row for row in rows if row["name"].isdigit()):
+        ms = [f"{figures(queries_there(row, scheme))['ms']:.0f}" for scheme in SCHEMES]
         facts = row["map"]
-        print(f'| {row["images"]} | {facts["points"]} | {facts["bytes"] / 1e9:.2f} | {facts["build_seconds"]:.0f} '
-              f'| {row["city"]["memory_kb"] / 1e6:.1f} | {row["city"]["elsewhere"]} |')
-    print("\n| images | queries of | scheme | queries | within 5 cm / 5° | median | trusted | trusted, wrong | ms |")
-    print("|--:|---|---|--:|--:|--:|--:|--:|--:|")
-    for row in rows:
-        for (scheme, kind), queries in sorted(row["counts"].items(), key=lambda entry: (entry[0][1], entry[0][0])):
-            f = figures(queries)
-            absent = kind.startswith("absent")
-            right = "" if absent else share(f["right"], f["queries"])
-            error = "" if absent or math.isnan(f["error"]) else f'{100 * f["error"]:.2f} cm'
-            print(f'| {row["images"]} | {kind} | {scheme} | {f["queries"]} | {right} | {error} | {f["trusted"]} | {f["wrong"]} | {f["ms"]:.0f} |')
+        table.append([row["images"], facts["points"], f"{facts['bytes'] / 1e9:.2f}", f"{facts['build_seconds']:.0f}",
+                      f"{row['city']['memory_kb'] / 1e6:.1f}", *ms])  # fmt: skip
+    columns = ["map images", "map points", "map (GB)", "build (s)", "peak memory (GB)", *(f"query, {scheme} (ms)" for scheme in SCHEMES)]
+    return columns, table
+
+
+def answers(rows):
+    """Columns and rows of what queries get of each map."""
+    table, largest = [], max((row["images"] for row in rows if row["name"].isdigit()), default=0)
+    for row in sorted(rows, key=lambda row: row["name"] == "without"):
+        titles = {"redkitchen": "RedKitchen", "herzjesu": "Herz-Jesu", "rooms that look alike": "rooms of the map",
+                  "other rooms": "rooms of the map", "absent": "rooms that the map lacks",
+                  ALIKE: "rooms that the map lacks"}  # fmt: skip
+        about = ""
+        if row["name"] == "elsewhere":
+            about = f"{row['city']['elsewhere']} out-of-map images included"
+        elif row["name"] == "without":
+            lacking = {place_of(query["name"]) for (_, kind), queries in row["counts"].items() if kind == ALIKE for query in queries}
+            about, titles = f"without the {len(lacking)} rooms that look like another", {ALIKE: "rooms that look like a mapped one"}
+        elif row["images"] == largest:
+            # Only here both of a pair can be compared.
+            titles |= {"rooms that look alike": "rooms that look alike", "other rooms": "other rooms of the map"}
+        queries = {}
+        for (scheme, kind), of in row["counts"].items():
+            if kind in titles:
+                queries.setdefault((titles[kind], scheme), []).extend(of)
+        for title in (title for title in dict.fromkeys(titles.values()) if (title, SCHEMES[0]) in queries):
+            cells = []
+            for scheme in SCHEMES:
+                f = figures(queries[title, scheme])
+                absent = title in ("rooms that the map lacks", "rooms that look like a mapped one")
+                found = ["", ""] if absent else [f"{100 * f['right'] / f['queries']:.1f}", f"{100 * f['error']:.2f}"]
+                cells += [*found, f["trusted"], f["wrong"]]
+            table.append([row["images"], about, title, f["queries"], *cells])
+    columns = [f"{scheme} {what}" for scheme in SCHEMES
+               for what in ("within 5 cm and 5° (%)", "median (cm)", "trusted", "trusted wrongly")]  # fmt: skip
+    return ["map images", "map", "queries of", "queries", *columns], table
 
 
 def drawing(rows):
