@@ -4,8 +4,11 @@
 #
 #     cargo install cargo-fuzz
 #     rustup toolchain install nightly
-#     fuzz/run.sh 60 [TARGET…]
+#     CSV=docs/results/service/fuzz.csv fuzz/run.sh 120 [TARGET…]
+#
+# CSV: also write the table to this file.
 set -euo pipefail
+csv="$(realpath "${CSV:-/dev/null}")"
 cd "$(dirname "$0")"
 seconds="${1:-60}"
 corpus="$(mktemp -d)"
@@ -31,8 +34,7 @@ for kind in txt:T bin:O; do # the last bit of the first byte selects text or bin
     done
 done
 
-echo "| target | seconds | executions | edges | peak memory | findings |"
-echo "|---|---|---|---|---|---|"
+echo "target,time (s),executions,edges,peak memory (MB),findings" | tee "$csv"
 shift || true
 [ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens manifest index
 for target in "$@"; do
@@ -44,5 +46,5 @@ for target in "$@"; do
     executions="$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")"
     memory="$(sed -n 's/^stat::peak_rss_mb: *//p' "$log")"
     edges="$(grep -o 'cov: [0-9]*' "$log" | tail -1 | cut -d' ' -f2)"
-    echo "| $target | $seconds | $executions | $edges | $memory MB | $findings |"
+    echo "$target,$seconds,$executions,$edges,$memory,$findings" | tee -a "$csv"
 done

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Soak test: all known attacks on the service at once, while well-behaved clients send queries.
 
-    VEILOC_DATA=../shared/data scripts/chaos_soak.py --minutes 30 [--load 0.7] [--veiloc PROGRAM]
+    scripts/chaos_soak.py --data $VEILOC_DATA --minutes 30 --csv docs/results/service/chaos.csv \\
+        --load-csv docs/results/service/chaos-load.csv [--load 0.7] [--veiloc PROGRAM]
 
 Clients with a token send queries at 70 % (--load) of the measured capacity, first alone, then together with: clients that send byte
 by byte or nothing, wrong tokens, a flood of large queries from one token, replaced map files every few seconds (by rename, copied
 over, corrupt, truncated), replaced token files (valid, empty, deleted for a moment), a log whose reader pauses or whose disk is full,
-and SIGTERM with a restart. Prints tables. The last line is `accepted N lost N`: a query is accepted when its whole body was sent on an
+and SIGTERM with a restart. The last line is `accepted N lost N`: a query is accepted when its whole body was sent on an
 accepted connection, and lost when it then got no answer. The script fails when a query is lost.
 
 Loopback only, standard library only.
@@ -26,7 +27,8 @@ import os  # noqa: E402
 import signal  # noqa: E402
 import shutil  # noqa: E402
 
-from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, free_port, header, row, token, wait_for  # noqa: E402
+from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, free_port, token, wait_for  # noqa: E402
+from places import write_csv  # noqa: E402
 
 CLIENTS = 4
 
@@ -195,7 +197,7 @@ class Chaos:
     def flood(self):
         while not self.pause(self.rng.uniform(0.5, 1.5)):
             status = ask(self.service.port, LOCALIZE, self.service.scene.large, "greedy", timeout=60)[0]
-            self.count(f"flood: {status or 'no connection'}")
+            self.count(f"flood of large queries: {'answered' if status == 200 else status or 'no connection'}")
 
     def maps(self):
         live, scene = self.service.live, self.service.scene
@@ -216,7 +218,7 @@ class Chaos:
                 else:
                     fresh.write_bytes(data)
                     fresh.replace(live)
-            self.count(f"map {kind}")
+            self.count(f"map file {'replaced by rename' if kind == 'renamed' else kind}")
 
     def tokens(self):
         path, good = self.service.tokens, self.service.tokens.read_text()
@@ -251,7 +253,7 @@ class Chaos:
                 (scene.work / "start.vmap").replace(self.service.live)
                 full_disk = self.rng.random() < 0.3
                 self.service.restart(full_disk)
-            self.count("SIGTERM and restart" + (", log on a full disk" if full_disk else ""))
+            self.count("SIGTERM and restart" + (" with the log on a full disk" if full_disk else ""))
 
     def end(self):
         self.stop.set()
@@ -274,6 +276,8 @@ def main():
     parser.add_argument("--load", type=float, default=0.7,
                         help="rate of the well-behaved clients, as a share of the capacity; next to one flooding token the fair share is 0.5")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random events")
+    parser.add_argument("--csv", type=pathlib.Path, help="CSV of the client within its rate")
+    parser.add_argument("--load-csv", type=pathlib.Path, help="CSV of the disturbances")
     args = parser.parse_args()
     service = Service(RedKitchen(args.veiloc))
     wait_for(lambda: ask(service.port, "/readyz")[0] == 200, "readiness")
@@ -291,24 +295,18 @@ def main():
         sys.exit(f"the service died: {service.server.process.returncode}")
     time.sleep(8)
     after_memory, after_descriptors = service.facts()
-    header("well-behaved clients", "sent", "answered", "other", "not accepted", "p50 ms", "p99 ms")
-    for name, one in (("alone", quiet), ("under attack", clients)):
+    clients_rows = []
+    for name, one in (("alone", quiet), ("in the chaos", clients)):
         other = ", ".join(f"{status}: {n}" for status, n in sorted(one.got.items()) if status != 200)
         broken = sum(one.broken.values())
-        row(name, one.accepted + broken, one.got.get(200, 0), other or "-", broken,
-            f"{one.percentile(0.5):.0f}", f"{one.percentile(0.99):.0f}")
-    print()
-    header("reason why a query was not accepted", "count")
-    for cause, n in sorted(clients.broken.items()):
-        row(cause, n)
-    print()
-    header("attack", "count")
-    for what, n in sorted(chaos.counts.items()):
-        row(what, n)
-    print()
-    header("", "memory MB", "descriptors")
-    row("before", f"{memory:.0f}", descriptors)
-    row("after", f"{after_memory:.0f}", after_descriptors)
+        clients_rows.append([name, one.accepted + broken, one.got.get(200, 0), other or 0, broken, f"{one.percentile(0.5):.0f}",
+                             f"{one.percentile(0.99):.0f}"])  # fmt: skip
+    load = [[what, n] for what, n in sorted(chaos.counts.items())]
+    for row in [*clients_rows, *sorted(clients.broken.items()), *load]:
+        print(*row, sep="  ")
+    write_csv(args.csv, ["client within its rate", "sent", "answered", "other", "not taken", "p50 (ms)", "p99 (ms)"], clients_rows)
+    write_csv(args.load_csv, ["disturbance", "times"], load)
+    print(f"memory {memory:.0f} MB before and {after_memory:.0f} MB after, descriptors {descriptors} and {after_descriptors}")
     exits = ", ".join(map(str, service.exits)) or "none"
     print(f"\n{rate:.1f} queries per second ({100 * args.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
     service.server.stop(signal.SIGTERM)

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Prints the tables of docs/results/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
+"""Makes the tables of docs/results/service.md about invalid requests and about `kill -9`. Standard library only, loopback only.
 
     cargo build --release
-    VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60] [--veiloc PROGRAM]
+    scripts/service_robustness.py --data $VEILOC_DATA --csv docs/results/service/bad-requests.csv \\
+        --killed-csv docs/results/service/killed.csv [--requests 1000] [--kills 60] [--veiloc PROGRAM]
 
 The map is of RedKitchen; the query image is not in it. Processes are killed by SIGKILL, so they cannot clean up. The script checks
 the state afterwards, and exits with 1 when an invariant is violated.
@@ -29,7 +30,9 @@ import time
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "service"))
 
 from common import PROTOBUF, first_words, target_dir  # noqa: E402
+from places import write_csv  # noqa: E402
 
+KILLED = ["`kill -9` during", "kills", "answered or found: old map", "answered or found: new map", "interrupted", "wrong or lost"]
 TOKEN = "a-token-for-a-test-on-loopback-only"
 
 
@@ -144,7 +147,7 @@ def raw(port, chunks, pause=0.0, timeout=60.0):
     stream.close()
     status = re.match(rb"HTTP/1.1 (\d+)", answer)
     problem = re.search(rb"urn:veiloc:problem:([a-z-]+)", answer)
-    outcome = f"{status[1].decode()}" if status else "closed without an answer"
+    outcome = f"{status[1].decode()}" if status else "closed without a word"
     return outcome + (f" `{problem[1].decode()}`" if problem else ""), took
 
 
@@ -177,23 +180,23 @@ def bad_requests(scene):
     table = [
         ("no bytes", whole(b""), 0, "400"),
         ("1000 random bytes", whole(rng.randbytes(1000)), 0, "400"),
-        ("half a query", whole(query[:len(query) // 2]), 0, "400"),
-        ("a query and four more bytes", whole(query + b"\x7d\x01\x02\x03"), 0, "400"),
-        ("one flipped bit in a descriptor", whole(bytes(flipped)), 0, None),
-        ("half a query, then nothing until the timeout", [head(len(query)) + query[:1000]], 0, "408"),
+        ("a query cut in half", whole(query[:len(query) // 2]), 0, "400"),
+        ("a query and four bytes more", whole(query + b"\x7d\x01\x02\x03"), 0, "400"),
+        ("one bit of a descriptor turned", whole(bytes(flipped)), 0, None),
+        ("half a query, then silence", [head(len(query)) + query[:1000]], 0, "408"),
         ("1 MiB announced and sent", whole(bytes(1 << 20)), 0, "413"),
         ("1 TiB announced", [head(1 << 40) + bytes(1000)], 0, "413"),
-        ("64 MiB in chunks, without a length", [head(), *endless()], 0, "413"),
-        ("a length that is not a number", [head("many") + query], 0, "400"),
-        ("head at one byte per second", bytewise(head(len(query))), 1.0, "408"),
-        ("body at one byte per second", [head(len(query)), *bytewise(query[:100])], 1.0, "408"),
+        ("64 MiB in chunks, length not announced", [head(), *endless()], 0, "413"),
+        ("a length that is no number", [head("many") + query], 0, "400"),
+        ("head at one byte a second", bytewise(head(len(query))), 1.0, "408"),
+        ("body at one byte a second", [head(len(query)), *bytewise(query[:100])], 1.0, "408"),
         ("no token", whole(query, token=None), 0, "401"),
         ("a wrong token", whole(query, token="guess"), 0, "401"),
         ("no token, 1 MiB", whole(bytes(1 << 20), token=None), 0, "401"),
         ("metrics with a client's token", [head(0, method="GET", target="/metrics")], 0, "403"),
-        ("JSON instead of a query", whole(b"{}", kind="application/json"), 0, "415"),
-        ("an unknown map", whole(query, target="/v1/maps/..%2Fplace/localize"), 0, "404"),
-        ("bytes that are not HTTP", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"], 0, "400"),
+        ("JSON for a query", whole(b"{}", kind="application/json"), 0, "415"),
+        ("a map that is not there", whole(query, target="/v1/maps/..%2Fplace/localize"), 0, "404"),
+        ("bytes that are no HTTP", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"], 0, "400"),
         ("a head of 100 kB", [b"GET /healthz HTTP/1.1\r\nx: " + b"y" * 100_000 + b"\r\n\r\n"], 0, "431"),
     ]
     results = [None] * len(table)
@@ -206,22 +209,24 @@ def bad_requests(scene):
         thread.start()
     for thread in threads:
         thread.join()
-    print("| sent | answered | after s |\n|---|---|---|")
+    rows = [[what, outcome, f"{took:.1f}"] for (what, *_), (outcome, took) in zip(table, results)]
     for (what, _, _, expected), (outcome, took) in zip(table, results):
-        print(f"| {what} | {outcome} | {took:.1f} |")
+        print(f"{what}  {outcome}  {took:.1f} s")
         silent = expected in ("408", "431", "400") and outcome.startswith("closed")
         check(expected is None or outcome.startswith(expected) or silent, f"{what}: {outcome}, expected {expected}")
     status, _ = localize(port, query)
     check(status == 200, f"a valid query afterwards got {status}")
     memory = re.search(r"VmHWM:\s+(\d+) kB", pathlib.Path(f"/proc/{server.process.pid}/status").read_text())
-    print(f"\nA valid query afterwards: {status}. Peak memory of the server: {int(memory[1]) / 1024:.0f} MB.\n")
+    print(f"A valid query afterwards: {status}. Peak memory of the server: {int(memory[1]) / 1024:.0f} MB.")
     server.kill(signal.SIGTERM)
+    return rows
 
 
 # ---------------------------------------------------------------- kill -9
 
 def killed_writes(scene, kills, rng):
-    """Kills `map remove` at a random time; the file must be the old or the new map."""
+    """Kills `map remove` at a random time; the file must be the old or the new map. Returns a row of the table, whose `wrong or lost`
+    is 0 because the checks end the script otherwise."""
     live = scene.work / "live.vmap"
     old, new = scene.map.read_bytes(), scene.smaller.read_bytes()
     command = [scene.veiloc, "--quiet", "map", "remove", live, *scene.removed]
@@ -251,8 +256,8 @@ def killed_writes(scene, kills, rng):
         successful += 1
         for path in left:
             path.unlink(missing_ok=True)
-    print(f"| a map write ({took:.1f} s) | {kills} | {counts['old']} times the old map, {counts['new']} times the new one, "
-          f"byte by byte; {unfinished} times an unfinished temporary file was left; the next write succeeded {successful} times |")
+    print(f"a map write ({took:.1f} s): {unfinished} times an unfinished temporary file was left; the next write succeeded {successful} times")
+    return ["map write", kills, counts["old"], counts["new"], "", 0]
 
 
 def killed_reloads(scene, kills, rng):
@@ -298,9 +303,7 @@ def killed_reloads(scene, kills, rng):
         status, body = localize(server.port, scene.query)
         check(status == 200 and pose(body) == poses[target], "a restarted server answers with the new map")
         server.kill()
-    print(f"| a hot reload during a query | {kills} | the query: {outcomes['old']} times answered from the old map, "
-          f"{outcomes['new']} times from the new one, {outcomes['none']} times the connection broke; "
-          f"after the restart, {kills} of {kills} answers are from the new map |")
+    return ["hot reload with a query under way", kills, outcomes["old"], outcomes["new"], outcomes["none"], 0]
 
 
 def killed_requests(scene, requests, rng):
@@ -358,8 +361,8 @@ def killed_requests(scene, requests, rng):
     check(not wrong, f"{len(wrong)} answers differ from the first")
     check(count["answered"] == requests, "every request is answered in the end")
     server.kill(signal.SIGTERM)
-    print(f"| {requests} requests of 8 clients | {restarts} | {count['answered']} answered, all with the same pose, "
-          f"{count['broken']} attempts lost or refused their connection and were retried, {count['refused']} refused by the service |")
+    print(f"{requests} requests of 8 clients: {count['refused']} refused by the service")
+    return [f"{requests} requests of 8 clients, one map", restarts, "", count["answered"], count["broken"], len(wrong)]
 
 
 def main():
@@ -368,21 +371,26 @@ def main():
     parser.add_argument("--requests", type=int, default=1000, help="requests during which the server is killed five times")
     parser.add_argument("--kills", type=int, default=60, help="killed map writes, and killed reloads")
     parser.add_argument("--seed", type=int, default=0, help="seed of the kill times")
+    parser.add_argument("--data", default=os.environ.get("VEILOC_DATA"), help="folder of the real photographs (default: VEILOC_DATA)")
+    parser.add_argument("--csv", type=pathlib.Path, help="CSV of invalid requests")
+    parser.add_argument("--killed-csv", type=pathlib.Path, help="CSV of `kill -9`")
     arguments = parser.parse_args()
-    data = os.environ.get("VEILOC_DATA")
+    data = arguments.data
     if not data:
-        sys.exit("set VEILOC_DATA to the folder of the real photographs")
+        sys.exit("set VEILOC_DATA or --data to the folder of the real photographs")
     veiloc = arguments.veiloc or target_dir() / "release" / "veiloc"
     if not veiloc.exists():
         sys.exit("build the program first: cargo build --release")
     rng = random.Random(arguments.seed)
     with tempfile.TemporaryDirectory() as work:
         scene = RedKitchen(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
-        bad_requests(scene)
-        print("| `kill -9` during | times | result |\n|---|---|---|")
-        killed_writes(scene, arguments.kills, rng)
-        killed_reloads(scene, arguments.kills, rng)
-        killed_requests(scene, arguments.requests, rng)
+        write_csv(arguments.csv, ["sent", "answered", "after (s)"], bad_requests(scene))
+        rows = []
+        for row in (killed_writes(scene, arguments.kills, rng), killed_reloads(scene, arguments.kills, rng),
+                    killed_requests(scene, arguments.requests, rng)):  # fmt: skip
+            print(*row, sep="  ", flush=True)
+            rows.append(row)
+        write_csv(arguments.killed_csv, KILLED, rows)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Each scenario reproduces one attack on the service and reports how the service behaves. It runs against any build, to compare
 versions:
 
-    VEILOC_DATA=../shared/data scripts/service/stuck_log.py [--veiloc PROGRAM]
+    scripts/service/stuck_log.py [--veiloc PROGRAM] [--data FOLDER]
 
 Loopback only, standard library only. The maps are cached in the target folder, and built again when the
 program cannot open them.
@@ -90,7 +90,7 @@ class RedKitchen(Program):
     def make(self, cache):
         data = os.environ.get("VEILOC_DATA")
         if not data:
-            sys.exit("set VEILOC_DATA to the folder of the real photographs")
+            sys.exit("set VEILOC_DATA or --data to the folder of the real photographs")
         cache.mkdir(parents=True, exist_ok=True)
         kitchen = pathlib.Path(data).resolve() / "redkitchen"
         names = first_words(kitchen / "map.txt")
@@ -230,7 +230,16 @@ def in_threads(count, work):
 def arguments(doc):
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--veiloc", help="the program to test (default: the release build of this repository)")
+    parser.add_argument("--data", action=DataFolder, help="folder of the real photographs (default: VEILOC_DATA)")
     return parser
+
+
+class DataFolder(argparse.Action):
+    """Sets VEILOC_DATA, which this process and its children read."""
+
+    def __call__(self, parser, options, value, name=None):
+        os.environ["VEILOC_DATA"] = value
+        setattr(options, self.dest, value)
 
 
 def row(*cells):

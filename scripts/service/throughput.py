@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Queries per second of the service, against the rate that its workers would reach if only the library took time.
 
-    VEILOC_DATA=../shared/data scripts/service/throughput.py [--veiloc PROGRAM] [--seconds 15]
+    scripts/service/throughput.py --data $VEILOC_DATA --csv docs/results/service/overhead.csv [--veiloc PROGRAM] [--seconds 15]
 
 Sends one sealed query of 1024 keypoints repeatedly, with enough clients to keep all workers busy: HTTP/1.1, plain and with TLS.
 *Library* is the service's own measurement of retrieval, matching and pose (`veiloc_stage_seconds`). The number of workers over
@@ -13,8 +13,13 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
-from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, header, row, wait_for
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from common import LOCALIZE, PROTOBUF, RedKitchen, Server, arguments, ask, wait_for  # noqa: E402
+from places import write_csv  # noqa: E402
+
 
 STAGES = ("retrieve", "match", "pose")
 
@@ -39,6 +44,7 @@ def load(url, query, seconds, clients):
 def main():
     parser = arguments(__doc__)
     parser.add_argument("--seconds", type=int, default=15, help="duration of each row")
+    parser.add_argument("--csv", type=Path)
     args = parser.parse_args()
     scene = RedKitchen(args.veiloc)
     query, cert, key = scene.work / "query", scene.work / "cert.pem", scene.work / "key.pem"
@@ -46,8 +52,7 @@ def main():
     subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
                     "-keyout", key, "-out", cert, "-days", "1", "-subj", "/CN=localhost"], check=True, capture_output=True)
     workers = os.cpu_count()
-    header("", "answers per second", "library, ms", f"bound of {workers} workers", "share")
-    worst = 1.0
+    rows = []
     for tls in (False, True):
         server = Server(scene, "--log", "error", *(["--cert", cert, "--key", key] if tls else []))
         wait_for(lambda: ask(server.admin, "/readyz")[0] == 200, "readiness")
@@ -58,11 +63,12 @@ def main():
         if not good:
             sys.exit(f"no answer: {others}")
         each = (after[0] - before[0]) / (after[1] - before[1])
-        share = rate * each / workers
-        worst = min(worst, share)
-        row("TLS" if tls else "plain", f"{rate:.1f}", f"{1e3 * each:.1f}", f"{workers / each:.1f}", f"{share:.2f}")
+        rows.append(["TLS" if tls else "plain", f"{rate:.1f}", f"{1e3 * each:.1f}", f"{workers / each:.1f}",
+                     f"{rate * each / workers:.2f}"])  # fmt: skip
+        print(*rows[-1], sep="  ", flush=True)
         server.stop()
-    print(f"\nworst share {worst:.2f}")
+    bound = f"answers a second {workers} workers could give"
+    write_csv(args.csv, ["connection", "answers a second", "library, a query (ms)", bound, "share"], rows)
 
 
 if __name__ == "__main__":

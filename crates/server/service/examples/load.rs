@@ -1,5 +1,5 @@
 //! Load test of a running service: requests per second and percentiles of the response time, by number of
-//! connections.
+//! connections, as comma-separated values; `scripts/service/load.py` runs it.
 //!
 //! ```text
 //! veiloc serve --map place=place.vmap --rate 1000000 &
@@ -55,8 +55,7 @@ fn run(arguments: &[String]) -> Result<String, String> {
         .token(&token)
         .bytes();
     let mut table =
-        "| connections | requests | answered | refused (503) | other | lost | answers/s | p50 ms | p95 ms | \
-                     p99 ms | slowest refusal ms |\n|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "connections,requests,answered,refused (503),other,lost,answers/s,p50 ms,p95 ms,p99 ms,slowest refusal ms\n"
             .to_owned();
     for count in connections {
         let count: usize = count.parse().map_err(|e| format!("{count}: {e}"))?;
@@ -116,7 +115,7 @@ fn row(connections: usize, load: &Load) -> String {
         n => answered[((n - 1) as f64 * share).round() as usize],
     };
     format!(
-        "| {connections} | {} | {} | {} | {} | {lost} | {:.1} | {:.0} | {:.0} | {:.0} | {:.0} |\n",
+        "{connections},{},{},{},{},{lost},{:.1},{:.0},{:.0},{:.0},{:.0}\n",
         load.all.len(),
         answered.len(),
         refused.len(),
