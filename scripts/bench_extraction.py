@@ -13,7 +13,8 @@ and fails if it is below 99 %.
     cargo build --release -p veiloc-features --example layers --features rten,onnxruntime
     .venv/bin/pip install numpy opencv-python-headless onnxruntime
     .venv/bin/python scripts/bench_extraction.py --extract target/release/examples/extract --layers target/release/examples/layers \\
-        --weights $VEILOC_DATA/../weights $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg
+        --weights $VEILOC_DATA/../weights --rounds 8 --csv docs/results/features/network-speed.csv \\
+        $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg
 """
 
 import argparse
@@ -27,8 +28,10 @@ import numpy as np
 import onnxruntime
 
 import bench_sift
+from places import write_csv
 from timing import child_seconds, one_thread
 
+COLUMNS = ["features, input", "program", "time (ms)", "time over the last of its group", "keypoints"]
 SAME_PX, SAME_SHARE = 0.1, 0.99
 # Extractions per timing.
 REPEATS = 2
@@ -140,6 +143,7 @@ def main():
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--contrast", type=float, default=0.012, help="OpenCV's, three times our peak threshold of 0.004")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--csv", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     gray = cv2.imread(str(arguments.image), cv2.IMREAD_GRAYSCALE)
@@ -153,20 +157,20 @@ def main():
                 seconds.append(rival.seconds(gray, folder))
         # Not the minimum: our times are differences of two runs, whose minimum is biased.
         median = {key: float(np.median(seconds)) for key, seconds in times.items()}
-        print("| features, input | program | ms | ratio to the last | keypoints | within 0.1 px of the first |\n|---|---|--:|--:|--:|--:|")
-        others = []
+        others, rows = [], []
         for name, rivals in groups.items():
             found = [rival.found(gray, folder) for rival in rivals]
             for i, rival in enumerate(rivals):
                 time_of = median[name, rival]
                 keypoints = "" if found[i] is None else len(found[i])
                 # OpenCV has another detector, so its keypoints are not compared.
-                alike = "" if i == 0 or i == len(rivals) - 1 else same(found[0], found[i])
-                if alike != "" and alike < SAME_SHARE:
+                alike = None if i in (0, len(rivals) - 1) else same(found[0], found[i])
+                if alike is not None and alike < SAME_SHARE:
                     others.append(name)
-                ratio = time_of / median[name, rivals[-1]]
-                share = "" if alike == "" else f"{100 * alike:.2f} %"
-                print(f"| {name} | {rival.name} | {1e3 * time_of:.1f} | {ratio:.2f} | {keypoints} | {share} |", flush=True)
+                rows.append([name, rival.name, f"{1e3 * time_of:.1f}", f"{time_of / median[name, rivals[-1]]:.2f}", keypoints])
+                share = [] if alike is None else [f"{100 * alike:.2f} % within 0.1 px of the first"]
+                print(*rows[-1], *share, sep="  ", flush=True)
+    write_csv(arguments.csv, COLUMNS, rows)
     if others:
         sys.exit(f"the engines find different keypoints: {', '.join(others)}")
 

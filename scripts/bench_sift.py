@@ -11,7 +11,7 @@ means over four warps: a rotation by 30 degrees, a scale of 0.7, a perspective, 
     cargo build --release -p veiloc-features --example extract
     python3 -m venv .venv && .venv/bin/pip install numpy opencv-python-headless
     .venv/bin/python scripts/bench_sift.py --extract target/release/examples/extract \\
-        $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg $VEILOC_DATA/photos/01.jpg
+        $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg --wasm --csv docs/results/features/sift-speed.csv
 
 `--extract` may be repeated to measure several builds. With `--wasm` ours is also built for WebAssembly with 128-bit vectors and run
 by node; its output must equal that of the first `--extract`. This needs the target wasm32-unknown-unknown.
@@ -27,8 +27,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from places import write_csv
 from timing import child_seconds
 
+COLUMNS = ["extractor", "time (ms)", "time over OpenCV", "keypoints", "repeatable (%)", "matching score (%)", "correct matches"]
 REPEAT_PX = 1.5
 CORRECT_PX = 3.0
 MARGIN_PX = 8
@@ -45,8 +47,8 @@ def parsed(raw):
 
 
 class Ours:
-    def __init__(self, binary, keypoints, extra=(), name=None):
-        self.name, self.binary, self.keypoints, self.extra = name or Path(binary).name, binary, keypoints, extra
+    def __init__(self, binary, keypoints, extra=(), name="veiloc"):
+        self.name, self.binary, self.keypoints, self.extra = name, binary, keypoints, extra
 
     def run(self, image, out, repeats):
         """Processor seconds of a run with this number of additional extractions."""
@@ -65,9 +67,9 @@ class Ours:
 
 
 class Wasm:
-    name = "wasm, simd128"
-
     def __init__(self, keypoints, folder):
+        node = subprocess.run(["node", "--version"], check=True, capture_output=True, text=True).stdout
+        self.name = f"veiloc as WebAssembly with `simd128`, node {node.strip().removeprefix('v').split('.')[0]}"
         self.keypoints, self.folder = keypoints, folder
         (folder / "src").mkdir()
         (folder / "Cargo.toml").write_text(WASM_MANIFEST % (REPOSITORY / "crates/device/features"))
@@ -226,11 +228,13 @@ def main():
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--contrast", type=float, default=0.012, help="OpenCV's, three times our peak threshold of 0.004")
     parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--csv", type=Path)
     parser.add_argument("--wasm", action="store_true", help="build and measure WebAssembly too")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     rivals = [OpenCv(arguments.keypoints, arguments.contrast)]
-    rivals += [Ours(binary, arguments.keypoints) for binary in arguments.extract]
+    several = len(arguments.extract) > 1
+    rivals += [Ours(binary, arguments.keypoints, name=f"veiloc, {binary}" if several else "veiloc") for binary in arguments.extract]
     with tempfile.TemporaryDirectory() as folder:
         if arguments.wasm:
             rivals.append(Wasm(arguments.keypoints, Path(folder)))
@@ -238,8 +242,7 @@ def main():
 
 
 def measure(rivals, arguments):
-    print("| image | extractor | ms | ratio to OpenCV | keypoints | repeatable % | score % | correct |")
-    print("|---|---|--:|--:|--:|--:|--:|--:|")
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         for path in arguments.images:
@@ -256,11 +259,11 @@ def measure(rivals, arguments):
                     assert all((a == b).all() for a, b in zip(before, native)), "other bytes than the native program's"
                 found = [agreement(before, rival.features(image, folder), w[0], w[1]) for w, image in chosen]
                 repeat, score, correct = np.mean(found, axis=0)
-                print(
-                    f"| {path.stem} {width} x {height} | {rival.name} | {1e3 * seconds:.1f} | {seconds / median[0]:.2f} "
-                    f"| {len(before[0])} | {100 * repeat:.1f} | {100 * score:.1f} | {correct:.0f} |",
-                    flush=True,
-                )
+                image = [f"{path.stem} {width} x {height}"] if len(arguments.images) > 1 else []
+                rows.append([*image, rival.name, f"{1e3 * seconds:.1f}", f"{seconds / median[0]:.2f}", len(before[0]),
+                             f"{100 * repeat:.1f}", f"{100 * score:.1f}", f"{correct:.0f}"])  # fmt: skip
+                print(*rows[-1], sep="  ", flush=True)
+    write_csv(arguments.csv, [*(["image"] if len(arguments.images) > 1 else []), *COLUMNS], rows)
 
 
 if __name__ == "__main__":

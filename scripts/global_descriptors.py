@@ -2,6 +2,7 @@
 
     global_descriptors.py write --weights DIR
     global_descriptors.py measure --globals target/release/examples/globals --data DIR --weights DIR --folder DIR [--photos N]
+        [--csv FILE] [--leak-csv FILE]
 
 `write` writes the reference values of `xfeat-netvlad` for the tests, with ONNX Runtime. `measure` computes VLAD of RootSIFT and
 `xfeat-netvlad` with veiloc, for the scenes and for N training images (chosen by a hash of their names; one eighth trains VLAD's
@@ -25,9 +26,16 @@ import numpy as np
 import onnxruntime
 from PIL import Image
 
-from oracle_networks import DATA, drawn
+from places import write_csv
 
 FOLDS = 5
+RETRIEVAL = [
+    "global descriptor", "scene", "queries", "map images", "mean reciprocal rank", "first right (%)", "one of 5 right (%)",
+    "of 5 right (%)",
+]  # fmt: skip
+LEAK = [
+    "linear reader of", "person: ROC AUC", "standard error", "brightness explained (%)", "contrast explained (%)", "collection right (%)",
+]  # fmt: skip
 
 
 def gray(path: Path) -> np.ndarray:
@@ -36,6 +44,8 @@ def gray(path: Path) -> np.ndarray:
 
 def write(args: argparse.Namespace) -> None:
     """The image of 640 x 480 pixels is centred in XFeat's input, with reflected padding above and below."""
+    from oracle_networks import DATA, drawn  # needs PyTorch
+
     open_ = lambda name: onnxruntime.InferenceSession(str(args.weights / name))
     image = drawn(640, 480)
     whole = np.pad((image - image.mean(dtype=float)) / np.sqrt(image.var(dtype=float) + 1e-5), ((80, 80), (0, 0)), "symmetric")
@@ -86,10 +96,10 @@ def poses(file: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def retrieval(all_: np.ndarray, index: dict, data: Path, photos: list[Path]) -> None:
-    """A map image is right when it is within a distance and an angle of the query."""
-    print("| scene | queries | images | mean reciprocal rank | first right | one of 5 right | of 5 right |\n|---|--:|--:|--:|--:|--:|--:|")
-    for scene, near, degrees in [("redkitchen", 0.2, 15), ("herzjesu", 5.0, 30)]:
+def retrieval(all_: np.ndarray, index: dict, data: Path, photos: list[Path]) -> list[list]:
+    """Rows of a scene without and with the photos. A map image is right when it is within a distance and an angle of the query."""
+    rows = []
+    for title, scene, near, degrees in [("RedKitchen", "redkitchen", 0.2, 15), ("Herz-Jesu", "herzjesu", 5.0, 30)]:
         known = poses(data / scene / "posed/images.txt")
         lists = {kind: (data / scene / f"{kind}.txt").read_text().split() for kind in ["map", "query"]}
         at = lambda name: index[data / scene / "images" / name]
@@ -108,7 +118,9 @@ def retrieval(all_: np.ndarray, index: dict, data: Path, photos: list[Path]) -> 
                     ranks.append(1 + int(np.argmax(right[order])))
                     of_five.append(right[order[:5]].mean())
             r = np.array(ranks)
-            print(f"| {scene} | {r.size} | {len(candidates)} | {(1 / r).mean():.3f} | {(r == 1).mean():.1%} | {(r <= 5).mean():.1%} | {np.mean(of_five):.1%} |")
+            shares = [(r == 1).mean(), (r <= 5).mean(), np.mean(of_five)]
+            rows.append([title, r.size, len(candidates), f"{(1 / r).mean():.3f}", *(f"{100 * share:.1f}" for share in shares)])
+    return rows
 
 
 def persons(args: argparse.Namespace, paths: list[Path]) -> np.ndarray:
@@ -181,9 +193,10 @@ def measure(args: argparse.Namespace) -> None:
     paths = scenes + held
     index = {path: at for at, path in enumerate(paths)}
     models = {model: vectors(args, model, paths, words) for model in ["vlad", "xfeat-netvlad"]}
-    for model, all_ in models.items():
-        print(f"\n{model}: {all_.shape[1]} numbers\n")
-        retrieval(all_, index, args.data, held)
+    found = [[model, *row] for model, all_ in models.items() for row in retrieval(all_, index, args.data, held)]
+    for row in found:
+        print(*row, sep="  ")
+    write_csv(args.csv, RETRIEVAL, found)
     own = {model: all_[len(scenes) :] for model, all_ in models.items()}
     kernels = {model: all_ @ all_.T for model, all_ in own.items()}
     # A regression on both vectors: the mean of both kernels, normalized to the same trace.
@@ -196,15 +209,18 @@ def measure(args: argparse.Namespace) -> None:
     light = np.array([image.mean() for image in pixels])
     contrast = np.array([image.std() for image in pixels])
     collection = np.array([[path.parent.name == name for name in ["objects", "nature", "streets"]] for path in held], float)
-    print(f"\n{len(held)} images, {label.sum()} with a person\n")
-    print("| vector | person, ROC AUC | brightness, R² | contrast, R² | collection, accuracy |\n|---|--:|--:|--:|--:|")
+    print(f"{len(held)} images, {label.sum()} with a person")
+    rng, leak = np.random.default_rng(1), []
     for model, kernel in kernels.items():
         person = roc_auc(ridge(kernel, label.astype(float), fold), label)
         brightness, spread = (explained_variance(t, ridge(kernel, t, fold)) for t in [light, contrast])
         chosen = (ridge(kernel, collection, fold).argmax(1) == collection.argmax(1)).mean()
-        print(f"| {model} | {person:.3f} ± {roc_auc_error(person, label):.3f} | {brightness:.1%} | {spread:.1%} | {chosen:.1%} |")
-    rng = np.random.default_rng(1)
-    print(f"\nby chance: person 0.5, R² 0, collection {collection.mean(0).max():.1%}")
+        shares = [f"{100 * share:.1f}" for share in [brightness, spread, chosen]]
+        leak.append([model, f"{person:.3f}", f"{roc_auc_error(person, label):.3f}", *shares])
+    leak.append(["chance", "0.5", "", "0", "0", f"{100 * collection.mean(0).max():.1f}"])
+    for row in leak:
+        print(*row, sep="  ")
+    write_csv(args.leak_csv, LEAK, leak)
     turned = label[rng.permutation(len(label))]
     print(f"permuted labels: person {roc_auc(ridge(kernels['both'], turned.astype(float), fold), turned):.3f}")
     for a, b in [("vlad", "xfeat-netvlad"), ("xfeat-netvlad", "vlad")]:
@@ -222,6 +238,8 @@ def main() -> None:
             job.add_argument("--data", type=Path, required=True, help="folder of the real images")
             job.add_argument("--folder", type=Path, required=True, help="folder that caches the vectors")
             job.add_argument("--photos", type=int, default=720)
+            job.add_argument("--csv", type=Path, help="CSV of retrieval")
+            job.add_argument("--leak-csv", type=Path, help="CSV of what a linear reader learns")
     args = parser.parse_args()
     write(args) if args.job == "write" else measure(args)
 

@@ -9,11 +9,13 @@ compared as RootSIFT. Two kinds of pairs:
   of the other image within 1.5 px of their warped position. Correct: a mutual nearest neighbour within 3 px.
 - two photographs with known poses. Correct: a mutual nearest neighbour within 2 px of its epipolar line in both.
 
-`score` is the share of mutual nearest neighbours that are correct, `correct` their number per pair.
+The matching score is the share of mutual nearest neighbours that are correct. Printed are the scenes, and the means over the kinds
+of warps and over the scenes.
 
     cargo build --release -p veiloc-features --example extract
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
-    .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA
+    .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA \\
+        --csv docs/results/features/extractors.csv
 
 With `--fixture crates/device/features/tests/data` it instead writes a small synthetic image and the features of pycolmap and OpenCV in
 it, as references for crates/device/features/tests/it/oracle.rs.
@@ -28,6 +30,10 @@ import cv2
 import numpy as np
 import pycolmap
 
+from places import write_csv
+
+COLUMNS = ["pairs", "number of pairs", "extractor", "keypoints", "repeatable (%)", "matching score (%)", "correct matches per pair"]
+WARPS = 4
 REPEAT_PX = 1.5
 CORRECT_PX = 3.0
 EPIPOLAR_PX = 2.0
@@ -284,20 +290,19 @@ def measure(extractors, data, photos):
     return table
 
 
-def print_table(table):
-    print("| pairs | extractor | keypoints | repeatable % | score % | correct |")
-    print("|---|---|--:|--:|--:|--:|")
-    for kind, rows in table.items():
-        for name, values in rows.items():
-            keypoints, repeat, score, correct = np.mean(values, axis=0)
-            repeat = "" if np.isnan(repeat) else f"{100 * repeat:.1f}"
-            print(f"| {kind} ({len(values)}) | {name} | {keypoints:.0f} | {repeat} | {100 * score:.1f} | {correct:.0f} |")
-    for title, kinds in {"all warps": slice(0, 4), "all posed": slice(4, None)}.items():
-        chosen = list(table.values())[kinds]
-        for name in chosen[0]:
-            keypoints, repeat, score, correct = np.mean([np.mean(rows[name], axis=0) for rows in chosen], axis=0)
-            repeat = "" if np.isnan(repeat) else f"{100 * repeat:.1f}"
-            print(f"| **{title}** | {name} | {keypoints:.0f} | {repeat} | {100 * score:.1f} | {correct:.0f} |")
+def rows_of(table):
+    """Rows of the result: each scene, then the mean over the kinds of warps and over the scenes."""
+    def row(title, number, name, means):
+        keypoints, repeat, score, correct = means
+        return [title, number, name, f"{keypoints:.0f}", "" if np.isnan(repeat) else f"{100 * repeat:.1f}", f"{100 * score:.1f}",
+                f"{correct:.0f}"]  # fmt: skip
+
+    kinds = list(table)
+    out = [row(kind, len(values), name, np.mean(values, axis=0)) for kind in kinds[WARPS:] for name, values in table[kind].items()]
+    for title, chosen in {"all warps": kinds[:WARPS], "all posed": kinds[WARPS:]}.items():
+        for name in table[chosen[0]]:
+            out.append(row(title, "", name, np.mean([np.mean(table[kind][name], axis=0) for kind in chosen], axis=0)))
+    return out
 
 
 # Reference files of the Rust tests.
@@ -341,6 +346,7 @@ def main():
     parser.add_argument("--data", type=Path, help="the folder with the photographs")
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--photos", type=int, default=8)
+    parser.add_argument("--csv", type=Path)
     parser.add_argument("--fixture", type=Path, help="write the reference files of the Rust tests into this folder")
     parser.add_argument("--rankings", action="store_true", help="compare rankings of our keypoints instead")
     arguments = parser.parse_args()
@@ -358,7 +364,10 @@ def main():
         ]
     else:
         extractors = [Ours(arguments.extract, n), Colmap(n), OpenCv(n)]
-    print_table(measure(extractors, arguments.data, arguments.photos))
+    rows = rows_of(measure(extractors, arguments.data, arguments.photos))
+    for row in rows:
+        print(*row, sep="  ")
+    write_csv(arguments.csv, COLUMNS, rows)
 
 
 if __name__ == "__main__":

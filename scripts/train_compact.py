@@ -4,7 +4,7 @@
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
         --out crates/device/features/src/compact/projection.bin
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
-        --features xfeat --train 200
+        --features sift,xfeat,alike-t --csv docs/results/features/projection.csv
 
 Linear discriminant analysis. Training images are warped by random homographies, blurred, darkened and given noise; keypoints of an
 image and its warped version within 1.5 px of each other are pairs. The projection whitens the differences of pairs (within-class
@@ -33,12 +33,16 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from places import write_csv
+
 SHIFT = {"sift": 18, "learned": 16}  # learned descriptors vary less, so their weights are larger
 LEVELS = 16
 # For each descriptor type; the values for networks were chosen for XFeat and ALIKE on 18 images outside training and validation.
 COUNT = {"sift": 64, "learned": 48}  # numbers of the file
 SPREADS = {"sift": 2.5, "learned": 3.2}  # standard deviations on either side that the levels cover
 FLOOR = {"sift": 0.1, "learned": 0.5}  # added to variances of pairs, in parts of their mean
+TRAIN = {"sift": 500, "learned": 200}  # training images
+COLUMNS = ["descriptors", "numbers", "bits a number", "bytes", "nearest neighbour right (%)"]
 PAIR_PX, RIGHT_PX = 1.5, 3.0
 # Largest descriptor distance of a pair; larger distances come from another orientation or scale at the same position. For networks in
 # parts of the descriptor length: their numbers have both signs, so different descriptors are farther apart than with RootSIFT.
@@ -70,7 +74,7 @@ def warp(image, draw):
     return homography, np.clip(out + noise, 0, 255).astype(np.uint8)
 
 
-def keypoints(args, names, folder):
+def keypoints(args, features, names, folder):
     """[(keypoints, descriptors) of an image, [(homography, (keypoints, descriptors))] of its warps]"""
     homographies = {}
     for number, name in enumerate(names):
@@ -84,7 +88,7 @@ def keypoints(args, names, folder):
             homographies[f"{number:04d}", k] = homography
             cv2.imwrite(str(folder / f"{number:04d}_{k}.png"), warped)
     out = folder / "keypoints.jsonl.gz"
-    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", args.features, "--max-keypoints", "1024", "-o", out]
+    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", features, "--max-keypoints", "1024", "-o", out]
     if args.engine:
         command += ["--engine", args.engine]
     subprocess.run(list(map(str, command)), check=True)
@@ -194,37 +198,59 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, required=True)
     parser.add_argument("--veiloc", type=Path, required=True)
-    parser.add_argument("--features", default="sift", help="sift, a model of `veiloc models` whose file VEILOC_MODELS finds, or a .toml")
-    parser.add_argument("--train", type=int, default=500, help="number of training images, the first by a hash of their names")
+    parser.add_argument("--features", default="sift",
+                        help="sift, a model of `veiloc models` whose file VEILOC_MODELS finds, or a .toml; several with commas")
+    parser.add_argument("--train", type=int,
+                        help="number of training images, the first by a hash of their names; 500 for sift, 200 for a network")
     parser.add_argument("--judge", type=int, default=30, help="number of validation images, the last by that hash")
     parser.add_argument("--count", type=int, help="numbers of the file, an even number; 64 of sift, 48 of a network")
     parser.add_argument("--out", type=Path, help="file for the projection")
+    parser.add_argument("--csv", type=Path)
     parser.add_argument("--engine", help="engine that runs the network (default: rten)")
     args = parser.parse_args()
-    names = names_by_hash(args.images)
-    with tempfile.TemporaryDirectory() as train, tempfile.TemporaryDirectory() as judge:
-        which = args.features if args.features in FARTHEST else "learned"
-        farthest, shift = FARTHEST[which], SHIFT[which]
-        learned = keypoints(args, names[: args.train], Path(train))
+    if args.out and "," in args.features:
+        parser.error("--out takes the projection of one kind of features")
+    names, rows = names_by_hash(args.images), []
+    for features in args.features.split(","):
+        rows += projections(args, features, names)
+    write_csv(args.csv, COLUMNS, rows)
+
+
+def projections(args, features, names):
+    """Trains and judges projections of one kind of features; rows of the table."""
+    which = features if features in FARTHEST else "learned"
+    farthest, shift, train = FARTHEST[which], SHIFT[which], args.train or TRAIN[which]
+    with tempfile.TemporaryDirectory() as folder:
+        folders = [Path(folder) / name for name in ("train", "judge")]
+        for path in folders:
+            path.mkdir()
+        learned = keypoints(args, features, names[:train], folders[0])
         if which == "learned":
             farthest *= np.median(np.concatenate([np.linalg.norm(own[1].astype(float), axis=1) for own, _ in learned]))
         first, second = pairs(learned, farthest)
-        judged = keypoints(args, names[-args.judge :], Path(judge))
-    print(f"{len(first)} pairs of {args.train} images")
+        judged = keypoints(args, features, names[-args.judge :], folders[1])
+    rows = []
+
+    def add(*row):
+        rows.append([*row[:-1], f"{100 * row[-1]:.1f}"])
+        print(*rows[-1], sep="  ", flush=True)
+
+    print(f"{len(first)} pairs of {train} images")
     own = first.shape[1]
-    print(f"{args.features}, {own} bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}", flush=True)
+    add(features, own, 8, own, found(judged, lambda x: x.astype(np.float32)))
     chosen = args.count or COUNT[which]
-    for count in sorted(count for count in {32, 48, 64, 96, 128, chosen} if count <= own):
+    for count in sorted(count for count in {32, 48, 64, 96, chosen} if count <= own):
         mean, directions = discriminant(first, second, count, FLOOR[which])
         weights, offsets, length = integers(first, mean, directions, SPREADS[which], shift)
         plain = found(judged, lambda x: ((x - mean) @ directions.T).astype(np.float32))
-        coarse = found(judged, lambda x: project(weights, offsets, x, shift))
-        print(f"{count} numbers: {plain:.4f} unquantized, {coarse:.4f} with 4 bits ({count // 2} bytes)", flush=True)
+        add(f"{features}, projected", count, "not cut", "", plain)
+        add(f"{features}, projected", count, 4, count // 2, found(judged, lambda x: project(weights, offsets, x, shift)))
         if count == chosen:
             print(f"   their median length is {length:.0f}")
             distances(judged, lambda x: 16 * project(weights, offsets, x, shift), length)
             if args.out:
                 args.out.write_bytes(weights.tobytes() + offsets.tobytes())
+    return rows
 
 
 if __name__ == "__main__":
