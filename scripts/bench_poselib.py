@@ -20,7 +20,7 @@ Criteria for both sides:
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
     cargo build --release -p veiloc-benches --bin solver_benchmark
-    .venv/bin/python scripts/bench_poselib.py [--problems 100000] [--rounds 5] [--only WORD] [--json]
+    .venv/bin/python scripts/bench_poselib.py [--problems 100000] [--rounds 5] [--only WORD] [--csv FILE]
 """
 
 import argparse
@@ -29,9 +29,12 @@ import json
 import os
 import subprocess
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import poselib
+
+from places import write_csv
 
 SHIM = r"""
 #include <stdint.h>
@@ -211,15 +214,22 @@ def ours(binary, family, problems, passes, out=None):
     return json.loads(result.stdout)
 
 
+COLUMNS = [
+    "solver", "PoseLib solver", "problems", "poses", "poses, PoseLib", "valid (%)", "valid, PoseLib (%)", "truth at 1e-6 (%)",
+    "truth at 1e-6, PoseLib (%)", "truth at 1e-3 (%)", "truth at 1e-3, PoseLib (%)", "time (ns)", "time, PoseLib (ns)",
+    "time over PoseLib",
+]  # fmt: skip
+
+
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--only", default="", help="only families whose solver or problems contain this text")
     parser.add_argument("--binary", default=os.path.join(
         os.environ.get("CARGO_TARGET_DIR", "target"), "release", "solver_benchmark"))
-    parser.add_argument("--json", action="store_true", help="one JSON document instead of the table")
+    parser.add_argument("--csv", type=Path)
     options = parser.parse_args()
     families = int(subprocess.run([options.binary], check=True, capture_output=True, text=True).stdout)
     results = []
@@ -241,22 +251,17 @@ def main():
             about["ratio"] = about["ns"] / about["ns_poselib"]
             about["ours"] = judge(rows, size, poses, about["solver"])
             about["poselib"] = judge(rows, size, rival.solve(name, rows, size), name)
-            results.append(about)
-            if not options.json:
-                line(about, header=len(results) == 1)
-    if options.json:
-        print(json.dumps({"poselib": poselib.__version__, "families": results}, indent=1))
+            results.append(row(about))
+            print(*results[-1], sep="  ", flush=True)
+    write_csv(options.csv, COLUMNS, results)
 
 
-def line(about, header):
-    if header:
-        print("| solver | PoseLib's | problems | poses | valid % | truth % 1e-6 | truth % 1e-3 | ns | ratio |")
-        print("|---|---|---|---|---|---|---|---|---|")
+def row(about):
     a, b = about["ours"], about["poselib"]
-    print(f"| `{about['solver']}` | `{about['rival']}` | {about['problems']} "
-          f"| {a['poses']:.2f} / {b['poses']:.2f} | {100 * a['valid']:.2f} / {100 * b['valid']:.2f} "
-          f"| {100 * a['truth']:.3f} / {100 * b['truth']:.3f} | {100 * a['coarse']:.3f} / {100 * b['coarse']:.3f} "
-          f"| {about['ns']:.0f} / {about['ns_poselib']:.0f} | **{about['ratio']:.2f}** |", flush=True)
+    both = lambda key, factor, form: [format(factor * a[key], form), format(factor * b[key], form)]
+    return [f"`{about['solver']}`", f"`{about['rival']}`", about["problems"], *both("poses", 1, ".2f"), *both("valid", 100, ".2f"),
+            *both("truth", 100, ".3f"), *both("coarse", 100, ".3f"), f"{about['ns']:.0f}", f"{about['ns_poselib']:.0f}",
+            f"{about['ratio']:.2f}"]  # fmt: skip
 
 
 if __name__ == "__main__":
