@@ -37,6 +37,7 @@ PASSWORDS = {name: secrets.token_hex(24) for name in ("gateway", f"worker-{MAP}"
 # A worker that does not run: messages to it reach no program.
 WORKER = f"veiloc.{MAP}.member.{'0' * 32}"
 ANNOUNCEMENTS = f"veiloc.{MAP}.members"
+REPORTS = "veiloc_gateways.spent"
 INBOX = "_INBOX_gateway.by-hand"
 FOREIGN = f"veiloc.{OTHER}.member.{'0' * 32}"
 TIMEOUT = 5.0
@@ -365,7 +366,7 @@ def check_permissions(cluster):
     for what, subject in (("publishes to an unknown subject", f"veiloc.{MAP}.other"), ("answers instead of a worker", f"{INBOX}.1"),
                           ("sends a request to the system account", "$SYS.REQ.SERVER.PING"),
                           ("publishes to an unknown subject of a worker", f"{WORKER}.other"),
-                          ("announces a worker", ANNOUNCEMENTS),
+                          ("announces a worker", ANNOUNCEMENTS), ("reports to gateways of another system", "veiloc_gateways.other"),
                           ("sends a request to JetStream", "$JS.API.INFO")):
         refused(f"the gateway's user {what}", gateway.publish(subject), no_pub)
     works("the gateway's user receives its own replies", gateway.subscribe(f"{INBOX}.*") == "")
@@ -373,6 +374,13 @@ def check_permissions(cluster):
     gateway.messages.clear()
     heard = gateway.hear()
     works("workers announce themselves", heard is not None and heard[0] == ANNOUNCEMENTS, heard)
+    gateway.send(b"UNSUB 2\r\n")
+    gateway.settle()
+    gateway.messages.clear()
+    works("it receives the reports of gateways", gateway.subscribe(REPORTS, sid=2) == "")
+    heard = gateway.hear()
+    works("gateways report what clients spend", heard is not None and heard[0] == REPORTS, heard)
+    works("it reports itself", gateway.publish(REPORTS, b"no report") == "")
     gateway.send(b"UNSUB 2\r\n")
     gateway.settle()
     gateway.messages.clear()
@@ -385,7 +393,7 @@ def check_permissions(cluster):
             ("subscribes to the queries of all workers outside the queue group", workers, ""),
             ("subscribes to those of one worker outside the queue group", WORKER, ""),
             ("joins a queue group of its own", workers, "spies"), ("subscribes to all of veiloc", "veiloc.>", ""),
-            ("subscribes to everything", ">", ""), ("subscribes to replies to gateways", "_INBOX_gateway.>", ""),
+            ("subscribes to everything", ">", ""), ("subscribes to reports of gateways", REPORTS, ""), ("subscribes to replies to gateways", "_INBOX_gateway.>", ""),
             ("subscribes to one gateway's replies", f"{INBOX}.*", ""), ("subscribes to inboxes of no user", "_INBOX.>", ""),
             ("subscribes to all inboxes", "*.>", ""), ("subscribes to the system account", "$SYS.>", ""),
             ("subscribes to replies to workers of another map", f"_INBOX_worker-{OTHER}.>", ""),
@@ -397,7 +405,7 @@ def check_permissions(cluster):
     for what, subject in (
             ("sends a pose to a gateway that did not request it", f"{INBOX}.1"),
             ("cancels a request of a gateway", f"{WORKER}.cancel"), ("sends a request to a worker", WORKER),
-            ("sends a request to another map", FOREIGN), ("announces a worker of another map", f"veiloc.{OTHER}.members"),
+            ("sends a request to another map", FOREIGN), ("reports what clients spend", REPORTS), ("announces a worker of another map", f"veiloc.{OTHER}.members"),
             ("sends a request to JetStream", "$JS.API.INFO")):
         refused(f"a worker's user {what}", worker.publish(subject), no_pub)
     other = user(f"worker-{OTHER}", 2)

@@ -110,12 +110,16 @@ class Cluster:
         part.admin = admin
         return part
 
-    def serve(self, more=()):
-        self.port, self.admin = free_port(), free_port()
+    def serve(self, more=(), name="gateway", rate=1000000):
+        port, admin = free_port(), free_port()
+        if name == "gateway":
+            self.port, self.admin = port, admin
         command = [self.program.veiloc, "serve", "--cluster", self.servers, "--cluster-map", MAP, "--store", self.store,
-                   "--cache", self.work / "cache-gateway", "--listen", f"127.0.0.1:{self.port}", "--admin-listen",
-                   f"127.0.0.1:{self.admin}", "--rate", 1000000, "--watch", 1, "--drain-delay", 0, "--answer-quantum", 0, *more]
-        return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
+                   "--cache", self.work / f"cache-{name}", "--listen", f"127.0.0.1:{port}", "--admin-listen",
+                   f"127.0.0.1:{admin}", "--rate", rate, "--watch", 1, "--drain-delay", 0, "--answer-quantum", 0, *more]
+        part = Part(self, name, command, lambda: ask(admin, "/readyz")[0] == 200)
+        part.port, part.admin = port, admin
+        return part
 
     def stop(self):
         """Stops all processes; returns the exit codes of gateway and workers."""

@@ -18,7 +18,7 @@ use crate::message::{Load, VERSION};
 const MIN_PERIOD: Duration = Duration::from_millis(10);
 const MAX_PERIOD: Duration = Duration::from_secs(60);
 
-/// Id of a running worker, drawn at its start.
+/// Id of a running worker or gateway, drawn at its start.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MemberId([u8; 16]);
 
@@ -38,6 +38,10 @@ impl MemberId {
     /// From its bytes.
     pub const fn from_bytes(bytes: [u8; 16]) -> Self {
         Self(bytes)
+    }
+
+    pub(crate) const fn as_bytes(&self) -> &[u8; 16] {
+        &self.0
     }
 }
 
@@ -118,10 +122,7 @@ impl Announcement {
         }
         let field = |field| ClusterError::FrameField { field };
         let member: [u8; 16] = frame.member.as_ref().try_into().map_err(|_| field("member"))?;
-        let period = Duration::from_millis(frame.period_ms.into());
-        if !(MIN_PERIOD..=MAX_PERIOD).contains(&period) {
-            return Err(field("period_ms"));
-        }
+        let period = read_period(frame.period_ms)?;
         if frame.threads == 0 {
             return Err(field("threads"));
         }
@@ -138,6 +139,13 @@ impl Announcement {
             objects: objects.iter().map(|object| ObjectId::from_bytes(*object)).collect(),
         })
     }
+}
+
+/// A period of announcements, in its bounds.
+pub(crate) fn read_period(period_ms: u32) -> Result<Duration, ClusterError> {
+    let period = Duration::from_millis(period_ms.into());
+    let is_valid = (MIN_PERIOD..=MAX_PERIOD).contains(&period);
+    is_valid.then_some(period).ok_or(ClusterError::FrameField { field: "period_ms" })
 }
 
 #[cfg(test)]

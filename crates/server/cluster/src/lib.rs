@@ -16,7 +16,7 @@
 //! (rule L7): two seals of one image would reveal more than one, two copies of one seal do not. This crate depends
 //! neither on `veiloc-features` nor on `veiloc-obfuscation`: like the service, it cannot name a keypoint of a query.
 //!
-//! `docs/guide/cluster.md` is for operators, decisions 0029 and 0052 explain the design.
+//! `docs/guide/cluster.md` is for operators, decisions 0029, 0052 and 0055 explain the design.
 #![forbid(unsafe_code)]
 
 mod announcement;
@@ -27,6 +27,7 @@ mod manifest_source;
 mod members;
 pub mod message;
 pub mod object_store;
+mod rate_exchange;
 mod share;
 mod subjects;
 mod worker;
@@ -35,5 +36,6 @@ pub use announcement::{Announcement, MemberId};
 pub use error::ClusterError;
 pub use gateway::{Gateway, GatewayOptions};
 pub use manifest_source::{FolderSource, ManifestSource, ObjectStoreSource, PublishedManifest, SourceFuture};
+pub use rate_exchange::{RateExchangeOptions, share_rates};
 pub use share::RegionShare;
 pub use worker::{Worker, WorkerHandle, WorkerOptions};

@@ -13,3 +13,8 @@ pub(crate) fn of_members(map: &str) -> Result<Subject, ClusterError> {
 pub(crate) fn of_member(map: &str, member: &MemberId) -> Result<Subject, ClusterError> {
     Ok(Subject::new(["veiloc", map, "member", &member.to_string()])?)
 }
+
+/// Where gateways report what their clients spend. No map has this subject, because those begin with `veiloc.`.
+pub(crate) fn of_gateways() -> Result<Subject, ClusterError> {
+    Ok(Subject::new(["veiloc_gateways", "spent"])?)
+}

@@ -35,15 +35,6 @@ impl fmt::Debug for Clock {
     }
 }
 
-/// Lets rate limiters of `governor` use this clock.
-impl governor::clock::Clock for Clock {
-    type Instant = Instant;
-
-    fn now(&self) -> Instant {
-        Self::now(self)
-    }
-}
-
 /// A clock that changes only when [`Self::advance`] is called.
 #[cfg(test)]
 #[derive(Clone)]

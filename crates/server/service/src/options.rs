@@ -16,6 +16,7 @@ use crate::clock::Clock;
 use crate::error::ServerError;
 use crate::geo_reference::GeoReference;
 use crate::origin::CorsOrigin;
+use crate::rates::SharedRates;
 use crate::remote::RemoteMap;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
@@ -120,6 +121,9 @@ pub struct ServerOptions {
     pub allow_anonymous: bool,
     /// Rate limit of each token; without tokens, of all requests together.
     pub rate: RateLimit,
+    /// Counts of what clients spend at other gateways, so that [`Self::rate`] holds over all of them. `None`: it holds for
+    /// this service alone.
+    pub shared_rates: Option<SharedRates>,
     /// Threads that localize. Default: one per core.
     pub workers: NonZeroUsize,
     /// Maximum length of the queue; a further query is refused with 503. 32 queries wait about a second on two cores.
@@ -178,6 +182,7 @@ impl ServerOptions {
             tokens_max_stale: Duration::from_secs(300),
             allow_anonymous: false,
             rate: RateLimit { per_second: DEFAULT_RATE, burst: DEFAULT_RATE },
+            shared_rates: None,
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
             connections: NonZeroUsize::MIN.saturating_add(1023),

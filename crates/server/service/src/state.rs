@@ -12,6 +12,7 @@ use crate::pool::Pool;
 use crate::problem;
 use crate::queue::LogThrottle;
 use crate::queue::{ConnectionLimits, Connections};
+use crate::rates::RatePolicy;
 #[cfg(feature = "opentelemetry")]
 use crate::telemetry::Traces;
 use crate::telemetry::{GaugeValues, Metrics, MetricsOptions, RequestIds};
@@ -53,13 +54,14 @@ impl App {
     /// map is left, no maps folder is configured, and there is no remote map.
     pub(crate) fn open(options: ServerOptions) -> Result<Self, ServerError> {
         options.check()?;
+        let shared = options.shared_rates.clone();
+        let rates = RatePolicy { rate: options.rate, clock: options.clock.clone(), shared };
         let (tokens, callers) = match &options.tokens {
             Some(path) => {
-                let (file, callers) =
-                    TokensFile::open(path, options.rate, &options.clock, options.tokens_max_stale)?;
+                let (file, callers) = TokensFile::open(path, rates, options.tokens_max_stale)?;
                 (Some(file), callers)
             }
-            None => (None, Arc::new(Callers::unrestricted(options.rate, &options.clock))),
+            None => (None, Arc::new(Callers::unrestricted(&rates))),
         };
         let tls = options.tls.clone().map(Tls::open).transpose()?;
         let pool = Pool::start(options.workers, options.queue, options.clock.clone())
@@ -187,6 +189,9 @@ impl App {
     /// Begins the shutdown.
     pub(crate) fn close(&self) {
         self.closing.store(true, Ordering::Relaxed);
+        if let Some(shared) = &self.options.shared_rates {
+            shared.stop();
+        }
     }
 
     /// Whether the shutdown has begun.

@@ -2,20 +2,17 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt;
-use std::num::{NonZeroU32, NonZeroU64};
+use std::num::NonZeroU32;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use crate::auth::{Timestamp, TokenEntry, TokenKey, TokenList};
-use crate::clock::Clock;
 use crate::telemetry::RequestContext;
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
-use governor::state::{InMemoryState, NotKeyed};
-use governor::{NotUntil, Quota, RateLimiter};
 
-use crate::options::RateLimit;
 use crate::problem::Problem;
+use crate::rates::{RatePolicy, TokenRateLimit, seconds_up};
 
 /// The client of a request.
 pub(crate) struct Caller {
@@ -25,26 +22,6 @@ pub(crate) struct Caller {
     /// The line of the token file; `None` if no token is required.
     entry: Option<TokenEntry>,
     rate_limit: Arc<TokenRateLimit>,
-}
-
-/// Rate limit of a token. It survives changes of other properties of the token.
-struct TokenRateLimit {
-    limiter: RateLimiter<NotKeyed, InMemoryState, Clock>,
-    clock: Clock,
-    /// Burst size.
-    burst: NonZeroU32,
-}
-
-impl TokenRateLimit {
-    fn new(rate: RateLimit, clock: &Clock) -> Arc<Self> {
-        let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
-        let limiter = RateLimiter::direct_with_clock(quota, clock.clone());
-        Arc::new(Self { limiter, clock: clock.clone(), burst: rate.burst })
-    }
-
-    fn exceeded(&self, until: &NotUntil<Instant>) -> Problem {
-        Problem::RateLimited { retry_after: seconds_up(until.wait_time_from(self.clock.now())) }
-    }
 }
 
 // Never print the token or its hash.
@@ -79,27 +56,26 @@ impl Caller {
 
     /// Takes one request from the rate limit.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.rate_limit.limiter.check().map_err(|until| self.rate_limit.exceeded(&until))
+        self.rate_limit.spend(NonZeroU32::MIN).map_err(exceeded)
     }
 
     /// Takes the remaining images of a session from the rate limit; one was taken with the request. A session costs
     /// as much as its images one by one, and is accepted completely or not at all.
     pub(crate) fn spend_session(&self, images: usize) -> Result<(), Problem> {
-        let too_long = || Problem::SessionTooLong { most: self.rate_limit.burst };
+        let burst = self.rate_limit.burst();
+        let too_long = || Problem::SessionTooLong { most: burst };
         let rest = u32::try_from(images.saturating_sub(1)).map_err(|_| too_long())?;
         let Some(rest) = NonZeroU32::new(rest) else { return Ok(()) };
         // More than the burst size is never available at once, so waiting would not help.
-        if rest >= self.rate_limit.burst {
+        if rest >= burst {
             return Err(too_long());
         }
-        let spent = self.rate_limit.limiter.check_n(rest).map_err(|_| too_long())?;
-        spent.map_err(|until| self.rate_limit.exceeded(&until))
+        self.rate_limit.spend(rest).map_err(exceeded)
     }
 }
 
-/// Whole seconds for `Retry-After`: rounded up, at least one.
-pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
-    NonZeroU64::new(wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).unwrap_or(NonZeroU64::MIN)
+fn exceeded(wait: Duration) -> Problem {
+    Problem::RateLimited { retry_after: seconds_up(wait) }
 }
 
 /// How a token of the file changed.
@@ -134,25 +110,25 @@ pub(crate) enum Callers {
 
 impl Callers {
     /// Without a token file.
-    pub(crate) fn unrestricted(rate: RateLimit, clock: &Clock) -> Self {
+    pub(crate) fn unrestricted(rates: &RatePolicy) -> Self {
         let key = TokenKey::of_digest([0; 32]);
         Self::Unrestricted(Arc::new(Caller {
             key,
             name: Arc::default(),
             entry: None,
-            rate_limit: TokenRateLimit::new(rate, clock),
+            rate_limit: rates.limit(&key),
         }))
     }
 
     /// The clients of a token list. Tokens known before keep the state of their rate limit.
-    pub(crate) fn of(list: &TokenList, rate: RateLimit, clock: &Clock, before: Option<&Self>) -> Self {
+    pub(crate) fn of(list: &TokenList, rates: &RatePolicy, before: Option<&Self>) -> Self {
         let rate_limit = |key: &TokenKey| match before {
             Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.rate_limit.clone()),
             _ => None,
         };
         let caller = |entry: &TokenEntry| {
             let key = entry.key();
-            let rate_limit = rate_limit(&key).unwrap_or_else(|| TokenRateLimit::new(rate, clock));
+            let rate_limit = rate_limit(&key).unwrap_or_else(|| rates.limit(&key));
             let name = entry.name().into();
             (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), rate_limit }))
         };
@@ -226,7 +202,8 @@ fn bearer(value: &[u8]) -> Option<&[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::ManualClock;
+    use crate::clock::{Clock, ManualClock};
+    use crate::options::RateLimit;
 
     const RATE: RateLimit =
         RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN.saturating_add(1) };
@@ -240,7 +217,11 @@ mod tests {
     }
 
     fn read_by(clock: &Clock, text: &str, before: Option<&Callers>) -> Callers {
-        Callers::of(&TokenList::parse(text.as_bytes()).expect("a file of tokens"), RATE, clock, before)
+        Callers::of(&TokenList::parse(text.as_bytes()).expect("a file of tokens"), &rates(clock), before)
+    }
+
+    fn rates(clock: &Clock) -> RatePolicy {
+        RatePolicy { rate: RATE, clock: clock.clone(), shared: None }
     }
 
     fn headers(value: &str) -> HeaderMap {
@@ -278,7 +259,7 @@ mod tests {
         let expired = callers.identify_at(&headers("Bearer secret"), end);
         assert!(matches!(expired, Err(Problem::Unauthenticated)));
         let unrestricted =
-            Callers::unrestricted(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("any client");
+            Callers::unrestricted(&rates(&Clock::default())).identify(&HeaderMap::new()).expect("any client");
         assert!(unrestricted.allows_map("garage") && unrestricted.is_operator());
     }
 
@@ -318,12 +299,5 @@ mod tests {
         manual.advance(Duration::from_secs(1));
         caller.spend().expect("earned");
         caller.spend().expect_err("spent");
-    }
-
-    #[test]
-    fn seconds_are_rounded_up() {
-        for (ms, seconds) in [(0, 1), (1, 1), (1000, 1), (1001, 2), (59_000, 59)] {
-            assert_eq!(seconds_up(Duration::from_millis(ms)).get(), seconds);
-        }
     }
 }

@@ -5,19 +5,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::auth::TokenList;
-use crate::clock::Clock;
 use sha2::{Digest as _, Sha256};
 
 use crate::error::ServerError;
-use crate::options::RateLimit;
+use crate::rates::RatePolicy;
 use crate::small_file::read_small_file;
 use crate::tokens::Callers;
 
 /// The token file: its last valid content, and since when it has been invalid.
 pub(crate) struct TokensFile {
     path: PathBuf,
-    rate: RateLimit,
-    clock: Clock,
+    rates: RatePolicy,
     /// How long the last valid tokens stay in force without a valid file.
     stale: Duration,
     state: Mutex<State>,
@@ -55,14 +53,13 @@ impl TokensFile {
     /// Reads the file for the first time.
     pub(crate) fn open(
         path: &Path,
-        rate: RateLimit,
-        clock: &Clock,
+        rates: RatePolicy,
         stale: Duration,
     ) -> Result<(Self, Arc<Callers>), ServerError> {
         let bytes = read(path)?;
-        let callers = Arc::new(Callers::of(&parse(&bytes, path)?, rate, clock, None));
+        let callers = Arc::new(Callers::of(&parse(&bytes, path)?, &rates, None));
         let state = Mutex::new(State { taken: hash(&bytes), callers: callers.clone(), failing: None });
-        Ok((Self { path: path.to_owned(), rate, clock: clock.clone(), stale, state }, callers))
+        Ok((Self { path: path.to_owned(), rates, stale, state }, callers))
     }
 
     /// Whether the current file is invalid.
@@ -81,7 +78,7 @@ impl TokensFile {
                 return Ok((digest, state.callers.clone()));
             }
             let list = parse(&bytes, &self.path)?;
-            let callers = Callers::of(&list, self.rate, &self.clock, Some(&state.callers));
+            let callers = Callers::of(&list, &self.rates, Some(&state.callers));
             Ok((digest, Arc::new(callers)))
         });
         match valid {
@@ -123,11 +120,18 @@ pub(crate) fn hash(bytes: &[u8]) -> [u8; 32] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Clock;
+    use crate::options::RateLimit;
     use std::num::NonZeroU32;
 
     const RATE: RateLimit = RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN };
     const SECRET: &str = "2bb80d537b1da3e38bd30361aa855686bde0eacd7162fef6a25fe97bf527a25b";
     const STALE: Duration = Duration::from_secs(300);
+
+    fn open(path: &Path) -> TokensFile {
+        let rates = RatePolicy { rate: RATE, clock: Clock::default(), shared: None };
+        TokensFile::open(path, rates, STALE).expect("a file of tokens").0
+    }
 
     /// A deleted, empty or invalid file is reported once, tolerated for the configured time, then all queries are
     /// refused until the file is valid again.
@@ -140,8 +144,7 @@ mod tests {
             [None, Some(""), Some("# nobody any more\n"), Some("phone hunter2\n"), Some("\u{0}\u{1}")]
         {
             std::fs::write(&path, &good).expect("written");
-            let (file, _) =
-                TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
+            let file = open(&path);
             let start = Instant::now();
             assert!(matches!(file.check(start), TokensCheck::Unchanged) && !file.is_failing());
             match wrong {
@@ -167,7 +170,7 @@ mod tests {
             );
         }
         // The line `nobody` is a valid file and in force at once.
-        let (file, _) = TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
+        let file = open(&path);
         std::fs::write(&path, "nobody\n").expect("written");
         assert!(matches!(file.check(Instant::now()), TokensCheck::Replaced(callers) if callers.is_empty()));
     }

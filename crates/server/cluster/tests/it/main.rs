@@ -3,4 +3,5 @@
 mod bus;
 mod common;
 mod object_store;
+mod rates;
 mod workers;

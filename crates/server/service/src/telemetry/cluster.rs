@@ -45,6 +45,8 @@ pub struct GatewayCounts {
     copies: Family<MapLabels, Gauge>,
     complete: Family<MapLabels, Gauge>,
     members: Family<MapLabels, Gauge>,
+    gateways: Family<Labels, Gauge>,
+    peer_requests: Counter,
 }
 
 impl Default for GatewayCounts {
@@ -58,7 +60,10 @@ impl Default for GatewayCounts {
             copies: Family::default(),
             complete: Family::default(),
             members: Family::default(),
+            gateways: Family::default(),
+            peer_requests: Counter::default(),
         };
+        counts.gateways(0, 0);
         for end in MESSAGE_OUTCOMES {
             drop(counts.messages.get_or_create(&vec![("outcome", end)]));
         }
@@ -107,6 +112,18 @@ impl GatewayCounts {
         }
     }
 
+    /// Sets the numbers of other gateways that report what their clients spend, and that no longer do and have not left.
+    pub fn gateways(&self, reporting: usize, silent: usize) {
+        for (state, count) in [("reporting", reporting), ("silent", silent)] {
+            self.gateways.get_or_create(&vec![("state", state)]).set(count as i64);
+        }
+    }
+
+    /// Counts requests that another gateway accepted, and that were taken from the rate limits here.
+    pub fn peer_requests(&self, requests: u32) {
+        self.peer_requests.inc_by(requests.into());
+    }
+
     pub(crate) fn register(&self, registry: &mut Registry) {
         let registry = registry.sub_registry_with_prefix("cluster");
         registry.register("messages", "Messages to workers, by how they ended", self.messages.clone());
@@ -127,6 +144,10 @@ impl GatewayCounts {
         let help = "1 while every region of the active manifest has a worker";
         registry.register("complete", help, self.complete.clone());
         registry.register("members", "Workers of the map, by state", self.members.clone());
+        let help = "Other gateways that report what their clients spend, by state";
+        registry.register("gateways", help, self.gateways.clone());
+        let help = "Requests that other gateways accepted, taken from the rate limits of this one";
+        registry.register("peer_requests", help, self.peer_requests.clone());
     }
 }
 
@@ -286,6 +307,8 @@ mod tests {
             "veiloc_cluster_messages_total{outcome=\"no-subscriber\"} 1\n",
             "veiloc_cluster_messages_total{outcome=\"answered\"} 0\n",
             "veiloc_cluster_hedges_total 1\n",
+            "veiloc_cluster_gateways{state=\"silent\"} 0\n",
+            "veiloc_cluster_peer_requests_total 0\n",
         ] {
             assert!(text.contains(line), "{line} in\n{text}");
         }

@@ -8,15 +8,15 @@ use std::sync::Arc;
 use std::time::Duration;
 
 #[cfg(feature = "cluster")]
-use veiloc_cluster::{Gateway, GatewayOptions};
-#[cfg(feature = "cluster")]
-use veiloc_service::RemoteMap;
+use veiloc_cluster::{Gateway, GatewayOptions, RateExchangeOptions, share_rates};
 #[cfg(feature = "cluster")]
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
     CorsOrigin, GeoReference, ListenAddress, MapSource, RateLimit, ServerOptions, ShutdownSummary, TlsFiles,
     run_prepared,
 };
+#[cfg(feature = "cluster")]
+use veiloc_service::{RemoteMap, SharedRates};
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 #[cfg(feature = "cluster")]
@@ -80,6 +80,12 @@ pub(crate) struct Args {
     #[cfg(feature = "cluster")]
     #[arg(long, default_value = "3", value_name = "N")]
     cluster_regions: NonZeroUsize,
+    /// With --cluster, --rate holds over all gateways. What another gateway is taken to accept that fell silent without
+    /// leaving, because it died or the network is divided: `open` nothing, so that a token may send --rate to each side;
+    /// `closed` as much as this one, for ten minutes, so that a token gets less after a gateway died.
+    #[cfg(feature = "cluster")]
+    #[arg(long, value_enum, default_value_t = RateFail::Open, value_name = "HOW")]
+    rate_fail: RateFail,
     #[cfg(feature = "cluster")]
     #[command(flatten)]
     machines: ClusterArgs,
@@ -119,7 +125,8 @@ pub(crate) struct Args {
     /// Accept requests without token, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
-    /// Requests per second for each token; without tokens, for all clients together.
+    /// Requests per second for each token; without tokens, for all clients together. With --cluster it holds over all
+    /// gateways.
     #[arg(long, default_value = "20", value_name = "N")]
     rate: NonZeroU32,
     /// Burst size: requests at once after a pause. Default: the number allowed per second.
@@ -187,6 +194,14 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+}
+
+/// What a gateway is taken to accept of which nothing is known.
+#[cfg(feature = "cluster")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum RateFail {
+    Open,
+    Closed,
 }
 
 /// The mode of a file, in octal digits.
@@ -296,6 +311,12 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
         let gateway = Gateway::start(bus.clone(), source.clone(), gateway, counts.clone()).await?;
         options.remote_maps.push(RemoteMap { name: name.clone(), backend: Arc::new(gateway) });
     }
+    let rates = SharedRates::default();
+    let mut exchange = RateExchangeOptions::default();
+    exchange.count_silent = args.rate_fail == RateFail::Closed;
+    // It runs until the program ends.
+    let _running = share_rates(&bus, rates.clone(), exchange, counts.clone()).await?;
+    options.shared_rates = Some(rates);
     options.gateway = Some(counts);
     if args.workers.is_none() {
         options.workers = CONCURRENT_QUERIES;

@@ -1,4 +1,4 @@
 //! Tests of `bus`.
 
 mod laws;
-mod servers;
+pub(crate) mod servers;
