@@ -9,6 +9,7 @@ mod executor;
 mod holdings;
 mod responder;
 
+use std::fmt;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Weak};
@@ -184,10 +185,12 @@ fn next_pause(pause: Duration, watch: Duration) -> Duration {
 const MAX_PAUSE: Duration = Duration::from_secs(60);
 
 impl Worker {
-    /// Fetches and opens its share of the published map, then answers requests and announces itself.
+    /// Fetches and opens its share of the published map, then answers requests and announces itself. An object that cannot
+    /// be fetched or is invalid is logged, counted and tried again later, and does not keep it from serving the others.
     ///
     /// # Errors
-    /// [`ClusterError`]: nothing is published, an object cannot be fetched or is invalid, or the bus is closed.
+    /// [`ClusterError`]: nothing is published, its manifest cannot be read, its share does not fit into the cache, or the bus is
+    /// closed.
     pub async fn start(
         bus: Bus,
         source: Arc<dyn ManifestSource>,
@@ -203,7 +206,18 @@ impl Worker {
         let members = Members::listen(&bus, &options.map, Role::Worker).await?;
         let published = source.current(&options.map).await?;
         let assigned = assigned_objects(&options, &published.manifest);
-        load(&*source, &holdings, options.memory, &published.manifest, &assigned).await?;
+        // A damaged object is no reason to refuse the others; it is tried again with the next check.
+        let loaded = load(&*source, &holdings, options.memory, &published.manifest, &assigned).await;
+        let loaded = match loaded {
+            Err(FollowFailure::Other(error)) => return Err(error),
+            Err(FollowFailure::Objects(failure)) => Err(failure),
+            Ok(()) => Ok(()),
+        };
+        counts.set_activation_failing(loaded.is_err());
+        if let Err(failure) = &loaded {
+            counts.set_missing(failure.missing());
+            tracing::error!(map = options.map, held = holdings.len(), "{failure}");
+        }
         tracing::info!(map = options.map, manifest = %published.id, held = holdings.len(), "manifest loaded");
         // It is announced only when it can be asked.
         let membership = bus.join(&subject).await?;
@@ -231,7 +245,7 @@ impl Worker {
             responder,
             announcing,
             leaving,
-            current: Some(published),
+            current: loaded.is_ok().then_some(published),
             leave_at: None,
             state: Arc::default(),
             stop: watch::Sender::new(Phase::Running),
@@ -270,11 +284,13 @@ impl Worker {
             tokio::select! {
                 followed = self.follow() => {
                     self.counts.set_activation_failing(followed.is_err());
+                    let missing = followed.as_ref().err().map_or(0, FollowFailure::missing);
+                    self.counts.set_missing(missing);
                     // A manifest that cannot be loaded, for example on a full disk, may have been fetched almost
                     // completely: do not retry at every poll.
                     pause = if followed.is_ok() { self.options.watch } else { next_pause(pause, self.options.watch) };
                     if let Err(error) = followed {
-                        tracing::error!(%error, "the published manifest cannot be loaded; the worker keeps its objects");
+                        tracing::error!(%error, "the published manifest cannot be loaded completely; the worker keeps its objects");
                     }
                 }
                 () = wait_for_phase(&mut phase, Phase::Draining) => break,
@@ -302,7 +318,7 @@ impl Worker {
     }
 
     /// Reads the published manifest, loads new objects and leaves old ones.
-    async fn follow(&mut self) -> Result<(), ClusterError> {
+    async fn follow(&mut self) -> Result<(), FollowFailure> {
         let published = self.source.current(&self.options.map).await?;
         let manifest = &published.manifest;
         let assigned = assigned_objects(&self.options, manifest);
@@ -353,31 +369,103 @@ fn assigned_objects(options: &WorkerOptions, manifest: &Manifest) -> Vec<Assigne
     index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
 }
 
-/// Fetches and opens missing objects.
+/// Why a manifest was not loaded completely.
+#[derive(Debug, thiserror::Error)]
+enum FollowFailure {
+    /// The manifest cannot be read, or its objects do not fit into the cache.
+    #[error(transparent)]
+    Other(#[from] ClusterError),
+    #[error(transparent)]
+    Objects(#[from] LoadFailure),
+}
+
+impl FollowFailure {
+    /// Number of objects that are not loaded.
+    fn missing(&self) -> usize {
+        match self {
+            Self::Other(_) => 0,
+            Self::Objects(failure) => failure.missing(),
+        }
+    }
+}
+
+/// Objects that could not be loaded, and why.
+#[derive(Debug)]
+struct LoadFailure(Vec<(Assigned, ClusterError)>);
+
+impl LoadFailure {
+    fn missing(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl std::error::Error for LoadFailure {}
+
+impl fmt::Display for LoadFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} objects cannot be loaded; the others are served, and these are tried again",
+            self.0.len()
+        )?;
+        for ((_, number), error) in self.0.iter().take(MAX_NAMED) {
+            match number {
+                Some(number) => write!(f, "; region {number}: {error}")?,
+                None => write!(f, "; the index: {error}")?,
+            }
+        }
+        if self.0.len() > MAX_NAMED { f.write_str("; …") } else { Ok(()) }
+    }
+}
+
+/// Maximum number of objects that a log line names.
+const MAX_NAMED: usize = 8;
+
+/// Fetches and opens missing objects, all that can be.
 async fn load(
     source: &dyn ManifestSource,
     holdings: &Holdings,
     memory: MapMemory,
     manifest: &Manifest,
     assigned: &[Assigned],
-) -> Result<(), ClusterError> {
+) -> Result<(), FollowFailure> {
     let missing: Vec<Assigned> =
         assigned.iter().filter(|(object, _)| !holdings.contains(&object.sha256)).copied().collect();
-    let folder = source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
-    let folder = RegionFolder::of(manifest.clone(), &folder);
+    let all = missing.iter().map(|(object, _)| *object).collect();
+    if let Err(error @ ClusterError::CacheTooSmall { .. }) = source.fetch(all).await {
+        return Err(error.into());
+    }
+    // Objects that were fetched are verified from the cache. What is fetched one by one must not displace what was fetched before it.
+    let mut needed = holdings.objects();
+    needed.extend(missing.iter().map(|(object, _)| object.sha256));
+    source.retain(&needed);
+    let mut failed = Vec::new();
     for (object, number) in missing {
-        let folder = folder.clone();
-        // Large files are opened on another thread than messages are served.
-        let opened = tokio::task::spawn_blocking(move || match number {
-            Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
-            None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
-        });
-        let content = match opened.await {
-            Ok(content) => content?,
-            Err(panic) => std::panic::resume_unwind(panic.into_panic()),
-        };
-        holdings.insert(object.sha256, content);
+        match load_object(source, memory, manifest, (object, number)).await {
+            Ok(content) => holdings.insert(object.sha256, content),
+            Err(error) => failed.push(((object, number), error)),
+        }
     }
     source.retain(&holdings.objects());
-    Ok(())
+    if failed.is_empty() { Ok(()) } else { Err(LoadFailure(failed).into()) }
+}
+
+/// Fetches and opens an object.
+async fn load_object(
+    source: &dyn ManifestSource,
+    memory: MapMemory,
+    manifest: &Manifest,
+    (object, number): Assigned,
+) -> Result<Content, ClusterError> {
+    let folder = source.fetch(vec![object]).await?;
+    let folder = RegionFolder::of(manifest.clone(), &folder);
+    // Large files are opened on another thread than messages are served.
+    let opened = tokio::task::spawn_blocking(move || match number {
+        Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
+        None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
+    });
+    match opened.await {
+        Ok(content) => Ok(content?),
+        Err(panic) => std::panic::resume_unwind(panic.into_panic()),
+    }
 }

@@ -201,6 +201,40 @@ async fn missing_object_delays_the_new_map_but_no_query() {
     assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
 }
 
+/// A worker that starts serves what it can when an object is damaged, and the rest as soon as it is mended.
+#[tokio::test(flavor = "multi_thread")]
+async fn damaged_object_at_start_costs_only_its_region() {
+    let published = PublishedMap::new(4);
+    let damaged = published.region(1);
+    let path = published.folder().path_of(&damaged);
+    let good = std::fs::read(&path).expect("an object");
+    let mut bad = good.clone();
+    bad[good.len() / 2] ^= 1;
+    std::fs::write(&path, &bad).expect("written");
+
+    let bus = Bus::in_process();
+    let announced = Announced::listen(&bus).await;
+    let mut options = worker_options("all");
+    options.watch = Duration::from_secs(1);
+    let cluster = TestCluster::start_with(&published, bus, vec![options]).await;
+    let worker = cluster.handle();
+    let others = published.folder().manifest().regions.len() - 1;
+    assert!(others >= 2);
+    let regions = (0..=others).map(|number| published.region(number));
+    let others: Vec<_> = regions.filter(|object| *object != damaged).chain([published.index()]).collect();
+    eventually("the others", || others.iter().all(|object| announced.holders(object) == 1)).await;
+    assert_eq!(announced.holders(&damaged), 0);
+    worker.ready().expect("it serves the others");
+    let is = |what: &str, count: u64| common::value(&worker.metrics(), what) == count;
+    assert!(is("veiloc_objects_missing", 1) && is("veiloc_reload_failing", 1));
+    assert!(!cluster.gateway.is_complete(), "the gateway knows that a region is missing");
+
+    std::fs::write(&path, &good).expect("mended");
+    cluster.knows(1).await;
+    eventually("the metrics", || is("veiloc_objects_missing", 0) && is("veiloc_reload_failing", 0)).await;
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+}
+
 /// If storage is unreachable, a machine starts with the map in its cache, and fails only if it has none.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]

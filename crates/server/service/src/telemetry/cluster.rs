@@ -178,6 +178,7 @@ pub struct WorkerCounts {
     cancelled: Family<Labels, Counter>,
     busy_seconds: Counter<f64, AtomicU64>,
     failing: Gauge,
+    missing: Gauge,
     now: [Gauge; 4],
 }
 
@@ -205,9 +206,11 @@ impl WorkerCounts {
         let failing = gauge(
             registry,
             "reload_failing",
-            "1 while the newest manifest cannot be activated and an older one is in use",
+            "1 while the newest manifest cannot be read, or an object of it cannot be loaded",
             0,
         );
+        let help = "Objects of the share of this worker that cannot be loaded";
+        let missing = gauge(registry, "objects_missing", help, 0);
         let family = |registry: &mut Registry,
                       name: &str,
                       help: &str,
@@ -229,7 +232,7 @@ impl WorkerCounts {
         let busy_seconds: Counter<f64, AtomicU64> = Counter::default();
         registry.register("busy_seconds", "Total busy time of the threads", busy_seconds.clone());
         let now = [queued, busy, held, ready];
-        Arc::new(Self { registry: all, requests, replies, cancelled, busy_seconds, failing, now })
+        Arc::new(Self { registry: all, requests, replies, cancelled, busy_seconds, failing, missing, now })
     }
 
     /// Counts a request by its kind.
@@ -255,6 +258,11 @@ impl WorkerCounts {
     /// Sets whether the newest manifest cannot be activated.
     pub fn set_activation_failing(&self, failing: bool) {
         self.failing.set(failing.into());
+    }
+
+    /// Sets the number of objects that cannot be loaded.
+    pub fn set_missing(&self, objects: usize) {
+        self.missing.set(objects as i64);
     }
 
     /// All metrics in the text format of Prometheus.
