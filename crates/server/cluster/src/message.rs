@@ -9,6 +9,7 @@ use prost::Message;
 use veiloc_map::regions::ObjectId;
 use veiloc_protocol::{Answer, PositionHint};
 use veiloc_service::auth::Lane;
+use veiloc_service::telemetry::SpanId;
 use veiloc_service::{BodyKind, LocalizeFailure, NoPose};
 
 use std::num::NonZeroU64;
@@ -46,6 +47,8 @@ pub struct Request {
     pub rows: u32,
     /// Time allowed for the answer, from the arrival of the request (machines' clocks are not compared).
     pub within: Duration,
+    /// The span of this message, if the gateway sends traces: the parent of the worker's. The id of the trace is the name.
+    pub span: Option<SpanId>,
     /// The task.
     pub task: Task,
 }
@@ -128,6 +131,21 @@ pub enum ReplyOutcome {
     Rejected(RejectReason),
 }
 
+impl ReplyOutcome {
+    /// Its name in metrics and traces.
+    pub(crate) const fn name(&self) -> &'static str {
+        match self {
+            Self::Here { .. } => "here",
+            Self::Regions(_) | Self::Pose(_) => "answered",
+            Self::Failed(_) => "no-pose",
+            Self::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
+            Self::Rejected(RejectReason::InProgress) => "duplicate",
+            Self::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "rejected",
+            Self::Rejected(RejectReason::Broken) => "internal-error",
+        }
+    }
+}
+
 /// A region to ask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Candidate {
@@ -178,6 +196,8 @@ struct RequestFrame {
     lane: Bytes,
     #[prost(fixed32, tag = "9")]
     rows: u32,
+    #[prost(fixed64, tag = "10")]
+    span: u64,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -239,6 +259,7 @@ impl Request {
             body,
             lane: self.lane.map_or_else(Bytes::new, |lane| Bytes::copy_from_slice(lane.as_bytes())),
             rows: self.rows,
+            span: self.span.map_or(0, SpanId::number),
         };
         frame.encode_to_vec().into()
     }
@@ -278,6 +299,7 @@ impl Request {
         Ok(Self {
             lane,
             rows: frame.rows,
+            span: SpanId::from_number(frame.span),
             name: name(&frame.name)?,
             object: ObjectId::from_bytes(object),
             within: Duration::from_millis(frame.within_ms.into()),

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::auth::TokenKey;
-use crate::telemetry::RequestId;
+use crate::telemetry::{RequestContext, RequestId};
 use veiloc_protocol::{Answer, PositionHint, Profile};
 
 use crate::decoded_request::{DecodedRequest, LocalizeFailure};
@@ -41,6 +41,8 @@ pub struct RemoteRequest {
     pub near: Option<PositionHint>,
     /// Time limit, from now.
     pub within: Duration,
+    /// The context in which messages to other machines are recorded; `None` if no traces are sent.
+    pub trace: Option<Arc<RequestContext>>,
 }
 
 /// Rule L8: nothing of a query reaches a log.

@@ -194,6 +194,15 @@ impl App {
         }
     }
 
+    /// Whether traces are sent to a collector.
+    #[cfg_attr(not(feature = "opentelemetry"), expect(clippy::unused_self, reason = "there are no traces"))]
+    pub(crate) const fn sends_traces(&self) -> bool {
+        #[cfg(feature = "opentelemetry")]
+        return self.traces.is_some();
+        #[cfg(not(feature = "opentelemetry"))]
+        false
+    }
+
     /// Whether the shutdown has begun.
     pub(crate) fn is_closing(&self) -> bool {
         self.closing.load(Ordering::Relaxed)
@@ -215,7 +224,7 @@ fn metrics(options: &ServerOptions) -> Metrics {
 
 #[cfg(feature = "opentelemetry")]
 fn start_traces(options: &ServerOptions, metrics: &mut Metrics) -> Result<Option<Traces>, ServerError> {
-    let start = |url: &String| Traces::start(url, env!("CARGO_PKG_VERSION"));
+    let start = |url: &String| Traces::start(url, "veiloc", env!("CARGO_PKG_VERSION"));
     let traces = options.otlp.as_ref().map(start).transpose();
     let traces = traces.map_err(|source| ServerError::Collector { source })?;
     if let Some(traces) = &traces {

@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep_until};
 use veiloc_map::regions::ObjectId;
 use veiloc_service::LocalizeFailure;
 use veiloc_service::auth::Lane;
-use veiloc_service::telemetry::GatewayCounts;
+use veiloc_service::telemetry::{GatewayCounts, OpenCall, RequestContext};
 
 use crate::ClusterError;
 use crate::announcement::MemberId;
@@ -58,6 +58,8 @@ pub(crate) struct ObjectRequest {
     pub(crate) rows: u32,
     pub(crate) task: Task,
     pub(crate) deadline: Instant,
+    /// Where messages are recorded, if traces are sent.
+    pub(crate) trace: Option<Arc<RequestContext>>,
 }
 
 /// Why a message brought no answer.
@@ -68,6 +70,18 @@ enum MessageFailure {
     NoReply,
     BadReply,
     Closed,
+}
+
+impl MessageFailure {
+    /// Its name in metrics and traces.
+    const fn outcome(&self) -> &'static str {
+        match self {
+            Self::NotReceived => "no-subscriber",
+            Self::Rejected(_) => "rejected",
+            Self::NoReply | Self::Closed => "no-reply",
+            Self::BadReply => "invalid-reply",
+        }
+    }
 }
 
 impl Dispatcher<'_> {
@@ -181,22 +195,22 @@ impl Dispatcher<'_> {
 
     /// Counts the failure; returns the result if no other message succeeds.
     fn record_failure(&self, failure: &MessageFailure) -> LocalizeFailure {
-        let (end, why) = match failure {
-            MessageFailure::NotReceived => ("no-subscriber", UNREACHED),
+        self.counts.message(failure.outcome());
+        match failure {
             MessageFailure::Rejected(RejectReason::Busy { retry_after }) => {
-                ("rejected", LocalizeFailure::Busy { retry_after: *retry_after })
+                LocalizeFailure::Busy { retry_after: *retry_after }
             }
-            MessageFailure::Rejected(RejectReason::InProgress) => ("rejected", LocalizeFailure::TimedOut),
-            MessageFailure::Rejected(RejectReason::Broken) => ("rejected", LocalizeFailure::Broken),
+            MessageFailure::Rejected(RejectReason::InProgress) | MessageFailure::NoReply => {
+                LocalizeFailure::TimedOut
+            }
+            MessageFailure::Rejected(RejectReason::Broken) => LocalizeFailure::Broken,
             MessageFailure::Rejected(
                 RejectReason::Leaving | RejectReason::NotHeld | RejectReason::Undecodable,
-            ) => ("rejected", UNREACHED),
-            MessageFailure::NoReply => ("no-reply", LocalizeFailure::TimedOut),
-            MessageFailure::BadReply => ("invalid-reply", UNREACHED),
-            MessageFailure::Closed => ("no-reply", UNREACHED),
-        };
-        self.counts.message(end);
-        why
+            )
+            | MessageFailure::NotReceived
+            | MessageFailure::BadReply
+            | MessageFailure::Closed => UNREACHED,
+        }
     }
 
     /// Sends one message and waits for its reply.
@@ -227,7 +241,28 @@ impl Dispatcher<'_> {
     ) -> Result<ReplyOutcome, MessageFailure> {
         let begun = Instant::now();
         let within = request.deadline.saturating_duration_since(begun);
+        let mut call = request.trace.as_ref().map(|trace| trace.call(member.id().to_string()));
+        let result = self.ask_traced(request, work, member, begun, within, call.as_mut()).await;
+        if let Some(call) = &mut call {
+            call.set_outcome(match &result {
+                Ok(_) => "answered",
+                Err(failure) => failure.outcome(),
+            });
+        }
+        result
+    }
+
+    async fn ask_traced(
+        &self,
+        request: &ObjectRequest,
+        work: Work,
+        member: &Arc<Member>,
+        begun: Instant,
+        within: Duration,
+        call: Option<&mut OpenCall>,
+    ) -> Result<ReplyOutcome, MessageFailure> {
         let message = Request {
+            span: call.map(|call| call.span()),
             name: request.name,
             object: request.object,
             lane: request.lane,
@@ -447,7 +482,8 @@ mod tests {
             name[..4].copy_from_slice(&self.names.fetch_add(1, Ordering::Relaxed).to_be_bytes());
             let task = Task::Pose { kind: BodyKind::Query, body: Bytes::from_static(b"sealed"), near: None };
             let deadline = begun + MINUTE;
-            let request = ObjectRequest { object: object(), name, lane, rows: 100, task, deadline };
+            let request =
+                ObjectRequest { object: object(), name, lane, rows: 100, task, deadline, trace: None };
             (dispatcher.dispatch(&request).await, begun.elapsed())
         }
 

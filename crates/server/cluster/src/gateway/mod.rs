@@ -19,7 +19,7 @@ use veiloc_map::MapError;
 use veiloc_map::regions::{DEFAULT_SEARCHED_REGIONS, Manifest, ObjectId, RegionFolder, search_rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::auth::Lane;
-use veiloc_service::telemetry::GatewayCounts;
+use veiloc_service::telemetry::{GatewayCounts, RequestContext};
 use veiloc_service::{AnswerFuture, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest};
 
 use self::dispatch::{Dispatcher, ObjectRequest};
@@ -295,7 +295,8 @@ impl Inner {
     ) -> Result<ReplyOutcome, LocalizeFailure> {
         let dispatcher = Dispatcher { bus: &self.bus, members: &self.members, counts: &self.counts };
         let (name, lane, rows, deadline) = (query.name, query.lane, query.rows, query.deadline);
-        let request = ObjectRequest { object, name, lane, rows, task, deadline };
+        let trace = query.trace.clone();
+        let request = ObjectRequest { object, name, lane, rows, task, deadline, trace };
         dispatcher.dispatch(&request).await
     }
 }
@@ -308,6 +309,7 @@ struct Query {
     globals: Vec<Bytes>,
     pose: Task,
     deadline: Instant,
+    trace: Option<Arc<RequestContext>>,
 }
 
 impl Query {
@@ -324,6 +326,7 @@ impl Query {
                 near: request.near,
             },
             deadline,
+            trace: request.trace.clone(),
         }
     }
 }

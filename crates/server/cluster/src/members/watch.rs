@@ -57,6 +57,7 @@ async fn probe(table: &Table, member: &Arc<Member>) {
         object: veiloc_map::regions::ObjectId::from_bytes([0; 32]),
         lane: None,
         rows: 0,
+        span: None,
         within,
         task: Task::Ping { owed },
     };

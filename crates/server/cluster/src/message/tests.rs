@@ -13,7 +13,8 @@ fn object() -> ObjectId {
 
 fn request(task: Task) -> Request {
     let lane = Some(Lane::from_bytes([9; 32]));
-    Request { name: NAME, object: object(), lane, rows: 1024, within: Duration::from_millis(29_500), task }
+    let (within, span) = (Duration::from_millis(29_500), SpanId::from_number(0x0123_4567_89ab_cdef));
+    Request { name: NAME, object: object(), lane, rows: 1024, within, span, task }
 }
 
 fn answer() -> Answer {
@@ -91,6 +92,7 @@ fn requests_round_trip() {
         let bytes = request.encode();
         assert!(bytes.len() <= FRAME_BYTES + body.len() || matches!(request.task, Task::Ping { .. }));
         assert_eq!(Request { lane: None, ..request.clone() }.encode().len(), bytes.len() - 34);
+        assert_eq!(Request { span: None, ..request.clone() }.encode().len(), bytes.len() - 9);
         assert!(Request::decode(bytes).expect("read") == request);
     }
 }

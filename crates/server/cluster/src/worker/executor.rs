@@ -96,15 +96,9 @@ impl Executor {
 
     /// Counts a reply by its outcome, unless it is the reply to a ping.
     pub(crate) fn count_reply(&self, outcome: &ReplyOutcome) {
-        self.counts.reply(match outcome {
-            ReplyOutcome::Here { .. } => return,
-            ReplyOutcome::Regions(_) | ReplyOutcome::Pose(_) => "answered",
-            ReplyOutcome::Failed(_) => "no-pose",
-            ReplyOutcome::Rejected(RejectReason::Busy { .. } | RejectReason::Leaving) => "busy",
-            ReplyOutcome::Rejected(RejectReason::InProgress) => "duplicate",
-            ReplyOutcome::Rejected(RejectReason::NotHeld | RejectReason::Undecodable) => "rejected",
-            ReplyOutcome::Rejected(RejectReason::Broken) => "internal-error",
-        });
+        if !matches!(outcome, ReplyOutcome::Here { .. }) {
+            self.counts.reply(outcome.name());
+        }
     }
 
     /// Marks a request as in progress; or the reply, if there is nothing to compute. A worker that is leaving answers only

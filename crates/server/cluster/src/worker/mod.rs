@@ -8,6 +8,7 @@ mod announcer;
 mod executor;
 mod holdings;
 mod responder;
+mod spans;
 
 use std::fmt;
 use std::num::NonZeroUsize;
@@ -29,6 +30,7 @@ use self::announcer::Announcer;
 use self::executor::Executor;
 use self::holdings::{Content, Holdings};
 use self::responder::Responder;
+use self::spans::Spans;
 use crate::ClusterError;
 use crate::announcement::MemberId;
 use crate::manifest_source::{ManifestSource, PublishedManifest};
@@ -63,6 +65,9 @@ pub struct WorkerOptions {
     pub grace: Duration,
     /// Time limit for finishing accepted requests at shutdown. Default 30 s.
     pub finish: Duration,
+    /// Where spans are sent for requests of gateways that send traces too. Default: nowhere.
+    #[cfg(feature = "opentelemetry")]
+    pub traces: Option<veiloc_service::telemetry::Traces>,
 }
 
 impl WorkerOptions {
@@ -80,6 +85,8 @@ impl WorkerOptions {
             period: Duration::from_millis(500),
             grace: Duration::from_secs(10),
             finish: Duration::from_secs(30),
+            #[cfg(feature = "opentelemetry")]
+            traces: None,
         }
     }
 }
@@ -221,7 +228,12 @@ impl Worker {
         tracing::info!(map = options.map, manifest = %published.id, held = holdings.len(), "manifest loaded");
         // It is announced only when it can be asked.
         let membership = bus.join(&subject).await?;
-        let responder = Responder::start(executor.clone(), holdings.clone(), membership);
+        let spans = Spans {
+            member,
+            #[cfg(feature = "opentelemetry")]
+            traces: options.traces.clone(),
+        };
+        let responder = Responder::start(executor.clone(), holdings.clone(), membership, spans);
         let leaving = watch::Sender::new(false);
         let announcer = Announcer {
             bus: bus.clone(),

@@ -8,6 +8,7 @@ use tokio::task::{JoinHandle, JoinSet};
 
 use super::executor::{Accepted, Done, Executor};
 use super::holdings::Holdings;
+use super::spans::{Spans, Traced};
 use crate::bus::{Incoming, Membership};
 use crate::message::{RejectReason, Reply, ReplyOutcome, Request};
 
@@ -20,10 +21,15 @@ pub(crate) struct Responder {
 
 impl Responder {
     /// Answers the requests of this membership.
-    pub(crate) fn start(executor: Arc<Executor>, holdings: Arc<Holdings>, membership: Membership) -> Self {
+    pub(crate) fn start(
+        executor: Arc<Executor>,
+        holdings: Arc<Holdings>,
+        membership: Membership,
+        spans: Spans,
+    ) -> Self {
         let (finish, finishing) = watch::channel(false);
         let is_leaving = Arc::new(AtomicBool::new(false));
-        let requests = answer_all(executor, holdings, membership, finishing, is_leaving.clone());
+        let requests = answer_all(executor, holdings, membership, finishing, is_leaving.clone(), spans);
         Self { finish, is_leaving, requests: tokio::spawn(requests) }
     }
 
@@ -43,6 +49,7 @@ async fn answer_all(
     mut membership: Membership,
     mut finishing: watch::Receiver<bool>,
     is_leaving: Arc<AtomicBool>,
+    spans: Spans,
 ) {
     let mut answers = JoinSet::new();
     let (mut finishes, mut left) = (false, false);
@@ -55,8 +62,9 @@ async fn answer_all(
             incoming = membership.next() => match incoming {
                 Some(incoming) => {
                     // In the order of arrival, so that a ping finds the requests before it.
-                    let accepted = accept(&executor, &holdings, &incoming, is_leaving.load(Ordering::Relaxed));
-                    answers.spawn(answer(executor.clone(), incoming, accepted));
+                    let accepted =
+                        accept(&executor, &holdings, &incoming, is_leaving.load(Ordering::Relaxed), &spans);
+                    answers.spawn(answer(executor.clone(), incoming, accepted, spans.clone()));
                 }
                 None => break,
             },
@@ -68,18 +76,30 @@ async fn answer_all(
     while answers.join_next().await.is_some() {}
 }
 
-/// The task of a request, or the reply that needs none; and the request's name.
+/// A request that was received.
+struct Received {
+    name: [u8; 16],
+    /// Its task, or the reply that needs none.
+    accepted: Result<Accepted, ReplyOutcome>,
+    traced: Option<Traced>,
+}
+
 fn accept(
     executor: &Arc<Executor>,
     holdings: &Holdings,
     incoming: &Incoming,
     is_leaving: bool,
-) -> ([u8; 16], Result<Accepted, ReplyOutcome>) {
+    spans: &Spans,
+) -> Received {
     match Request::decode(incoming.payload.clone()) {
-        Ok(request) => (request.name, executor.accept(request, holdings, is_leaving)),
+        Ok(request) => {
+            let (name, traced) = (request.name, spans.begin(&request));
+            Received { name, accepted: executor.accept(request, holdings, is_leaving), traced }
+        }
         Err(error) => {
             tracing::warn!(%error, "an invalid request was received");
-            ([0; 16], Err(ReplyOutcome::Rejected(RejectReason::Undecodable)))
+            let accepted = Err(ReplyOutcome::Rejected(RejectReason::Undecodable));
+            Received { name: [0; 16], accepted, traced: None }
         }
     }
 }
@@ -87,18 +107,27 @@ fn accept(
 async fn answer(
     executor: Arc<Executor>,
     mut incoming: Incoming,
-    (name, accepted): ([u8; 16], Result<Accepted, ReplyOutcome>),
+    Received { name, accepted, traced }: Received,
+    spans: Spans,
 ) {
     let (done, _mark) = match accepted {
         Ok(accepted) => tokio::select! {
             biased;
             (done, mark) = executor.work(accepted) => (done, Some(mark)),
             // Another copy was answered first, the device disconnected, or time is over: the reply is not needed.
-            () = incoming.cancelled() => return,
+            () = incoming.cancelled() => {
+                if let Some(traced) = traced {
+                    spans.end(traced, None);
+                }
+                return;
+            }
         },
         Err(outcome) => (Done::at_once(outcome), None),
     };
     executor.count_reply(&done.outcome);
+    if let Some(traced) = traced {
+        spans.end(traced, Some(&done));
+    }
     let Done { outcome, worked, waited } = done;
     let reply = Reply { name, outcome, worked, waited, load: executor.load() };
     if let Err(error) = incoming.answer(reply.encode()).await {

@@ -4,4 +4,5 @@ mod bus;
 mod common;
 mod object_store;
 mod rates;
+mod traces;
 mod workers;

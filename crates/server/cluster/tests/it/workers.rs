@@ -68,7 +68,7 @@ fn ask_worker_for(
 ) -> JoinHandle<ReplyOutcome> {
     let task = Task::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
     let (object, within) = (published.region(0), STEP_TIMEOUT);
-    let request = Request { name: [name; 16], object, lane, rows: 100, within, task };
+    let request = Request { name: [name; 16], object, lane, rows: 100, within, span: None, task };
     let (bus, subject) = (cluster.bus.clone(), subject_of(&cluster.handle().member()));
     tokio::spawn(async move {
         let reply = bus.request_cancellable(&subject, request.encode(), STEP_TIMEOUT).await;

@@ -288,6 +288,8 @@ struct Job {
     /// Runtime for calls of remote backends.
     runtime: Handle,
     id: RequestId,
+    /// The context of the request, if traces are sent.
+    trace: Option<Arc<RequestContext>>,
 }
 
 impl Job {
@@ -300,7 +302,8 @@ impl Job {
         };
         let within = self.deadline.saturating_duration_since(Instant::now());
         let (id, client, near) = (self.id, self.client, self.request_options.near);
-        let remote_request = RemoteRequest { id, client, decoded: request, bytes, near, within };
+        let remote_request =
+            RemoteRequest { id, client, decoded: request, bytes, near, within, trace: self.trace };
         let mut answer = self.runtime.block_on(async {
             tokio::select! {
                 answer = backend.localize(remote_request) => answer,
@@ -319,7 +322,7 @@ impl Job {
 /// What does not depend on the content of the query: a full queue, a shutdown, an internal error.
 async fn compute(
     app: &Arc<App>,
-    context: &RequestContext,
+    context: &Arc<RequestContext>,
     caller: &Caller,
     loaded: Arc<LoadedMap>,
     read: ReadBody,
@@ -345,7 +348,8 @@ async fn compute(
     let (id, begun) = (context.id(), context.elapsed());
     let (deadline, runtime) = (Instant::now() + limit, Handle::current());
     let client = spec.client;
-    let job = Job { loaded, client, read, request_options, options, deadline, cancelled, runtime, id };
+    let trace = app.sends_traces().then(|| context.clone());
+    let job = Job { loaded, client, read, request_options, options, deadline, cancelled, runtime, id, trace };
     let work = move |waited: Duration| {
         let started = Instant::now();
         let result = panics::with_request(id, || job.work(waited.as_secs_f64() * 1e3));

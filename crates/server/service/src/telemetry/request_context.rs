@@ -1,10 +1,11 @@
 //! Data about a request in progress: token, map, and durations of stages. Filled by the handlers, read once when the
 //! request is answered.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::telemetry::request_id::RequestId;
+use crate::telemetry::request_id::{RequestId, SpanId};
 
 /// A stage of the work on a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +40,78 @@ pub struct RequestContext {
     token: OnceLock<Arc<str>>,
     map: OnceLock<Arc<str>>,
     stages: Mutex<Vec<RequestStage>>,
+    calls: Mutex<Vec<RemoteCall>>,
+    /// Number of begun calls.
+    begun_calls: AtomicU64,
 }
+
+/// A message to another machine on behalf of a request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RemoteCall {
+    /// Its span, which is the parent of the spans of the other machine.
+    pub span: SpanId,
+    /// Id of the other machine.
+    pub machine: String,
+    /// How it ended.
+    pub outcome: &'static str,
+    /// Start, from the beginning of the request.
+    pub begun: Duration,
+    /// Duration.
+    pub took: Duration,
+}
+
+/// A call in progress; recorded in the context when it is dropped.
+#[derive(Debug)]
+pub struct OpenCall {
+    context: Arc<RequestContext>,
+    call: RemoteCall,
+}
+
+impl OpenCall {
+    /// Its span.
+    pub const fn span(&self) -> SpanId {
+        self.call.span
+    }
+
+    /// Sets how it ended. Without this call, it was given up.
+    pub const fn set_outcome(&mut self, outcome: &'static str) {
+        self.call.outcome = outcome;
+    }
+}
+
+impl Drop for OpenCall {
+    fn drop(&mut self) {
+        let mut call = self.call.clone();
+        call.took = self.context.elapsed().saturating_sub(call.begun);
+        self.context.calls.lock().unwrap_or_else(PoisonError::into_inner).push(call);
+    }
+}
+
+/// What a worker did for a request of another machine, for a trace. It has no field for any content of the query.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorkSpan {
+    /// The request.
+    pub request: RequestId,
+    /// The span of the message that asked for it.
+    pub parent: SpanId,
+    /// `search` or `pose`.
+    pub kind: &'static str,
+    /// How it ended.
+    pub outcome: &'static str,
+    /// Id of the worker.
+    pub worker: String,
+    /// Id of the region or index.
+    pub object: String,
+    /// Time of its arrival.
+    pub begun_at: SystemTime,
+    /// Time until the reply.
+    pub took: Duration,
+    /// Stages of the work: `queue` and `localize`, and the parts of `localize`.
+    pub stages: Vec<RequestStage>,
+}
+
+/// Number of the first span of a call; those of stages are lower.
+const FIRST_CALL: u64 = 1 << 20;
 
 impl RequestContext {
     /// For a request that begins now.
@@ -51,7 +123,23 @@ impl RequestContext {
             token: OnceLock::new(),
             map: OnceLock::new(),
             stages: Mutex::default(),
+            calls: Mutex::default(),
+            begun_calls: AtomicU64::new(0),
         }
+    }
+
+    /// Begins a call of this machine.
+    pub fn call(self: &Arc<Self>, machine: String) -> OpenCall {
+        let number = self.begun_calls.fetch_add(1, Ordering::Relaxed);
+        let span = self.id.span(FIRST_CALL + number);
+        let (begun, took) = (self.elapsed(), Duration::ZERO);
+        let call = RemoteCall { span, machine, outcome: "given-up", begun, took };
+        OpenCall { context: self.clone(), call }
+    }
+
+    /// All calls that have ended.
+    pub fn calls(&self) -> Vec<RemoteCall> {
+        self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Request id.

@@ -25,6 +25,41 @@ impl RequestId {
     pub const fn bytes(&self) -> [u8; 16] {
         self.0
     }
+
+    /// The id of a span of the request: 0 is the request itself. Spans of this machine have numbers below 2^40.
+    pub const fn span(&self, number: u64) -> SpanId {
+        let [_, _, _, _, _, _, _, _, low @ ..] = self.0;
+        // Never 0, and adding the number cannot overflow.
+        SpanId((u64::from_be_bytes(low) >> 1 | 1 << 62).wrapping_add(number))
+    }
+}
+
+/// The id of a span of a trace, printed as 16 hexadecimal digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct SpanId(u64);
+
+impl SpanId {
+    /// From its number; `None` for 0, which is not a valid id.
+    pub const fn from_number(number: u64) -> Option<Self> {
+        if number == 0 { None } else { Some(Self(number)) }
+    }
+
+    /// As a number.
+    pub const fn number(self) -> u64 {
+        self.0
+    }
+
+    /// The id of a span of another machine within this one: 0 is its work as a whole. It differs from those of the
+    /// machine that sent the request.
+    pub const fn within(self, number: u64) -> Self {
+        Self(self.0.wrapping_add((number + 1) << 40))
+    }
+}
+
+impl fmt::Display for SpanId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}", self.0)
+    }
 }
 
 impl fmt::Display for RequestId {

@@ -1,6 +1,6 @@
-//! Traces: one span per request and per stage, sent to a collector of the operator as OTLP over HTTP.
+//! Traces: one span per request, per stage, per message to a worker and per work of a worker, sent to a collector of the operator as OTLP over HTTP.
 //!
-//! Spans are built only from a [`RequestContext`] when its request is answered, so they cannot contain more than its
+//! Spans are built only from a [`RequestContext`] or a [`WorkSpan`] when its request is answered, so they cannot contain more than its
 //! fields (rule L8). They wait in a queue of bounded length, and a dedicated thread sends them: a slow or absent
 //! collector delays no request. Spans that do not fit or cannot be sent are counted (`veiloc_spans_dropped_total`)
 //! and not retried.
@@ -23,8 +23,8 @@ use prometheus_client::metrics::counter::Counter;
 use ureq::Agent;
 
 use crate::telemetry::background_queue::{QueueItem, Sender, queue};
-use crate::telemetry::request_context::{RequestContext, RequestKind};
-use otlp::{Trace, document};
+use crate::telemetry::request_context::{RequestContext, RequestKind, WorkSpan};
+use otlp::{Spans, Trace, document};
 
 /// Capacity of the queue: some ten seconds of a busy service.
 const WAITING: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2047);
@@ -41,7 +41,7 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// The queue of traces; clones share it.
 #[derive(Clone)]
 pub struct Traces {
-    sender: Sender<Box<Trace>>,
+    sender: Sender<Box<Spans>>,
     dropped: Counter,
 }
 
@@ -52,11 +52,12 @@ impl fmt::Debug for Traces {
 }
 
 impl Traces {
-    /// Starts the thread that sends to the collector at `url`; `/v1/traces` is appended.
+    /// Starts the thread that sends to the collector at `url`; `/v1/traces` is appended. `service` is the name of this program in
+    /// the traces.
     ///
     /// # Errors
     /// The address is not an HTTP address, or the system refused a thread.
-    pub fn start(url: &str, version: &'static str) -> io::Result<Self> {
+    pub fn start(url: &str, service: &'static str, version: &'static str) -> io::Result<Self> {
         let base = url.trim_end_matches('/');
         if !["http://", "https://"].iter().any(|scheme| base.len() > scheme.len() && base.starts_with(scheme))
         {
@@ -70,17 +71,25 @@ impl Traces {
         let agent = Agent::config_builder().timeout_global(Some(SEND_TIMEOUT)).proxy(None).build().into();
         let (sender, receiver) = queue(WAITING);
         let dropped = Counter::default();
-        let exporter = Exporter { agent, url, version, dropped: dropped.clone(), failing: false };
+        let exporter = Exporter { agent, url, service, version, dropped: dropped.clone(), failing: false };
         std::thread::Builder::new().name("traces".to_owned()).spawn(move || exporter.run(&receiver))?;
         Ok(Self { sender, dropped })
     }
 
     /// Enqueues the trace of an answered request. Never blocks.
     pub fn request(&self, context: &RequestContext, method: &'static str, kind: &RequestKind<'_>) {
-        let trace = Trace::of(context, method, kind);
-        let spans = trace.spans();
-        if !self.sender.send(Box::new(trace)) {
-            self.dropped.inc_by(spans);
+        self.send(Spans::Request(Trace::of(context, method, kind)));
+    }
+
+    /// Enqueues what a worker did for a request. Never blocks.
+    pub fn work(&self, work: WorkSpan) {
+        self.send(Spans::Work(work));
+    }
+
+    fn send(&self, spans: Spans) {
+        let count = spans.count();
+        if !self.sender.send(Box::new(spans)) {
+            self.dropped.inc_by(count);
         }
     }
 
@@ -98,6 +107,7 @@ impl Traces {
 struct Exporter {
     agent: Agent,
     url: String,
+    service: &'static str,
     version: &'static str,
     dropped: Counter,
     /// Whether the last message failed; this is logged once.
@@ -105,7 +115,7 @@ struct Exporter {
 }
 
 impl Exporter {
-    fn run(mut self, messages: &Receiver<QueueItem<Box<Trace>>>) {
+    fn run(mut self, messages: &Receiver<QueueItem<Box<Spans>>>) {
         let mut batch = Vec::new();
         let mut since = Instant::now();
         loop {
@@ -131,15 +141,15 @@ impl Exporter {
         }
     }
 
-    fn send(&mut self, batch: &mut Vec<Trace>) {
+    fn send(&mut self, batch: &mut Vec<Spans>) {
         if batch.is_empty() {
             return;
         }
         // Strings and numbers always serialize.
-        let body = serde_json::to_vec(&document(batch, self.version)).unwrap_or_default();
+        let body = serde_json::to_vec(&document(batch, self.service, self.version)).unwrap_or_default();
         let sent = self.agent.post(&self.url).header("content-type", "application/json").send(&body[..]);
         if sent.is_err() {
-            self.dropped.inc_by(batch.iter().map(Trace::spans).sum());
+            self.dropped.inc_by(batch.iter().map(Spans::count).sum());
         }
         match (sent, self.failing) {
             (Err(error), false) => {

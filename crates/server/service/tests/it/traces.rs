@@ -4,76 +4,12 @@
 use super::common;
 
 use std::collections::BTreeSet;
-use std::io::{Read, Write};
-use std::net::TcpListener;
-use std::sync::{Arc, Mutex};
 
+use common::collector::{Collector, attribute};
 use common::http::Request;
 use common::mark::{MARK, find_mark, marked};
 use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use serde_json::Value;
-
-/// A collector that stores its messages: OTLP over HTTP, as far as one client needs it.
-struct Collector {
-    address: String,
-    messages: Arc<Mutex<Vec<String>>>,
-}
-
-impl Collector {
-    fn start() -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-        let address = format!("http://{}", listener.local_addr().expect("an address"));
-        let messages = Arc::new(Mutex::new(Vec::new()));
-        let stored = messages.clone();
-        std::thread::spawn(move || {
-            for stream in listener.incoming().flatten() {
-                let stored = stored.clone();
-                std::thread::spawn(move || receive(stream, &stored));
-            }
-        });
-        Self { address, messages }
-    }
-
-    fn text(&self) -> String {
-        self.messages.lock().expect("not poisoned").join("\n")
-    }
-
-    /// All received spans.
-    fn spans(&self) -> Vec<Value> {
-        let messages = self.messages.lock().expect("not poisoned").clone();
-        let bodies = messages.iter().map(|m| m.split_once("\r\n\r\n").expect("a head").1.to_owned());
-        let documents = bodies.map(|body| serde_json::from_str::<Value>(&body).expect("JSON"));
-        documents
-            .flat_map(|document| {
-                assert_eq!(
-                    document["resourceSpans"][0]["resource"]["attributes"][0]["value"]["stringValue"],
-                    "veiloc"
-                );
-                document["resourceSpans"][0]["scopeSpans"][0]["spans"].as_array().expect("spans").clone()
-            })
-            .collect()
-    }
-}
-
-/// Stores head and body of every request of a connection.
-fn receive(mut stream: std::net::TcpStream, stored: &Mutex<Vec<String>>) {
-    loop {
-        let mut bytes = Vec::new();
-        let mut byte = [0];
-        while !bytes.ends_with(b"\r\n\r\n") {
-            let Ok(1) = stream.read(&mut byte) else { return };
-            bytes.push(byte[0]);
-        }
-        let head = String::from_utf8(bytes).expect("a head");
-        let length =
-            head.lines().find_map(|l| l.to_lowercase().strip_prefix("content-length: ").map(str::to_owned));
-        let mut body = vec![0; length.expect("a length").trim().parse().expect("a number")];
-        stream.read_exact(&mut body).expect("a body");
-        stored.lock().expect("not poisoned").push(head + &String::from_utf8(body).expect("text"));
-        let answer = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: 2\r\n\r\n{}";
-        stream.write_all(answer).expect("answered");
-    }
-}
 
 /// Keys of all objects.
 fn keys(value: &Value, into: &mut BTreeSet<String>) {
@@ -91,12 +27,6 @@ fn keys(value: &Value, into: &mut BTreeSet<String>) {
         }
         _ => {}
     }
-}
-
-fn attribute<'a>(span: &'a Value, key: &str) -> Option<&'a str> {
-    let attributes = span["attributes"].as_array()?;
-    let value = &attributes.iter().find(|attribute| attribute["key"] == key)?["value"];
-    value["stringValue"].as_str().or(value["intValue"].as_str())
 }
 
 /// A trace id sent by a client.
@@ -128,10 +58,10 @@ fn spans_contain_nothing_of_a_query() {
     // Probes are not traced.
     assert_eq!(server.get("/healthz", "").status, 200);
     // The shutdown does not wait long for a collector.
-    eventually("all spans", || collector.spans().len() >= 15);
+    eventually("all spans", || collector.spans("veiloc").len() >= 15);
     server.stop();
 
-    let spans = collector.spans();
+    let spans = collector.spans("veiloc");
     let of = |id: &str| spans.iter().filter(|span| span["traceId"] == id).collect::<Vec<_>>();
     for (id, names) in ids.iter().zip([
         &["POST /v1/maps/{name}/localize", "read", "queue", "localize", "retrieve", "match", "pose"][..],

@@ -182,6 +182,7 @@ impl TestCluster {
             bytes: bytes.to_vec(),
             near: None,
             within,
+            trace: None,
         }
     }
 

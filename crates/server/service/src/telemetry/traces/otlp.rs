@@ -5,16 +5,89 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
-use crate::telemetry::request_context::{RequestContext, RequestKind, RequestStage};
-use crate::telemetry::request_id::RequestId;
+use crate::telemetry::request_context::{RemoteCall, RequestContext, RequestKind, RequestStage, WorkSpan};
+use crate::telemetry::request_id::{RequestId, SpanId};
 
-/// `SPAN_KIND_INTERNAL` and `SPAN_KIND_SERVER`.
+/// `SPAN_KIND_INTERNAL`, `SPAN_KIND_SERVER` and `SPAN_KIND_CLIENT`.
 const INTERNAL: u8 = 1;
 const SERVER: u8 = 2;
+const CLIENT: u8 = 3;
 /// `STATUS_CODE_ERROR`; set on a server span for errors of the server.
 const ERROR: u8 = 2;
 
-/// One request and its stages.
+/// What is sent at once: a request, or the work of a worker.
+pub(super) enum Spans {
+    Request(Trace),
+    Work(WorkSpan),
+}
+
+impl Spans {
+    /// Number of spans.
+    pub(super) fn count(&self) -> u64 {
+        match self {
+            Self::Request(trace) => trace.spans(),
+            Self::Work(work) => 1 + work.stages.len() as u64,
+        }
+    }
+
+    fn all(&self) -> Vec<Value> {
+        match self {
+            Self::Request(trace) => trace.all_spans(),
+            Self::Work(work) => spans_of_work(work),
+        }
+    }
+}
+
+/// The fields common to all spans; `begun` is a duration since `start`.
+fn span(
+    trace: RequestId,
+    id: SpanId,
+    name: &str,
+    kind: u8,
+    start: SystemTime,
+    begun: Duration,
+    took: Duration,
+) -> Value {
+    let begun = start + begun;
+    json!({
+        "traceId": trace.to_string(),
+        "spanId": id.to_string(),
+        "name": name,
+        "kind": kind,
+        "startTimeUnixNano": nanoseconds(begun),
+        "endTimeUnixNano": nanoseconds(begun + took),
+    })
+}
+
+/// The work of a worker and its stages. The parent is the span of the gateway's message.
+fn spans_of_work(work: &WorkSpan) -> Vec<Value> {
+    let mut root = span(
+        work.request,
+        work.parent.within(0),
+        work.kind,
+        SERVER,
+        work.begun_at,
+        Duration::ZERO,
+        work.took,
+    );
+    root["parentSpanId"] = work.parent.to_string().into();
+    root["attributes"] = json!([
+        text("veiloc.worker", &work.worker),
+        text("veiloc.object", &work.object),
+        text("veiloc.outcome", work.outcome),
+    ]);
+    let id = |number: usize| work.parent.within(number as u64);
+    let stages = work.stages.iter().enumerate().map(|(i, stage)| {
+        let mut span =
+            span(work.request, id(i + 1), stage.name, INTERNAL, work.begun_at, stage.begun, stage.took);
+        let above = work.stages.iter().position(|other| Some(other.name) == stage.within);
+        span["parentSpanId"] = id(above.map_or(0, |above| above + 1)).to_string().into();
+        span
+    });
+    std::iter::once(root).chain(stages).collect()
+}
+
+/// One request, its stages and its messages to workers.
 pub(super) struct Trace {
     id: RequestId,
     begun: SystemTime,
@@ -26,6 +99,7 @@ pub(super) struct Trace {
     token: Option<String>,
     map: Option<String>,
     stages: Vec<RequestStage>,
+    calls: Vec<RemoteCall>,
 }
 
 impl Trace {
@@ -41,34 +115,22 @@ impl Trace {
             token: context.token().map(str::to_owned),
             map: context.map().map(str::to_owned),
             stages: context.stages(),
+            calls: context.calls(),
         }
     }
 
     /// Number of spans.
     pub(super) fn spans(&self) -> u64 {
-        1 + self.stages.len() as u64
+        1 + (self.stages.len() + self.calls.len()) as u64
     }
 
-    /// Span number 0 is the request, 1, 2, … are its stages. Ids differ within the trace and are not 0, as OTLP
-    /// requires.
-    fn span_id(&self, number: usize) -> String {
-        let [_, _, _, _, _, _, _, _, low @ ..] = self.id.bytes();
-        // Never 0, and adding the number cannot overflow.
-        let id = (u64::from_be_bytes(low) >> 1 | 1 << 62).wrapping_add(number as u64);
-        format!("{id:016x}")
+    /// Span number 0 is the request, 1, 2, … are its stages. Ids differ within the trace.
+    const fn span_id(&self, number: usize) -> SpanId {
+        self.id.span(number as u64)
     }
 
-    /// The fields common to all spans.
     fn span(&self, number: usize, name: &str, kind: u8, begun: Duration, took: Duration) -> Value {
-        let begun = self.begun + begun;
-        json!({
-            "traceId": self.id.to_string(),
-            "spanId": self.span_id(number),
-            "name": name,
-            "kind": kind,
-            "startTimeUnixNano": nanoseconds(begun),
-            "endTimeUnixNano": nanoseconds(begun + took),
-        })
+        span(self.id, self.span_id(number), name, kind, self.begun, begun, took)
     }
 
     fn root(&self) -> Value {
@@ -93,18 +155,26 @@ impl Trace {
         let stages = self.stages.iter().enumerate().map(|(i, stage)| {
             let mut span = self.span(i + 1, stage.name, INTERNAL, stage.begun, stage.took);
             let above = self.stages.iter().position(|other| Some(other.name) == stage.within);
-            span["parentSpanId"] = self.span_id(above.map_or(0, |above| above + 1)).into();
+            span["parentSpanId"] = self.span_id(above.map_or(0, |above| above + 1)).to_string().into();
             span
         });
-        std::iter::once(self.root()).chain(stages).collect()
+        let localize = self.stages.iter().position(|stage| stage.name == "localize");
+        let calls = self.calls.iter().map(|call| {
+            let mut span = span(self.id, call.span, "ask worker", CLIENT, self.begun, call.begun, call.took);
+            span["parentSpanId"] = self.span_id(localize.map_or(0, |above| above + 1)).to_string().into();
+            span["attributes"] =
+                json!([text("veiloc.worker", &call.machine), text("veiloc.outcome", call.outcome)]);
+            span
+        });
+        std::iter::once(self.root()).chain(stages).chain(calls).collect()
     }
 }
 
 /// `ExportTraceServiceRequest`.
-pub(super) fn document(traces: &[Trace], version: &str) -> Value {
-    let spans: Vec<Value> = traces.iter().flat_map(Trace::all_spans).collect();
+pub(super) fn document(all: &[Spans], service: &str, version: &str) -> Value {
+    let spans: Vec<Value> = all.iter().flat_map(Spans::all).collect();
     json!({"resourceSpans": [{
-        "resource": {"attributes": [text("service.name", "veiloc"), text("service.version", version)]},
+        "resource": {"attributes": [text("service.name", service), text("service.version", version)]},
         "scopeSpans": [{"scope": {"name": "veiloc-server", "version": version}, "spans": spans}],
     }]})
 }

@@ -1,6 +1,7 @@
 //! A scene of random points, and a real server on a loopback port.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
+pub mod collector;
 pub mod gate;
 pub mod http;
 pub mod mark;
