@@ -12,7 +12,8 @@ use prost::Message;
 use veiloc_map::regions::ObjectId;
 
 use crate::ClusterError;
-use crate::message::{Load, VERSION};
+use crate::frame_version::FrameVersions;
+use crate::message::Load;
 
 /// Bounds of the announced period.
 const MIN_PERIOD: Duration = Duration::from_millis(10);
@@ -61,6 +62,8 @@ impl fmt::Debug for MemberId {
 /// An announcement of a worker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Announcement {
+    /// The versions of frames that it speaks.
+    pub versions: FrameVersions,
     /// The worker.
     pub member: MemberId,
     /// Time until the next announcement.
@@ -75,8 +78,28 @@ pub struct Announcement {
     pub objects: BTreeSet<ObjectId>,
 }
 
+/// An announcement as far as programs of all versions read it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Announced {
+    /// Of a worker with which this program has a version of frames in common.
+    Known(Announcement),
+    /// Of one with which it has none.
+    Foreign {
+        /// The versions that it speaks.
+        versions: FrameVersions,
+        /// The worker.
+        member: MemberId,
+        /// Time until the next announcement.
+        period: Duration,
+        /// Whether it is stopping.
+        leaving: bool,
+    },
+}
+
+/// The fields 1 to 4 and 9 never change: so machines of other versions are noticed.
 #[derive(Clone, PartialEq, Message)]
 struct AnnouncementFrame {
+    /// The oldest version that the worker speaks.
     #[prost(fixed32, tag = "1")]
     version: u32,
     #[prost(bytes = "bytes", tag = "2")]
@@ -93,13 +116,16 @@ struct AnnouncementFrame {
     free: u32,
     #[prost(bytes = "bytes", tag = "8")]
     objects: Bytes,
+    /// The newest version that the worker speaks; 0 if it is the oldest.
+    #[prost(fixed32, tag = "9")]
+    newest: u32,
 }
 
 impl Announcement {
     /// As bytes.
     pub fn encode(&self) -> Bytes {
         let frame = AnnouncementFrame {
-            version: VERSION,
+            version: self.versions.oldest(),
             member: Bytes::copy_from_slice(&self.member.0),
             period_ms: u32::try_from(self.period.as_millis()).unwrap_or(u32::MAX),
             leaving: self.leaving.into(),
@@ -107,6 +133,7 @@ impl Announcement {
             jobs: self.load.jobs,
             free: self.load.free,
             objects: self.objects.iter().flat_map(|object| *object.as_bytes()).collect::<Vec<u8>>().into(),
+            newest: if self.versions.newest() == self.versions.oldest() { 0 } else { self.versions.newest() },
         };
         frame.encode_to_vec().into()
     }
@@ -115,14 +142,17 @@ impl Announcement {
     ///
     /// # Errors
     /// [`ClusterError`] that names the wrong field.
-    pub fn decode(bytes: Bytes) -> Result<Self, ClusterError> {
+    pub fn decode(bytes: Bytes) -> Result<Announced, ClusterError> {
         let frame = AnnouncementFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
-        if frame.version != VERSION {
-            return Err(ClusterError::FrameVersion { found: frame.version });
-        }
+        let newest = if frame.newest == 0 { frame.version } else { frame.newest };
+        let wrong = ClusterError::FrameVersion { found: frame.version };
+        let versions = FrameVersions::new(frame.version, newest).ok_or(wrong)?;
         let field = |field| ClusterError::FrameField { field };
         let member: [u8; 16] = frame.member.as_ref().try_into().map_err(|_| field("member"))?;
-        let period = read_period(frame.period_ms)?;
+        let (member, period, leaving) = (MemberId(member), read_period(frame.period_ms)?, frame.leaving != 0);
+        if FrameVersions::OWN.common(versions).is_none() {
+            return Ok(Announced::Foreign { versions, member, period, leaving });
+        }
         if frame.threads == 0 {
             return Err(field("threads"));
         }
@@ -130,14 +160,15 @@ impl Announcement {
         if !rest.is_empty() {
             return Err(field("objects"));
         }
-        Ok(Self {
-            member: MemberId(member),
+        Ok(Announced::Known(Self {
+            versions,
+            member,
             period,
-            leaving: frame.leaving != 0,
+            leaving,
             threads: frame.threads,
             load: Load { jobs: frame.jobs, free: frame.free },
             objects: objects.iter().map(|object| ObjectId::from_bytes(*object)).collect(),
-        })
+        }))
     }
 }
 
@@ -151,9 +182,11 @@ pub(crate) fn read_period(period_ms: u32) -> Result<Duration, ClusterError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame_version::VERSION;
 
     fn announcement() -> Announcement {
         Announcement {
+            versions: FrameVersions::OWN,
             member: MemberId::from_bytes([7; 16]),
             period: Duration::from_millis(500),
             leaving: false,
@@ -168,8 +201,27 @@ mod tests {
         for leaving in [false, true] {
             for objects in [BTreeSet::new(), announcement().objects] {
                 let sent = Announcement { leaving, objects, ..announcement() };
-                assert_eq!(Announcement::decode(sent.encode()).expect("read"), sent);
+                let read = Announcement::decode(sent.encode()).expect("read");
+                assert_eq!(read, Announced::Known(sent));
             }
+        }
+    }
+
+    /// This release, the one before it, the next one and the one after that.
+    #[test]
+    fn announcements_of_other_versions_are_read_or_noticed() {
+        for (oldest, newest, is_known) in [
+            (VERSION, VERSION + 1, true),
+            (VERSION - 1, VERSION, true),
+            (VERSION + 1, VERSION + 2, false),
+            (VERSION - 1, VERSION - 1, false),
+        ] {
+            let versions = FrameVersions::new(oldest, newest).expect("a range");
+            let sent = Announcement { versions, ..announcement() };
+            let read = Announcement::decode(sent.encode()).expect("read");
+            let (member, period, leaving) = (sent.member, sent.period, sent.leaving);
+            let foreign = Announced::Foreign { versions, member, period, leaving };
+            assert_eq!(read, if is_known { Announced::Known(sent) } else { foreign }, "{versions}");
         }
     }
 
@@ -181,7 +233,8 @@ mod tests {
             Announcement::decode(frame.encode_to_vec().into()).expect_err("refused").to_string()
         };
         let field = |field| ClusterError::FrameField { field }.to_string();
-        assert_eq!(read(&|f| f.version = 1), ClusterError::FrameVersion { found: 1 }.to_string());
+        assert_eq!(read(&|f| f.version = 0), ClusterError::FrameVersion { found: 0 }.to_string());
+        assert_eq!(read(&|f| f.newest = 1), ClusterError::FrameVersion { found: VERSION }.to_string());
         assert_eq!(read(&|f| f.member = Bytes::from_static(b"short")), field("member"));
         assert_eq!(read(&|f| f.period_ms = 0), field("period_ms"));
         assert_eq!(read(&|f| f.period_ms = u32::MAX), field("period_ms"));

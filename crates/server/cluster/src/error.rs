@@ -237,8 +237,8 @@ pub enum ClusterError {
     Frame,
     /// The frame has an unknown version.
     #[error(
-        "a frame of version {found}, this program reads {}; use one version of veiloc in a cluster",
-        crate::message::VERSION
+        "a frame of version {found}, this program reads {}; update the other machine, or this one",
+        crate::frame_version::FrameVersions::OWN
     )]
     FrameVersion {
         /// Its version.

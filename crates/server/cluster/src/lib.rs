@@ -22,6 +22,7 @@
 mod announcement;
 pub mod bus;
 mod error;
+mod frame_version;
 mod gateway;
 mod manifest_source;
 mod members;
@@ -32,8 +33,9 @@ mod share;
 mod subjects;
 mod worker;
 
-pub use announcement::{Announcement, MemberId};
+pub use announcement::{Announced, Announcement, MemberId};
 pub use error::ClusterError;
+pub use frame_version::{FrameVersions, OLDEST_VERSION, VERSION};
 pub use gateway::{Gateway, GatewayOptions};
 pub use manifest_source::{FolderSource, ManifestSource, ObjectStoreSource, PublishedManifest, SourceFuture};
 pub use rate_exchange::{RateExchangeOptions, share_rates};

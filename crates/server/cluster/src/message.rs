@@ -4,6 +4,7 @@
 //! gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/reference/configuration.md` lists the fields.
 
 use crate::ClusterError;
+use crate::frame_version::check_version;
 use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
@@ -14,9 +15,6 @@ use veiloc_service::{BodyKind, LocalizeFailure, NoPose};
 
 use std::num::NonZeroU64;
 use std::time::Duration;
-
-/// The version of frames that this program writes and reads.
-pub const VERSION: u32 = 2;
 
 /// Maximum overhead of a frame, bytes.
 pub const FRAME_BYTES: usize = 1024;
@@ -36,6 +34,8 @@ pub type RequestIdBytes = [u8; 16];
 /// A request to a worker.
 #[derive(Clone, PartialEq)]
 pub struct Request {
+    /// The version of its frame, which the reply has too: one that both machines speak.
+    pub version: u32,
     /// The name of the gateway's request that it is part of.
     pub name: RequestIdBytes,
     /// The region or index to use; a worker that does not hold it refuses ([`RejectReason::NotHeld`]). Of a ping: any.
@@ -92,6 +92,8 @@ impl std::fmt::Debug for Request {
 /// The reply of a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reply {
+    /// The version of its frame: that of the request.
+    pub version: u32,
     /// The request's name.
     pub name: RequestIdBytes,
     /// The result.
@@ -250,7 +252,7 @@ impl Request {
             vec![x, y, z, near.sd()]
         });
         let frame = RequestFrame {
-            version: VERSION,
+            version: self.version,
             name: Bytes::copy_from_slice(&self.name),
             object: Bytes::copy_from_slice(self.object.as_bytes()),
             within_ms: u32::try_from(self.within.as_millis()).unwrap_or(u32::MAX),
@@ -297,6 +299,7 @@ impl Request {
             _ => Some(Lane::from_bytes(frame.lane.as_ref().try_into().map_err(|_| field("lane"))?)),
         };
         Ok(Self {
+            version: frame.version,
             lane,
             rows: frame.rows,
             span: SpanId::from_number(frame.span),
@@ -314,7 +317,7 @@ impl Reply {
         let code = code_of(&self.outcome);
         let micros = |time: Duration| u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
         let mut frame = ReplyFrame {
-            version: VERSION,
+            version: self.version,
             name: Bytes::copy_from_slice(&self.name),
             outcome: code,
             worked_us: micros(self.worked),
@@ -360,12 +363,9 @@ impl Reply {
         let (worked, waited) =
             (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
         let load = Load { jobs: frame.jobs, free: frame.free };
-        Ok(Self { name, outcome: outcome_of(frame)?, worked, waited, load })
+        let version = frame.version;
+        Ok(Self { version, name, outcome: outcome_of(frame)?, worked, waited, load })
     }
-}
-
-fn check_version(found: u32) -> Result<(), ClusterError> {
-    if found == VERSION { Ok(()) } else { Err(ClusterError::FrameVersion { found }) }
 }
 
 /// Name and object of a request that a ping asks about.

@@ -19,7 +19,7 @@ use veiloc_service::telemetry::GatewayCounts;
 use crate::ClusterError;
 use crate::announcement::{MemberId, read_period};
 use crate::bus::{Bus, Subject};
-use crate::message::VERSION;
+use crate::frame_version::{OLDEST_VERSION, check_version};
 use crate::subjects;
 
 /// Least time between two reports.
@@ -79,7 +79,7 @@ struct ReportFrame {
 impl Report {
     fn encode(&self) -> Bytes {
         let frame = ReportFrame {
-            version: VERSION,
+            version: OLDEST_VERSION,
             gateway: Bytes::copy_from_slice(self.gateway.as_bytes()),
             period_ms: u32::try_from(self.period.as_millis()).unwrap_or(u32::MAX),
             leaving: self.leaving.into(),
@@ -91,9 +91,7 @@ impl Report {
 
     fn decode(bytes: Bytes) -> Result<Self, ClusterError> {
         let frame = ReportFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
-        if frame.version != VERSION {
-            return Err(ClusterError::FrameVersion { found: frame.version });
-        }
+        check_version(frame.version)?;
         let field = |field| ClusterError::FrameField { field };
         let gateway: [u8; 16] = frame.gateway.as_ref().try_into().map_err(|_| field("gateway"))?;
         let period = read_period(frame.period_ms)?;

@@ -262,6 +262,7 @@ impl Dispatcher<'_> {
         call: Option<&mut OpenCall>,
     ) -> Result<ReplyOutcome, MessageFailure> {
         let message = Request {
+            version: member.version(),
             span: call.map(|call| call.span()),
             name: request.name,
             object: request.object,
@@ -328,6 +329,7 @@ mod tests {
 
     use super::*;
     use crate::announcement::Announcement;
+    use crate::frame_version::FrameVersions;
     use crate::members::Role;
     use crate::message::Load;
     use crate::subjects;
@@ -397,6 +399,7 @@ mod tests {
                 self.bus.join(&subjects::of_member(MAP, &id).expect("a subject")).await.expect("joined");
             let (bus, does) = (self.bus.clone(), behaviour.clone());
             let announcement = Announcement {
+                versions: FrameVersions::OWN,
                 member: id,
                 period: SECOND / 2,
                 leaving: false,
@@ -458,7 +461,8 @@ mod tests {
                         tokio::select! {
                             () = answered_after(after.filter(|_| !does.hangs.load(Ordering::Relaxed))) => {
                                 let (worked, waited) = (Duration::ZERO, Duration::ZERO);
-                                let reply = Reply { name: request.name, outcome, worked, waited, load: does.load };
+                                let Request { version, name, .. } = request;
+                                let reply = Reply { version, name, outcome, worked, waited, load: does.load };
                                 does.in_work.fetch_sub(usize::from(is_work), Ordering::Relaxed);
                                 incoming.answer(reply.encode()).await.expect("sent");
                             }

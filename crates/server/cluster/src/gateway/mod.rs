@@ -168,7 +168,7 @@ impl Inner {
         };
         let map = &self.options.map;
         let [answering, out] = self.members.counts();
-        self.counts.members(map, answering, out);
+        self.counts.members(map, answering, out, self.members.foreign_count());
         let copies = self.current().map(|active| self.members.copies(&active.published.manifest));
         self.counts.copies(map, copies.map_or(0, |copies| copies.least));
         let is_complete = copies.is_some_and(|copies| copies.missing == 0);

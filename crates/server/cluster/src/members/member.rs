@@ -12,6 +12,7 @@ use veiloc_service::auth::Lane;
 
 use crate::announcement::{Announcement, MemberId};
 use crate::bus::Subject;
+use crate::frame_version::{FrameVersions, VERSION};
 use crate::message::{Load, MAX_PINGED, RequestIdBytes, Task};
 
 /// Time after which a member is asked whether it runs, and whether it has a request that it owes an answer to; and again
@@ -27,7 +28,7 @@ pub(super) const OUT_PROBE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Half periods without an announcement after which a member is probed, and whole ones after which it is forgotten.
 const LATE_AFTER: u32 = 5;
-const FORGET_AFTER: u32 = 6;
+pub(super) const FORGET_AFTER: u32 = 6;
 
 /// Pause between two probes of a member that is out.
 pub(super) const PROBE_PAUSE: Duration = Duration::from_millis(250);
@@ -67,6 +68,8 @@ impl Work {
 pub(crate) struct Member {
     pub(super) id: MemberId,
     pub(super) subject: Subject,
+    /// The newest version of frames that both speak.
+    version: u32,
     state: Mutex<MemberState>,
     /// Whether it is out: it gets no requests until it answers a probe.
     out: watch::Sender<bool>,
@@ -170,6 +173,8 @@ impl Member {
         Self {
             id: announcement.member,
             subject,
+            // Announcements without a common version are not read.
+            version: FrameVersions::OWN.common(announcement.versions).unwrap_or(VERSION),
             out: watch::Sender::new(true),
             changed: Notify::new(),
             state: Mutex::new(MemberState {
@@ -201,6 +206,11 @@ impl Member {
 
     pub(crate) const fn id(&self) -> MemberId {
         self.id
+    }
+
+    /// The version of frames in which it is asked.
+    pub(crate) const fn version(&self) -> u32 {
+        self.version
     }
 
     /// Updates it; returns whether more than its load changed.

@@ -21,8 +21,9 @@ use veiloc_service::auth::Lane;
 
 use self::member::Availability;
 use crate::ClusterError;
-use crate::announcement::{Announcement, MemberId};
+use crate::announcement::{Announced, Announcement, MemberId};
 use crate::bus::{Bus, Listener};
+use crate::frame_version::FrameVersions;
 use crate::subjects;
 
 pub(crate) use member::{Member, Work};
@@ -46,6 +47,8 @@ struct Table {
     map: String,
     role: Role,
     members: Mutex<BTreeMap<MemberId, Arc<Member>>>,
+    /// Workers with which this program has no version of frames in common, and until when they are known.
+    foreign: Mutex<BTreeMap<MemberId, Instant>>,
     /// Counts changes of the members, and of what they hold.
     changes: tokio::sync::watch::Sender<u64>,
     /// Number of choices.
@@ -84,6 +87,7 @@ impl Members {
             map: map.to_owned(),
             role,
             members: Mutex::default(),
+            foreign: Mutex::default(),
             changes: tokio::sync::watch::Sender::new(0),
             turn: AtomicUsize::new(0),
         });
@@ -141,6 +145,14 @@ impl Members {
         Copies { least, missing }
     }
 
+    /// Workers with which this program has no version of frames in common.
+    pub(crate) fn foreign_count(&self) -> usize {
+        let now = Instant::now();
+        let mut foreign = self.0.foreign();
+        foreign.retain(|_, known_until| now < *known_until);
+        foreign.len()
+    }
+
     /// Members that can be asked, and members that are out.
     pub(crate) fn counts(&self) -> [usize; 2] {
         let members = self.0.members();
@@ -171,6 +183,25 @@ const fn pair(turn: usize, count: usize) -> (usize, usize) {
 impl Table {
     fn members(&self) -> MutexGuard<'_, BTreeMap<MemberId, Arc<Member>>> {
         self.members.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn foreign(&self) -> MutexGuard<'_, BTreeMap<MemberId, Instant>> {
+        self.foreign.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A worker announced itself with which this program has no version in common.
+    fn announced_foreign(&self, member: MemberId, versions: FrameVersions, known_until: Option<Instant>) {
+        let before = match known_until {
+            Some(known_until) => self.foreign().insert(member, known_until),
+            None => self.foreign().remove(&member),
+        };
+        if before.is_some() != known_until.is_some() {
+            if known_until.is_some() {
+                let (map, own) = (&self.map, FrameVersions::OWN);
+                tracing::warn!(map, %member, %versions, %own, "a worker has no version of frames in common with this program; it gets no queries");
+            }
+            self.change();
+        }
     }
 
     fn has(&self, member: &Arc<Member>) -> bool {
@@ -239,13 +270,20 @@ impl Table {
     }
 }
 
-/// Receives announcements until the table is dropped. Workers of another version would fill the log: the first invalid
-/// announcement is a warning.
+/// Receives announcements until the table is dropped. The first invalid announcement is a warning; further ones would fill the
+/// log.
 async fn receive(mut announcements: Listener, table: Weak<Table>) {
     let mut has_warned = false;
     while let Some(message) = announcements.next().await {
         let Some(table) = table.upgrade() else { return };
-        let read = Announcement::decode(message).and_then(|announcement| table.announced(&announcement));
+        let read = Announcement::decode(message).and_then(|announced| match announced {
+            Announced::Known(announcement) => table.announced(&announcement),
+            Announced::Foreign { versions, member, period, leaving } => {
+                let known_until = (!leaving).then(|| Instant::now() + period * member::FORGET_AFTER);
+                table.announced_foreign(member, versions, known_until);
+                Ok(())
+            }
+        });
         if let (Err(error), false) = (&read, has_warned) {
             tracing::warn!(map = table.map, %error, "an invalid announcement was received; further ones are not logged");
             has_warned = true;

@@ -53,6 +53,7 @@ async fn probe(table: &Table, member: &Arc<Member>) {
     let begun = Instant::now();
     let within = if member.is_out() { OUT_PROBE_TIMEOUT } else { PROBE_TIMEOUT };
     let ping = Request {
+        version: member.version(),
         name: NO_REQUEST,
         object: veiloc_map::regions::ObjectId::from_bytes([0; 32]),
         lane: None,

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use veiloc_protocol::{AnswerPose, AnswerTimes};
 
 use super::*;
+use crate::frame_version::VERSION;
 
 const NAME: RequestIdBytes = [7; 16];
 
@@ -14,7 +15,7 @@ fn object() -> ObjectId {
 fn request(task: Task) -> Request {
     let lane = Some(Lane::from_bytes([9; 32]));
     let (within, span) = (Duration::from_millis(29_500), SpanId::from_number(0x0123_4567_89ab_cdef));
-    Request { name: NAME, object: object(), lane, rows: 1024, within, span, task }
+    Request { version: VERSION, name: NAME, object: object(), lane, rows: 1024, within, span, task }
 }
 
 fn answer() -> Answer {
@@ -74,7 +75,7 @@ fn all_outcomes() -> Vec<ReplyOutcome> {
 
 fn reply(outcome: ReplyOutcome) -> Reply {
     let (worked, waited) = (Duration::from_micros(31_415), Duration::from_micros(9));
-    Reply { name: NAME, outcome, worked, waited, load: Load { jobs: 3, free: 29 } }
+    Reply { version: VERSION, name: NAME, outcome, worked, waited, load: Load { jobs: 3, free: 29 } }
 }
 
 #[test]

@@ -10,6 +10,7 @@ use super::executor::Executor;
 use super::holdings::Holdings;
 use crate::announcement::{Announcement, MemberId};
 use crate::bus::{Bus, Subject};
+use crate::frame_version::FrameVersions;
 
 /// What is announced, and where.
 pub(super) struct Announcer {
@@ -29,6 +30,7 @@ impl Announcer {
             return;
         }
         let announcement = Announcement {
+            versions: FrameVersions::OWN,
             member: self.member,
             period: self.period,
             leaving,

@@ -10,6 +10,7 @@ use super::executor::{Accepted, Done, Executor};
 use super::holdings::Holdings;
 use super::spans::{Spans, Traced};
 use crate::bus::{Incoming, Membership};
+use crate::frame_version::VERSION;
 use crate::message::{RejectReason, Reply, ReplyOutcome, Request};
 
 /// The task that answers requests.
@@ -78,6 +79,7 @@ async fn answer_all(
 
 /// A request that was received.
 struct Received {
+    version: u32,
     name: [u8; 16],
     /// Its task, or the reply that needs none.
     accepted: Result<Accepted, ReplyOutcome>,
@@ -93,13 +95,13 @@ fn accept(
 ) -> Received {
     match Request::decode(incoming.payload.clone()) {
         Ok(request) => {
-            let (name, traced) = (request.name, spans.begin(&request));
-            Received { name, accepted: executor.accept(request, holdings, is_leaving), traced }
+            let (version, name, traced) = (request.version, request.name, spans.begin(&request));
+            Received { version, name, accepted: executor.accept(request, holdings, is_leaving), traced }
         }
         Err(error) => {
             tracing::warn!(%error, "an invalid request was received");
             let accepted = Err(ReplyOutcome::Rejected(RejectReason::Undecodable));
-            Received { name: [0; 16], accepted, traced: None }
+            Received { version: VERSION, name: [0; 16], accepted, traced: None }
         }
     }
 }
@@ -107,7 +109,7 @@ fn accept(
 async fn answer(
     executor: Arc<Executor>,
     mut incoming: Incoming,
-    Received { name, accepted, traced }: Received,
+    Received { version, name, accepted, traced }: Received,
     spans: Spans,
 ) {
     let (done, _mark) = match accepted {
@@ -129,7 +131,7 @@ async fn answer(
         spans.end(traced, Some(&done));
     }
     let Done { outcome, worked, waited } = done;
-    let reply = Reply { name, outcome, worked, waited, load: executor.load() };
+    let reply = Reply { version, name, outcome, worked, waited, load: executor.load() };
     if let Err(error) = incoming.answer(reply.encode()).await {
         tracing::warn!(%error, "a reply could not be sent");
     }

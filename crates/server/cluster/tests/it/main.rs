@@ -5,4 +5,5 @@ mod common;
 mod object_store;
 mod rates;
 mod traces;
+mod versions;
 mod workers;

@@ -10,14 +10,14 @@ use std::time::Duration;
 
 use common::service::{Running, truth};
 use common::{
-    Announced, MAP, POLL_INTERVAL, PublishedMap, STEP_TIMEOUT, TestCluster, eventually, fake_member,
+    Announcements, MAP, POLL_INTERVAL, PublishedMap, STEP_TIMEOUT, TestCluster, eventually, fake_member,
     localize_locally, region, reply, subject_of, without_times, worker_options,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
 use veiloc_cluster::message::{RejectReason, Reply, ReplyOutcome, Request, Task};
-use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
+use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, VERSION, Worker, WorkerOptions};
 use veiloc_service::auth::{Lane, TokenKey};
 use veiloc_service::worker_api::HealthProbe as _;
 use veiloc_service::{
@@ -68,7 +68,8 @@ fn ask_worker_for(
 ) -> JoinHandle<ReplyOutcome> {
     let task = Task::Pose { kind: BodyKind::Query, body: body.to_vec().into(), near: None };
     let (object, within) = (published.region(0), STEP_TIMEOUT);
-    let request = Request { name: [name; 16], object, lane, rows: 100, within, span: None, task };
+    let request =
+        Request { version: VERSION, name: [name; 16], object, lane, rows: 100, within, span: None, task };
     let (bus, subject) = (cluster.bus.clone(), subject_of(&cluster.handle().member()));
     tokio::spawn(async move {
         let reply = bus.request_cancellable(&subject, request.encode(), STEP_TIMEOUT).await;
@@ -213,7 +214,7 @@ async fn damaged_object_at_start_costs_only_its_region() {
     std::fs::write(&path, &bad).expect("written");
 
     let bus = Bus::in_process();
-    let announced = Announced::listen(&bus).await;
+    let announced = Announcements::listen(&bus).await;
     let mut options = worker_options("all");
     options.watch = Duration::from_secs(1);
     let cluster = TestCluster::start_with(&published, bus, vec![options]).await;
@@ -473,7 +474,7 @@ async fn new_manifest_is_activated_without_a_lost_query() {
     let cluster = Arc::new(TestCluster::start_with(&published, bus.clone(), workers.into()).await);
     cluster.knows(2).await;
     let _held = hold_clock();
-    let announced = Announced::listen(&bus).await;
+    let announced = Announcements::listen(&bus).await;
     let stop = Arc::new(AtomicBool::new(false));
     let clients: Vec<_> = (0..3)
         .map(|client| {

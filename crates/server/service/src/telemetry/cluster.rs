@@ -104,9 +104,9 @@ impl GatewayCounts {
         self.complete.get_or_create(&label).set((least > 0).into());
     }
 
-    /// Sets the numbers of workers of a map that answer, and that are out.
-    pub fn members(&self, map: &str, answering: usize, out: usize) {
-        for (state, count) in [("answering", answering), ("out", out)] {
+    /// Sets the numbers of workers of a map that answer, that are out, and whose version has no frames in common with ours.
+    pub fn members(&self, map: &str, answering: usize, out: usize, foreign: usize) {
+        for (state, count) in [("answering", answering), ("out", out), ("version", foreign)] {
             let labels = vec![("map", map.to_owned()), ("state", state.to_owned())];
             self.members.get_or_create(&labels).set(count as i64);
         }

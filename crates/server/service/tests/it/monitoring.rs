@@ -98,7 +98,7 @@ fn dashboard_and_alerts_use_existing_metrics() {
     options.watch = Some(std::time::Duration::from_secs(3600));
     let gateway = GatewayCounts::default();
     gateway.copies("town", 2);
-    gateway.members("town", 2, 0);
+    gateway.members("town", 2, 0, 0);
     options.gateway = Some(gateway);
     let server = Running::start(options);
     assert_eq!(server.localize(&files.scene.sealed(&truth()), PHONE).status, 200);

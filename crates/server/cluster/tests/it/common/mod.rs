@@ -14,8 +14,8 @@ use tokio::task::{JoinHandle, JoinSet};
 use veiloc_cluster::bus::{Bus, Incoming, Subject};
 use veiloc_cluster::message::{Load, Reply, ReplyOutcome, Request, Task};
 use veiloc_cluster::{
-    Announcement, FolderSource, Gateway, GatewayOptions, MemberId, RegionShare, Worker, WorkerHandle,
-    WorkerOptions,
+    Announced, Announcement, FolderSource, FrameVersions, Gateway, GatewayOptions, MemberId, RegionShare,
+    VERSION, Worker, WorkerHandle, WorkerOptions,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
@@ -241,13 +241,23 @@ pub fn subject_of(member: &MemberId) -> Subject {
 pub async fn fake_member<F: Future<Output = ()> + Send>(
     bus: &Bus,
     objects: &[ObjectId],
+    act: impl FnMut(Incoming) -> F + Send + 'static,
+) -> JoinSet<()> {
+    fake_member_of_versions(bus, FrameVersions::OWN, objects, act).await
+}
+
+/// The same, of a program that speaks these versions of frames.
+pub async fn fake_member_of_versions<F: Future<Output = ()> + Send>(
+    bus: &Bus,
+    versions: FrameVersions,
+    objects: &[ObjectId],
     mut act: impl FnMut(Incoming) -> F + Send + 'static,
 ) -> JoinSet<()> {
     let member = MemberId::draw().expect("randomness");
     let mut membership = bus.join(&subject_of(&member)).await.expect("joined");
     let load = Load { jobs: 0, free: 32 };
     let (period, objects) = (LONG_PERIOD, objects.iter().copied().collect());
-    let announcement = Announcement { member, period, leaving: false, threads: 1, load, objects };
+    let announcement = Announcement { versions, member, period, leaving: false, threads: 1, load, objects };
     let mut tasks = JoinSet::new();
     let announcing = bus.clone();
     tasks.spawn(async move {
@@ -275,13 +285,14 @@ pub async fn fake_member<F: Future<Output = ()> + Send>(
 /// The reply of a worker to the request of this name.
 pub fn reply(name: [u8; 16], outcome: ReplyOutcome) -> bytes::Bytes {
     let load = Load { jobs: 0, free: 32 };
-    Reply { name, outcome, worked: Duration::ZERO, waited: Duration::ZERO, load }.encode()
+    let (worked, waited) = (Duration::ZERO, Duration::ZERO);
+    Reply { version: VERSION, name, outcome, worked, waited, load }.encode()
 }
 
 /// What is announced, by member.
-pub struct Announced(Arc<Mutex<BTreeMap<MemberId, Announcement>>>);
+pub struct Announcements(Arc<Mutex<BTreeMap<MemberId, Announcement>>>);
 
-impl Announced {
+impl Announcements {
     pub async fn listen(bus: &Bus) -> Self {
         let subject = Subject::new(["veiloc", MAP, "members"]).expect("a subject");
         let mut listener = bus.listen(&subject).await.expect("a listener");
@@ -289,7 +300,8 @@ impl Announced {
         let last = all.clone();
         tokio::spawn(async move {
             while let Some(message) = listener.next().await {
-                let announcement = Announcement::decode(message).expect("an announcement");
+                let announced = Announcement::decode(message).expect("an announcement");
+                let Announced::Known(announcement) = announced else { panic!("{announced:?}") };
                 last.lock().expect("whole").insert(announcement.member, announcement);
             }
         });
