@@ -27,13 +27,13 @@ LOCALIZE = f"/v1/maps/{MAP}/localize"
 class Part:
     """A process of the cluster; its log is a file."""
 
-    def __init__(self, cluster, name, command, ready):
+    def __init__(self, cluster, name, command, ready, wait=True):
         self.cluster, self.name, self.command, self.ready = cluster, name, [str(word) for word in command], ready
         self.log = cluster.work / f"{name}.log"
         self.process = None
         # No process is left running, however the script ends.
         atexit.register(self.end)
-        self.start()
+        self.start(wait)
 
     def end(self):
         if self.process and self.process.poll() is None:
@@ -101,12 +101,12 @@ class Cluster:
         self.program.run("map", "publish", regions, self.store)
         self.regions = len(json.loads((regions / "manifest.json").read_text())["regions"])
 
-    def worker(self, i):
+    def worker(self, i, more=(), wait=True):
         admin = free_port()
         command = [self.program.veiloc, "worker", "--nats", self.servers, "--store", self.store, "--cache",
                    self.work / f"cache-{i}", "--map", MAP, "--workers", self.threads, "--queue", self.queue,
-                   "--admin-listen", f"127.0.0.1:{admin}", "--drain-after", 3, "--watch", 1]
-        part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200)
+                   "--admin-listen", f"127.0.0.1:{admin}", "--watch", 1, *(more or ["--drain-after", 3])]
+        part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200, wait)
         part.admin = admin
         return part
 

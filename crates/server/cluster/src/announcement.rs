@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -14,6 +15,7 @@ use veiloc_map::regions::ObjectId;
 use crate::ClusterError;
 use crate::frame_version::FrameVersions;
 use crate::message::Load;
+use crate::placement::Placed;
 
 /// Bounds of the announced period.
 const MIN_PERIOD: Duration = Duration::from_millis(10);
@@ -76,6 +78,8 @@ pub struct Announcement {
     pub load: Load,
     /// The regions and indexes that it holds.
     pub objects: BTreeSet<ObjectId>,
+    /// How it takes part in the placement of regions; `None`: it holds a fixed share.
+    pub placed: Option<Placed>,
 }
 
 /// An announcement as far as programs of all versions read it.
@@ -119,6 +123,14 @@ struct AnnouncementFrame {
     /// The newest version that the worker speaks; 0 if it is the oldest.
     #[prost(fixed32, tag = "9")]
     newest: u32,
+    #[prost(string, tag = "10")]
+    name: String,
+    /// 0: it holds a fixed share.
+    #[prost(fixed32, tag = "11")]
+    replicas: u32,
+    /// 0: no limit.
+    #[prost(fixed32, tag = "12")]
+    max_regions: u32,
 }
 
 impl Announcement {
@@ -134,6 +146,13 @@ impl Announcement {
             free: self.load.free,
             objects: self.objects.iter().flat_map(|object| *object.as_bytes()).collect::<Vec<u8>>().into(),
             newest: if self.versions.newest() == self.versions.oldest() { 0 } else { self.versions.newest() },
+            name: self.placed.as_ref().map(|placed| placed.name.clone()).unwrap_or_default(),
+            replicas: self.placed.as_ref().map_or(0, |placed| placed.replicas.get()),
+            max_regions: self
+                .placed
+                .as_ref()
+                .and_then(|placed| placed.max_regions)
+                .map_or(0, NonZeroU32::get),
         };
         frame.encode_to_vec().into()
     }
@@ -160,7 +179,13 @@ impl Announcement {
         if !rest.is_empty() {
             return Err(field("objects"));
         }
+        if frame.name.len() > Placed::MAX_NAME {
+            return Err(field("name"));
+        }
+        let (name, max_regions) = (frame.name, NonZeroU32::new(frame.max_regions));
+        let placed = NonZeroU32::new(frame.replicas).map(|replicas| Placed { name, replicas, max_regions });
         Ok(Announced::Known(Self {
+            placed,
             versions,
             member,
             period,
@@ -193,6 +218,7 @@ mod tests {
             threads: 2,
             load: Load { jobs: 3, free: 29 },
             objects: [ObjectId::of(b"a region"), ObjectId::of(b"an index")].into(),
+            placed: None,
         }
     }
 
@@ -200,7 +226,10 @@ mod tests {
     fn announcements_round_trip() {
         for leaving in [false, true] {
             for objects in [BTreeSet::new(), announcement().objects] {
-                let sent = Announcement { leaving, objects, ..announcement() };
+                let (name, replicas) = ("host-1:8082".to_owned(), NonZeroU32::MIN.saturating_add(1));
+                let max_regions = leaving.then_some(replicas);
+                let placed = (!objects.is_empty()).then_some(Placed { name, replicas, max_regions });
+                let sent = Announcement { leaving, objects, placed, ..announcement() };
                 let read = Announcement::decode(sent.encode()).expect("read");
                 assert_eq!(read, Announced::Known(sent));
             }
@@ -239,6 +268,7 @@ mod tests {
         assert_eq!(read(&|f| f.period_ms = 0), field("period_ms"));
         assert_eq!(read(&|f| f.period_ms = u32::MAX), field("period_ms"));
         assert_eq!(read(&|f| f.threads = 0), field("threads"));
+        assert_eq!(read(&|f| f.name = "x".repeat(129)), field("name"));
         assert_eq!(read(&|f| f.objects = f.objects.slice(1..)), field("objects"));
         assert!(matches!(
             Announcement::decode(Bytes::from_static(b"\xff\xff garbage")),

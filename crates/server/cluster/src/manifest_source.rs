@@ -44,6 +44,15 @@ pub trait ManifestSource: Send + Sync {
     /// Fetches these objects, each verified, into a folder for [`RegionFolder::of`]; existing objects are kept.
     fn fetch(&self, objects: Vec<ObjectRef>) -> SourceFuture<'_, PathBuf>;
 
+    /// Checks that objects of this many bytes have space on the local disk together.
+    ///
+    /// # Errors
+    /// [`ClusterError::CacheTooSmall`].
+    fn check_room(&self, bytes: u64) -> Result<(), ClusterError> {
+        let _ = bytes;
+        Ok(())
+    }
+
     /// Declares which fetched objects are needed; others may be removed when space is short.
     fn retain(&self, needed: &BTreeSet<ObjectId>) {
         let _ = needed;

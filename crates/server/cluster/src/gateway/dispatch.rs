@@ -406,6 +406,7 @@ mod tests {
                 threads: 1,
                 load: behaviour.load,
                 objects: [object()].into(),
+                placed: None,
             };
             tokio::spawn(async move {
                 loop {

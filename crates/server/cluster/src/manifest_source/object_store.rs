@@ -125,6 +125,10 @@ impl ManifestSource for ObjectStoreSource {
         Box::pin(on_blocking_thread(async move || inner.fetch(&objects).await))
     }
 
+    fn check_room(&self, bytes: u64) -> Result<(), ClusterError> {
+        self.0.cache.check_room(bytes)
+    }
+
     fn retain(&self, needed: &BTreeSet<ObjectId>) {
         self.0.retained.lock().unwrap_or_else(PoisonError::into_inner).clone_from(needed);
         // A cache that is too large is logged, but is no reason to stop answering.

@@ -14,6 +14,7 @@ use crate::announcement::{Announcement, MemberId};
 use crate::bus::Subject;
 use crate::frame_version::{FrameVersions, VERSION};
 use crate::message::{Load, MAX_PINGED, RequestIdBytes, Task};
+use crate::placement::Placed;
 
 /// Time after which a member is asked whether it runs, and whether it has a request that it owes an answer to; and again
 /// after each answer.
@@ -82,6 +83,7 @@ struct MemberState {
     leaving: bool,
     threads: u32,
     objects: BTreeSet<ObjectId>,
+    placed: Option<Placed>,
     /// The last reported load, and the requests for poses sent since.
     load: Load,
     sent_since: u32,
@@ -182,6 +184,7 @@ impl Member {
                 leaving: announcement.leaving,
                 threads: announcement.threads,
                 objects: announcement.objects.clone(),
+                placed: announcement.placed.clone(),
                 load: announcement.load,
                 sent_since: 0,
                 announced: now,
@@ -216,7 +219,9 @@ impl Member {
     /// Updates it; returns whether more than its load changed.
     pub(super) fn announced(&self, announcement: &Announcement, now: Instant) -> bool {
         let mut state = self.state();
-        let changed = state.leaving != announcement.leaving || state.objects != announcement.objects;
+        let changed = state.leaving != announcement.leaving
+            || state.objects != announcement.objects
+            || state.placed != announcement.placed;
         state.announced = now;
         state.period = announcement.period;
         state.leaving = announcement.leaving;
@@ -224,6 +229,7 @@ impl Member {
         state.report(announcement.load);
         if changed {
             state.objects.clone_from(&announcement.objects);
+            state.placed.clone_from(&announcement.placed);
         }
         changed
     }
@@ -248,6 +254,11 @@ impl Member {
     pub(super) fn served(&self) -> BTreeSet<ObjectId> {
         let state = self.state();
         if state.leaving || self.is_out() { BTreeSet::new() } else { state.objects.clone() }
+    }
+
+    /// How it takes part in the placement of regions.
+    pub(super) fn placed(&self) -> Option<Placed> {
+        self.state().placed.clone()
     }
 
     pub(super) fn is_leaving(&self) -> bool {

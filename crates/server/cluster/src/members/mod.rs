@@ -10,10 +10,11 @@
 mod member;
 mod watch;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
 
 use tokio::time::Instant;
 use veiloc_map::regions::{Manifest, ObjectId};
@@ -24,12 +25,16 @@ use crate::ClusterError;
 use crate::announcement::{Announced, Announcement, MemberId};
 use crate::bus::{Bus, Listener};
 use crate::frame_version::FrameVersions;
+use crate::placement::Placed;
 use crate::subjects;
 
 pub(crate) use member::{Member, Work};
 
 /// The second of two members is asked if its answer is expected in less than this part of the time of the first.
 const LESS_BUSY: f64 = 0.75;
+
+/// How long a worker that is gone is remembered at most.
+const LONG_GONE: Duration = Duration::from_secs(3600);
 
 /// The members of a map. Clones share them.
 #[derive(Clone)]
@@ -49,6 +54,8 @@ struct Table {
     members: Mutex<BTreeMap<MemberId, Arc<Member>>>,
     /// Workers with which this program has no version of frames in common, and until when they are known.
     foreign: Mutex<BTreeMap<MemberId, Instant>>,
+    /// Workers that are gone and took part in the placement of regions, by name, and since when.
+    departed: Mutex<BTreeMap<String, (Placed, Instant)>>,
     /// Counts changes of the members, and of what they hold.
     changes: tokio::sync::watch::Sender<u64>,
     /// Number of choices.
@@ -64,6 +71,17 @@ pub(crate) enum Choice {
     },
     /// No member holds it.
     NoMember,
+}
+
+/// A worker among which regions are placed.
+pub(crate) struct PlacedMember {
+    /// `None` if it is gone.
+    pub(crate) id: Option<MemberId>,
+    pub(crate) placed: Placed,
+    /// The objects for which it takes requests.
+    pub(crate) served: BTreeSet<ObjectId>,
+    /// It left or died; it may come back.
+    pub(crate) is_departed: bool,
 }
 
 /// Number of members that hold each object of a manifest.
@@ -88,6 +106,7 @@ impl Members {
             role,
             members: Mutex::default(),
             foreign: Mutex::default(),
+            departed: Mutex::default(),
             changes: tokio::sync::watch::Sender::new(0),
             turn: AtomicUsize::new(0),
         });
@@ -145,6 +164,31 @@ impl Members {
         Copies { least, missing }
     }
 
+    /// The workers among which regions are placed; those that left or died less than `settle` ago are `departed`. Some of equal
+    /// names may be among them.
+    pub(crate) fn placed(&self, settle: Duration) -> Vec<PlacedMember> {
+        let now = Instant::now();
+        let mut all: Vec<PlacedMember> = Vec::new();
+        for member in self.0.members().values() {
+            if let Some(placed) = member.placed() {
+                let is_departed = member.is_leaving();
+                all.push(PlacedMember { id: Some(member.id), placed, served: member.served(), is_departed });
+            }
+        }
+        let mut departed = self.0.departed();
+        departed.retain(|name, (_, since)| {
+            let is_back = all.iter().any(|member| member.placed.name == *name && !member.is_departed);
+            !is_back && now < *since + settle
+        });
+        all.extend(departed.values().map(|(placed, _)| PlacedMember {
+            id: None,
+            placed: placed.clone(),
+            served: BTreeSet::new(),
+            is_departed: true,
+        }));
+        all
+    }
+
     /// Workers with which this program has no version of frames in common.
     pub(crate) fn foreign_count(&self) -> usize {
         let now = Instant::now();
@@ -189,6 +233,10 @@ impl Table {
         self.foreign.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn departed(&self) -> MutexGuard<'_, BTreeMap<String, (Placed, Instant)>> {
+        self.departed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// A worker announced itself with which this program has no version in common.
     fn announced_foreign(&self, member: MemberId, versions: FrameVersions, known_until: Option<Instant>) {
         let before = match known_until {
@@ -230,6 +278,11 @@ impl Table {
     fn remove(&self, member: &Arc<Member>) {
         if self.has(member) {
             self.members().remove(&member.id);
+            if let Some(placed) = member.placed().filter(|_| self.role == Role::Worker) {
+                // Who places no regions does not read them.
+                self.departed().retain(|_, (_, since)| since.elapsed() < LONG_GONE);
+                self.departed().insert(placed.name.clone(), (placed, Instant::now()));
+            }
             let (map, id) = (&self.map, member.id);
             if member.is_leaving() {
                 tracing::info!(map, member = %id, "a worker has left");

@@ -11,6 +11,7 @@ use super::holdings::Holdings;
 use crate::announcement::{Announcement, MemberId};
 use crate::bus::{Bus, Subject};
 use crate::frame_version::FrameVersions;
+use crate::placement::Placed;
 
 /// What is announced, and where.
 pub(super) struct Announcer {
@@ -21,6 +22,7 @@ pub(super) struct Announcer {
     pub(super) threads: u32,
     pub(super) executor: Arc<Executor>,
     pub(super) holdings: Arc<Holdings>,
+    pub(super) placed: Option<Placed>,
 }
 
 impl Announcer {
@@ -37,6 +39,7 @@ impl Announcer {
             threads: self.threads,
             load: self.executor.load(),
             objects: self.holdings.objects(),
+            placed: self.placed.clone(),
         };
         if let Err(error) = self.bus.publish(&self.subject, announcement.encode()).await {
             tracing::warn!(%error, "the worker cannot be announced");

@@ -5,11 +5,13 @@
 //! manifest has a worker, plus a grace period, so that gateways with the old manifest can finish.
 
 mod announcer;
+mod assignment;
 mod executor;
 mod holdings;
 mod responder;
 mod spans;
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,11 +24,12 @@ use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{Manifest, ObjectId, ObjectRef, RegionFolder};
+use veiloc_map::regions::{Manifest, ObjectId, RegionFolder};
 use veiloc_service::telemetry::{WorkerCounts, WorkerGauges};
 use veiloc_service::worker_api::{Controllable, HealthProbe};
 
 use self::announcer::Announcer;
+use self::assignment::{Assigned, Assigner, Assignment};
 use self::executor::Executor;
 use self::holdings::{Content, Holdings};
 use self::responder::Responder;
@@ -38,14 +41,18 @@ use crate::members::{Members, Role};
 use crate::share::RegionShare;
 use crate::subjects;
 
+pub use self::assignment::PlacementOptions;
+
 /// Options of a worker.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct WorkerOptions {
     /// Name of the map.
     pub map: String,
-    /// The regions to hold.
+    /// The regions to hold, unless they are placed.
     pub share: RegionShare,
+    /// Regions are placed on the workers that have this option. Default: none.
+    pub placement: Option<PlacementOptions>,
     /// Whether to hold the index too. Default: true.
     pub index: bool,
     /// Threads that localize. Default: one per core.
@@ -76,6 +83,7 @@ impl WorkerOptions {
         Self {
             map: map.to_owned(),
             share: RegionShare::All,
+            placement: None,
             index: true,
             threads: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
@@ -101,6 +109,7 @@ pub struct Worker {
     member: MemberId,
     holdings: Arc<Holdings>,
     members: Members,
+    assigner: Assigner,
     responder: Responder,
     announcing: JoinHandle<()>,
     /// Becomes true when the worker leaves.
@@ -212,39 +221,55 @@ impl Worker {
         let subject = subjects::of_member(&options.map, &member)?;
         let members = Members::listen(&bus, &options.map, Role::Worker).await?;
         let published = source.current(&options.map).await?;
-        let assigned = assigned_objects(&options, &published.manifest);
-        // A damaged object is no reason to refuse the others; it is tried again with the next check.
-        let loaded = load(&*source, &holdings, options.memory, &published.manifest, &assigned).await;
-        let loaded = match loaded {
-            Err(FollowFailure::Other(error)) => return Err(error),
-            Err(FollowFailure::Objects(failure)) => Err(failure),
-            Ok(()) => Ok(()),
+        let assigner = Assigner::new(&options, member, members.clone());
+        let leaving = watch::Sender::new(false);
+        let begin = async || {
+            // It is announced only when it can be asked.
+            let membership = bus.join(&subject).await?;
+            let spans = Spans {
+                member,
+                #[cfg(feature = "opentelemetry")]
+                traces: options.traces.clone(),
+            };
+            let responder = Responder::start(executor.clone(), holdings.clone(), membership, spans);
+            let announcer = Announcer {
+                bus: bus.clone(),
+                subject: subjects::of_members(&options.map)?,
+                member,
+                period: options.period,
+                threads: u32::try_from(options.threads.get()).unwrap_or(u32::MAX),
+                executor: executor.clone(),
+                holdings: holdings.clone(),
+                placed: options.placement.as_ref().map(|placement| placement.placed.clone()),
+            };
+            Ok::<_, ClusterError>((responder, tokio::spawn(announcer.run(leaving.subscribe()))))
         };
+        let mut begun = None;
+        if options.placement.is_some() {
+            // The others know it, and it knows them, before it chooses.
+            begun = Some(begin().await?);
+            tokio::time::sleep(options.period * 2).await;
+        }
+        // A damaged object is no reason to refuse the others; it is tried again with the next check.
+        let loaded =
+            match load(&*source, &holdings, options.memory, &published.manifest, &assigner, &counts).await {
+                Err(FollowFailure::Other(error)) => return Err(error),
+                Err(FollowFailure::Objects(failure)) => Err(failure),
+                Ok(assignment) => Ok(assignment),
+            };
         counts.set_activation_failing(loaded.is_err());
-        if let Err(failure) = &loaded {
-            counts.set_missing(failure.missing());
-            tracing::error!(map = options.map, held = holdings.len(), "{failure}");
+        match &loaded {
+            Ok(assignment) => counts.set_unplaced(assignment.unplaced),
+            Err(failure) => {
+                counts.set_missing(failure.missing());
+                tracing::error!(map = options.map, held = holdings.len(), "{failure}");
+            }
         }
         tracing::info!(map = options.map, manifest = %published.id, held = holdings.len(), "manifest loaded");
-        // It is announced only when it can be asked.
-        let membership = bus.join(&subject).await?;
-        let spans = Spans {
-            member,
-            #[cfg(feature = "opentelemetry")]
-            traces: options.traces.clone(),
+        let (responder, announcing) = match begun {
+            Some(begun) => begun,
+            None => begin().await?,
         };
-        let responder = Responder::start(executor.clone(), holdings.clone(), membership, spans);
-        let leaving = watch::Sender::new(false);
-        let announcer = Announcer {
-            bus: bus.clone(),
-            subject: subjects::of_members(&options.map)?,
-            member,
-            period: options.period,
-            threads: u32::try_from(options.threads.get()).unwrap_or(u32::MAX),
-            executor: executor.clone(),
-            holdings: holdings.clone(),
-        };
-        let announcing = tokio::spawn(announcer.run(leaving.subscribe()));
         Ok(Self {
             bus,
             source,
@@ -254,6 +279,7 @@ impl Worker {
             member,
             holdings,
             members,
+            assigner,
             responder,
             announcing,
             leaving,
@@ -287,15 +313,18 @@ impl Worker {
     pub async fn run(mut self) -> bool {
         let mut phase = self.stop.subscribe();
         let mut pause = self.options.watch;
+        let (mut changes, mut failing) = (self.members.changes(), false);
         loop {
             tokio::select! {
                 () = tokio::time::sleep(pause) => {}
+                () = self.placement_changed(&mut changes, failing) => {}
                 () = wait_for_phase(&mut phase, Phase::Draining) => break,
             }
             // A fetch in progress must not delay the shutdown.
             tokio::select! {
                 followed = self.follow() => {
-                    self.counts.set_activation_failing(followed.is_err());
+                    failing = followed.is_err();
+                    self.counts.set_activation_failing(failing);
                     let missing = followed.as_ref().err().map_or(0, FollowFailure::missing);
                     self.counts.set_missing(missing);
                     // A manifest that cannot be loaded, for example on a full disk, may have been fetched almost
@@ -329,56 +358,69 @@ impl Worker {
         finished
     }
 
+    /// Returns when the members changed among which regions are placed, and a moment later, because changes come together.
+    /// While the last attempt failed, only the pause counts.
+    async fn placement_changed(&self, changes: &mut watch::Receiver<u64>, failing: bool) {
+        if failing || self.options.placement.is_none() || changes.changed().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+        tokio::time::sleep(self.options.period).await;
+        changes.mark_unchanged();
+    }
+
     /// Reads the published manifest, loads new objects and leaves old ones.
     async fn follow(&mut self) -> Result<(), FollowFailure> {
         let published = self.source.current(&self.options.map).await?;
         let manifest = &published.manifest;
-        let assigned = assigned_objects(&self.options, manifest);
         let is_new = self.current.as_ref().is_none_or(|known| known.id != published.id);
-        if is_new || assigned.iter().any(|(object, _)| !self.holdings.contains(&object.sha256)) {
-            load(&*self.source, &self.holdings, self.options.memory, manifest, &assigned).await?;
+        let assignment =
+            load(&*self.source, &self.holdings, self.options.memory, manifest, &self.assigner, &self.counts)
+                .await?;
+        self.counts.set_unplaced(assignment.unplaced);
+        if is_new {
             self.leave_at = None;
-            if is_new {
-                tracing::info!(map = manifest.map, manifest = %published.id, held = self.holdings.len(), "manifest loaded");
-            }
+            tracing::info!(map = manifest.map, manifest = %published.id, held = self.holdings.len(), "manifest loaded");
             self.current = Some(published.clone());
         }
-        self.leave_unpublished(&published.manifest, &assigned);
+        self.leave_others(manifest, &assignment);
         Ok(())
     }
 
-    /// Leaves objects outside of its assignment, a grace period after every object of the manifest has a worker.
-    fn leave_unpublished(&mut self, manifest: &Manifest, assigned: &[Assigned]) {
-        let is_assigned = |id: &ObjectId| assigned.iter().any(|(object, _)| object.sha256 == *id);
-        let old: Vec<ObjectId> = self.holdings.objects().into_iter().filter(|id| !is_assigned(id)).collect();
+    /// Leaves objects outside of its assignment: those of older manifests, a grace period after every object of the manifest has
+    /// a worker; and regions that other workers took over, as long after.
+    fn leave_others(&mut self, manifest: &Manifest, assignment: &Assignment) {
+        let published: BTreeSet<ObjectId> = manifest.objects().map(|object| object.sha256).collect();
+        let is_complete = self.members.copies(manifest).missing == 0;
+        let may_leave = |id: &ObjectId| {
+            let is_free =
+                if published.contains(id) { assignment.taken_over.contains(id) } else { is_complete };
+            is_free && !assignment.contains(id)
+        };
+        // A worker with a fixed share holds no published region beyond it.
+        let may_leave = |id: &ObjectId| match self.options.placement {
+            Some(_) => may_leave(id),
+            None => is_complete && !assignment.contains(id),
+        };
+        let old: Vec<ObjectId> = self.holdings.objects().into_iter().filter(may_leave).collect();
         if old.is_empty() {
+            self.leave_at = None;
             return;
         }
         match self.leave_at {
-            None => {
-                if self.members.copies(manifest).missing == 0 {
-                    self.leave_at = Some(Instant::now() + self.options.grace);
-                }
-            }
+            None => self.leave_at = Some(Instant::now() + self.options.grace),
             Some(at) if Instant::now() >= at => {
                 // Earlier requests are answered in the meantime.
                 self.holdings.remove(&old);
                 self.leave_at = None;
-                tracing::info!(held = self.holdings.len(), "objects that are no longer published were left");
+                tracing::info!(
+                    held = self.holdings.len(),
+                    left = old.len(),
+                    "objects that other workers hold, or that are no longer published, were left"
+                );
             }
             Some(_) => {}
         }
     }
-}
-
-/// An object to hold, and its number if it is a region.
-type Assigned = (ObjectRef, Option<usize>);
-
-/// The objects of a worker's share.
-fn assigned_objects(options: &WorkerOptions, manifest: &Manifest) -> Vec<Assigned> {
-    let regions = manifest.regions.iter().enumerate().filter(|(number, _)| options.share.contains(*number));
-    let index = options.index.then_some((manifest.index, None));
-    index.into_iter().chain(regions.map(|(number, region)| (region.object(), Some(number)))).collect()
 }
 
 /// Why a manifest was not loaded completely.
@@ -433,34 +475,47 @@ impl fmt::Display for LoadFailure {
 /// Maximum number of objects that a log line names.
 const MAX_NAMED: usize = 8;
 
-/// Fetches and opens missing objects, all that can be.
+/// Fetches and opens what this worker should hold, all that can be. What that is may change in the meantime.
 async fn load(
     source: &dyn ManifestSource,
     holdings: &Holdings,
     memory: MapMemory,
     manifest: &Manifest,
-    assigned: &[Assigned],
-) -> Result<(), FollowFailure> {
-    let missing: Vec<Assigned> =
-        assigned.iter().filter(|(object, _)| !holdings.contains(&object.sha256)).copied().collect();
-    let all = missing.iter().map(|(object, _)| *object).collect();
-    if let Err(error @ ClusterError::CacheTooSmall { .. }) = source.fetch(all).await {
-        return Err(error.into());
-    }
-    // Objects that were fetched are verified from the cache. What is fetched one by one must not displace what was fetched before it.
-    let mut needed = holdings.objects();
-    needed.extend(missing.iter().map(|(object, _)| object.sha256));
-    source.retain(&needed);
-    let mut failed = Vec::new();
-    for (object, number) in missing {
-        match load_object(source, memory, manifest, (object, number)).await {
-            Ok(content) => holdings.insert(object.sha256, content),
-            Err(error) => failed.push(((object, number), error)),
+    assigner: &Assigner,
+    counts: &WorkerCounts,
+) -> Result<Assignment, FollowFailure> {
+    let mut failed: Vec<(Assigned, ClusterError)> = Vec::new();
+    let assignment = loop {
+        let assignment = assigner.assign(manifest);
+        let is_missing = |(object, _): &&Assigned| {
+            !holdings.contains(&object.sha256)
+                && failed.iter().all(|((known, _), _)| known.sha256 != object.sha256)
+        };
+        let missing: Vec<Assigned> = assignment.objects.iter().filter(is_missing).copied().collect();
+        if missing.is_empty() {
+            break assignment;
         }
-    }
-    source.retain(&holdings.objects());
-    if failed.is_empty() { Ok(()) } else { Err(LoadFailure(failed).into()) }
+        source.check_room(missing.iter().map(|(object, _)| object.bytes).sum())?;
+        // What is fetched one by one must not displace what was fetched before it.
+        let mut needed = holdings.objects();
+        needed.extend(missing.iter().map(|(object, _)| object.sha256));
+        source.retain(&needed);
+        for (object, number) in missing.into_iter().take(AT_A_TIME) {
+            match load_object(source, memory, manifest, (object, number)).await {
+                Ok(content) => {
+                    holdings.insert(object.sha256, content);
+                    counts.loaded();
+                }
+                Err(error) => failed.push(((object, number), error)),
+            }
+        }
+        source.retain(&holdings.objects());
+    };
+    if failed.is_empty() { Ok(assignment) } else { Err(LoadFailure(failed).into()) }
 }
+
+/// Number of objects that are loaded before a worker looks again what it should hold.
+const AT_A_TIME: usize = 4;
 
 /// Fetches and opens an object.
 async fn load_object(

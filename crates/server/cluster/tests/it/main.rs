@@ -3,6 +3,7 @@
 mod bus;
 mod common;
 mod object_store;
+mod placement;
 mod rates;
 mod traces;
 mod versions;

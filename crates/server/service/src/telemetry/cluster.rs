@@ -179,6 +179,8 @@ pub struct WorkerCounts {
     busy_seconds: Counter<f64, AtomicU64>,
     failing: Gauge,
     missing: Gauge,
+    unplaced: Gauge,
+    loads: Counter,
     now: [Gauge; 4],
 }
 
@@ -211,6 +213,10 @@ impl WorkerCounts {
         );
         let help = "Objects of the share of this worker that cannot be loaded";
         let missing = gauge(registry, "objects_missing", help, 0);
+        let help = "Copies of regions for which no worker has space (--max-regions)";
+        let unplaced = gauge(registry, "copies_unplaced", help, 0);
+        let loads = Counter::default();
+        registry.register("object_loads", "Regions and indexes that were loaded", loads.clone());
         let family = |registry: &mut Registry,
                       name: &str,
                       help: &str,
@@ -232,7 +238,18 @@ impl WorkerCounts {
         let busy_seconds: Counter<f64, AtomicU64> = Counter::default();
         registry.register("busy_seconds", "Total busy time of the threads", busy_seconds.clone());
         let now = [queued, busy, held, ready];
-        Arc::new(Self { registry: all, requests, replies, cancelled, busy_seconds, failing, missing, now })
+        Arc::new(Self {
+            registry: all,
+            requests,
+            replies,
+            cancelled,
+            busy_seconds,
+            failing,
+            missing,
+            unplaced,
+            loads,
+            now,
+        })
     }
 
     /// Counts a request by its kind.
@@ -263,6 +280,16 @@ impl WorkerCounts {
     /// Sets the number of objects that cannot be loaded.
     pub fn set_missing(&self, objects: usize) {
         self.missing.set(objects as i64);
+    }
+
+    /// Sets the number of copies of regions for which no worker has space.
+    pub fn set_unplaced(&self, copies: usize) {
+        self.unplaced.set(copies as i64);
+    }
+
+    /// Counts an object that was loaded.
+    pub fn loaded(&self) {
+        self.loads.inc();
     }
 
     /// All metrics in the text format of Prometheus.

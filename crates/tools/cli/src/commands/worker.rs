@@ -1,13 +1,13 @@
 //! `veiloc worker`: localizes in regions of a map for a gateway.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use veiloc_cluster::{ClusterError, RegionShare, Worker, WorkerOptions};
+use veiloc_cluster::{ClusterError, Placed, PlacementOptions, RegionShare, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
 #[cfg(feature = "opentelemetry")]
 use veiloc_service::ServerError;
@@ -52,6 +52,22 @@ pub(crate) struct Args {
     /// worker; several workers may hold the same region.
     #[arg(long, default_value = "all", value_name = "SHARE")]
     regions: RegionShare,
+    /// In place of --regions: every region should be held by N workers, and the workers that have this option divide the
+    /// regions among them, also when workers join or leave. At least 2, so that a worker may fail. Default: none, --regions
+    /// decides.
+    #[arg(long, conflicts_with = "regions", value_name = "N")]
+    replicas: Option<NonZeroU32>,
+    /// Maximum number of regions that this worker takes, with --replicas: as many as fit into its memory. While regions
+    /// move, it may hold some more. Default: no limit.
+    #[arg(long, requires = "replicas", value_name = "N")]
+    max_regions: Option<NonZeroU32>,
+    /// Name of this worker, with --replicas; the same after a restart, and another one for each worker of a map. Default: the
+    /// name of the machine and the port of --admin-listen.
+    #[arg(long, requires = "replicas", value_parser = worker_name, value_name = "NAME")]
+    name: Option<String>,
+    /// Seconds for which the regions of a worker that left or died wait for it, with --replicas, if another worker has them.
+    #[arg(long, default_value_t = 30.0, value_parser = not_negative, value_name = "SECONDS")]
+    settle: f64,
     /// Do not hold the index that selects regions; at least one worker must hold it.
     #[arg(long)]
     no_index: bool,
@@ -166,10 +182,35 @@ fn required_value(required: Option<&String>) -> &str {
     required.map(String::as_str).unwrap_or_default()
 }
 
+/// Parses the name of a worker.
+fn worker_name(text: &str) -> Result<String, String> {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.:".contains(c);
+    if !text.is_empty() && text.len() <= Placed::MAX_NAME && text.chars().all(is_plain) {
+        Ok(text.to_owned())
+    } else {
+        Err(format!("letters, digits, `-`, `_`, `.` and `:` are expected, at most {}", Placed::MAX_NAME))
+    }
+}
+
+/// The name of the machine, and a port that distinguishes its workers.
+fn default_name(port: u16) -> String {
+    let of_kernel = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let machine = of_kernel.or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default();
+    let machine: String = machine.trim().chars().take(Placed::MAX_NAME - 8).filter(char::is_ascii).collect();
+    format!("{}:{port}", if machine.is_empty() { "worker" } else { &machine })
+}
+
 fn options(args: &Args) -> WorkerOptions {
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
     let mut options = WorkerOptions::new(required_value(args.map.as_ref()));
     options.share = args.regions.clone();
+    if let Some(replicas) = args.replicas {
+        let name = args.name.clone().unwrap_or_else(|| default_name(args.admin_listen.port()));
+        let mut placement = PlacementOptions::new(name, replicas);
+        placement.placed.max_regions = args.max_regions;
+        placement.settle = seconds(args.settle);
+        options.placement = Some(placement);
+    }
     options.index = !args.no_index;
     if let Some(workers) = args.workers {
         options.threads = workers;

@@ -163,8 +163,18 @@ impl TestCluster {
     }
 
     pub async fn add(&self, published: &PublishedMap, share: &str) {
-        let worker = start_worker(published, &self.bus, worker_options(share)).await;
+        self.start_worker(published, worker_options(share)).await;
+    }
+
+    /// Adds a worker with these options.
+    pub async fn start_worker(&self, published: &PublishedMap, options: WorkerOptions) {
+        let worker = start_worker(published, &self.bus, options).await;
         self.workers.lock().expect("whole").push(worker);
+    }
+
+    /// The handles of all workers.
+    pub fn handles(&self) -> Vec<WorkerHandle> {
+        self.workers.lock().expect("whole").iter().map(|(handle, _)| handle.clone()).collect()
     }
 
     /// Stops the first worker; returns whether it finished its requests.
@@ -257,7 +267,8 @@ pub async fn fake_member_of_versions<F: Future<Output = ()> + Send>(
     let mut membership = bus.join(&subject_of(&member)).await.expect("joined");
     let load = Load { jobs: 0, free: 32 };
     let (period, objects) = (LONG_PERIOD, objects.iter().copied().collect());
-    let announcement = Announcement { versions, member, period, leaving: false, threads: 1, load, objects };
+    let announcement =
+        Announcement { versions, member, period, leaving: false, threads: 1, load, objects, placed: None };
     let mut tasks = JoinSet::new();
     let announcing = bus.clone();
     tasks.spawn(async move {
@@ -310,7 +321,12 @@ impl Announcements {
 
     /// Number of members whose last announcement has this object.
     pub fn holders(&self, object: &ObjectId) -> usize {
-        self.0.lock().expect("whole").values().filter(|member| member.objects.contains(object)).count()
+        self.0
+            .lock()
+            .expect("whole")
+            .values()
+            .filter(|member| !member.leaving && member.objects.contains(object))
+            .count()
     }
 }
 
