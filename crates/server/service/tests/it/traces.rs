@@ -58,14 +58,15 @@ fn spans_contain_nothing_of_a_query() {
     // Probes are not traced.
     assert_eq!(server.get("/healthz", "").status, 200);
     // The shutdown does not wait long for a collector.
-    eventually("all spans", || collector.spans("veiloc").len() >= 15);
+    eventually("all spans", || collector.spans("veiloc").len() >= 17);
     server.stop();
 
     let spans = collector.spans("veiloc");
     let of = |id: &str| spans.iter().filter(|span| span["traceId"] == id).collect::<Vec<_>>();
     for (id, names) in ids.iter().zip([
-        &["POST /v1/maps/{name}/localize", "read", "queue", "localize", "retrieve", "match", "pose"][..],
-        &["POST /v1/maps/{name}/localize", "read", "queue", "localize"],
+        &["POST /v1/maps/{name}/localize", "read", "queue", "localize", "retrieve", "match", "pose", "hold"]
+            [..],
+        &["POST /v1/maps/{name}/localize", "read", "queue", "localize", "hold"],
         &["POST /v1/maps/{name}/localize", "read"],
         &["POST /v1/maps/{name}/localize"],
         &["POST /v1/maps/{name}/localize"],
@@ -85,7 +86,7 @@ fn spans_contain_nothing_of_a_query() {
             assert!(time(span, "startTimeUnixNano") >= time(above, "startTimeUnixNano"), "{span} {above}");
         }
     }
-    assert_eq!(spans.len(), 7 + 4 + 2 + 1 + 1, "and nothing else");
+    assert_eq!(spans.len(), 8 + 5 + 2 + 1 + 1, "and nothing else");
     let first = of(&ids[0])[0];
     assert_eq!(attribute(first, "http.response.status_code"), Some("200"));
     assert_eq!(attribute(first, "veiloc.token"), Some("someone"));
@@ -152,7 +153,7 @@ fn absent_collector_does_not_delay_requests() {
     }
     let admin = server.listening.admin.expect("a listener for the operator");
     eventually("all spans given up", || {
-        Request::get("/metrics").send(admin).text().contains("veiloc_spans_dropped_total 35\n")
+        Request::get("/metrics").send(admin).text().contains("veiloc_spans_dropped_total 40\n")
     });
     server.stop();
 }
