@@ -4,7 +4,7 @@
     P="scripts/privacy_tables.py --veiloc target/release/veiloc --data $VEILOC_DATA --work work"
     $P schemes --networks networks --csv docs/results/privacy/schemes.csv --summary docs/results/privacy/adversaries.csv
     $P out-of-map --networks networks --csv docs/results/privacy/out-of-map.csv
-    $P masks --masks masks --networks networks --csv docs/results/privacy/masks.csv
+    $P masks --masks masks --csv docs/results/privacy/masks.csv
     $P sessions --csv docs/results/privacy/sessions.csv
     $P orientation --csv docs/results/privacy/orientation.csv
     $P paper --csv docs/results/privacy/paper.csv
@@ -176,13 +176,12 @@ def out_of_map(args):
 
 def masks(args):
     words = {
-        "outsider-statistic": "outsider, statistic", "outsider-neighbours": "outsider, network of neighbours",
-        "map-server": "images from nearby", "pose-server": "a server that has the pose",
+        "outsider-statistic": "outsider, statistic", "map-server": "images from nearby", "pose-server": "a server that has the pose",
         "pose-server-images": "the same with the map's images", "several-frames": "eight frames",
         "several-seals": "eight seals",
     }  # fmt: skip
     data = scene_of(args, "redkitchen")
-    without = {key: row for key, row in adversaries(args, data, list(KNOWLEDGE)).items() if key[0] in words and key[1] == "dcl"}
+    without = adversaries(args, data, list(words), "--schemes", "dcl")
     with_masks = adversaries(args, data, list(words), "--schemes", "dcl", "--masks", args.masks)
     table = [[words[name], f"{row['bits_over_prior']:.2f}", f"{with_masks[name, scheme]['bits_over_prior']:.2f}"]
              for (name, scheme), row in without.items()]  # fmt: skip

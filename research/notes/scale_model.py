@@ -43,7 +43,7 @@ CONSTANTS = {
     "regions_asked": 1.17,
     # The number of regions of each image: `veiloc map split`.
     "held": 1.45,
-    # Bytes an image: of a whole map, and packed at a twentieth (scripts/compress.sh).
+    # Bytes an image: of a whole map, and packed at a twentieth (scripts/scale_tables.py compress).
     "bytes_whole": 215_800,
     "bytes_packed": 10_800,
     # Of an image in the index: its codes and its signs.
