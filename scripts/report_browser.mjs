@@ -9,7 +9,8 @@
 // 2. The page is not wider than the window and at most 20 000 pixels high; headings are in order; images and controls have names;
 //    the contrast of text is sufficient (WCAG AA).
 // 3. A 3D scene is drawn, and changes when dragged, by keyboard and by touch; a selected query is described.
-// 4. Without scripts a static top view of the scene and all sections are visible.
+// 4. A heat map has a cell for each class that its legend gives a share to.
+// 5. Without scripts a static top view of the scene and all sections are visible.
 import { createRequire } from "node:module";
 import { mkdirSync, readFileSync } from "node:fs";
 import path from "node:path";
@@ -138,6 +139,12 @@ for (const file of pages) {
     const images = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
     check(`${at}: ${images.length} images are loaded and have alternative text`, images.every(Boolean));
     if (await page.locator(".space canvas").count()) await checkScene(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
+    if (await page.locator("path.heat").count()) {
+      const drawn = await page.locator("figure path.heat").evaluateAll((all) => all.map((e) => [e.classList[1], e.getBBox().width > 0]));
+      const legend = await page.locator(".legend li:has(.heat)").evaluateAll((all) => all.map((e) => !e.textContent.includes("(0 %)")));
+      check(`${at}: classes of the heat map are drawn`, drawn.length === legend.length && drawn.every(([, is], k) => is || !legend[k]), JSON.stringify([drawn, legend]));
+      await page.locator("figure:has(path.heat)").screenshot({ path: path.join(out, `${label}-${name}-heat.png`) });
+    }
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
     const one = page.locator("details.fold").first();
     if (await one.count()) { await one.evaluate((e) => { e.open = true; }); await one.screenshot({ path: path.join(out, `${label}-${name}-details.png`) }); }

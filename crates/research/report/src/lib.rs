@@ -18,6 +18,7 @@ mod audit;
 mod chart;
 mod demo;
 mod drawing;
+mod heat;
 mod images;
 mod inversion;
 mod localization;
@@ -33,6 +34,7 @@ mod tests;
 
 pub use audit::audit_page;
 pub use demo::{DemoReport, DeviceQuery, demo_page};
+pub use heat::{HeatCell, HeatMap};
 pub use inversion::inversion_page;
 pub use localization::{
     LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing,

@@ -80,7 +80,7 @@ pub fn map_picture(
 }
 
 /// Transformation from the map to the page.
-struct Plan {
+pub(crate) struct Plan {
     right: Vector3<f64>,
     up: Vector3<f64>,
     low: Vector2<f64>,
@@ -91,7 +91,7 @@ struct Plan {
 
 impl Plan {
     /// Fits all cameras and all but the farthest map points. `None` if nothing is finite.
-    fn new(view: &TopView<'_>, truths: &[CameraFromWorld]) -> Option<Self> {
+    pub(crate) fn new(view: &TopView<'_>, truths: &[CameraFromWorld]) -> Option<Self> {
         let flat = |p: Vector3<f64>| Vector2::new(view.right.dot(&p), view.up.dot(&p));
         let cameras = view.cameras.iter().chain(truths).filter(|pose| pose.is_finite());
         let cameras: Vec<Vector2<f64>> = cameras.map(|pose| flat(pose.center().coords)).collect();
@@ -117,12 +117,12 @@ impl Plan {
         Some(Self { right: view.right, up: view.up, low, scale, height: scale * tall })
     }
 
-    fn view_box(&self) -> String {
+    pub(crate) fn view_box(&self) -> String {
         format!("0 0 {WIDTH:.0} {:.0}", self.height)
     }
 
     /// The map's points and the cameras of its images.
-    fn ground(&self, view: &TopView<'_>) -> Markup {
+    pub(crate) fn ground(&self, view: &TopView<'_>) -> Markup {
         let mut points = String::new();
         for p in view.points.iter().step_by(view.points.len().div_ceil(MAX_POINTS).max(1)) {
             let q = self.project(Vector3::from(*p));
@@ -166,7 +166,7 @@ impl Plan {
         )
     }
 
-    fn project(&self, p: Vector3<f64>) -> Vector2<f64> {
+    pub(crate) fn project(&self, p: Vector3<f64>) -> Vector2<f64> {
         let x = self.scale * (self.right.dot(&p) - self.low.x);
         Vector2::new(x, self.height - self.scale * (self.up.dot(&p) - self.low.y))
     }
@@ -190,7 +190,7 @@ impl Plan {
     }
 
     /// A scale bar with a round length.
-    fn scale_bar(&self, unit: LengthUnit) -> Markup {
+    pub(crate) fn scale_bar(&self, unit: LengthUnit) -> Markup {
         let wanted = 90.0 / self.scale;
         let power = 10f64.powf(wanted.log10().floor());
         let length = [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|m| *m <= wanted).unwrap_or(power);

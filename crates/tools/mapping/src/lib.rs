@@ -14,6 +14,7 @@
 //! - [`align`]: transforms a map to another world frame; [`merge`] joins two maps.
 //! - [`import`]: imports a complete COLMAP model with its points and observations.
 //! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
+//! - [`coverage`]: where in a place, and how exactly, a camera is expected to be localized.
 //! - [`HoldOutMap`]: the map without some of its images.
 //! - [`diagnose`]: the likely reason why images are inconsistent.
 //! - [`structure_from_motion`]: poses of images without poses, by pycolmap or COLMAP.
@@ -61,6 +62,7 @@ pub mod calibration;
 mod change;
 mod complete;
 mod compress;
+pub mod coverage;
 mod diagnose;
 mod error;
 mod extract;

@@ -7,6 +7,7 @@ use veiloc_geometry::{CameraFromWorld, Pixel};
 use veiloc_pose::State;
 use veiloc_protocol::Observations;
 
+use crate::heat::HeatMap;
 use crate::numbers::LengthUnit;
 use crate::page::Card;
 
@@ -32,6 +33,8 @@ pub struct LocalizationReport {
     pub data: Option<TableData>,
     /// The scenes.
     pub scenes: Vec<SceneView>,
+    /// The expected ± over the first scene; empty for a report on queries.
+    pub heat: HeatMap,
     /// Drawn queries, worst first.
     pub drawings: Vec<QueryDrawing>,
     /// Name and value of information for a repetition.

@@ -13,6 +13,7 @@ pub use data::{LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcom
 pub(crate) use queries::{figure, section as queries_section};
 pub use worst::worst_first;
 
+use crate::heat;
 use crate::numbers::scheme_name;
 use crate::page::{Page, Section, fold};
 use crate::plots::{ErrorAxis, error_charts};
@@ -31,6 +32,7 @@ pub fn localization_page(report: &LocalizationReport) -> String {
         sections: vec![
             Section::new("overview", "Overview", overview(report)),
             Section::new("scene", scene_title(report), scenes(report)),
+            Section::new("coverage", "Where a camera is localized", coverage(report)),
             Section::new("queries", "Queries, worst first", queries_section(report)),
         ],
         facts: &report.facts,
@@ -40,6 +42,13 @@ pub fn localization_page(report: &LocalizationReport) -> String {
 
 pub(crate) fn scene_title(report: &LocalizationReport) -> &'static str {
     if report.scenes.len() > 1 { "The scenes in 3D" } else { "The scene in 3D" }
+}
+
+fn coverage(report: &LocalizationReport) -> Markup {
+    report
+        .scenes
+        .first()
+        .map_or_else(Markup::default, |scene| heat::section(&report.heat, scene, report.unit))
 }
 
 /// Display name of a method.

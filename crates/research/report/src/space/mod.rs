@@ -36,8 +36,8 @@ pub(crate) fn figure(
     anchor: &dyn Fn(&str) -> Option<String>,
 ) -> Markup {
     let up = up_of(scene);
-    let right = right_of(scene, up);
-    let view = TopView { points: &scene.points, right, up: up.cross(&right), cameras: &scene.cameras };
+    let (right, page_up) = page_axes(scene);
+    let view = TopView { points: &scene.points, right, up: page_up, cameras: &scene.cameras };
     let flat = top_view::figures(&view, &format!("ground-{index}"), rows, unit);
     if flat.0.is_empty() {
         return flat;
@@ -94,6 +94,13 @@ pub(crate) fn figure(
             script type="application/json" data-part="data" { (PreEscaped(drawn.json)) }
         }
     }
+}
+
+/// The directions of the map that point right and up on a page that shows the scene from above.
+pub(crate) fn page_axes(scene: &SceneView) -> (Vector3<f64>, Vector3<f64>) {
+    let up = up_of(scene);
+    let right = right_of(scene, up);
+    (right, up.cross(&right))
 }
 
 /// The up direction: that of the scene, or the mean up direction of its images.

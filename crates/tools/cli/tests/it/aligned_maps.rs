@@ -149,6 +149,9 @@ fn page_of_a_map_names_its_weak_parts() {
     assert!(page.contains(advice) && page.contains("data-part=\"canvas\""));
     assert!(page.contains("map-00.png") && page.contains("trusted from dcl"), "the images and their states");
 
+    assert!(page.contains("Where a camera is localized") && page.contains("class=\"heat h0\""));
+    assert!(page.contains("map units") && !page.contains(" cm<"), "its unit is not known");
+
     let run = scene.run("map view place.vmap --test-images 0 -o place.html").succeeded();
     assert!(!run.stderr.contains("no trusted pose"), "{run}");
 }
