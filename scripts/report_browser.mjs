@@ -143,7 +143,7 @@ for (const file of pages) {
       const drawn = await page.locator("figure path.heat").evaluateAll((all) => all.map((e) => [e.classList[1], e.getBBox().width > 0]));
       const legend = await page.locator(".legend li:has(.heat)").evaluateAll((all) => all.map((e) => !e.textContent.includes("(0 %)")));
       check(`${at}: classes of the heat map are drawn`, drawn.length === legend.length && drawn.every(([, is], k) => is || !legend[k]), JSON.stringify([drawn, legend]));
-      await page.locator("figure:has(path.heat)").screenshot({ path: path.join(out, `${label}-${name}-heat.png`) });
+      await page.locator("section#coverage").screenshot({ path: path.join(out, `${label}-${name}-heat.png`) });
     }
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
     const one = page.locator("details.fold").first();

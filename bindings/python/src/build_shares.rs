@@ -45,7 +45,7 @@ pub(crate) fn prepare(
     skip_bad: bool,
     progress: Option<Py<PyAny>>,
 ) -> Result<(usize, usize)> {
-    let (posed, _) = posed_of(posed, &images)?;
+    let posed = posed_of(posed, &images)?.images;
     let stage = match stage {
         "features" => BuildStage::Features,
         "first-pairs" => BuildStage::FirstPairs,

@@ -23,11 +23,12 @@ use crate::answer::Answer;
 use crate::arrays;
 use crate::blocking::{ProgressCallback, interruptible};
 use crate::build_shares::{ImageParts, parts_of, trials_of};
+use crate::camera::dictionary;
 use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::posed::{down_of, matching_of, on_bad, on_other_frame, posed_of};
+use crate::posed::{Posed, down_of, matching_of, on_bad, on_other_frame, posed_of};
 use crate::profile::Profile;
 
 /// A map, in which sealed queries are localized.
@@ -85,6 +86,7 @@ impl Map {
     ///     features: `"compact"` or `"sift"`.
     ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
     ///         that of the format of `posed`, if it defines one.
+    ///     metres: the poses are in metres. Default: if the format of `posed` defines it.
     ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
     ///     skip_bad: skip images that cannot be used, instead of raising an error.
     ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
@@ -97,7 +99,7 @@ impl Map {
     ///     ImageError: an image cannot be used.
     ///     MapError: the model cannot be read, or no map can be built from these images.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, other_frame="refuse", work=None, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, skip_bad=false, other_frame="refuse", work=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -106,13 +108,14 @@ impl Map {
         names: Option<Vec<String>>,
         features: &str,
         down: Option<&Bound<'_, PyAny>>,
+        metres: bool,
         self_test: bool,
         skip_bad: bool,
         other_frame: &str,
         work: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
-        let (posed, down_of_format) = posed_of(posed, &images)?;
+        let Posed { images: posed, down: down_of_format, is_metric } = posed_of(posed, &images)?;
         let down = down.map(down_of).transpose()?.or(down_of_format);
         let other_frame = on_other_frame(other_frame)?;
         let mut options = BuildOptions::default();
@@ -131,6 +134,7 @@ impl Map {
             let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
+            model.is_metric = metres || is_metric;
             Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }
@@ -228,6 +232,7 @@ impl Map {
             }
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
+            model.is_metric = metres || is_metric;
             Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }
@@ -272,7 +277,7 @@ impl Map {
         other_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
-        let (posed, _) = posed_of(posed, &images)?;
+        let posed = posed_of(posed, &images)?.images;
         let other_frame = on_other_frame(other_frame)?;
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut input =
@@ -506,6 +511,23 @@ impl Map {
             py,
             (0..self.file.point_count()).map(|i| self.file.point(PointId(i as u32)).coords.into()),
         )
+    }
+
+    /// Cameras of the map's images, by name. Of a map from images without poses they are the estimated ones: seal queries of
+    /// the same camera with them.
+    #[getter]
+    fn cameras<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let cameras = PyDict::new(py);
+        for image in self.file.images() {
+            cameras.set_item(image.name(), dictionary(py, image.camera())?)?;
+        }
+        Ok(cameras)
+    }
+
+    /// Whether map units are metres; False when it is not known.
+    #[getter]
+    fn is_metric(&self) -> bool {
+        self.file.is_metric()
     }
 
     /// The down direction, `[3]`; None when it is not known.

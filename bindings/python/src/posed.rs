@@ -27,7 +27,8 @@ type Listed<'py> = Vec<(String, Bound<'py, PyDict>, CameraPose)>;
 ///
 /// Returns:
 ///     A list of (name, camera, CameraPose), as `Map.build` takes it, and a dictionary: `format`; `path`, the file that was
-///     read; `down`, the direction of gravity that the format defines, or None; `remarks`, what was left out or assumed.
+///     read; `down`, the direction of gravity that the format defines, or None; `is_metric`, whether it defines that lengths are metres;
+///     `remarks`, what was left out or assumed.
 ///
 /// Raises:
 ///     MapError: no format is recognized, several are, or the file cannot be read.
@@ -48,20 +49,26 @@ pub(crate) fn read_posed<'py>(
     let facts = PyDict::new(py);
     facts.set_item("format", read.format.to_string())?;
     facts.set_item("path", read.path)?;
+    facts.set_item("is_metric", read.is_metric)?;
     facts.set_item("down", read.down.map(|down| down.in_world()))?;
     facts.set_item("remarks", read.images.remarks())?;
     Ok((listed?, facts))
 }
 
-/// Posed images from a file or folder of any format, or from a list of (name, camera, pose); and the direction of gravity
-/// that the format defines.
-pub(crate) fn posed_of(
-    posed: &Bound<'_, PyAny>,
-    images: &Path,
-) -> Result<(PosedImages, Option<GravityDirection>)> {
+/// Posed images, and what their format defines about the world frame.
+pub(crate) struct Posed {
+    pub(crate) images: PosedImages,
+    /// The direction of gravity; `None` if not defined.
+    pub(crate) down: Option<GravityDirection>,
+    /// Whether lengths are metres; false if not defined.
+    pub(crate) is_metric: bool,
+}
+
+/// Posed images from a file or folder of any format, or from a list of (name, camera, pose).
+pub(crate) fn posed_of(posed: &Bound<'_, PyAny>, images: &Path) -> Result<Posed> {
     if let Ok(path) = posed.extract::<PathBuf>() {
         let read = poses::read_posed(&path, images)?;
-        return Ok((read.images, read.down));
+        return Ok(Posed { images: read.images, down: read.down, is_metric: read.is_metric });
     }
     let refused = || {
         BindingError::input(
@@ -74,7 +81,7 @@ pub(crate) fn posed_of(
         Ok(PosedImage { name, camera: camera_of(&camera)?, cam_from_world: pose.0, seen: Vec::new() })
     };
     let images: Result<Vec<PosedImage>> = posed.try_iter().map_err(|_| refused())?.map(image).collect();
-    Ok((PosedImages::new(images?, Vec::new())?, None))
+    Ok(Posed { images: PosedImages::new(images?, Vec::new())?, down: None, is_metric: false })
 }
 
 pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<GravityDirection> {

@@ -45,6 +45,20 @@ def test_map_info_of_the_program_matches(rendered, program, tmp_path):
     info = json.loads(program("map", "info", tmp_path / "ours.vmap", "--json"))
     assert info["images"] == len(opened) and info["points"] == len(opened.points)
     assert info["profile"] == opened.profile.id and info["down"] == list(opened.down)
+    assert info["is_metric"] is opened.is_metric is False
+    words = info["main_camera"]["camera"].split(",")
+    cameras = list(opened.cameras.values())
+    assert info["main_camera"]["images"] == len(cameras) == len(opened), "one camera"
+    assert all([c["model"], str(c["width"]), str(c["height"])] == words[:3] for c in cameras)
+    assert list(map(float, words[3:])) == list(cameras[0]["params"])
+
+
+def test_metres_are_known_if_they_are_given(rendered, tmp_path):
+    names = rendered.map.image_names[:4]
+    metric = veiloc.Map.build(rendered.mapped, rendered.images, names=names, metres=True, self_test=False)
+    assert metric.is_metric and metric.remove(names[:1], self_test=False).is_metric
+    metric.save(tmp_path / "metric.vmap")
+    assert veiloc.Map.open(tmp_path / "metric.vmap").is_metric
 
 
 def test_map_add_remove_and_svg(rendered):

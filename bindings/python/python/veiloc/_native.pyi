@@ -291,6 +291,7 @@ class Map:
         names: Sequence[str] | None = None,
         features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
+        metres: bool = False,
         self_test: bool = True,
         skip_bad: bool = False,
         other_frame: Literal["refuse", "align", "accept"] = "refuse",
@@ -307,6 +308,7 @@ class Map:
             features: `"compact"` or `"sift"`.
             down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
                 that of the format of `posed`, if it defines one.
+            metres: the poses are in metres. Default: if the format of `posed` defines it.
             self_test: localize some of the map's own images, to calibrate the covariances of its answers.
             skip_bad: skip images that cannot be used, instead of raising an error.
             other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
@@ -534,6 +536,13 @@ class Map:
     def points(self) -> Floats:
         """The map's points, `[N, 3]`, map units."""
     @property
+    def cameras(self) -> dict[str, _CameraFields]:
+        """Cameras of the map's images, by name. Of a map from images without poses they are the estimated ones: seal queries of the
+        same camera with them."""
+    @property
+    def is_metric(self) -> bool:
+        """Whether map units are metres; False when it is not known."""
+    @property
     def down(self) -> list[float] | None:
         """The down direction, `[3]`; None when it is not known."""
     @property
@@ -555,7 +564,8 @@ def read_posed(path: Path, images: Path | None = None) -> tuple[list[tuple[str, 
 
     Returns:
         A list of (name, camera, CameraPose), as `Map.build` takes it, and a dictionary: `format`; `path`, the file that was
-        read; `down`, the direction of gravity that the format defines, or None; `remarks`, what was left out or assumed.
+        read; `down`, the direction of gravity that the format defines, or None; `is_metric`, whether it defines that lengths are
+        metres; `remarks`, what was left out or assumed.
 
     Raises:
         MapError: no format is recognized, several are, or the file cannot be read.

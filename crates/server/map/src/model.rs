@@ -85,6 +85,8 @@ pub struct MapModel {
     pub self_test: Option<SelfTest>,
     /// The direction of gravity, if known; independent of images.
     pub down: Option<GravityDirection>,
+    /// Whether map units are metres; false if not known, as of structure from motion.
+    pub is_metric: bool,
     /// Data about the whole map, in a compressed map; images can be neither added to it nor removed.
     pub compressed: Option<WholeMapSummary>,
     /// The part of a larger map, in a region; a region is also [`Self::compressed`], with the numbers of the larger
@@ -103,6 +105,7 @@ impl MapModel {
             profile,
             self_test: None,
             down: None,
+            is_metric: false,
             compressed: None,
             region: None,
         }

@@ -260,6 +260,14 @@ pub enum MappingError {
         /// Whether the user named it.
         is_given: bool,
     },
+    /// The frames of a video cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Video {
+        /// The file.
+        path: PathBuf,
+        /// The problem and the remedy.
+        reason: String,
+    },
     /// Structure from motion failed.
     #[error("structure from motion: {reason}")]
     Sfm {

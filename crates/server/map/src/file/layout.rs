@@ -53,11 +53,13 @@ pub(super) enum Section {
     Region = 16,
     /// Replaces sections 6 to 11, which are then empty.
     Packed = 17,
+    /// Optional, empty: map units are metres.
+    Metric = 18,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 17] = [
+    pub(super) const ALL: [Self; 18] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -75,6 +77,7 @@ impl Section {
         Self::Compressed,
         Self::Region,
         Self::Packed,
+        Self::Metric,
     ];
 
     /// The required sections, in order; the others are optional.
@@ -122,6 +125,7 @@ impl Section {
             Self::Down => "down",
             Self::Compressed => "compressed",
             Self::Packed => "packed",
+            Self::Metric => "metric",
             Self::Region => "region",
         }
     }

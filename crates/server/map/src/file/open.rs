@@ -88,7 +88,18 @@ impl MapFile {
             return Ok(Self { path: path.to_owned(), file_bytes: bytes.len() as u64, ..file });
         }
         let parts = parser.parts(&sections)?;
-        let Parts { profile, settings, cameras, images, self_test, down, compressed, region, large } = parts;
+        let Parts {
+            profile,
+            settings,
+            cameras,
+            images,
+            self_test,
+            down,
+            is_metric,
+            compressed,
+            region,
+            large,
+        } = parts;
         Ok(Self {
             path: path.to_owned(),
             file_bytes: bytes.len() as u64,
@@ -99,6 +110,7 @@ impl MapFile {
             images,
             self_test,
             down,
+            is_metric,
             compressed,
             region,
             large,
@@ -119,6 +131,7 @@ struct Parts {
     images: Vec<ImageEntry>,
     self_test: Option<SelfTest>,
     down: Option<GravityDirection>,
+    is_metric: bool,
     compressed: Option<WholeMapSummary>,
     region: Option<Region>,
     large: LargeSections,
@@ -224,6 +237,7 @@ impl<'a> Parser<'a> {
             observations: range(Section::Observations),
         };
         let (self_test, down) = (self.self_test(sections)?, self.down(sections)?);
+        let is_metric = self.is_metric(sections)?;
         let compressed = sections[Section::Compressed as usize - 1].clone();
         let compressed = compressed
             .map(|range| {
@@ -235,7 +249,18 @@ impl<'a> Parser<'a> {
             })
             .transpose()?;
         let region = self.region(sections, images.len(), compressed.is_some())?;
-        Ok(Parts { profile, settings, cameras, images, self_test, down, compressed, region, large })
+        Ok(Parts {
+            profile,
+            settings,
+            cameras,
+            images,
+            self_test,
+            down,
+            is_metric,
+            compressed,
+            region,
+            large,
+        })
     }
 
     pub(super) fn self_test(&self, sections: &Sections) -> Result<Option<SelfTest>, MapError> {
@@ -251,6 +276,11 @@ impl<'a> Parser<'a> {
             GravityDirection::from_stored(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
         };
         sections[Section::Down as usize - 1].clone().map(decode).transpose()
+    }
+
+    pub(super) fn is_metric(&self, sections: &Sections) -> Result<bool, MapError> {
+        let Some(range) = &sections[Section::Metric as usize - 1] else { return Ok(false) };
+        if range.is_empty() { Ok(true) } else { Err(self.wrong(Section::Metric.name(), "is not empty")) }
     }
 
     pub(super) fn region(

@@ -75,6 +75,7 @@ impl MapFile {
             profile: self.profile().clone(),
             self_test: self.self_test().cloned(),
             down: self.down(),
+            is_metric: self.is_metric(),
             compressed: Some(compressed),
             region: Some(region),
         };

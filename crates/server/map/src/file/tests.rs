@@ -74,6 +74,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         profile: Profile::vlad(vocabulary),
         self_test: None,
         down: None,
+        is_metric: false,
         compressed: None,
         region: None,
     };

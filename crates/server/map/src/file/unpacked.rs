@@ -41,6 +41,7 @@ impl Parser<'_> {
             cameras,
             self_test: self.self_test(sections)?,
             down: self.down(sections)?,
+            is_metric: self.is_metric(sections)?,
             region: self.region(sections, entries.len(), true)?,
             ..MapModel::empty(profile, settings)
         };

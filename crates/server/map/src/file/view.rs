@@ -35,6 +35,7 @@ pub struct MapFile {
     pub(super) images: Vec<ImageEntry>,
     pub(super) self_test: Option<SelfTest>,
     pub(super) down: Option<GravityDirection>,
+    pub(super) is_metric: bool,
     pub(super) compressed: Option<WholeMapSummary>,
     pub(super) region: Option<Region>,
     pub(super) large: LargeSections,
@@ -103,6 +104,11 @@ impl MapFile {
     /// The direction of gravity, if the builder of the map gave it.
     pub const fn down(&self) -> Option<GravityDirection> {
         self.down
+    }
+
+    /// Whether map units are metres; false if not known.
+    pub const fn is_metric(&self) -> bool {
+        self.is_metric
     }
 
     /// Data about the whole map, if this is a compressed map.
@@ -200,6 +206,7 @@ impl MapFile {
             profile: self.profile.clone(),
             self_test: self.self_test.clone(),
             down: self.down,
+            is_metric: self.is_metric,
             compressed: self.compressed.clone(),
             region: self.region.clone(),
         }

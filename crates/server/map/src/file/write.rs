@@ -169,6 +169,7 @@ impl<'a> Sections<'a> {
                     };
                     model.compressed.iter().filter_map(encode).collect()
                 }
+                Section::Metric => Vec::new(),
                 Section::Region => model.region.iter().map(|r| Piece::Owned(region::encode(r))).collect(),
             };
             (section, pieces)
@@ -176,6 +177,7 @@ impl<'a> Sections<'a> {
         let is_there = |section: &Section| match section {
             Section::SelfTest => model.self_test.is_some(),
             Section::Down => model.down.is_some(),
+            Section::Metric => model.is_metric,
             Section::Compressed => model.compressed.is_some(),
             Section::Packed => encoding == MapEncoding::Packed,
             Section::Region => model.region.is_some(),

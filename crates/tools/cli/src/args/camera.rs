@@ -1,10 +1,11 @@
-//! Cameras on the command line: COLMAP's text form with commas or spaces, or a `cameras.txt`.
+//! Cameras on the command line: COLMAP's text form with commas or spaces, a `cameras.txt`, or a map.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_features::{DisplayTurn, FeatureError, display_turn};
 use veiloc_geometry::Intrinsics;
+use veiloc_map::MapFile;
 use veiloc_map::text::text_of;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_protocol::FocalKnowledge;
@@ -19,7 +20,7 @@ use crate::ui::Ui;
 pub(crate) enum CameraArg {
     /// Written out.
     Written(Intrinsics),
-    /// In a file, or in a folder of a COLMAP model.
+    /// In a file, in a folder of a COLMAP model, or that of a map's images.
     In(PathBuf),
     /// The user does not know it.
     Unknown,
@@ -33,7 +34,7 @@ impl FromStr for CameraArg {
             return Ok(Self::Unknown);
         }
         let path = Path::new(text);
-        let named_as_one = path.extension().is_some_and(|e| e == "txt" || e == "bin");
+        let named_as_one = path.extension().is_some_and(|e| e == "txt" || e == "bin" || e == "vmap");
         if named_as_one || path.exists() {
             return Ok(Self::In(path.to_owned()));
         }
@@ -49,6 +50,7 @@ impl CameraArg {
     pub(crate) fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
         let intrinsics = match self {
             Self::Written(camera) => *camera,
+            Self::In(path) if path.extension().is_some_and(|e| e == "vmap") => camera_of_map(path)?,
             Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt"))?,
             Self::In(path) => only_camera(path)?,
             Self::Unknown => return Ok(CameraSource::Assumed),
@@ -105,6 +107,28 @@ pub(crate) fn warn_of_turned<'a>(images: impl IntoIterator<Item = (&'a Path, Cam
         "warning: {who} {turn} for display, because of the EXIF orientation. {sealed} that of the stored image; turn the \
          pixels first for the pose of the image as it is displayed"
     ));
+}
+
+/// The one camera of a map's images.
+fn camera_of_map(path: &Path) -> Result<Intrinsics, Failure> {
+    let map = MapFile::open(path)?;
+    let mut cameras: Vec<&Intrinsics> = Vec::new();
+    for image in map.images() {
+        if !cameras.contains(&image.camera()) {
+            cameras.push(image.camera());
+        }
+    }
+    match cameras.as_slice() {
+        [camera] => Ok(**camera),
+        several => Err(Failure::with_help(
+            format!(
+                "{}: its images have {} cameras, and exactly one is expected",
+                path.display(),
+                several.len()
+            ),
+            "`veiloc map info --images` lists them; give the one of the queries with --camera MODEL,W,H,PARAMS…",
+        )),
+    }
 }
 
 /// The one camera of a COLMAP `cameras.txt`: lines of `CAMERA_ID MODEL W H PARAMS…`.

@@ -132,6 +132,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let document = LocalizeDocument {
         version: 2,
         map: args.map.display().to_string(),
+        is_metric: map.is_metric(),
         localized: count(LocalizeStatus::Localized),
         not_localized: count(LocalizeStatus::NotLocalized),
         failed: count(LocalizeStatus::Failed),

@@ -28,7 +28,7 @@ use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, OnOtherFrame, V
 use self::frame::FrameArgs;
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
-use self::sfm::SfmArgs;
+use self::sfm::{SfmArgs, SfmModels};
 use crate::commands::posed::{read_posed_input, warn_of};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -92,6 +92,10 @@ struct OutputArgs {
     /// captures, RealityCapture, OpenSfM with a reference); otherwise not known, and the gravity of queries is not used.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     down: Option<GravityDirection>,
+    /// The poses are in metres: lengths in messages and reports are then in m instead of units. Default: if the format of
+    /// `--posed` defines it (AR captures, EuRoC, OpenSfM with a reference); otherwise not known.
+    #[arg(long)]
+    metres: bool,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
     out: OutFile,
@@ -109,8 +113,9 @@ struct PosedArgs {
     /// optional; if present, they help to find image pairs.
     #[arg(long, value_name = "PATH")]
     posed: Option<PathBuf>,
-    /// Folder of the images.
-    #[arg(long, value_name = "DIR")]
+    /// Folder of the images. Without poses also a video: frames that moved by a few percent of the image, the sharpest of each
+    /// step, are taken by ffmpeg (of the PATH, or of the Python package imageio-ffmpeg).
+    #[arg(long, value_name = "DIR|VIDEO")]
     images: PathBuf,
     /// Names of the images to use, one per line. Default: every image with a pose, or, without poses, every JPEG and PNG
     /// file of the folder.
@@ -318,9 +323,39 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 }
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
-    let posed_input = args.posed.read(ui, |names| {
-        args.sfm.posed(&args.posed.images, names, args.work.as_deref(), &args.written.out, ui)
+    if args.written.metres && args.posed.posed.is_none() {
+        return Err(Failure::with_help(
+            "--metres is for poses in metres, and structure from motion has no scale",
+            "build the map without it, then transform it to metres with `veiloc map align`",
+        ));
+    }
+    let mut others = Vec::new();
+    let input = args.posed.read(ui, |names| {
+        let (images, work, out) = (&args.posed.images, args.work.as_deref(), &args.written.out);
+        let mut computed = args.sfm.models(images, names, work, out, ui)?;
+        others = computed.models.split_off(1);
+        Ok(computed)
     })?;
+    let mut outcome = build_one(args, &input, &args.written.out, ui);
+    for (number, images) in (2..).zip(others) {
+        let folder = input.folder.clone();
+        let part =
+            PosedInput { images, folder, down: None, is_metric: false, names: None, args: &args.posed };
+        // A part that is too small to be a map does not stop the others; the first failure is reported at the end.
+        let built = build_one(args, &part, &numbered(&args.written.out, number), ui);
+        outcome = outcome.and(built);
+    }
+    outcome
+}
+
+/// The file of another part: `hall-2.vmap` beside `hall.vmap`.
+fn numbered(out: &Path, number: usize) -> PathBuf {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = out.extension().map_or_else(String::new, |ending| format!(".{}", ending.to_string_lossy()));
+    out.with_file_name(format!("{stem}-{number}{ending}"))
+}
+
+fn build_one(args: &BuildArgs, posed_input: &PosedInput<'_>, out: &Path, ui: &Ui) -> Outcome {
     if args.pairs.out_pairs.is_some() {
         posed_input.names().try_for_each(check_pair_name)?;
     }
@@ -348,9 +383,10 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         ));
     }
     model.down = args.written.down.or(posed_input.down);
+    model.is_metric = args.written.metres || posed_input.is_metric;
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
-    args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
-    veiloc_map::write(&model, &args.written.out)?;
+    args.keep.allow(&model, &report.warnings, out, ui)?;
+    veiloc_map::write(&model, out)?;
     let output = InfoOutput {
         json: args.written.json,
         skipped: report.skipped,
@@ -358,7 +394,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         frame: report.frame,
         ..InfoOutput::default()
     };
-    let outcome = output.print(&args.written.out, ui)?;
+    let outcome = output.print(out, ui)?;
     if let Some(path) = &args.pairs.out_pairs {
         write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
         ui.info(format!("{}: {} pairs", path.display(), report.pairs.len()));
@@ -409,6 +445,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
         error => with_remedy(error),
     })?;
     model.down = args.written.down;
+    model.is_metric = args.written.metres;
     ui.info(&report);
     args.self_test.test(&mut model, &mut report.warnings, ui)?;
     args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
@@ -528,8 +565,12 @@ fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
 /// The data that [`PosedArgs`] names.
 struct PosedInput<'a> {
     images: PosedImages,
+    /// The folder of the images.
+    folder: PathBuf,
     /// The direction of gravity that the format defines.
     down: Option<GravityDirection>,
+    /// Whether the format defines that lengths are metres.
+    is_metric: bool,
     names: Option<Vec<String>>,
     args: &'a PosedArgs,
 }
@@ -539,16 +580,34 @@ impl PosedArgs {
     fn read(
         &self,
         ui: &Ui,
-        compute: impl FnOnce(Option<&[String]>) -> Result<PosedImages, Failure>,
+        compute: impl FnOnce(Option<&[String]>) -> Result<SfmModels, Failure>,
     ) -> Result<PosedInput<'_>, Failure> {
         let names = self.list.as_deref().map(lists::read_list).transpose()?;
         let Some(posed) = &self.posed else {
             // Images without a pose were named; the others are used.
-            let images = compute(names.as_deref())?;
-            return Ok(PosedInput { images, down: None, names: None, args: self });
+            let SfmModels { models, folder } = compute(names.as_deref())?;
+            let images = models.into_iter().next().ok_or_else(|| Failure::refused("no image has a pose"))?;
+            return Ok(PosedInput { images, folder, down: None, is_metric: false, names: None, args: self });
         };
+        if self.images.is_file() {
+            return Err(Failure::with_help(
+                format!(
+                    "{}: this is a file, and --posed needs the folder of its images",
+                    self.images.display()
+                ),
+                "give the folder; leave out --posed to build a map of a video",
+            ));
+        }
         let read = read_posed_input(posed, &self.images, ui)?;
-        Ok(PosedInput { images: read.images, down: read.down, names, args: self })
+        let folder = self.images.clone();
+        Ok(PosedInput {
+            images: read.images,
+            folder,
+            down: read.down,
+            is_metric: read.is_metric,
+            names,
+            args: self,
+        })
     }
 }
 
@@ -561,7 +620,7 @@ impl PosedInput<'_> {
     }
 
     fn input(&self) -> Input<'_> {
-        let input = Input::new(&self.images, &self.args.images).on_bad_image(self.args.bad.on_bad_image());
+        let input = Input::new(&self.images, &self.folder).on_bad_image(self.args.bad.on_bad_image());
         match &self.names {
             Some(names) => input.with_names(names),
             None => input,

@@ -40,8 +40,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     /// The camera of all images: COLMAP's model name, width, height (pixels) and parameters, separated by commas or
-    /// spaces, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; or a COLMAP cameras.txt with one camera; or
-    /// `unknown`, which assumes a focal length and marks it as unknown. Default: the camera in the list, otherwise the
+    /// spaces, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; a map
+    /// (.vmap) whose images share one camera, for queries of that camera; or `unknown`, which assumes a focal length and
+    /// marks it as unknown. Default: the camera in the list, otherwise the
     /// focal length in each image's EXIF data.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
     camera: Option<CameraArg>,

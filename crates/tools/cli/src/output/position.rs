@@ -2,6 +2,11 @@
 
 use veiloc_report::significant;
 
+/// The unit of lengths in a map's answers, for a map that knows it, and for one that does not.
+pub(crate) const fn unit_of(is_metric: bool) -> &'static str {
+    if is_metric { "m" } else { "units" }
+}
+
 /// `at (X, Y, Z) ± SD`, in map units: with as many decimals as the standard deviation justifies, at least three.
 pub(crate) fn position([x, y, z]: [f64; 3], sd: f64) -> String {
     let wanted = if sd.is_finite() && sd > 0.0 { 1.0 - sd.log10().floor() } else { 3.0 };

@@ -155,3 +155,56 @@ fn page_of_a_map_names_its_weak_parts() {
     let run = scene.run("map view place.vmap --test-images 0 -o place.html").succeeded();
     assert!(!run.stderr.contains("no trusted pose"), "{run}");
 }
+
+#[test]
+fn lengths_are_metres_only_if_the_map_knows() {
+    let scene = scene();
+    let text = |map: &str| {
+        scene.run(&format!("map profile {map} -o {map}.vprofile")).succeeded();
+        let seal =
+            format!("seal images/query-1.png --camera {CAMERA} --profile {map}.vprofile -o {map}.vquery");
+        scene.run(&seal).succeeded();
+        scene.run(&format!("localize --map {map} {map}.vquery")).stdout
+    };
+    let is_metric = |run: &Run| run.json()["is_metric"].clone();
+    assert_eq!(is_metric(&scene.run("map info place.vmap --json")), false);
+    assert!(text("place.vmap").contains(" units  "), "{}", text("place.vmap"));
+    let info = scene.run("map info place.vmap").succeeded();
+    assert!(
+        info.stdout.contains("lengths are in units") && info.stdout.contains("Median error: units"),
+        "{info}"
+    );
+
+    let lines: String = scene
+        .poses
+        .iter()
+        .map(|(name, pose)| (name, pose.center().coords))
+        .map(|(name, c)| format!("{name}, {}, {}, {}\n", c.x, c.y, c.z))
+        .collect();
+    scene.write("metres.csv", lines);
+    let run =
+        scene.run("map align place.vmap --positions metres.csv --metres -o metric.vmap --json").succeeded();
+    assert_eq!(is_metric(&run), true);
+    assert!(text("metric.vmap").contains(" m  "), "{}", text("metric.vmap"));
+    let info = scene.run("map info metric.vmap").succeeded();
+    assert!(
+        info.stdout.contains("unit        metres") && info.stdout.contains("Median error: m, degrees"),
+        "{info}"
+    );
+    scene.run("map view metric.vmap -o metric.html").succeeded();
+    let page = String::from_utf8(scene.read("metric.html")).expect("text");
+    assert!(page.contains("\"metres\":true") && !page.contains("map units"), "m, cm or mm");
+
+    // It is kept by changes and by a compressed copy, and taken over from another map.
+    scene.run("map remove metric.vmap map-03.png --no-self-test -o fewer.vmap").succeeded();
+    scene.run("map compress metric.vmap -o small.vmap").succeeded();
+    for map in ["fewer.vmap", "small.vmap"] {
+        assert_eq!(is_metric(&scene.run(&format!("map info {map} --json"))), true, "{map}");
+    }
+    align(scene, "place.vmap", "other-gauge.vmap", &gauge());
+    let run = scene.run("map align other-gauge.vmap --to-map metric.vmap --no-self-test --json").succeeded();
+    assert_eq!(is_metric(&run), true);
+
+    let run = scene.run("map build --images images --metres -o none.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("map align"), "{run}");
+}

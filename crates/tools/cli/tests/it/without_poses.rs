@@ -73,11 +73,51 @@ echo '{"unregistered": "map-00.png", "keypoints": 12, "verified_pairs": 0}'"#;
     assert!(calls() > once && run.stderr.contains("map-00.png: 12 keypoints"), "{run}");
     assert!(scene.path("kept/sfm/finished.json").is_file());
 
-    let run = scene.run(&format!(
-        "localize --map alone.vmap --queries queries.txt --images images --camera {}",
-        common::CAMERA
-    ));
-    assert_eq!(run.code, Some(0), "{run}");
+    // The camera that was estimated is named, and given to queries by the map.
+    assert!(run.stderr.contains(&format!("Estimated camera: {}", common::CAMERA)), "{run}");
+    let info = scene.run("map info alone.vmap --json").json();
+    assert_eq!(info["main_camera"]["camera"], common::CAMERA, "{info}");
+    assert_eq!(info["main_camera"]["images"], 12, "{info}");
+    for camera in [common::CAMERA, "alone.vmap"] {
+        let localize = "localize --map alone.vmap --queries queries.txt --images images --camera";
+        let run = scene.run(&format!("{localize} {camera}"));
+        assert_eq!(run.code, Some(0), "{camera}: {run}");
+    }
+}
+
+#[test]
+fn every_component_becomes_a_map() {
+    let scene = scene();
+    let posed = String::from_utf8(scene.read("posed/images.txt")).expect("text");
+    let records: Vec<&str> = posed.lines().filter(|line| line.contains(".png")).collect();
+    for (model, of) in [("part-of-5", &records[..5]), ("part-of-8", &records[5..])] {
+        scene.write(&format!("{model}/cameras.txt"), scene.read("posed/cameras.txt"));
+        scene.write(&format!("{model}/images.txt"), of.join("\n\n") + "\n\n");
+    }
+    python(scene, "two-parts", &["part-of-5", "part-of-8"], "true");
+    let run = build(scene, "--python ./two-parts --components -o parts.vmap --no-self-test").succeeded();
+    assert!(run.stderr.contains("2 models that are not connected; each becomes a map"), "{run}");
+    for (map, images) in [("parts.vmap", 8), ("parts-2.vmap", 5)] {
+        assert_eq!(scene.run(&format!("map info {map} --json")).json()["images"], images, "{map}");
+    }
+    assert!(!scene.path("parts-3.vmap").exists());
+    let json = build(scene, "--python ./two-parts --components -o parts.vmap --json");
+    assert_eq!(json.code, Some(2), "one document cannot describe two maps: {json}");
+}
+
+#[test]
+fn video_that_cannot_be_decoded_is_refused() {
+    let scene = scene();
+    scene.write("walk.mp4", "no video");
+    // Whether or not there is an ffmpeg here, the message names it and the file.
+    let run = scene.run("map build --images walk.mp4 -o video.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("walk.mp4") && run.stderr.contains("ffmpeg"), "{run}");
+    let run = scene.run("map build --images walk.mp4 --posed posed -o video.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("needs the folder of its images"), "{run}");
+    scene.write("some.txt", "map-00.png");
+    let run = scene.run("map build --images walk.mp4 --list some.txt -o video.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("--list names images of a folder"), "{run}");
+    assert!(!scene.path("video.vmap").exists());
 }
 
 #[test]

@@ -112,6 +112,7 @@ fn without_points(model: &MapModel, bytes: u64) -> MapModel {
         profile: model.profile.clone(),
         self_test: None,
         down: model.down,
+        is_metric: model.is_metric,
         compressed: Some(WholeMapSummary {
             bytes,
             keypoints: 0,

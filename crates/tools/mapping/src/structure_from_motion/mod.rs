@@ -5,11 +5,13 @@
 //!
 //! - [`reconstruct`]: runs it.
 //! - [`SfmProgram`]: pycolmap in a Python, or the program `colmap`.
+//! - [`frames_of_video`]: the frames of a video that it needs.
 
 mod images;
 mod program;
 mod pycolmap;
 mod state;
+mod video;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -20,6 +22,7 @@ use veiloc_map::colmap::read_posed;
 
 pub use self::program::{INSTALL, SfmProgram};
 use self::state::Task;
+pub use self::video::{INSTALL_FFMPEG, VideoFrames, frames_of_video};
 use crate::error::MappingError;
 
 /// Images up to which all pairs are matched.

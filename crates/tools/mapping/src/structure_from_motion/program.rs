@@ -104,7 +104,9 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
     let mut pairs = vec![matcher, "--database_path", &database];
     pairs.extend(on_cpu(if is_new { "--FeatureMatching.use_gpu" } else { "--SiftMatching.use_gpu" }));
     step("matches of structure from motion", &pairs)?;
-    let mapper = ["mapper", "--database_path", &database, "--image_path", &images, "--output_path", &sparse];
+    let smallest = task.min_model_size().to_string();
+    let mut mapper = vec!["mapper", "--database_path", &database, "--image_path", &images];
+    mapper.extend(["--output_path", &sparse, "--Mapper.min_model_size", &smallest]);
     step("camera poses", &mapper)?;
     Ok(Causes::new())
 }

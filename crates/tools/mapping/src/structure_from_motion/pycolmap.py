@@ -16,6 +16,13 @@ import pycolmap
 # Frames of a video between which all pairs are matched, too, so that its path is closed where it returns.
 LOOP_FRAMES = 100
 
+# The principal point is estimated from as many images of one camera, and may be as far from the middle (of the longer side).
+MIN_SHARED = 5
+MAX_SHIFT = 0.03
+
+# Decrease of the squared error, in variances of an observation, from which on the estimate is taken.
+MIN_DECREASE = 100.0
+
 # Seconds between two looks at the progress.
 INTERVAL = 2.0
 
@@ -95,6 +102,40 @@ def match(task, names):
     )
 
 
+def min_model_size(images):
+    """Images of the smallest model that is kept, of a number of images."""
+    return min(10, max(3, images // 2))
+
+
+def with_principal_point(model):
+    """The model with the principal point estimated, or as it is.
+
+    COLMAP leaves it in the middle of the image, because few images do not determine it. Many images of one camera do, and a point in the
+    wrong place bends the model.
+    """
+    shared = {}
+    for image in model.images.values():
+        if image.has_pose:
+            shared[image.camera_id] = shared.get(image.camera_id, 0) + 1
+    if not shared or min(shared.values()) < MIN_SHARED:
+        return model
+    refined = pycolmap.Reconstruction(model)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = True
+    options.print_summary = False
+    pycolmap.bundle_adjustment(refined, options)
+    for each in (model, refined):
+        each.update_point_3d_errors()
+    ratio = refined.compute_mean_reprojection_error() / model.compute_mean_reprojection_error()
+    decrease = 2 * model.compute_num_observations() * (1 - ratio**2)
+    far = max(
+        max(abs(camera.principal_point_x - camera.width / 2), abs(camera.principal_point_y - camera.height / 2))
+        / max(camera.width, camera.height)
+        for camera in refined.cameras.values()
+    )
+    return refined if decrease >= MIN_DECREASE and far <= MAX_SHIFT else model
+
+
 def main():
     task = json.load(sys.stdin)
     names, database = task["names"], task["database"]
@@ -111,10 +152,6 @@ def main():
     )
     match(task, names)
 
-    options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = task["seed"]
-    options.extract_colors = False
-    options.min_model_size = min(10, max(3, len(names) // 2))
     say(stage="camera poses", total=len(names))
     done = [0]
 
@@ -123,15 +160,32 @@ def main():
         say(done=done[0])
 
     sparse = Path(task["sparse"])
-    models = pycolmap.incremental_mapping(
-        database,
-        task["images"],
-        sparse,
-        options,
-        initial_image_pair_callback=lambda: one_more(2),
-        next_image_callback=one_more,
-    )
+    models = {}
+    # COLMAP begins again when a model stays small, which a first pair without parallax leads to. So a part of the place that has few
+    # of the images gets its chance when the others have their poses.
+    left = set(names)
+    while len(left) >= 3:
+        options = pycolmap.IncrementalPipelineOptions()
+        options.random_seed = task["seed"]
+        options.extract_colors = False
+        options.min_model_size = min_model_size(len(left))
+        options.image_names = sorted(left)
+        found = pycolmap.incremental_mapping(
+            database,
+            task["images"],
+            sparse,
+            options,
+            initial_image_pair_callback=lambda: one_more(2),
+            next_image_callback=one_more,
+        )
+        before = len(left)
+        for model in found.values():
+            models[len(models)] = model
+            left -= {image.name for image in model.images.values() if image.has_pose}
+        if len(left) == before:
+            break
     say(done=len(names))
+    models = {number: with_principal_point(model) for number, model in models.items()}
     for number, model in models.items():
         folder = sparse / str(number)
         folder.mkdir(parents=True, exist_ok=True)

@@ -60,6 +60,12 @@ impl Task {
         Ok(Self { images, names, camera_mode, is_sequential, seed: options.seed, work, files })
     }
 
+    /// Images of the smallest model that COLMAP keeps: it begins again when a model stays smaller, which a first pair without
+    /// parallax leads to.
+    pub(super) fn min_model_size(&self) -> usize {
+        (self.names.len() / 2).clamp(3, 10)
+    }
+
     pub(super) fn database(&self) -> PathBuf {
         self.work.join("database.db")
     }
@@ -140,6 +146,8 @@ impl Task {
             "camera_mode": self.camera_mode,
             "sequential": self.is_sequential,
             "seed": self.seed,
+            // What is done with the models; a change computes them again, not the database.
+            "principal_point": "estimated",
             "files": self.files,
         })
     }

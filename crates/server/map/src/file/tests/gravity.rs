@@ -47,6 +47,20 @@ fn a_forged_direction_is_refused() {
     }
 }
 
+#[test]
+fn known_answer_of_a_metric_map() {
+    let path = known_answer("map-metric");
+    let model = MapModel { is_metric: true, ..sample(7, 3, 4, 3) };
+    if std::env::var_os("VEILOC_BLESS").is_some() {
+        std::fs::write(&path, to_bytes(&model)).unwrap();
+    }
+    let map = MapFile::open(&path).unwrap();
+    assert!(map.is_metric());
+    assert_eq!(map.to_model(), model);
+    assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
+    assert!(!MapFile::open(&known_answer("map")).unwrap().is_metric());
+}
+
 /// Shorter or longer by a number, with valid lengths and checksums.
 #[test]
 fn wrong_length_is_refused() {

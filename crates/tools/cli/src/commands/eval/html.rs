@@ -30,6 +30,11 @@ pub(super) struct HtmlArgs {
     report_without_images: bool,
 }
 
+/// The unit of lengths of a map.
+pub(crate) fn unit_of(map: &MapFile) -> LengthUnit {
+    if map.is_metric() { LengthUnit::Metres } else { LengthUnit::Map }
+}
+
 impl HtmlArgs {
     /// Begins a report of this number of scenes, with lengths in this unit; `None` if no report was requested.
     pub(super) fn begin(&self, scenes: usize, unit: LengthUnit) -> Result<Option<HtmlReport>, Failure> {

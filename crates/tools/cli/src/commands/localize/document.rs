@@ -8,7 +8,7 @@ use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
 
 use crate::items::InputError;
-use crate::output::position::position;
+use crate::output::position::{position, unit_of};
 
 /// One entry of `queries` for each query.
 #[derive(Serialize)]
@@ -18,6 +18,8 @@ pub(crate) struct LocalizeDocument {
     pub(super) version: u32,
     /// The map, as given.
     pub(super) map: String,
+    /// Whether map units are metres; false if not known.
+    pub(super) is_metric: bool,
     /// Number of queries with a pose.
     pub(super) localized: usize,
     /// Number of valid queries without a pose.
@@ -289,6 +291,7 @@ pub(super) fn table(document: &LocalizeDocument) -> String {
     use std::fmt::Write as _;
     let answered = || document.queries.iter().filter(|q| q.status != LocalizeStatus::Failed);
     let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
+    let unit = unit_of(document.is_metric);
     let mut text = String::new();
     for q in answered() {
         let state = q.state;
@@ -298,7 +301,7 @@ pub(super) fn table(document: &LocalizeDocument) -> String {
                 let total: f64 = q.ms.values().sum();
                 writeln!(
                     text,
-                    "{:<width$}  {state:<9}  {}  {} of {} matches agree  {total:.0} ms{}",
+                    "{:<width$}  {state:<9}  {} {unit}  {} of {} matches agree  {total:.0} ms{}",
                     q.file,
                     position(*center, sd),
                     q.inliers,

@@ -95,6 +95,7 @@ fn filled(document: &LocalizeDocument, sealed: &[Option<SealedQuery>], map: &Map
             document.map,
             document.localized
         ),
+        unit: html::unit_of(map),
         scenes: vec![SceneView::of_map("", map)],
         facts: html::facts(None),
         ..LocalizationReport::default()

@@ -14,7 +14,7 @@ use veiloc_protocol::SealedFrame;
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;
 use crate::exit::{Exit, Failure, Outcome};
-use crate::output::position::position;
+use crate::output::position::{position, unit_of};
 use crate::ui::Ui;
 
 /// One pose for the sealed queries of a session, whose relative poses the device has measured.
@@ -26,6 +26,8 @@ pub(crate) struct RigDocument {
     version: u32,
     /// The map, as given.
     map: String,
+    /// Whether map units are metres; false if not known.
+    is_metric: bool,
     /// The rig file, as given.
     rig: String,
     /// State of the pose: `trusted`, `doubtful` or `not-found`.
@@ -116,6 +118,7 @@ pub(super) fn run(
             failed_rig(map_path, rig, &files, not_localized(kind, &error))
         }
     };
+    let document = RigDocument { is_metric: map.is_metric(), ..document };
     if json {
         ui.json(&document)?;
     } else {
@@ -197,6 +200,7 @@ fn empty(map: &Path, rig: &Path) -> RigDocument {
     RigDocument {
         version: 1,
         map: map.display().to_string(),
+        is_metric: false,
         rig: rig.display().to_string(),
         state: name_of(State::NotFound),
         rig_from_world: None,
@@ -223,7 +227,12 @@ fn text(document: &RigDocument) -> String {
             let total: f64 = document.ms.values().sum();
             let doubts =
                 if document.trusted { String::new() } else { format!("  {}", document.doubts.join("; ")) };
-            format!("{}  {state}  {}  {total:.0} ms{doubts}\n", document.rig, position(*center, sd))
+            format!(
+                "{}  {state}  {} {}  {total:.0} ms{doubts}\n",
+                document.rig,
+                position(*center, sd),
+                unit_of(document.is_metric)
+            )
         }
         (None, error) => {
             let why = error.as_ref().map_or("not localized", ErrorDocument::message);

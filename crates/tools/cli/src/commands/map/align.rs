@@ -11,8 +11,9 @@ use veiloc_report::significant;
 use super::MapEdit;
 use super::info::InfoOutput;
 use super::self_test::SelfTestArgs;
-use crate::commands::posed::read_posed;
+use crate::commands::posed::read_posed_input;
 use crate::exit::{Failure, Outcome};
+use crate::output::position::unit_of;
 use crate::stages::Stages;
 use crate::targets::OutFile;
 use crate::ui::Ui;
@@ -48,6 +49,10 @@ pub(crate) struct AlignArgs {
     /// mostly taken with a level horizontal axis.
     #[arg(long, group = "target")]
     level: bool,
+    /// The positions of --positions, or the poses of --posed, are in metres. Default: with --posed, if its format defines it;
+    /// GPS is in metres, and --to-map has the unit of the other map.
+    #[arg(long, conflicts_with_all = ["gps", "to_map", "level"])]
+    metres: bool,
     /// Direction of gravity (down) in the axes of the map, as for `map build`. Default: that of the map, or else of its
     /// images.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "level")]
@@ -123,7 +128,7 @@ impl AlignmentInfo {
         Self { localized: Some(frame.localized), ..Self::of(&frame.map_from_given) }
     }
 
-    pub(super) fn print(&self, ui: &Ui) {
+    pub(super) fn print(&self, unit: &str, ui: &Ui) {
         let angle = Similarity3 {
             rotation: veiloc_geometry::nalgebra::Rotation3::from_matrix_unchecked(
                 veiloc_geometry::nalgebra::Matrix3::from_fn(|i, j| self.rotation[i][j]),
@@ -143,7 +148,7 @@ impl AlignmentInfo {
         if let Some(rms) = self.rms {
             let used = self.positions.iter().filter(|position| position.used).count();
             ui.info(format_args!(
-                "  {used} of {} positions used, root mean square distance {}",
+                "  {used} of {} positions used, root mean square distance {} {unit}",
                 self.positions.len(),
                 significant(rms)
             ));
@@ -164,21 +169,34 @@ const SHOWN: usize = 30;
 pub(super) fn run(args: &AlignArgs, ui: &Ui) -> Outcome {
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
-    let (similarity, alignment) = find(args, &model, ui)?;
+    let Found { similarity, info: alignment, is_metric } = find(args, &model, ui)?;
     align::transform(&mut model, &similarity)?;
+    model.is_metric = is_metric;
     let mut warnings = Vec::new();
     args.self_test.test(&mut model, &mut warnings, ui)?;
     edit.write(&model)?;
-    alignment.print(ui);
+    alignment.print(unit_of(is_metric), ui);
     InfoOutput { json: args.json, warnings, alignment: Some(alignment), ..InfoOutput::default() }
         .print(edit.out, ui)
 }
 
-fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<(Similarity3, AlignmentInfo), Failure> {
+/// A transform to another frame.
+struct Found {
+    similarity: Similarity3,
+    info: AlignmentInfo,
+    /// Whether lengths of the new frame are metres, as far as known.
+    is_metric: bool,
+}
+
+fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
     if let Some(reference) = &args.to_map {
         let reference = MapFile::open(reference)?.to_model();
         let frame = align::align_to_map(model, &reference, &Stages::new(ui))?;
-        return Ok((frame.map_from_given, AlignmentInfo::of_frame(&frame)));
+        return Ok(Found {
+            similarity: frame.map_from_given,
+            info: AlignmentInfo::of_frame(&frame),
+            is_metric: reference.is_metric,
+        });
     }
     if args.level {
         let level = align::level(model, args.down)?;
@@ -187,9 +205,13 @@ fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<(Similarity3, Ali
                 "Gravity by the images, whose horizontal axes are tilted by {tilt:.1}° in the median"
             ));
         }
-        return Ok((level.new_from_map, AlignmentInfo::of(&level.new_from_map)));
+        return Ok(Found {
+            similarity: level.new_from_map,
+            info: AlignmentInfo::of(&level.new_from_map),
+            is_metric: model.is_metric,
+        });
     }
-    let mut origin = None;
+    let (mut origin, mut is_metric) = (None, args.metres);
     let positions = if let Some(path) = &args.positions {
         let (positions, unknown) = align::read_positions(path, model)?;
         if let Some(first) = unknown.first() {
@@ -203,12 +225,15 @@ fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<(Similarity3, Ali
     } else if let Some(images) = &args.gps {
         let (positions, place) = align::gps_positions(model, images)?;
         origin = Some([place.latitude, place.longitude, place.altitude]);
+        is_metric = true;
         positions
     } else {
         let posed = args.posed.as_deref().ok_or_else(|| Failure::refused("give a target"))?;
         let beside = if posed.is_dir() { Some(posed) } else { posed.parent() };
         let images = args.images.as_deref().or(beside).unwrap_or(posed);
-        let known = read_posed(posed, images, ui)?;
+        let read = read_posed_input(posed, images, ui)?;
+        is_metric |= read.is_metric;
+        let known = read.images;
         let center = |pose: &veiloc_geometry::CameraFromWorld| pose.center().coords;
         let of = |image: &veiloc_map::MapImage| {
             let known = center(&known.get(&image.name)?.cam_from_world);
@@ -218,5 +243,5 @@ fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<(Similarity3, Ali
     };
     let alignment = align::align_to_positions(&positions)?;
     let info = AlignmentInfo { origin, ..AlignmentInfo::of_positions(&alignment, &positions) };
-    Ok((alignment.new_from_map, info))
+    Ok(Found { similarity: alignment.new_from_map, info, is_metric })
 }

@@ -1,8 +1,10 @@
 //! Facts about a map, as text and as JSON.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
+use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
 use veiloc_mapping::{BadImage, FrameReport, MapWarning, SkippedImages};
 
@@ -10,6 +12,7 @@ use super::align::AlignmentInfo;
 use super::frame::{self, FrameInfo};
 use super::self_test::SelfTestInfo;
 use crate::exit::{Exit, Outcome};
+use crate::output::position::unit_of;
 use crate::ui::Ui;
 
 /// Also of `map build`, `map import`, `map add` and `map remove`: facts about the written map.
@@ -28,6 +31,8 @@ pub(crate) struct Info {
     images: usize,
     /// Number of cameras of the images.
     cameras: usize,
+    /// The camera of most images, and how many images have it; null without images.
+    main_camera: Option<MainCamera>,
     /// Number of keypoints of all images.
     keypoints: usize,
     /// Number of map points.
@@ -44,6 +49,8 @@ pub(crate) struct Info {
     global: String,
     /// Id of the profile, as sealed queries carry it.
     profile: String,
+    /// Whether map units are metres; false if not known (`--metres`, `map align`).
+    is_metric: bool,
     /// Direction of gravity (down), a unit vector in the axes of the map; null if not known (`--down`).
     down: Option<[f64; 3]>,
     /// The original of a compressed map; null otherwise.
@@ -66,6 +73,33 @@ pub(crate) struct Info {
     /// The mapped images; absent without `--images`.
     #[serde(skip_serializing_if = "Option::is_none")]
     image_list: Option<Vec<ImageInfo>>,
+}
+
+/// The camera of most images of a map.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct MainCamera {
+    /// The camera, `MODEL,W,H,PARAMS…`, as `--camera` takes it.
+    camera: String,
+    /// Number of images that have it.
+    images: usize,
+}
+
+impl MainCamera {
+    /// Of equally frequent cameras, the first one of the map.
+    fn of<'a>(cameras: impl Iterator<Item = &'a Intrinsics>) -> Option<Self> {
+        let mut counts: Vec<(&Intrinsics, usize)> = Vec::new();
+        let mut place = BTreeMap::new();
+        for camera in cameras {
+            let at = *place.entry(camera.to_string()).or_insert_with(|| {
+                counts.push((camera, 0));
+                counts.len() - 1
+            });
+            counts[at].1 += 1;
+        }
+        let (camera, images) = counts.into_iter().rev().max_by_key(|(_, images)| *images)?;
+        Some(Self { camera: camera.to_string(), images })
+    }
 }
 
 /// The map from which a compressed one was made.
@@ -196,6 +230,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         format_version: veiloc_map::FORMAT_VERSION,
         images: map.image_count(),
         cameras: map.camera_count(),
+        main_camera: MainCamera::of(map.images().map(|image| image.camera())),
         keypoints: (0..map.image_count()).map(|i| map.image(i).keypoints().len()).sum(),
         points,
         bytes_per_point: per_point(bytes as f64),
@@ -204,6 +239,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         descriptors: map.profile().descriptor_kind().name().to_owned(),
         global: map.profile().global_model().name().to_owned(),
         profile: map.profile().id().to_string(),
+        is_metric: map.is_metric(),
         down: map.down().map(|down| down.in_world()),
         compressed: map.compressed().map(|c| CompressedInfo {
             bytes: c.bytes,
@@ -241,9 +277,16 @@ fn describe(info: &Info) -> String {
         info.global,
         info.profile,
     );
+    if let Some(MainCamera { camera, images }) = &info.main_camera {
+        text.extend([format!("  camera      {camera}, of {images} images\n")]);
+    }
     let unknown = || "not known: the gravity of queries is not used".to_owned();
     let down = info.down.map_or_else(unknown, |[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"));
     text.extend(["  down        ", &down, "\n"]);
+    let unit = unit_of(info.is_metric);
+    let known =
+        if info.is_metric { "metres" } else { "not known: lengths are in units; --metres or `map align`" };
+    text.extend(["  unit        ", known, "\n"]);
     if let Some(region) = &info.region {
         text.extend([format!(
             "  region      {} images of the {} of the whole map, {} in its core; images cannot be added \
@@ -262,7 +305,7 @@ fn describe(info: &Info) -> String {
     }
     match &info.self_test {
         Some(test) => {
-            text.push_str(&test.describe());
+            text.push_str(&test.describe(unit));
             if info.region.is_some() {
                 text.push_str("              of the whole map, whose calibration applies to its regions\n");
             }

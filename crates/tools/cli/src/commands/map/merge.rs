@@ -10,6 +10,7 @@ use super::align::AlignmentInfo;
 use super::info::InfoOutput;
 use super::self_test::SelfTestArgs;
 use crate::exit::Outcome;
+use crate::output::position::unit_of;
 use crate::stages::Stages;
 use crate::targets::OutFile;
 use crate::ui::Ui;
@@ -48,9 +49,10 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     ui.info(format_args!("{}: {}", args.other.display(), report.frame));
     match (&report.inverse, report.closure) {
         (Some(inverse), Some(closure)) => ui.info(format_args!(
-            "Checked in the other direction: {} images localized, camera centres there and back {} apart in the median",
+            "Checked in the other direction: {} images localized, camera centres there and back {} {} apart in the median",
             inverse.localized,
-            veiloc_report::significant(closure)
+            veiloc_report::significant(closure),
+            unit_of(model.is_metric)
         )),
         _ => ui.warn(format_args!(
             "warning: the images of {} do not confirm the transform: too few of them are localized in {}",

@@ -216,7 +216,7 @@ impl SelfTestInfo {
     }
 
     /// Text output: a table with one line per scheme, and the meaning of its columns.
-    pub(super) fn describe(&self) -> String {
+    pub(super) fn describe(&self, unit: &str) -> String {
         let head = [
             "scheme",
             "localized",
@@ -233,10 +233,10 @@ impl SelfTestInfo {
         let lines = table.render();
         let lines: String = lines.lines().flat_map(|line| ["    ", line, "\n"]).collect();
         format!(
-            "  self-test   {} images, each left out of the map; typical distance to the scene {} map units\n{lines}\
-             \x20   Within 1 %: position error below 1 % of that distance, and rotation error below 1°. Median error: map units, \
+            "  self-test   {} images, each left out of the map; typical distance to the scene {} {unit}\n{lines}\
+             \x20   Within 1 %: position error below 1 % of that distance, and rotation error below 1°. Median error: {unit}, \
              degrees.\n    In 90 % region: share of the true poses, before → after the calibration. The calibration multiplies \
-             each\n    ± of a position by \"± times\", and none is below \"least ±\" (map units).\n",
+             each\n    ± of a position by \"± times\", and none is below \"least ±\" ({unit}).\n",
             self.images,
             significant(self.scale),
         )

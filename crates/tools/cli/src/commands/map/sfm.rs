@@ -1,9 +1,13 @@
 //! Images without poses: flags of structure from motion, and its output.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use veiloc_map::PosedImages;
-use veiloc_mapping::structure_from_motion::{SfmMatching, SfmOptions, SfmReport, reconstruct};
+use veiloc_map::colmap::read_posed;
+use veiloc_mapping::structure_from_motion::{
+    SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
+};
 
 use crate::exit::Failure;
 use crate::stages::Stages;
@@ -21,6 +25,10 @@ pub(super) struct SfmArgs {
     /// steps, otherwise all pairs.
     #[arg(long, value_enum, default_value_t = Matching::Auto, conflicts_with = "posed")]
     matching: Matching,
+    /// If the images form several models that are not connected, write a map of each: the largest to --out, the others beside it
+    /// as NAME-2.vmap, NAME-3.vmap, … by size. Default: the largest only.
+    #[arg(long, conflicts_with_all = ["posed", "pairs", "out_pairs", "json"])]
+    components: bool,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -33,19 +41,28 @@ enum Matching {
 /// Images without a pose that are listed.
 const SHOWN: usize = 20;
 
+/// Poses that were computed.
+pub(super) struct SfmModels {
+    /// The models, largest first, at least one; more than one only with `--components`.
+    pub(super) models: Vec<PosedImages>,
+    /// The folder of their images: the given one, or that of the frames of a video.
+    pub(super) folder: PathBuf,
+}
+
 impl SfmArgs {
-    /// Computes poses of the images of a folder. The work folder is that of `--work`, or else beside the map.
+    /// Computes poses of the images of a folder, or of the frames of a video. The work folder is that of `--work`, or else beside
+    /// the map.
     ///
     /// # Errors
     /// There is no program for it, or no model could be computed.
-    pub(super) fn posed(
+    pub(super) fn models(
         &self,
         images: &Path,
         names: Option<&[String]>,
         work: Option<&Path>,
         out: &Path,
         ui: &Ui,
-    ) -> Result<PosedImages, Failure> {
+    ) -> Result<SfmModels, Failure> {
         let work = work.map_or_else(|| out.with_extension("sfm"), |work| work.join("sfm"));
         let mut options = SfmOptions::default();
         options.python.clone_from(&self.python);
@@ -54,16 +71,40 @@ impl SfmArgs {
             Matching::Exhaustive => SfmMatching::Exhaustive,
             Matching::Sequential => SfmMatching::Sequential,
         };
-        let report = reconstruct(images, names, &work, &options, &Stages::new(ui))?;
-        print(&report, &work, ui);
-        Ok(report.posed)
+        let stages = Stages::new(ui);
+        let (report, folder) = if images.is_file() {
+            if names.is_some() {
+                return Err(Failure::with_help(
+                    format!("{}: --list names images of a folder, and this is a video", images.display()),
+                    "leave out --list, or give a folder of images",
+                ));
+            }
+            let frames = frames_of_video(images, &work, self.python.as_deref(), &stages)?;
+            let of = frames.of.map_or_else(|| ", from an earlier run".to_owned(), |n| format!(" of {n}"));
+            ui.info(format_args!(
+                "{}: {} frames{of} are used, in {}",
+                images.display(),
+                frames.names.len(),
+                frames.folder.display()
+            ));
+            (reconstruct(&frames.folder, Some(&frames.names), &work, &options, &stages)?, frames.folder)
+        } else {
+            (reconstruct(images, names, &work, &options, &stages)?, images.to_owned())
+        };
+        self.print(&report, &work, ui);
+        let mut models = vec![report.posed];
+        if self.components {
+            for (model, _) in &report.others {
+                models.push(read_posed(model)?);
+            }
+        }
+        Ok(SfmModels { models, folder })
     }
-}
 
-fn print(report: &SfmReport, work: &Path, ui: &Ui) {
-    let registered = report.posed.images().len();
-    let reused = if report.is_reused { ", from an earlier run" } else { "" };
-    ui.info(format_args!(
+    fn print(&self, report: &SfmReport, work: &Path, ui: &Ui) {
+        let registered = report.posed.images().len();
+        let reused = if report.is_reused { ", from an earlier run" } else { "" };
+        ui.info(format_args!(
         "{}: {registered} of {} images have a pose, by {}{reused}. The model has no metric scale; {} keeps features of the \
          images, so protect it as the map, or delete it when the map is finished.",
         report.model.display(),
@@ -71,27 +112,48 @@ fn print(report: &SfmReport, work: &Path, ui: &Ui) {
         report.program,
         work.display()
     ));
-    if !report.others.is_empty() {
-        let listed: Vec<String> =
-            report.others.iter().map(|(model, n)| format!("{} ({n} images)", model.display())).collect();
+        let cameras: BTreeSet<String> =
+            report.posed.images().iter().map(|image| image.camera.to_string()).collect();
+        if let (Some(camera), 1) = (cameras.first(), cameras.len()) {
+            ui.info(format_args!(
+            "Estimated camera: {camera}. Give it to queries of the same camera and zoom, with --camera: another calibration \
+             contradicts the map by what this estimate is wrong."
+        ));
+        } else {
+            ui.info(format_args!(
+            "{} cameras were estimated; `veiloc map info --images` lists them. Give a query the one that took it, with --camera.",
+            cameras.len()
+        ));
+        }
+        if !report.others.is_empty() {
+            let listed: Vec<String> =
+                report.others.iter().map(|(model, n)| format!("{} ({n} images)", model.display())).collect();
+            let (count, listed) = (report.others.len() + 1, listed.join(", "));
+            let use_of = if self.components {
+                "each becomes a map. Take images between the parts to join them"
+            } else {
+                "the largest is used. Take images between the parts, or write a map of each with --components"
+            };
+            ui.warn(format_args!(
+            "warning: the images form {count} models that are not connected; {use_of}. The smaller ones: {listed}"
+        ));
+        }
+        if report.unregistered.is_empty() {
+            return;
+        }
+        let mut lines: Vec<String> = report
+            .unregistered
+            .iter()
+            .take(SHOWN)
+            .map(|image| format!("\n  {}: {}", image.name, image.cause))
+            .collect();
+        if let Some(more) = report.unregistered.len().checked_sub(SHOWN).filter(|more| *more > 0) {
+            lines.push(format!("\n  and {more} more"));
+        }
         ui.warn(format_args!(
-            "warning: the images form {} models that are not connected; the largest is used. Take images between the \
-             parts, or build a map of each with --posed: {}",
-            report.others.len() + 1,
-            listed.join(", ")
+            "warning: {} images have no pose:{}",
+            report.unregistered.len(),
+            lines.concat()
         ));
     }
-    if report.unregistered.is_empty() {
-        return;
-    }
-    let mut lines: Vec<String> = report
-        .unregistered
-        .iter()
-        .take(SHOWN)
-        .map(|image| format!("\n  {}: {}", image.name, image.cause))
-        .collect();
-    if let Some(more) = report.unregistered.len().checked_sub(SHOWN).filter(|more| *more > 0) {
-        lines.push(format!("\n  and {more} more"));
-    }
-    ui.warn(format_args!("warning: {} images have no pose:{}", report.unregistered.len(), lines.concat()));
 }

@@ -82,6 +82,9 @@ fn report(
     found: &Trials,
     coverage: Option<&Coverage>,
 ) -> LocalizationReport {
+    // The page's plan and the grid have one up direction, so that cells fit together.
+    let mut scene = SceneView::of_map("", map);
+    scene.up = scene.up.or(coverage.map(|coverage| coverage.up.into()));
     let mut report = LocalizationReport {
         title: format!("The map {}", args.map.display()),
         lead: format!(
@@ -91,7 +94,8 @@ fn report(
             images.len()
         ),
         notices: advice(model, images, found, coverage),
-        scenes: vec![SceneView::of_map("", map)],
+        unit: html::unit_of(map),
+        scenes: vec![scene],
         facts: html::facts(None),
         cards: cards(model, found, coverage),
         heat: coverage.map(heat).unwrap_or_default(),

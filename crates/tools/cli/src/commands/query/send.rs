@@ -45,8 +45,8 @@ pub(crate) struct Args {
         conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "max_image_side", "profile_id", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
     /// The camera: COLMAP's model name, width, height and parameters, for example
-    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which assumes
-    /// a focal length and marks it as unknown. Default: the focal length in the image's EXIF data.
+    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; a map (.vmap) whose images
+    /// share one camera, for an image of that camera; or `unknown`, which assumes a focal length and marks it as unknown. Default: the focal length in the image's EXIF data.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
     camera: Option<CameraArg>,
     /// Name of the service's map.

@@ -4,7 +4,7 @@
 //! each point position, colour and `n` times `camera key x y`. A pose is world to camera, and the camera looks along its
 //! negative z axis (`x` right, `y` up): `P = R X + t`, `p = −P / P_z`, `p' = f (1 + k₁ |p|² + k₂ |p|⁴) p`, from the middle
 //! of the image. A camera with focal length 0 has no pose. Names are in a list beside the file, in the order of the cameras:
-//! `bundle.out.list.txt`, `bundle.list.txt`, or `list.txt`.
+//! `bundle.out.list.txt`, `bundle.list.txt`, or `list.txt`; `place.list.txt` for `place.bundle.out`, as COLMAP writes them.
 //!
 //! Source: N. Snavely, *Bundler v0.4 User's Manual*, "Output format".
 
@@ -97,7 +97,11 @@ pub(super) fn list_of(path: &Path) -> Option<PathBuf> {
         PathBuf::from(name)
     };
     let candidates = [beside(".list.txt"), path.with_extension("list.txt"), path.with_file_name("list.txt")];
-    candidates.into_iter().find(|list| list.is_file())
+    // COLMAP writes NAME.bundle.out and NAME.list.txt.
+    let name =
+        path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix(".bundle.out"));
+    let of_colmap = name.map(|name| path.with_file_name(format!("{name}.list.txt")));
+    candidates.into_iter().chain(of_colmap).find(|list| list.is_file())
 }
 
 /// The name at the start of a line of a list; names may contain spaces.

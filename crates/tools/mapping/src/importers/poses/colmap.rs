@@ -15,7 +15,7 @@ pub(super) fn read(path: &Path) -> Result<PosedInput, MappingError> {
     });
     let remarks = images.remarks().iter().cloned().chain(remarks).collect();
     let images = images.with_remarks(remarks);
-    Ok(PosedInput { images, format: PoseFormat::Colmap, path: path.to_owned(), down: None })
+    Ok(PosedInput { images, format: PoseFormat::Colmap, path: path.to_owned(), down: None, is_metric: false })
 }
 
 /// The folder of the model that `folder` is or holds: of several numbered ones that with the most images.

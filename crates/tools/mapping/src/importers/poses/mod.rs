@@ -125,6 +125,8 @@ pub struct PosedInput {
     pub path: PathBuf,
     /// The direction of gravity in the world frame, if the format defines it.
     pub down: Option<GravityDirection>,
+    /// Whether the format defines that lengths are metres: AR captures, EuRoC, and OpenSfM with a reference.
+    pub is_metric: bool,
 }
 
 /// Reads posed images of any format of [`PoseFormat`]. `images` is the folder of the images: names are relative to it,
@@ -193,7 +195,13 @@ impl Poses {
             return Err(faulty(&path, "has no image with a pose".to_owned()));
         }
         let images = PosedImages::new(self.images, self.points)?.with_remarks(self.remarks);
-        Ok(PosedInput { images, format, path, down: self.down })
+        let is_metric = match format {
+            PoseFormat::Polycam | PoseFormat::Record3d | PoseFormat::ScannerApp | PoseFormat::Euroc => true,
+            // Its frame is then east, north, up.
+            PoseFormat::OpenSfm => self.down.is_some(),
+            _ => false,
+        };
+        Ok(PosedInput { images, format, path, down: self.down, is_metric })
     }
 }
 

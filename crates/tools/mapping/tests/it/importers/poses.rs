@@ -97,6 +97,18 @@ fn nerfstudio_is_read_and_its_transform_undone() {
     check("nerfstudio", "", PoseFormat::Nerfstudio, "photos");
 }
 
+/// As `colmap model_converter --output_type Bundler` writes them.
+#[test]
+fn bundler_is_read_with_colmaps_names() {
+    let expected = colmap::read_posed(&data("expected").join("bundler")).expect("the expected model");
+    let (kept, images) = images_called(&expected.names(), "images");
+    for (from, to) in [("bundle.out", "hall.bundle.out"), ("list.txt", "hall.list.txt")] {
+        fs::copy(data("bundler").join(from), kept.path().join(to)).expect("copied");
+    }
+    let read = read_posed(&kept.path().join("hall.bundle.out"), &images).expect("posed images");
+    assert_same(&read.images, &expected, "COLMAP's names");
+}
+
 #[test]
 fn bundler_is_read_with_its_points() {
     let read = check("bundler", "bundle.out", PoseFormat::Bundler, "images");
