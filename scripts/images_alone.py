@@ -4,23 +4,46 @@
     python -m venv venv && venv/bin/pip install numpy pycolmap
     venv/bin/python scripts/images_alone.py VEILOC DATA WORK OUT.csv [PLACE…]
 
-DATA/PLACE has images/, posed/ (COLMAP text), map.txt and query.txt. For each place: pycolmap alone on the map images (its time), the map
-of the images alone, the map of the given poses, and the hold-outs in both, with the camera of posed/. Poses of the first are moved by
-the similarity that fits the centres of its map images to the given ones; a query without a pose counts as infinite error.
+DATA/PLACE has images/, posed/ (COLMAP text) or a complete model sparse/, and map.txt and query.txt; without these every fourth image
+is a query. For each place: the map of the images alone, the map of the given poses, and the hold-outs in both maps. Poses in the first map are moved by the similarity that fits the centres of its map images to the given ones;
+a query without a pose counts as infinite error.
+
+Queries of the map of images alone have one of two cameras: the one that the map estimated (`map info` prints it; the choice of a
+user whose phone took the map images), and the one of the given model, which disagrees with the map by the error of its estimate.
+
+Times are processor time, which other programs on the machine change little; that of pycolmap is what it would take alone.
+WORK/PLACE keeps the maps: what is there is not computed again.
 """
 
 import csv
 import json
-import shutil
+import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
-PLACES = ["herzjesu", "fountain", "llff-room", "tum-fr1-rpy", "redkitchen"]
+PLACES = [
+    "herzjesu",
+    "fountain",
+    "entry",
+    "lund-door",
+    "llff-room",
+    "redkitchen",
+    "hololens-office",
+    "tum-fr1-rpy",
+]
+
+# A Python for `--python` that adds the processor time of pycolmap to a file: PYTHON FILE are filled in.
+TIMED = """#!{python}
+import resource, subprocess, sys
+done = subprocess.run([{python!r}, *sys.argv[1:]])
+usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+with open({file!r}, "a") as file:
+    print(usage.ru_utime + usage.ru_stime, file=file)
+sys.exit(done.returncode)
+"""
 
 
 def rotation(w, x, y, z):
@@ -42,10 +65,10 @@ def given_poses(folder):
             number, camera = line.split(maxsplit=1)
             cameras[number] = camera
     poses = {}
-    for words in map(str.split, (folder / "images.txt").read_text().splitlines()):
-        if len(words) == 10 and not words[0].startswith("#"):
-            numbers = list(map(float, words[1:8]))
-            poses[words[9]] = (cameras[words[8]], rotation(*numbers[:4]), np.array(numbers[4:]))
+    lines = [line for line in (folder / "images.txt").read_text().splitlines() if not line.startswith("#")]
+    for words in map(str.split, lines[::2]):
+        numbers = list(map(float, words[1:8]))
+        poses[words[9]] = (cameras[words[8]], rotation(*numbers[:4]), np.array(numbers[4:]))
     return poses
 
 
@@ -64,17 +87,46 @@ def similarity(x, y):
 
 
 def run(command):
-    start = time.time()
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    """Standard output, and processor seconds."""
+
+    def used():
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    before = used()
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    # 1: some queries have no trusted pose.
     if done.returncode not in (0, 1, 4):
-        sys.exit(done.stderr)
-    return done, time.time() - start
+        sys.exit(f"{' '.join(map(str, command))}\n{done.stderr}")
+    print(done.stderr[-4000:], file=sys.stderr)
+    return done.stdout, used() - before
+
+
+def once(file, compute):
+    """The JSON value of a file, or else `compute`, kept in it."""
+    if not file.exists():
+        value = compute()
+        file.write_text(json.dumps(value))
+    return json.loads(file.read_text())
+
+
+def place_of(folder):
+    """The model, its poses, and the names of map images and queries."""
+    model = folder / "posed" if (folder / "posed").is_dir() else folder / "sparse"
+    truth = given_poses(model)
+    if (folder / "map.txt").exists():
+        names, held_out = ((folder / file).read_text().split() for file in ("map.txt", "query.txt"))
+    else:
+        held_out = sorted(truth)[2::4]
+        names = sorted(set(truth) - set(held_out))
+    return model, truth, names, held_out
 
 
 def errors(veiloc, map_file, queries, images, truth, moved):
-    done, _ = run([veiloc, "localize", "--map", map_file, "--queries", queries, "--images", images, "--json", "--quiet"])
+    """Of each query the error of the centre and of the rotation (degrees), and whether it is trusted."""
+    command = [veiloc, "localize", "--map", map_file, "--queries", queries, "--images", images, "--json", "--quiet"]
     found = []
-    for query in json.loads(done.stdout)["queries"]:
+    for query in json.loads(run(command)[0])["queries"]:
         _, r_true, t_true = truth[query["file"]]
         pose = query.get("cam_from_world")
         if pose is None:
@@ -89,71 +141,100 @@ def errors(veiloc, map_file, queries, images, truth, moved):
     return np.array(found)
 
 
+def summary(found):
+    """The columns of hold-outs, from `errors`."""
+    return {
+        "queries": len(found),
+        "localized": int(np.isfinite(found[:, 0]).sum()),
+        "trusted": int(found[:, 2].sum()),
+        "within 5 cm and 5° (%)": f"{100 * ((found[:, 0] < 0.05) & (found[:, 1] < 5)).mean():.0f}",
+        "within 25 cm and 2° (%)": f"{100 * ((found[:, 0] < 0.25) & (found[:, 1] < 2)).mean():.0f}",
+        "median error (map units)": f"{np.median(found[:, 0]):.4f}",
+        "median error (°)": f"{np.median(found[:, 1]):.3f}",
+    }
+
+
+def write_csv(path, rows):
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def rows_of(veiloc, folder, kept):
+    model, truth, names, held_out = place_of(folder)
+    images = folder / "images"
+    kept.mkdir(parents=True, exist_ok=True)
+    listed = kept / "map.txt"
+    listed.write_text("".join(f"{name}\n" for name in names))
+
+    build = [veiloc, "map", "build", "--images", images, "--list", listed]
+
+    def alone():
+        python, times = kept / "python", kept / "python.txt"
+        times.unlink(missing_ok=True)
+        python.write_text(TIMED.format(python=sys.executable, file=str(times.absolute())))
+        python.chmod(0o755)
+        of_images = ["--python", python.absolute(), "--work", kept / "work", "-o", kept / "alone.vmap"]
+        return run(build + of_images)[1], sum(map(float, times.read_text().split()))
+
+    seconds, of_pycolmap = once(kept / "alone.json", alone)
+    of_given = once(kept / "given.json", lambda: run(build + ["--posed", model, "-o", kept / "given.vmap"])[1])
+
+    import pycolmap  # Other scripts use this file without it.
+
+    sparse = [pycolmap.Reconstruction(model) for model in sorted((kept / "work/sfm/sparse").iterdir())]
+    largest = max(sparse, key=lambda model: model.num_reg_images())
+    posed = [image for image in largest.images.values() if image.has_pose]
+    x = np.array([image.projection_center() for image in posed])
+    y = np.array([center(*truth[image.name][1:]) for image in posed])
+    moved = similarity(x, y)
+    s, r, t = moved
+    apart = np.linalg.norm(s * x @ r.T + t - y, axis=1)
+    info = json.loads(run([veiloc, "map", "info", kept / "alone.vmap", "--images", "--json"])[0])
+    estimated = {image["camera"].replace(",", " ") for image in info["image_list"]}
+    if len(estimated) != 1:
+        sys.exit(f"{folder.name}: {len(estimated)} cameras")
+    (estimated,) = estimated
+    print(f"{folder.name}: {estimated}; given {truth[names[0]][0]}", file=sys.stderr)
+
+    rows = []
+    same = (1.0, np.eye(3), np.zeros(3))
+    kinds = [
+        ("images alone", "its own", "alone.vmap", moved),
+        ("images alone", "given", "alone.vmap", moved),
+        ("given poses", "given", "given.vmap", same),
+    ]
+    for kind, camera, file, of in kinds:
+        queries = kept / "queries.txt"
+        of_query = {name: estimated if camera == "its own" else truth[name][0] for name in held_out}
+        queries.write_text("".join(f"{name} {of_query[name]}\n" for name in held_out))
+        found = errors(veiloc, kept / file, queries, images, truth, of)
+        is_alone = kind == "images alone"
+        rows.append(
+            {
+                "place": folder.name,
+                "map of": kind,
+                "camera of queries": camera,
+                "images": len(names),
+                "registered": largest.num_reg_images() if is_alone else len(names),
+                "processor time (s)": round(seconds if is_alone else of_given),
+                "of this pycolmap (s)": round(of_pycolmap) if is_alone else "",
+                "centres of map images, RMS (map units)": f"{np.sqrt((apart**2).mean()):.4f}" if is_alone else "",
+                **summary(found),
+            }
+        )
+        print(rows[-1], file=sys.stderr)
+    return rows
+
+
 def main():
     veiloc, data, work, out, *places = sys.argv[1:]
-    data, work = Path(data), Path(work)
     rows = []
     for place in places or PLACES:
-        folder, kept = data / place, work / place
-        shutil.rmtree(kept, ignore_errors=True)
-        kept.mkdir(parents=True)
-        truth = given_poses(folder / "posed")
-        names = (folder / "map.txt").read_text().split()
-        held_out = (folder / "query.txt").read_text().split()
-        queries = kept / "queries.txt"
-        queries.write_text("".join(f"{name} {truth[name][0]}\n" for name in held_out))
-
-        start = time.time()
-        database = kept / "alone.db"
-        pycolmap.logging.minloglevel = 2
-        pycolmap.extract_features(database, folder / "images", image_names=names, camera_mode=pycolmap.CameraMode.SINGLE)
-        pycolmap.match_exhaustive(database)
-        (kept / "alone").mkdir()
-        models = pycolmap.incremental_mapping(database, folder / "images", kept / "alone")
-        of_pycolmap = time.time() - start
-        registered = max((model.num_reg_images() for model in models.values()), default=0)
-
-        build = [veiloc, "map", "build", "--images", folder / "images", "--list", folder / "map.txt"]
-        alone, seconds = run(build + ["--python", sys.executable, "--work", kept / "work", "-o", kept / "alone.vmap"])
-        print(alone.stderr, file=sys.stderr)
-        _, of_given = run(build + ["--posed", folder / "posed", "-o", kept / "given.vmap"])
-
-        sparse = [pycolmap.Reconstruction(model) for model in sorted((kept / "work/sfm/sparse").iterdir())]
-        model = max(sparse, key=lambda model: model.num_reg_images())
-        pairs = [
-            (image.projection_center(), center(*truth[image.name][1:])) for image in model.images.values() if image.has_pose
-        ]
-        x, y = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
-        moved = similarity(x, y)
-        s, r, t = moved
-        apart = np.linalg.norm(s * x @ r.T + t - y, axis=1)
-        same = (1.0, np.eye(3), np.zeros(3))
-        for kind, file, of in [("images alone", "alone.vmap", moved), ("given poses", "given.vmap", same)]:
-            found = errors(veiloc, kept / file, queries, folder / "images", truth, of)
-            finite = np.isfinite(found[:, 0])
-            rows.append(
-                {
-                    "place": place,
-                    "map": kind,
-                    "images": len(names),
-                    "registered": model.num_reg_images() if kind == "images alone" else len(names),
-                    "pycolmap_registered": registered,
-                    "map_center_rms": f"{np.sqrt((apart**2).mean()):.5f}" if kind == "images alone" else "0",
-                    "seconds": round(seconds if kind == "images alone" else of_given),
-                    "pycolmap_seconds": round(of_pycolmap),
-                    "queries": len(held_out),
-                    "localized": int(finite.sum()),
-                    "trusted": int(found[:, 2].sum()),
-                    "median_translation": f"{np.median(found[:, 0]):.5f}",
-                    "median_rotation_deg": f"{np.median(found[:, 1]):.4f}",
-                    "recall_5cm_5deg": f"{((found[:, 0] < 0.05) & (found[:, 1] < 5)).mean():.3f}",
-                }
-            )
-            print(rows[-1], file=sys.stderr)
-        with open(out, "w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        rows += rows_of(veiloc, Path(data) / place, Path(work) / place)
+        if rows:
+            write_csv(out, rows)
 
 
 if __name__ == "__main__":
