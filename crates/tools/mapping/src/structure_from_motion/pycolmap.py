@@ -8,6 +8,7 @@ Output lines: {"stage": name, "total": n}, {"done": n}, and for each image that 
 import json
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -170,16 +171,20 @@ def main():
         options.extract_colors = False
         options.min_model_size = min_model_size(len(left))
         options.image_names = sorted(left)
-        found = pycolmap.incremental_mapping(
-            database,
-            task["images"],
-            sparse,
-            options,
-            initial_image_pair_callback=lambda: one_more(2),
-            next_image_callback=one_more,
-        )
+        # It writes its models, too, also attempts of two images, which are no model.
+        with tempfile.TemporaryDirectory(dir=sparse.parent) as written:
+            found = pycolmap.incremental_mapping(
+                database,
+                task["images"],
+                written,
+                options,
+                initial_image_pair_callback=lambda: one_more(2),
+                next_image_callback=one_more,
+            )
         before = len(left)
         for model in found.values():
+            if model.num_reg_images() < 3:
+                continue
             models[len(models)] = model
             left -= {image.name for image in model.images.values() if image.has_pose}
         if len(left) == before:
