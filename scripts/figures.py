@@ -434,6 +434,12 @@ script("$P scripts/service_robustness.py --veiloc $V --data $D --csv $O/service/
 script("$P scripts/chaos_soak.py --veiloc $V --data $D --minutes 30 --csv $O/service/chaos.csv --load-csv $O/service/chaos-load.csv",
        "service/chaos.csv", "service/chaos-load.csv")  # fmt: skip
 script("CSV=$O/service/fuzz.csv fuzz/run.sh 120", "service/fuzz.csv", by_hand="cargo-fuzz and a nightly compiler")
+script("$P scripts/images_alone.py $V $D $W/alone $O/mapping/images-alone.csv", "mapping/images-alone.csv")
+script("$P scripts/video_map.py $V $D/redkitchen $W/video $O/mapping/video.csv", "mapping/video.csv", by_hand="imageio-ffmpeg")
+script("$P scripts/pose_formats.py maps $V $D/redkitchen $W/formats $O/mapping/formats.csv", "mapping/formats.csv",
+       by_hand="COLMAP and evo")  # fmt: skip
+script("$P scripts/map_merges.py $V $D $W/merges $O/mapping/merges.csv", "mapping/merges.csv")
+script("$P scripts/gps_place.py $V $D $W/gps $O/mapping/gps.csv", "mapping/gps.csv")
 script("$P scripts/cluster/placement.py --rendered --seconds 8 --veiloc $V --csv $O/service/cluster-placement.csv",
        "service/cluster-placement.csv", by_hand="nats-server")  # fmt: skip
 script("$P scripts/cluster/shared_rates.py --rendered --seconds 15 --veiloc OLD,NEW --names before,now --csv $O/service/shared-rates.csv",

@@ -201,13 +201,14 @@ impl Map {
     /// Args:
     ///     model: folder of the model, text or binary.
     ///     images, features, down, self_test, skip_bad, progress: as for `build`.
+    ///     metres: lengths of the model are in metres.
     ///     frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
     ///         transform it, use `build` with `other_frame="align"`.
     ///
     /// Raises:
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features="compact", down=None, self_test=true, skip_bad=false, frame_check=true, progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, skip_bad=false, frame_check=true, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -215,6 +216,7 @@ impl Map {
         images: PathBuf,
         features: &str,
         down: Option<&Bound<'_, PyAny>>,
+        metres: bool,
         self_test: bool,
         skip_bad: bool,
         frame_check: bool,
@@ -232,7 +234,7 @@ impl Map {
             }
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
-            model.is_metric = metres || is_metric;
+            model.is_metric = metres;
             Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
         })?
     }

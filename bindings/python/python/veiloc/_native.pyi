@@ -359,6 +359,7 @@ class Map:
         *,
         features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
+        metres: bool = False,
         self_test: bool = True,
         skip_bad: bool = False,
         frame_check: bool = True,
@@ -369,6 +370,7 @@ class Map:
         Args:
             model: folder of the model, text or binary.
             images, features, down, self_test, skip_bad, progress: as for `build`.
+            metres: lengths of the model are in metres.
             frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
                 transform it, use `build` with `other_frame="align"`.
 

@@ -186,7 +186,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     log: LogArgs,
     /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is appended): for example
-    /// http://127.0.0.1:4318.
+    /// http://127.0.0.1:4318. Default: no traces are sent.
     #[cfg(feature = "opentelemetry")]
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,

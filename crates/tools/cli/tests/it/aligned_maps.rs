@@ -175,13 +175,12 @@ fn lengths_are_metres_only_if_the_map_knows() {
         "{info}"
     );
 
-    let lines: String = scene
-        .poses
-        .iter()
-        .map(|(name, pose)| (name, pose.center().coords))
-        .map(|(name, c)| format!("{name}, {}, {}, {}\n", c.x, c.y, c.z))
-        .collect();
-    scene.write("metres.csv", lines);
+    let mut lines = Vec::new();
+    for (name, pose) in &scene.poses {
+        let c = pose.center().coords;
+        lines.push(format!("{name}, {}, {}, {}\n", c.x, c.y, c.z));
+    }
+    scene.write("metres.csv", lines.concat());
     let run =
         scene.run("map align place.vmap --positions metres.csv --metres -o metric.vmap --json").succeeded();
     assert_eq!(is_metric(&run), true);

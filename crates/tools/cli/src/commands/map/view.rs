@@ -260,7 +260,9 @@ fn advice_on_ground(model: &MapModel, coverage: &Coverage) -> Vec<String> {
     let largest = weak.first().filter(|part| part.len() >= SMALL_PART * coverage.nodes.len() / 100);
     if let Some(part) = largest {
         let mut nearest: BTreeMap<usize, usize> = BTreeMap::new();
-        part.iter().for_each(|at| *nearest.entry(coverage.nodes[*at].nearest).or_default() += 1);
+        for at in part {
+            *nearest.entry(coverage.nodes[*at].nearest).or_default() += 1;
+        }
         let image = nearest.into_iter().max_by_key(|(image, count)| (*count, std::cmp::Reverse(*image)));
         let share = 100.0 * weak.iter().map(Vec::len).sum::<usize>() as f64 / coverage.nodes.len() as f64;
         advice.push(format!(

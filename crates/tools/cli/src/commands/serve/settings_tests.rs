@@ -26,6 +26,8 @@ const VALUES: &[(&str, &str, &str)] = &[
     #[cfg(feature = "cluster")]
     ("cluster-regions", "2", "2"),
     #[cfg(feature = "cluster")]
+    ("rate-fail", "\"closed\"", "closed"),
+    #[cfg(feature = "cluster")]
     ("store", "\"s3://bucket/maps\"", "s3://bucket/maps"),
     #[cfg(feature = "cluster")]
     ("cache", "\"/cache\"", "/cache"),
@@ -66,6 +68,8 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("page-points", "21", "21"),
     ("log", "\"debug\"", "debug"),
     ("log-json", "true", "1"),
+    #[cfg(feature = "opentelemetry")]
+    ("otlp", "\"http://127.0.0.1:4318\"", "http://127.0.0.1:4318"),
     ("score", "\"msac\"", "msac"),
     ("solver", "\"p6lp\"", "p6lp"),
     ("max-error", "5.5", "5.5"),
