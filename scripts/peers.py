@@ -11,7 +11,7 @@ two-view geometry, and each is registered in the model alone. veiloc: `eval scen
 keypoints at most. A query without a pose counts as infinite error.
 
 Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each; queries of veiloc as sent.
-Times are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
+Times, with `--times`, are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
 --work keeps COLMAP's models of the map images, which take most of the time; `--maps-only` makes these alone, so that the queries can be
 timed on a machine that does nothing else.
 """
@@ -40,8 +40,9 @@ MAX_ERROR = 8.0
 SENT = {"image": "image", "points": "keypoints, descriptors", "lines": "lines, descriptors"}
 COLUMNS = [
     "place", "program", "what leaves the device", "queries", "localized", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)",
-    "median error (map units)", "median error (°)", "features (ms)", "match (ms)", "pose (ms)", "sent (kB)",
+    "median error (map units)", "median error (°)", "sent (kB)",
 ]  # fmt: skip
+TIMES = ["features (ms)", "match (ms)", "pose (ms)"]
 
 
 def read_list(path):
@@ -163,8 +164,8 @@ def row(place, program, sent, errors, times, size):
     number = lambda value, form: "" if value is None or not np.isfinite(value) else format(value, form)
     found = [
         place, program, SENT[sent], len(errors), int(np.isfinite(errors[:, 0]).sum()), share(5, 0.05), share(2, 0.25),
-        number(np.median(errors[:, 1]), ".4f"), number(np.median(errors[:, 0]), ".3f"), *(number(t, ".0f") for t in times),
-        f"{size / 1000:.0f}",
+        number(np.median(errors[:, 1]), ".4f"), number(np.median(errors[:, 0]), ".3f"), f"{size / 1000:.0f}",
+        *(number(t, ".0f") for t in times),
     ]  # fmt: skip
     print(*found, sep="  ", flush=True)
     return found
@@ -363,6 +364,7 @@ def main():
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--maps-only", action="store_true")
+    parser.add_argument("--times", action="store_true", help="write times too: for a machine that does nothing else")
     args = parser.parse_args()
     pycolmap.logging.minloglevel = 2
     rows = []
@@ -374,7 +376,8 @@ def main():
                 rows += of_veiloc(args, folder, Path(work), place)
         # After each place, so that an interrupted run shows what it has.
         if rows:
-            write_csv(args.csv, COLUMNS, rows)
+            end = None if args.times else -len(TIMES)
+            write_csv(args.csv, [*COLUMNS, *TIMES][:end], [row[:end] for row in rows])
 
 
 if __name__ == "__main__":

@@ -509,11 +509,11 @@ def main():
     def holds(worker):
         return counter(ask(worker.admin, "/metrics")[1].decode(), "veiloc_objects_loaded")
 
-    wait_for(lambda: all(worker.log.read_text().count("no longer published were left") for worker in cluster.workers),
+    wait_for(lambda: all(worker.log.read_text().count("were left") for worker in cluster.workers),
              "the end of the old manifest")
     works("workers leave an old manifest", all(holds(worker) == objects for worker in cluster.workers))
     cluster.publish(scene.map)
-    wait_for(lambda: all(worker.log.read_text().count("no longer published were left") > 1 for worker in cluster.workers),
+    wait_for(lambda: all(worker.log.read_text().count("were left") > 1 for worker in cluster.workers),
              "the end of the smaller manifest")
     cluster.nats[0].kill()
     wait_for(lambda: ask(cluster.admin, "/readyz")[0] == 200, "readiness")
