@@ -27,8 +27,8 @@ type Listed<'py> = Vec<(String, Bound<'py, PyDict>, CameraPose)>;
 ///
 /// Returns:
 ///     A list of (name, camera, CameraPose), as `Map.build` takes it, and a dictionary: `format`; `path`, the file that was
-///     read; `down`, the direction of gravity that the format defines, or None; `is_metric`, whether it defines that lengths are metres;
-///     `remarks`, what was left out or assumed.
+///     read; `down`, the direction of gravity that the format defines, or None; `is_metric`, whether it defines that lengths are
+///     metres; `remarks`, what was left out or assumed.
 ///
 /// Raises:
 ///     MapError: no format is recognized, several are, or the file cannot be read.

@@ -539,8 +539,8 @@ class Map:
         """The map's points, `[N, 3]`, map units."""
     @property
     def cameras(self) -> dict[str, _CameraFields]:
-        """Cameras of the map's images, by name. Of a map from images without poses they are the estimated ones: seal queries of the
-        same camera with them."""
+        """Cameras of the map's images, by name. Of a map from images without poses they are the estimated ones: seal queries of
+        the same camera with them."""
     @property
     def is_metric(self) -> bool:
         """Whether map units are metres; False when it is not known."""
