@@ -52,6 +52,8 @@ def room(folder: Path) -> None:
     posed, queries = veiloc.render_room(folder)
     place = veiloc.Map.build(posed, folder, self_test=False, down="-z", metres=True)
     log_map(place)
+    # All images of the room have one camera.
+    known = next(iter(place.cameras.values()))
     for number, (name, camera, _) in enumerate(queries):
         rr.set_time("query", sequence=number)
         try:
@@ -59,7 +61,7 @@ def room(folder: Path) -> None:
         except veiloc.NotLocalizedError as why:
             rr.log("log", rr.TextLog(f"{name}: {why}"))
             continue
-        log_answer(name, answer, camera)
+        log_answer(name, answer, known)
 
 
 def main() -> None:
