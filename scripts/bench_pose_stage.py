@@ -29,21 +29,13 @@ import numpy as np
 import poselib
 
 from places import write_csv
+from poses import rotation
 
 PROBLEMS = ["herzjesu_nn", "redkitchen_nn", "herzjesu_r08", "redkitchen_r08"]
 COLUMNS = [
     "matches of", "pipeline", "matches (median)", "pose, median (ms)", "time over PoseLib", "median error (cm)", "recall (%)",
 ]  # fmt: skip
 SCHEMES = ["points", "random-lines", "dcl"]
-
-
-def rotation(q):
-    w, x, y, z = np.array(q) / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])
 
 
 def ours(veiloc, file, seed):

@@ -17,7 +17,6 @@ commands.
 import argparse
 import csv
 import hashlib
-import json
 import os
 import platform
 import re
@@ -30,7 +29,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
-from places import write_csv
+from places import kept_document, write_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs/results"
@@ -47,25 +46,10 @@ class Run:
 
     def __init__(self, args):
         self.veiloc, self.data, self.work = args.veiloc, args.data, args.work
-        self.commands: list[str] = []
-
-    def plain(self, command) -> str:
-        """A command as a reader types it."""
-        return " ".join(map(str, command)).replace(str(self.data), "$D").replace(str(self.work), "$W")
 
     def document(self, *command) -> dict:
         """What a command prints with `--json`."""
-        words = [str(word) for word in command]
-        self.commands.append(f"veiloc {self.plain(words)}")
-        kept = self.work / f"{'-'.join(words[:2])}-{hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}.json"
-        if not kept.exists():
-            partial = kept.with_suffix(".partial")
-            done = subprocess.run([self.veiloc, *words, "--quiet", "--json", partial], stdout=subprocess.DEVNULL)
-            # 1 and 4: some queries were not found or are doubtful.
-            if done.returncode not in (0, 1, 4):
-                raise subprocess.CalledProcessError(done.returncode, words)
-            partial.rename(kept)
-        return json.loads(kept.read_text())
+        return kept_document(self.veiloc, self.work, *command)
 
     def made(self, file: Path, *command) -> Path:
         """A file that a command writes; kept, so that it runs once."""
@@ -493,7 +477,6 @@ def make(run: Run, table: str, args, commit: str) -> bool:
     for name in tables:
         (RESULTS / name).parent.mkdir(exist_ok=True)
     if len(how) == 1:
-        run.commands = []
         for name, (columns, rows) in zip(tables, how[0](run)):
             write_csv(RESULTS / name, columns, rows)
         command = f"scripts/figures.sh {tables[0]}"

@@ -15,16 +15,9 @@ import json
 
 import numpy as np
 
+from poses import rotation
+
 RIGHT_WITHIN_PX = 4.0
-
-
-def rotation(q):
-    w, x, y, z = np.array(q) / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])
 
 
 def load(path):

@@ -20,8 +20,9 @@ import urllib.request
 from pathlib import Path
 
 import numpy as np
-from images_alone import center, place_of, run, write_csv
+from images_alone import place_of, run, write_rows
 from map_merges import gauge, write_posed
+from poses import center
 from PIL import Image
 
 PLACES = ["herzjesu", "fountain"]
@@ -190,7 +191,7 @@ def main():
     rows = []
     for place in places or PLACES:
         rows += rows_of(veiloc, Path(data) / place, Path(work) / place)
-        write_csv(out, rows)
+        write_rows(out, rows)
 
 
 if __name__ == "__main__":

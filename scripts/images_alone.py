@@ -15,7 +15,6 @@ Times are processor time, which other programs on the machine change little; tha
 WORK/PLACE keeps the maps: what is there is not computed again.
 """
 
-import csv
 import json
 import resource
 import subprocess
@@ -23,6 +22,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
+from places import write_csv
+from poses import center, rotation, similarity
 
 PLACES = [
     "herzjesu",
@@ -46,17 +48,6 @@ sys.exit(done.returncode)
 """
 
 
-def rotation(w, x, y, z):
-    w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def given_poses(folder):
     """Camera line and pose of each image of a COLMAP text model."""
     cameras = {}
@@ -68,22 +59,8 @@ def given_poses(folder):
     lines = [line for line in (folder / "images.txt").read_text().splitlines() if not line.startswith("#")]
     for words in map(str.split, lines[::2]):
         numbers = list(map(float, words[1:8]))
-        poses[words[9]] = (cameras[words[8]], rotation(*numbers[:4]), np.array(numbers[4:]))
+        poses[words[9]] = (cameras[words[8]], rotation(numbers[:4]), np.array(numbers[4:]))
     return poses
-
-
-def center(r, t):
-    return -r.T @ t
-
-
-def similarity(x, y):
-    """Umeyama: y = s R x + t."""
-    mx, my = x.mean(0), y.mean(0)
-    u, d, vt = np.linalg.svd((y - my).T @ (x - mx))
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    r = u @ sign @ vt
-    s = np.trace(np.diag(d) @ sign) / ((x - mx) ** 2).sum()
-    return s, r, my - s * r @ mx
 
 
 def run(command):
@@ -132,7 +109,7 @@ def errors(veiloc, map_file, queries, images, truth, moved):
         if pose is None:
             found.append((np.inf, np.inf, False))
             continue
-        r = rotation(*pose["q"])
+        r = rotation(pose["q"])
         c = center(r, np.array(pose["t"]))
         s, turn, t = moved
         r, c = r @ turn.T, s * turn @ c + t
@@ -154,11 +131,9 @@ def summary(found):
     }
 
 
-def write_csv(path, rows):
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def write_rows(path, rows):
+    """A table of dictionaries with equal keys."""
+    write_csv(Path(path), list(rows[0]), [list(row.values()) for row in rows])
 
 
 def rows_of(veiloc, folder, kept):
@@ -234,7 +209,7 @@ def main():
     for place in places or PLACES:
         rows += rows_of(veiloc, Path(data) / place, Path(work) / place)
         if rows:
-            write_csv(out, rows)
+            write_rows(out, rows)
 
 
 if __name__ == "__main__":

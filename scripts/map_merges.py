@@ -16,24 +16,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from images_alone import center, errors, place_of, run, summary, write_csv
+from images_alone import errors, place_of, run, summary, write_rows
+from poses import center, quaternion
 
 PLACES = ["redkitchen", "herzjesu", "hololens-office"]
 SEEDS = [1, 2, 3]
 SAME = (1.0, np.eye(3), np.zeros(3))
-
-
-def quaternion(r):
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
-            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], 0],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(k / 3)[1][:, -1]
-    return [w, x, y, z]
 
 
 def gauge(seed):
@@ -102,7 +90,7 @@ def main():
                 }
             )
             print(rows[-1], file=sys.stderr)
-            write_csv(out, rows)
+            write_rows(out, rows)
 
 
 MERGED = ["images that agree", "error of scale (%)", "error of rotation (°)", "centres of the second half, RMS (map units)"]

@@ -32,6 +32,7 @@ import pycolmap
 from PIL import Image
 
 from places import PLACES, write_csv
+from poses import rotation
 
 KEYPOINTS = 2048
 RETRIEVED = 10
@@ -70,15 +71,6 @@ def read_poses(posed):
         if len(f) >= 10:
             poses[" ".join(f[9:])] = (np.array(f[1:5], float), np.array(f[5:8], float), int(f[8]))
     return poses
-
-
-def rotation(q):
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
 
 
 def mutual_nearest(a, b):

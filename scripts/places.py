@@ -10,6 +10,7 @@ self-test and localizes the queries under each scheme. A pose is right within 25
 
 import argparse
 import csv
+import hashlib
 import json
 import subprocess
 import tempfile
@@ -37,6 +38,21 @@ def write_csv(path: Path | None, columns: list[str], rows: list[list]):
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             writer.writerows(rows)
+
+
+def kept_document(veiloc, work: Path, *command) -> dict:
+    """What a command prints with `--json`; kept in `work`, so that it runs once and an interrupted script goes on."""
+    words = [str(word) for word in command]
+    kept = work / f"{'-'.join(words[:2])}-{hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}.json"
+    if not kept.exists():
+        work.mkdir(parents=True, exist_ok=True)
+        partial = kept.with_suffix(".partial")
+        done = subprocess.run([veiloc, *words, "--quiet", "--json", partial], stdout=subprocess.DEVNULL)
+        # 1 and 4: some queries were not found or are doubtful.
+        if done.returncode not in (0, 1, 4):
+            raise subprocess.CalledProcessError(done.returncode, [veiloc, *words])
+        partial.rename(kept)
+    return json.loads(kept.read_text())
 
 
 def row(place: str, name: str, scheme: dict, queries: list[dict]) -> list:

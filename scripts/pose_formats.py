@@ -28,6 +28,9 @@ from pathlib import Path
 
 import numpy as np
 
+from poses import center, quaternion
+from poses import rotation as of_quaternion
+
 DATA = Path(__file__).resolve().parent.parent / "crates/tools/mapping/tests/data/importers/poses"
 FLIP = np.diag([1.0, -1.0, -1.0])
 
@@ -74,40 +77,12 @@ class Scene:
     files: dict = field(default_factory=dict)
 
 
-def quaternion(r):
-    """w x y z of a rotation matrix."""
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
-            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], 0],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    values, vectors = np.linalg.eigh(k / 3)
-    x, y, z, w = vectors[:, np.argmax(values)]
-    q = np.array([w, x, y, z])
-    return q if q[0] >= 0 else -q
-
-
 def rotation(axis, angle):
     """Rodrigues' formula; degrees."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     c = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     a = np.radians(angle)
     return np.eye(3) + np.sin(a) * c + (1 - np.cos(a)) * c @ c
-
-
-def of_quaternion(w, x, y, z):
-    n = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    w, x, y, z = n
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def row(numbers):
@@ -437,7 +412,7 @@ def read_model(folder):
     for words in map(str.split, lines[::2]):
         if len(words) == 10:
             numbers = list(map(float, words[1:8]))
-            images.append(Image(words[9], of_quaternion(*numbers[:4]), np.array(numbers[4:])))
+            images.append(Image(words[9], of_quaternion(numbers[:4]), np.array(numbers[4:])))
     return Scene(camera, images)
 
 
@@ -481,7 +456,7 @@ def written(folder, scene, form):
 
 
 def maps(veiloc, place, work, out):
-    from images_alone import center, errors, given_poses, run, summary, write_csv
+    from images_alone import errors, given_poses, run, summary, write_rows
 
     place, work = Path(place), Path(work)
     names, held_out = ((place / file).read_text().split() for file in ("map.txt", "query.txt"))
@@ -535,7 +510,7 @@ def maps(veiloc, place, work, out):
             }
         )
         print(rows[-1], file=sys.stderr)
-        write_csv(out, rows)
+        write_rows(out, rows)
 
 
 def main():

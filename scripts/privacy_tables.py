@@ -71,15 +71,7 @@ OUTSIDERS = ["outsider-statistic", "outsider-neighbours", "outsider-network"]
 
 
 def run(args, *command) -> dict:
-    """The document of a command; kept, so that it runs once."""
-    words = [str(word) for word in command]
-    found = args.work / f"{words[0]}-{hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}.json"
-    if not found.exists():
-        args.work.mkdir(parents=True, exist_ok=True)
-        partial = found.with_suffix(".partial")
-        subprocess.run([args.veiloc, *words, "--quiet", "--json", partial], check=True, stdout=subprocess.DEVNULL)
-        partial.rename(found)
-    return json.loads(found.read_text())
+    return kept_document(args.veiloc, args.work, *command)
 
 
 def scene_of(args, place: str) -> list:

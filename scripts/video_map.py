@@ -17,7 +17,8 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from images_alone import center, errors, given_poses, place_of, run, similarity, summary, write_csv
+from images_alone import errors, given_poses, place_of, run, summary, write_rows
+from poses import center, similarity
 from PIL import Image
 
 RATE = 20
@@ -72,7 +73,7 @@ def main():
         **summary(found),
     }
     print(row, file=sys.stderr)
-    write_csv(out, [row])
+    write_rows(out, [row])
 
 
 if __name__ == "__main__":
