@@ -52,14 +52,14 @@ pub(crate) fn section(heat: &HeatMap, scene: &SceneView, unit: LengthUnit) -> Ma
         at => format!("{:.0} to {:.0} %", 100.0 * SHARES[at], 100.0 * SHARES[at - 1]),
     });
     let drawing = |name: &str, words: &[String; CLASSES], of: &dyn Fn(&HeatCell) -> Option<usize>| {
-        let picture = html! {
+        let image = html! {
             svg viewBox=(plan.view_box()) role="img" aria-label={ (name) ", from above" } {
                 (cells(heat, &plan, of))
                 (plan.ground(&view))
                 (plan.scale_bar(unit))
             }
         };
-        html! { div { (figure(&picture, &html! { b { (name) "." } })) (legend(heat, words, of)) } }
+        html! { div { (figure(&image, &html! { b { (name) "." } })) (legend(heat, words, of)) } }
     };
     html! {
         p {

@@ -28,7 +28,7 @@ pub const INSTALL_FFMPEG: &str =
 
 /// Width of the grey images that decide, pixels.
 const WIDTH: usize = 160;
-/// Movement from which a frame is worth keeping, in widths of the image.
+/// Movement from which a frame is worth taking, in widths of the image.
 const MIN_MOVED: f64 = 0.03;
 /// Movement at which a frame must be kept, in widths: neighbours still share most of the image.
 const MAX_MOVED: f64 = 0.10;
@@ -210,7 +210,8 @@ struct Grey {
 }
 
 impl Grey {
-    /// The next binary PGM file of a stream; `None` at its end.
+    /// The next binary PGM file of a stream; `None` at its end. The crate `image` could read it, but its feature would make
+    /// every reader of photographs accept such files.
     fn read(stream: &mut impl BufRead) -> io::Result<Option<Self>> {
         let invalid = || io::Error::new(io::ErrorKind::InvalidData, "not a PGM image");
         if stream.fill_buf()?.is_empty() {
