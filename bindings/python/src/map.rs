@@ -202,13 +202,13 @@ impl Map {
     ///     model: folder of the model, text or binary.
     ///     images, features, down, self_test, skip_bad, progress: as for `build`.
     ///     metres: lengths of the model are in metres.
-    ///     frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
-    ///         transform it, use `build` with `other_frame="align"`.
+    ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
+    ///         `"accept"`. To transform it, use `build` with `other_frame="align"`.
     ///
     /// Raises:
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, skip_bad=false, frame_check=true, progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, skip_bad=false, other_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -219,19 +219,23 @@ impl Map {
         metres: bool,
         self_test: bool,
         skip_bad: bool,
-        frame_check: bool,
+        other_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let down = down.map(down_of).transpose()?;
+        let other_frame = on_other_frame(other_frame)?;
+        if other_frame == OnOtherFrame::Align {
+            return Err(BindingError::input(
+                "other_frame: the points of a complete model cannot be transformed; use `build` with other_frame=\"align\"",
+            ));
+        }
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let colmap = read_model(&model)?;
             let posed = PosedImages::from(&colmap);
-            let mut input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
-            if !frame_check {
-                input = input.on_other_frame(OnOtherFrame::Accept);
-            }
+            let input =
+                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
             model.is_metric = metres;

@@ -362,7 +362,7 @@ class Map:
         metres: bool = False,
         self_test: bool = True,
         skip_bad: bool = False,
-        frame_check: bool = True,
+        other_frame: Literal["refuse", "accept"] = "refuse",
         progress: Progress | None = None,
     ) -> Map:
         """Builds a map from a complete COLMAP model; it keeps the model's points and observations.
@@ -371,8 +371,8 @@ class Map:
             model: folder of the model, text or binary.
             images, features, down, self_test, skip_bad, progress: as for `build`.
             metres: lengths of the model are in metres.
-            frame_check: refuse a model with a group of images whose poses are in another frame than the rest. To
-                transform it, use `build` with `other_frame="align"`.
+            other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
+                `"accept"`. To transform it, use `build` with `other_frame="align"`.
 
         Raises:
             MapError, ImageError: as for `build`.

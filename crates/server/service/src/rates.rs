@@ -268,7 +268,9 @@ mod tests {
         // Counted twice, each gives half.
         let clock = ManualClock::new();
         let gateways: Vec<Gateway> = (0..2).map(|_| gateway(&clock, 2)).collect();
-        gateways.iter().for_each(|gateway| gateway.shared.set_gateways(number(2), number(2)));
+        for gateway in &gateways {
+            gateway.shared.set_gateways(number(2), number(2));
+        }
         let accepted = flood(&clock, &gateways, 60, u32::MAX);
         assert!((290..=310).contains(&accepted), "{accepted}");
     }
