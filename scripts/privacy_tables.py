@@ -32,11 +32,10 @@ on. Delete it to measure again.
 
 import argparse
 import hashlib
-import json
 import subprocess
 from pathlib import Path
 
-from places import PLACES, write_csv
+from places import PLACES, kept_document, write_csv
 
 PROBLEMS = {"RedKitchen": "redkitchen", "Herz-Jesu": "herzjesu"}
 SCHEMES = ["random-lines", "coordinate-permutation", "dcl"]

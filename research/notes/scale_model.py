@@ -2,7 +2,8 @@
 """What a service of many machines costs, from measured constants: machines, memory, network, tail latency; up to 10^8 images and
 10^5 queries a second.
 
-    research/notes/scale_model.py                            the table of docs/results/scale.md
+    research/notes/scale_model.py [--csv DIR]                the tables of docs/results/scale.md
+    research/notes/scale_model.py --costs COSTS.json         the constants that `answer_times.py --max-keypoints 1024 --json` gives
     research/notes/scale_model.py --check MEASURED.json      its predictions beside what `throughput.py --json` measured
     research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
     research/notes/scale_model.py --set pose_ms=25 …         with other constants
@@ -10,12 +11,14 @@
 Standard library only (and scripts/log_plot.py); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
 that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
 to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
-was measured of single queries (`pose_spread`: factors of the median). A machine fails at random and is away for `away_s`: what
-it was working on is sent to another one after the hedge's pause. What the constants are, and which command printed each, stands
-beside them; assumptions are in docs/results/scale.md.
+was measured of single queries (`pose_spread`: factors of the median). A query that finds nothing is asked in as many regions as
+a query may be, and each of them costs `negative_ms`. Of the machines that hold a region the less busy of two is asked. A machine
+fails, or hangs, at random: what it has, and what it gets until a gateway has put it out, is sent to another one then. What the
+constants are, and which command printed each, stands beside them; assumptions are in docs/results/scale.md.
 """
 
 import argparse
+import csv
 import heapq
 import json
 import math
@@ -28,10 +31,24 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 from log_plot import COLOURS, LogPlot, page  # noqa: E402
 
 CONSTANTS = {
-    # Of one query of 1024 rows, on one processor: `scripts/cluster/throughput.py`'s direct call, median.
+    # Processor time of a query of 1024 rows of RedKitchen that finds its pose, the camera calibrated: `scripts/service/answer_times.py
+    # --places redkitchen --images 29 --rounds 7 --max-keypoints 1024 --json`, the median of the least of each query's rounds.
     "pose_ms": 45.7,
-    # Factors of the median, equally likely; there p95 is 1.23 times the median.
+    # Factors of the median, equally likely.
     "pose_spread": [0.85, 0.93, 0.97, 1.0, 1.03, 1.08, 1.23],
+    # The same of queries of another place, in one region.
+    "negative_ms": 45.7,
+    "negative_spread": [1.0],
+    # The same of queries of another place whose focal length is unknown.
+    "unknown_negative_ms": 45.7,
+    "unknown_negative_spread": [1.0],
+    # Assumed: the share of queries that find nothing, and of these the share with an unknown focal length.
+    "negatives": 0.1,
+    "unknown": 0.0,
+    # Regions in which a query that finds nothing is searched: the default of --cluster-regions.
+    "regions_of_negative": 3,
+    # From the moment that a machine hangs until a gateway has put it out: docs/results/service/cluster-hung.csv, four workers.
+    "out_after_ms": 310,
     # A search among a million images through the index, and among a hundred thousand: `veiloc eval retrieval` (docs/results/scale.md).
     "search_ms_at_million": 1.37,
     "search_ms_at_hundred_thousand": 0.67,
@@ -58,6 +75,8 @@ CONSTANTS = {
     "copies": 2,
     "failures_a_year": 4.0,
     "away_s": 120.0,
+    "hangs_a_year": 12.0,
+    "hangs_s": 40.0,
     "town_images": 1_000_000,
 }
 
@@ -122,11 +141,19 @@ class Town:
         machine.add(self.now, job, work)
         self.watch(machine)
 
-    def pose_work(self):
-        return self.c["pose_ms"] * self.random.choice(self.c["pose_spread"])
+    def kind(self):
+        """What a query is: `pose`, `negative` or `unknown_negative`."""
+        if self.random.random() >= self.c["negatives"]:
+            return "pose"
+        return "unknown_negative" if self.random.random() < self.c["unknown"] else "negative"
 
-    def regions(self):
-        """How many: 1, and another one as often as it takes for the mean."""
+    def pose_work(self, kind="pose"):
+        return self.c[f"{kind}_ms"] * self.random.choice(self.c[f"{kind}_spread"])
+
+    def regions(self, kind="pose"):
+        """How many: 1, and another one as often as it takes for the mean; all that are allowed if nothing is found."""
+        if kind != "pose":
+            return self.c["regions_of_negative"]
         more = self.c["regions_asked"] - 1.0
         return 1 + int(more) + (self.random.random() < more % 1)
 
@@ -195,18 +222,39 @@ def on_one_machine(constants, workers, clients, seconds, seed=1):
 
 
 def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
-    """Times of answers, milliseconds, of one map on this number of machines that each hold any region with `copies` of each."""
+    """Times of answers, milliseconds, of one map on this number of machines that each hold any region with `copies` of each: of
+    all queries, and of those that began while a machine was hanging and not yet put out."""
     c = constants
     town = Town(c, seed)
     all_machines = [Machine(c["processors"], c["processors"]) for _ in range(machines)]
     search = search_ms(c, images)
-    jobs, away = {}, set()
+    # Machines that are put out; and those that hang and are not put out yet, with the jobs that they were given.
+    jobs, away, hanging = {}, set(), {}
+    during = []
 
     def pick():
-        """One of a region's copies, the less loaded as a bus that takes turns and refuses nearly has it."""
+        """The less busy of two of a region's copies."""
         some = [m for m in town.random.sample(range(machines), min(machines, c["copies"])) if m not in away] or [
             m for m in range(machines) if m not in away] or [0]
-        return all_machines[town.random.choice(some)]
+        two = town.random.sample(some, min(2, len(some)))
+        return min(two, key=lambda m: len(all_machines[m].busy) + len(all_machines[m].waiting))
+
+    def send(number, work):
+        machine = pick()
+        if machine in hanging:
+            hanging[machine].append(number)
+        else:
+            town.give(all_machines[machine], number, work)
+
+    def fail(seconds_away):
+        machine = town.random.randrange(machines)
+        if machine in away or machine in hanging:
+            return
+        broken = all_machines[machine]
+        hanging[machine] = [*broken.busy, *(job for job, _ in broken.waiting)]
+        broken.busy, broken.waiting, broken.turn = {}, [], broken.turn + 1
+        town.at(town.now + c["out_after_ms"], "out", machine)
+        town.at(town.now + c["out_after_ms"] + 1000.0 * seconds_away, "back", machine)
 
     def arrive():
         town.at(town.now + town.random.expovariate(rate / 1000.0), "query", None)
@@ -214,25 +262,23 @@ def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
     def step(number, what):
         if what == "query":
             number = town.count
-            jobs[number] = {"begun": town.now, "stage": "search", "left": town.regions()}
+            kind = town.kind()
+            jobs[number] = {"begun": town.now, "stage": "search", "kind": kind, "left": town.regions(kind), "hung": bool(hanging)}
             town.at(town.now + c["gateway_ms"] + c["road_ms"], "arrived", number)
             arrive()
         elif what == "fails":
-            machine = town.random.randrange(machines)
-            away.add(machine)
-            broken = all_machines[machine]
-            lost = [*broken.busy, *(job for job, _ in broken.waiting)]
-            broken.busy, broken.waiting, broken.turn = {}, [], broken.turn + 1
-            for job in lost:
-                # As long as 19 of 20 take, half as much again: then the same bytes go to another copy.
-                town.at(town.now + 1.5 * c["pose_spread"][-1] * c["pose_ms"], "arrived", job)
-            town.at(town.now + 1000.0 * c["away_s"], "back", machine)
+            dies = town.random.random() < c["failures_a_year"] / (c["failures_a_year"] + c["hangs_a_year"])
+            fail(c["away_s"] if dies else c["hangs_s"])
             town.at(town.now + town.random.expovariate(1.0 / mean_between), "fails", None)
+        elif what == "out":
+            away.add(number)
+            for job in hanging.pop(number):
+                town.at(town.now, "arrived", job)
         elif what == "back":
             away.discard(number)
         elif what == "arrived":
             job = jobs[number]
-            town.give(pick(), number, search if job["stage"] == "search" else town.pose_work())
+            send(number, search if job["stage"] == "search" else town.pose_work(job["kind"]))
         else:
             job = jobs[number]
             if job["stage"] == "search":
@@ -244,15 +290,17 @@ def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
             else:
                 if town.now > 2000.0:
                     town.times.append(town.now + c["road_ms"] - job["begun"])
+                    if job["hung"]:
+                        during.append(town.times[-1])
                 del jobs[number]
 
-    mean_between = 365 * 86_400_000.0 / (c["failures_a_year"] * machines)
+    mean_between = 365 * 86_400_000.0 / ((c["failures_a_year"] + c["hangs_a_year"]) * machines)
     town.at(town.random.expovariate(1.0 / mean_between), "fails", None)
     # One failure is seen in any case: a year has many, twenty seconds mostly none.
     town.at(1000.0 * seconds / 2, "fails", None)
     arrive()
     town.run(1000.0 * seconds, step)
-    return sorted(town.times)
+    return sorted(town.times), sorted(during)
 
 
 def search_ms(c, images):
@@ -264,10 +312,23 @@ def search_ms(c, images):
 def machines_of(c, images, rate, bytes_an_image):
     """Machines of one map: for what must be in memory, and for the work."""
     memory = images * (bytes_an_image * c["held"] + c["bytes_index"]) * c["copies"]
-    work = rate * (c["pose_ms"] * c["regions_asked"] * mean(c["pose_spread"]) + search_ms(c, images)) / 1000.0
+    work = rate * (work_of_query(c) + search_ms(c, images)) / 1000.0
     by_memory = memory / (c["memory_gb"] * 1e9)
     by_work = work / (c["processors"] * c["load"])
     return max(c["copies"], math.ceil(max(by_memory, by_work))), by_memory, by_work
+
+
+def work_of_query(c):
+    """Mean processor time for poses, milliseconds."""
+    def one(kind, regions):
+        return c[f"{kind}_ms"] * regions * mean(c[f"{kind}_spread"])
+
+    negative = (1 - c["unknown"]) * one("negative", c["regions_of_negative"]) + c["unknown"] * one("unknown_negative", c["regions_of_negative"])
+    return (1 - c["negatives"]) * one("pose", c["regions_asked"]) + c["negatives"] * negative
+
+
+def mean_regions(c):
+    return (1 - c["negatives"]) * c["regions_asked"] + c["negatives"] * c["regions_of_negative"]
 
 
 def mean(values):
@@ -288,23 +349,61 @@ def rows(c, seed):
                 machines, by_memory, by_work = machines_of(c, own_images, own_rate, c[f"bytes_{kind}"])
                 # A large town is simulated by a part of it with as many queries a machine.
                 simulated = min(machines, 24)
-                times = of_town(c, own_images, own_rate * simulated / machines, simulated, min(40.0, max(4.0, 40_000 * machines / simulated / own_rate / 40)), seed)
+                times, _ = of_town(c, own_images, own_rate * simulated / machines, simulated, min(40.0, max(4.0, 40_000 * machines / simulated / own_rate / 40)), seed)
                 yield {
                     "images": images, "rate": rate, "map": kind, "maps": towns, "machines": machines * towns,
                     "limited_by": "memory" if by_memory > by_work else "work" if by_work > c["copies"] else "copies",
                     "memory_tb": images * (c[f"bytes_{kind}"] * c["held"] + c["bytes_index"]) * c["copies"] / 1e12,
-                    "gigabits": 8 * rate * (c["bytes_query"] * (1 + c["regions_asked"]) + c["bytes_answer"]) / 1e9,
+                    "gigabits": 8 * rate * (c["bytes_query"] * (1 + mean_regions(c)) + c["bytes_answer"]) / 1e9,
                     "p50": percentile(times, 0.5), "p99": percentile(times, 0.99), "simulated": len(times),
-                    "failures_a_day": machines * towns * c["failures_a_year"] / 365,
+                    "failures_a_day": machines * towns * (c["failures_a_year"] + c["hangs_a_year"]) / 365,
                 }
 
 
-def table(c, seed):
-    print("| images | queries/s | map | maps | machines | limited by | memory, TB | network, Gbit/s | p50, ms | p99, ms | failures a day |")
-    print("|--:|--:|---|--:|--:|---|--:|--:|--:|--:|--:|")
-    for row in rows(c, seed):
-        print(f"| 10^{round(math.log10(row['images']))} | {row['rate']} | {row['map']} | {row['maps']} | {row['machines']} | {row['limited_by']} "
-              f"| {row['memory_tb']:.3g} | {row['gigabits']:.3g} | {row['p50']:.0f} | {row['p99']:.0f} | {row['failures_a_day']:.2g} |")
+def negatives(c, seed):
+    """10^8 images, packed, and 10^5 queries a second, with several shares of queries that find nothing."""
+    towns = math.ceil(10**8 / c["town_images"])
+    images, rate = 10**8 / towns, 10**5 / towns
+    for share, unknown in ((0.0, 0.0), (0.1, 0.0), (0.1, 1.0), (0.5, 0.0), (0.5, 1.0)):
+        own = dict(c, negatives=share, unknown=unknown)
+        machines, _, _ = machines_of(own, images, rate, own["bytes_packed"])
+        times, during = of_town(own, images, rate, machines, 20.0, seed)
+        yield [
+            f"{100 * share:.0f}", ("unknown" if unknown else "calibrated") if share else "", f"{work_of_query(own):.1f}", machines * towns,
+            f"{percentile(times, 0.5):.0f}", f"{percentile(times, 0.99):.0f}", f"{percentile(during, 0.5):.0f}", f"{percentile(during, 0.99):.0f}",
+        ]
+
+
+MODEL_COLUMNS = ["images", "queries a second", "maps are", "maps", "machines", "limited by", "memory (TB)", "network (Gbit/s)", "p50 (ms)", "p99 (ms)",
+                 "machines that fail or hang, a day"]
+NEGATIVES_COLUMNS = ["queries that find nothing (%)", "their focal length", "processor time of a query (ms)", "machines", "p50 (ms)", "p99 (ms)",
+                     "p50 while a machine hangs (ms)", "p99 while a machine hangs (ms)"]
+
+
+def tables(c, seed, folder):
+    """Prints both tables, and writes them to a folder if one is given."""
+    model = ([row["images"], row["rate"], row["map"], row["maps"], row["machines"], row["limited_by"], f"{row['memory_tb']:.3g}", f"{row['gigabits']:.3g}",
+              f"{row['p50']:.0f}", f"{row['p99']:.0f}", f"{row['failures_a_day']:.2g}"] for row in rows(c, seed) if row["images"] in (10**4, 10**6, 10**8))
+    for name, columns, lines in (("model.csv", MODEL_COLUMNS, model), ("model-negatives.csv", NEGATIVES_COLUMNS, negatives(c, seed))):
+        lines = list(lines)
+        for line in [columns, *lines]:
+            print("| " + " | ".join(str(cell) for cell in line) + " |", flush=True)
+        print()
+        if folder:
+            with open(Path(folder) / name, "w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows([columns, *lines])
+
+
+def costs(path):
+    """The constants for the processor time of queries, from what answer_times.py measured."""
+    measured = json.loads(Path(path).read_text())
+    for name, key in (("pose", "redkitchen, calibrated, found"), ("negative", "redkitchen, calibrated, not found"),
+                      ("unknown_negative", "redkitchen, unknown, not found")):
+        times = sorted(measured[key])
+        median = percentile(times, 0.5)
+        # The middle of each seventh.
+        spread = [round(percentile(times, (2 * i + 1) / 14) / median, 2) for i in range(7)]
+        print(f'    "{name}_ms": {median},\n    "{name}_spread": {spread},')
 
 
 def check(c, measured):
@@ -333,6 +432,8 @@ def plot(c, seed, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", metavar="MEASURED.json")
+    parser.add_argument("--costs", metavar="COSTS.json")
+    parser.add_argument("--csv", metavar="DIR", help="also write the tables there")
     parser.add_argument("--plot", metavar="FILE.svg")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=NUMBER")
     parser.add_argument("--seed", type=int, default=1)
@@ -340,16 +441,18 @@ def main():
     constants = dict(CONSTANTS)
     for item in given.set:
         name, _, number = item.partition("=")
-        if name not in constants or name == "pose_spread":
-            parser.error(f"no constant {name!r}; there are {', '.join(n for n in constants if n != 'pose_spread')}")
+        if name not in constants or name.endswith("_spread"):
+            parser.error(f"no constant {name!r}; there are {', '.join(n for n in constants if not n.endswith('_spread'))}")
         constants[name] = float(number) if "." in number else int(number)
-    if given.check:
+    if given.costs:
+        costs(given.costs)
+    elif given.check:
         with open(given.check) as file:
             check(constants, json.load(file))
     elif given.plot:
         plot(constants, given.seed, given.plot)
     else:
-        table(constants, given.seed)
+        tables(constants, given.seed, given.csv)
 
 
 if __name__ == "__main__":

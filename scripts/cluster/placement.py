@@ -14,7 +14,6 @@ Fails when an accepted query is lost, a region does not get two copies, or more 
 """
 
 import csv
-import json
 import pathlib
 import sys
 import time

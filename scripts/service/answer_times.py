@@ -2,15 +2,18 @@
 """Measures whether the time of an answer shows if a query was localized (rule L12).
 
     VEILOC_DATA=../shared/data scripts/service/answer_times.py [--veiloc PROGRAM] [--csv docs/results/service/answer-times.csv]
+        [--max-keypoints 1024 --json costs.json]
 
 Queries of a place and as many images of another place are sent to the service, each several times in random order, one after
 the other: with the camera as calibrated, and with an unknown focal length. Measured is the processor time of each answer, which
 other programs disturb little; with a quantum it is rounded up to whole quanta, as the service does with the time since receipt.
+`--json` writes the processor time of each query, the least of its rounds, for research/notes/scale_model.py --costs.
 AUC: probability that an answer without a trusted pose comes later than one with a trusted pose; equal times count half.
 """
 
 import csv
 import http.client
+import json
 import math
 import os
 import pathlib
@@ -30,9 +33,10 @@ COLUMNS = [
 class Place(Program):
     """The map of a place, its queries, and queries of another place."""
 
-    def __init__(self, veiloc, data, name, other, images):
+    def __init__(self, veiloc, data, name, other, images, keypoints):
         super().__init__(veiloc)
         own, away = data / name, data / other
+        self.limit = ["--max-keypoints", keypoints] if keypoints else []
         self.map = self.work / "place.vmap"
         self.run("map", "build", "--posed", own / "posed", "--images", own / "images", "--list", own / "map.txt",
                  "-o", self.map)
@@ -52,7 +56,7 @@ class Place(Program):
         for name in names:
             out = self.work / "query.vquery"
             self.run("seal", folder / "images" / name, "--camera", camera, "--focal-known", focal, "--profile",
-                     self.work / "profile", "-o", out)
+                     self.work / "profile", *self.limit, "-o", out)
             sealed.append(out.read_bytes())
             out.unlink()
         return sealed
@@ -94,14 +98,16 @@ def main():
     parser.add_argument("--csv", type=pathlib.Path)
     parser.add_argument("--images", type=int, default=20, help="queries of each place")
     parser.add_argument("--rounds", type=int, default=5, help="answers to each query")
+    parser.add_argument("--max-keypoints", type=int, help="keypoints of a query (default: as many as the profile wants)")
+    parser.add_argument("--json", type=pathlib.Path, help="also write the processor time of each query there, milliseconds")
     parser.add_argument("--places", default=",".join(PLACES))
     args = parser.parse_args()
     if not os.environ.get("VEILOC_DATA"):
         sys.exit("set VEILOC_DATA to the folder of the real photographs")
     data = pathlib.Path(os.environ["VEILOC_DATA"]).resolve()
-    rows = []
+    rows, costs = [], {}
     for name in args.places.split(","):
-        place = Place(args.veiloc, data, name, PLACES[name], args.images)
+        place = Place(args.veiloc, data, name, PLACES[name], args.images, args.max_keypoints)
         options = ["--answer-quantum", "0"] if "--answer-quantum" in place.options() else []
         server = Server(place, "--log", "error", *options)
         wait_for(lambda: ask(server.admin, "/readyz")[0] == 200, "readiness")
@@ -109,6 +115,9 @@ def main():
             found, taken = times(server, queries, args.rounds)
             yes = [ms for i, all_ms in taken.items() if found[i] for ms in all_ms]
             no = [ms for i, all_ms in taken.items() if not found[i] for ms in all_ms]
+            for outcome in (True, False):
+                least = [round(min(all_ms), 2) for i, all_ms in taken.items() if found[i] == outcome]
+                costs[f"{name}, {focal}, {'found' if outcome else 'not found'}"] = sorted(least)
             whole = lambda values, quantum: [math.ceil(ms / 1e3 / quantum) if quantum else ms for ms in values]
             rows.append([
                 name, focal, len(yes) // args.rounds, len(no) // args.rounds,
@@ -117,6 +126,8 @@ def main():
             ])  # fmt: skip
             print(*rows[-1], sep="  ", flush=True)
         server.stop()
+    if args.json:
+        args.json.write_text(json.dumps(costs, indent=1))
     if args.csv:
         with args.csv.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")

@@ -5,7 +5,6 @@
 """
 
 import os
-import subprocess
 
 from common import RedKitchen, Server, arguments, ask, header, row
 

@@ -17,7 +17,7 @@ h5py = pytest.importorskip("h5py")
 @pytest.fixture(scope="session")
 def pipeline(redkitchen, tmp_path_factory):
     """hloc's files for a part of RedKitchen: model with points, OpenCV SIFT features and matches, retrieval pairs."""
-    cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
+    cv2, _pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     root = tmp_path_factory.mktemp("hloc")
     posed = veiloc.ColmapModel.open(redkitchen / "posed")
     mapped = evenly_spaced((redkitchen / "map.txt").read_text().split(), 24)
